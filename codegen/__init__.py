@@ -1,0 +1,1 @@
+"""Native code from a symbolic model: the controller's C."""

@@ -1,0 +1,229 @@
+"""The controller's C from a machine: ``generate`` writes one directory of C99 that needs nothing but ``math.h``.
+
+The same symbolic model that identification fits is printed as scalar C (``expressions``, ``printer``); a small
+solver that is the same for every machine is a template beside it. Nothing here knows a kind of machine: an open
+chain is one without passive coordinates.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import jinja2
+import numpy as np
+
+from truepose.codegen.expressions import Graph
+from truepose.codegen.layout import Layout, layout_of
+from truepose.codegen.names import check_machine_name, comment, identifiers
+from truepose.codegen.printer import Printer, Real, literal
+from truepose.codegen.reference import slopes_of
+from truepose.errors import InputError
+from truepose.files import atomic_directory
+from truepose.models import lie
+from truepose.models.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine import Machine
+
+MAX_ITER = 600
+"""Evaluations of the model that one inverse may take."""
+_LIMITS = {"fk_limit": 300, "attempt_limit": 40, "seed_limit": 20, "starts": 40}
+_EXAMPLES = 8
+_TEMPLATES = Path(__file__).parent / "templates"
+_LOCALS = {"p": "const real *p = m->p;", "z": "const real *z = m->z;", "k": "const real *k = m->k;"}
+_Targets = list[tuple[str, int]]
+
+
+def generate(machine: Machine, directory: Path, real: Real = "double", *, nominal: Mapping[str, float] | None = None) -> list[Path]:
+    """Write the C of ``machine`` with its effects into ``directory``, whole or not at all; the paths written.
+
+    ``real`` is the type of every number. ``nominal`` gives values of the drawing by parameter name (mm, rad) for
+    ``NAME_compensate``; what it does not name, and all without it, is taken as the machine file has it.
+
+    Raises InputError when the machine's name is no C identifier or ``nominal`` names an unknown parameter.
+    """
+    check_machine_name(machine.name)
+    if real not in ("double", "float"):
+        raise InputError(f"real: found {real!r}, expected 'double' or 'float'")
+    texts = render(machine, real, nominal=nominal)
+    with atomic_directory(directory) as partial:
+        for name, text in texts.items():
+            (partial / name).write_text(text, encoding="utf-8", newline="\n")
+    return [Path(directory) / name for name in texts]
+
+
+def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None = None) -> dict[str, str]:
+    """The files of ``generate`` as texts by file name."""
+    model = symbolic_model(machine, machine.effects)
+    layout = layout_of(model, real)
+    context = {**_common(model, layout, real), **_expressions(model, real), "nominal": _nominal(model, nominal)}
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    name = machine.name
+    files = {f"{name}_kin.h": "kin.h.j2", f"{name}_kin.c": "kin.c.j2", "example.c": "example.c.j2"}
+    files |= {"CMakeLists.txt": "CMakeLists.txt.j2", "README.md": "README.md.j2"}
+    texts = {file: environment.get_template(template).render(context) for file, template in files.items()}
+    return {**texts, "test_vectors.csv": _vectors(model, layout)}
+
+
+def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
+    """What the templates read beside the expressions."""
+
+    def lit(value: float) -> str:
+        return literal(float(value), real)
+
+    def numbers(values: Iterable[float]) -> str:
+        return ", ".join(lit(v) for v in values)
+
+    single = real == "float"
+    nx, forces = len(model.home), len(layout.unknown) - layout.bounded
+    places = {name: k for k, name in enumerate(model.names)}
+    return {
+        "name": model.machine.name,
+        "real": real,
+        "f": "f" if single else "",
+        "pi": math.pi,
+        "limit": "1e37f" if single else "1e300",
+        "lit": lit,
+        "numbers": numbers,
+        "table": lambda values: "\n".join(f"    {lit(v)}," for v in values),
+        "layout": layout,
+        "nx": nx,
+        "nc": model.closure.numel(),
+        "forces": forces,
+        "max_iter": MAX_ITER,
+        **_LIMITS,
+        "p0": model.p_home,
+        "z0": model.z_home if len(model.z_home) else np.zeros(1),
+        "home": np.concatenate([layout.near, model.home]),
+        "slopes": slopes_of(len(model.readings)),
+        "turns": any(layout.turns),
+        "turning": [int(turn) for turn in layout.turns],
+        "tool": [places[f"tool.{axis}"] for axis in ("x", "y", "z", "rx", "ry", "rz")],
+        "parameters": _entries(model.names, _parameter_units(model)),
+        "drivers": _entries(model.drivers, [_driver_unit(model.machine, name) for name in model.drivers]),
+        "joints": _joints(model.machine),
+        "tolerance": {"position": f"{layout.position:g}", "rotation": f"{layout.rotation:g}"},
+        "vectors": [(q, pose[:3].ravel()) for q, pose in layout.vectors[:_EXAMPLES]],
+        "aside": np.minimum(50.0 * layout.unknown[: len(layout.near)], 0.02 * layout.width),
+        # what rounding of p and q adds in single precision is not the solver's doing
+        "position": (3.0 if single else 1.0) * layout.position,
+        "rotation": (3.0 if single else 1.0) * layout.rotation,
+    }
+
+
+def _expressions(model: SymbolicModel, real: Real) -> dict[str, Any]:
+    """C functions of the model: what is fixed by p and z, the pose, the loops, and all of it with derivatives."""
+    nq, nx, nc = len(model.readings), len(model.home), model.closure.numel()
+    y = ca.vertcat(model.q, model.x)
+    pose = ca.vec(model.pose[:3, :].T)  # row by row
+    derivative = ca.vertcat(_twists(model.pose, y), ca.jacobian(model.closure, y))
+    graph = Graph(fixed=("p", "z"))
+    inputs = {"p": model.p, "z": model.z, "q": model.q, "x": model.x}
+    T, c, J = graph.add(inputs, [pose, model.closure, ca.vec(derivative.T)])
+    to_pose: _Targets = [(f"T[{k}]", node) for k, node in enumerate(T)]
+    to_loops: _Targets = [(f"r[{6 + k}]", node) for k, node in enumerate(_negated(graph, c))]
+    places: _Targets = [(f"J[{k}]", node) for k, node in enumerate(J)]
+    of_loops = [places[(6 + i) * (nq + nx) + nq + j] for i in range(nc) for j in range(nx)]
+    kept = graph.kept([*T, *c, *J])
+    given = {node: f"k[{k}]" for k, node in enumerate(kept)}
+    reading = Printer(graph, real, given)
+    arguments = "const model *m, const real *q, const real *x"
+    blocks = [
+        _function("Values that depend on p and z alone.", "fixed_of", "model *m", _kept_statements(graph, real, kept)),
+        _function("Pose of the tool.", "pose_of", f"{arguments}, real *T", reading.statements(to_pose)),
+    ]
+    if nx:
+        statements = reading.statements(to_loops + of_loops)
+        blocks.append(_function("What the loops lack to close, and its negative derivative by x.", "loops_of", f"{arguments}, real *r, real *J", statements))
+    statements = reading.statements(to_pose + to_loops + places)
+    comment_of_all = "Pose, what the loops lack to close, and the derivative [twist; closure] by (q, x)."
+    blocks.append(_function(comment_of_all, "all_of", f"{arguments}, real *T, real *r, real *J", statements))
+    return {"blocks": blocks, "kept": kept}
+
+
+def _kept_statements(graph: Graph, real: Real, kept: Sequence[int]) -> list[str]:
+    return Printer(graph, real).statements([(f"m->k[{k}]", node) for k, node in enumerate(kept)])
+
+
+def _negated(graph: Graph, nodes: Sequence[int]) -> list[int]:
+    return [graph.negative(node) for node in nodes]
+
+
+def _twists(pose: ca.SX, y: ca.SX) -> ca.SX:
+    """Derivative (6, ny) of a pose as twists [v; w] at its origin, in the frame the pose is told in."""
+    rotation = pose[:3, :3]
+    by_y = ca.jacobian(ca.vec(rotation), y)
+    turns = [lie.vee(ca.reshape(by_y[:, k], 3, 3) @ rotation.T) for k in range(y.numel())]
+    return ca.vertcat(ca.jacobian(pose[:3, 3], y), ca.horzcat(*turns))
+
+
+def _function(title: str, name: str, arguments: str, statements: Sequence[str]) -> str:
+    """A static C function; arguments that the statements do not read are marked so."""
+    body = "\n".join(statements)
+    used = set(re.findall(r"(?<!>)\b([a-zA-Z]\w*)(?=\[|->)", body))
+    lines = [declaration for local, declaration in _LOCALS.items() if local in used]
+    named = [argument.split("*")[-1].strip() for argument in arguments.split(",")]
+    lines += [f"(void){argument};" for argument in named if argument not in used and not (argument == "m" and used & set(_LOCALS))]
+    indented = "\n".join(f"    {line}" for line in [*lines, *statements])
+    return f"/* {title} */\nstatic void {name}({arguments})\n{{\n{indented}\n}}\n"
+
+
+def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[float]:
+    """Nominal p: geometry as told, effects at zero."""
+    geometry = model.machine.geometry
+    unknown = [name for name in nominal or {} if name not in geometry]
+    if unknown:
+        raise InputError(f"nominal: found {unknown[0]!r}, expected names of parameters of {model.machine.name}")
+    own = dict(zip(model.names, model.p_home, strict=True))
+    return [float((nominal or {}).get(name, own[name])) if name in geometry else 0.0 for name in model.names]
+
+
+def _entries(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
+    rows = zip(names, identifiers(names), units, strict=True)
+    return [{"name": comment(name), "identifier": identifier, "unit": comment(unit)} for name, identifier, unit in rows]
+
+
+def _parameter_units(model: SymbolicModel) -> list[str]:
+    machine = model.machine
+    return [p.unit for p in machine.parameters] + [c.unit for effect in machine.effects for c in effect.coefficients]
+
+
+def _driver_unit(machine: Machine, name: str) -> str:
+    kind, _, place = name.partition(".")
+    if kind == "velocity" and place in machine.mechanism.readings:
+        return f"{machine.mechanism.actuator(place).reading_unit}/s"
+    return {"payload": "kg", "temperature": "degC", "time": "s", "pressure": "hPa"}.get(kind, "1")
+
+
+def _joints(machine: Machine) -> list[dict[str, Any]]:
+    return [
+        {
+            "place": place,
+            "name": comment(a.reading),
+            "unit": comment(a.reading_unit),
+            "range": f" {a.range[0]:.9g} to {a.range[1]:.9g}" if a.range else "",
+        }
+        for place, a in enumerate(machine.mechanism.actuators)
+    ]
+
+
+def _vectors(model: SymbolicModel, layout: Layout) -> str:
+    """CSV of joints (column units) and poses T0 ... T11 at the calibrated parameters."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*model.readings, *(f"T{k}" for k in range(12))])
+    for q, pose in layout.vectors:
+        writer.writerow([repr(float(v)) for v in (*q, *pose[:3].ravel())])
+    return text.getvalue()

@@ -1,0 +1,98 @@
+"""Scalar expressions of several CasADi functions in one shared graph, ready to be printed as C.
+
+A node is created once for every operation and arguments, so what two functions have in common is shared.
+Nodes that depend on constants and on *fixed* inputs alone (a calibration, say) are known as such: the
+costly ones among them can be computed once and kept (``Graph.kept``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+
+_COMMUTATIVE = ("ADD", "MUL", "EQ", "NE", "AND", "OR", "FMIN", "FMAX", "HYPOT")
+_CHEAP = ("ADD", "SUB", "MUL", "NEG", "SQ", "TWICE", "FABS", "INPUT", "CONST")
+
+
+@dataclass(frozen=True)
+class Node:
+    """One operation: CasADi's name of it (``ADD``, ``SIN`` ...), its arguments, and what a leaf stands for."""
+
+    op: str
+    args: tuple[int, ...] = ()
+    leaf: str = ""
+
+
+class Graph:
+    """Nodes in an order in which arguments come first. ``fixed`` names the inputs that change rarely."""
+
+    def __init__(self, fixed: Iterable[str] = ()) -> None:
+        self.nodes: list[Node] = []
+        self._places: dict[Node, int] = {}
+        self._fixed = frozenset(fixed)
+        self._is_fixed: list[bool] = []
+
+    def add(self, inputs: Mapping[str, ca.SX], outputs: Sequence[ca.SX]) -> list[list[int]]:
+        """Nodes of every output's entries, column by column; input ``a`` is read as ``a[0], a[1] ...``."""
+        function = ca.Function("f", list(inputs.values()), [ca.densify(output) for output in outputs])
+        names, work = list(inputs), [0] * function.sz_w()
+        results = [[0] * output.numel() for output in outputs]
+        for k in range(function.n_instructions()):
+            op, into = _operation(function.instruction_id(k)), function.instruction_output(k)
+            arguments = function.instruction_input(k)
+            if op == "OUTPUT":
+                results[into[0]][into[1]] = work[arguments[0]]
+            elif op == "ASSIGN":
+                work[into[0]] = work[arguments[0]]
+            elif op == "INPUT":
+                work[into[0]] = self._leaf(op, f"{names[arguments[0]]}[{arguments[1]}]", names[arguments[0]] in self._fixed)
+            elif op == "CONST":
+                work[into[0]] = self._leaf(op, repr(float(function.instruction_constant(k))), True)
+            else:
+                work[into[0]] = self._operation(op, tuple(work[a] for a in arguments))
+        return results
+
+    def negative(self, node: int) -> int:
+        """Minus a node."""
+        return self._operation("NEG", (node,))
+
+    def reachable(self, ends: Iterable[int], stop: Iterable[int] = ()) -> list[int]:
+        """What ``ends`` are computed from, arguments first; nodes in ``stop`` are given and not looked into."""
+        given, seen, pending = frozenset(stop), set[int](), list(ends)
+        while pending:
+            node = pending.pop()
+            if node not in seen:
+                seen.add(node)
+                pending += [] if node in given else self.nodes[node].args
+        return sorted(seen)
+
+    def kept(self, ends: Iterable[int]) -> list[int]:
+        """Costly nodes that depend on fixed inputs alone and that ``ends`` read directly or through cheap ones."""
+        worth = [k for k, node in enumerate(self.nodes) if self._is_fixed[k] and node.op not in _CHEAP]
+        return [k for k in self.reachable(ends, worth) if k in frozenset(worth)]
+
+    def _leaf(self, op: str, leaf: str, fixed: bool) -> int:
+        return self._place(Node(op, (), leaf), fixed)
+
+    def _operation(self, op: str, args: tuple[int, ...]) -> int:
+        ordered = tuple(sorted(args)) if op in _COMMUTATIVE else args
+        return self._place(Node(op, ordered), all(self._is_fixed[a] for a in args))
+
+    def _place(self, node: Node, fixed: bool) -> int:
+        if node not in self._places:
+            self._places[node] = len(self.nodes)
+            self.nodes.append(node)
+            self._is_fixed.append(fixed)
+        return self._places[node]
+
+
+def _operation(code: int) -> str:
+    return _operations()[code]
+
+
+@cache
+def _operations() -> Mapping[int, str]:
+    return {getattr(ca, name): name.removeprefix("OP_") for name in dir(ca) if name.startswith("OP_")}

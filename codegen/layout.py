@@ -1,0 +1,156 @@
+"""Numbers that the generated C needs beside the expressions: natural units of unknowns and residuals, ranges, starts.
+
+Everything the solver compares is in millimetres at the machine's size: rad times ``reach``, modified Rodrigues
+parameters times 4 ``reach``, leg forces as a share of the carried weight.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.codegen.printer import Real
+from truepose.codegen.reference import Reference
+from truepose.models.kinematics import SymbolicModel
+from truepose.models.machine import Machine
+from truepose.models.mechanism import COORDINATES, Actuator
+
+Array = NDArray[np.float64]
+_STANDARD_GRAVITY = 9.80665
+_UNLIMITED_TURN = math.radians(150.0)
+_FLOAT_TOLERANCE = 2e-6
+_VECTORS = 64
+_WIDE = 1e30
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Constants of one machine and precision.
+
+    unknown (nq + nx,)     size of a millimetre in each joint and passive coordinate
+    weight (6 + nc,)       factor that turns a residual row into millimetres
+    low, high (nq,)        joint ranges, widened by the tolerance; unlimited: -+1e30
+    start, width (nq,)     where the starts of the inverse are spread
+    turns (nq,)            whether a joint repeats after a full turn
+    near (nq,)             readings at the home assembly
+    position, rotation     tolerances of a solved pose, mm and rad; ``closure`` in mm
+    tight                  the share of the tolerances at which iterations stop early
+    """
+
+    reach: float
+    unknown: Array
+    weight: Array
+    bounded: int
+    low: Array
+    high: Array
+    start: Array
+    width: Array
+    turns: tuple[bool, ...]
+    near: Array
+    position: float
+    rotation: float
+    closure: float
+    tight: float
+    vectors: tuple[tuple[Array, Array], ...]
+
+
+def layout_of(model: SymbolicModel, real: Real) -> Layout:
+    """Work out the constants; forward kinematics at sample readings gives the machine's size."""
+    machine = model.machine
+    actuators = machine.mechanism.actuators
+    length = _longest(machine)
+    reference = Reference(model)
+    guess = np.array([np.mean(a.range) if a.range else 0.0 for a in actuators])
+    near = guess
+    if len(model.home) and not all(a.range for a in actuators):
+        near = reference.home_readings(guess)
+    low, high = _sampled(machine, near, length)
+    vectors = tuple(reference.samples(low, high, near, _VECTORS))
+    reach = max([length, *(float(np.linalg.norm(pose[:3, 3])) for _, pose in vectors)])
+    # rounded, so that a last digit of another mathematical library does not change the code
+    reach = float(f"{reach:.6g}")
+    single = real == "float"
+    position = _FLOAT_TOLERANCE * reach if single else 1e-6
+    rotation = _FLOAT_TOLERANCE if single else 1e-9
+    unknown = _unknowns(model, reach)
+    slack = np.array([position * u if a.unit == "mm" else rotation * reach * u for a, u in zip(actuators, unknown, strict=False)])
+    ranges = [a.range or (-_WIDE, _WIDE) for a in actuators]
+    geometric = len(actuators) + sum(COORDINATES[j.kind] for j in machine.mechanism.passive)
+    start, width = _starts(machine, near, low, high)
+    return Layout(
+        reach=reach,
+        unknown=unknown,
+        weight=_weights(model, unknown, geometric, reach),
+        bounded=geometric,
+        low=np.array([r[0] for r in ranges]) - slack,
+        high=np.array([r[1] for r in ranges]) + slack,
+        start=start,
+        width=width,
+        turns=tuple(a.unit == "rad" and a.gain is None for a in actuators),
+        near=near,
+        position=position,
+        rotation=rotation,
+        closure=0.5 * position if single else 1e-8,
+        tight=0.05 if single else 1e-3,
+        vectors=vectors,
+    )
+
+
+def _longest(machine: Machine) -> float:
+    """Largest length (mm) among the parameters of mechanism and tool; 1 where all are zero."""
+    inside = [*machine.mechanism.parameters, *(p for p in machine.frames if p.name.startswith("tool."))]
+    longest = max((abs(p.nominal) for p in inside if p.unit == "mm"), default=0.0)
+    ranges = [max(map(abs, a.range)) for a in machine.mechanism.actuators if a.range and a.unit == a.reading_unit == "mm"]
+    return max([longest, *ranges]) or 1.0
+
+
+def _gain(machine: Machine, actuator: Actuator) -> float:
+    value = machine.geometry[actuator.gain].nominal if actuator.gain else 1.0
+    return abs(value) or 1.0
+
+
+def _unknowns(model: SymbolicModel, reach: float) -> Array:
+    """What one millimetre is in every joint's reading and passive coordinate."""
+    machine = model.machine
+    out = [(1.0 if a.unit == "mm" else 1.0 / reach) / _gain(machine, a) for a in machine.mechanism.actuators]
+    turn, quarter = [1.0 / reach], [0.25 / reach]
+    of_kind = {"prismatic": [1.0], "revolute": turn, "universal": 2 * turn, "spherical": 3 * quarter, "free": [1.0] * 3 + 3 * quarter}
+    for joint in machine.mechanism.passive:
+        out += of_kind[joint.kind]
+    forces = len(machine.mechanism.actuators) + len(model.home) - len(out)
+    return np.array(out + [_weight_of(machine) / reach] * forces)
+
+
+def _weights(model: SymbolicModel, unknown: Array, geometric: int, reach: float) -> Array:
+    """Pose rows, loop rows (mm as they are), then the balance of forces, by the coordinate it belongs to."""
+    nq, forces = len(model.readings), len(unknown) - geometric
+    loops = model.closure.numel() - forces
+    balance = unknown[nq : nq + forces] * reach / _weight_of(model.machine)
+    return np.concatenate([np.ones(3), np.full(3, reach), np.ones(loops), balance])
+
+
+def _weight_of(machine: Machine) -> float:
+    """Weight of all masses (N), of one kilogram at least."""
+    return max(1.0, sum(m.kg for m in machine.masses)) * _STANDARD_GRAVITY
+
+
+def _sampled(machine: Machine, near: Array, length: float) -> tuple[Array, Array]:
+    """Between which readings samples are taken: ranges, +-150 deg of a free joint, a tenth of the size of a slide."""
+    low, high = [], []
+    for a, at in zip(machine.mechanism.actuators, near, strict=True):
+        half = (_UNLIMITED_TURN if a.unit == "rad" else 0.1 * length) / _gain(machine, a)
+        low.append(a.range[0] if a.range else (0.0 if a.unit == "rad" else at) - half)
+        high.append(a.range[1] if a.range else (0.0 if a.unit == "rad" else at) + half)
+    return np.array(low), np.array(high)
+
+
+def _starts(machine: Machine, near: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Centre and width of the starts of the inverse: within ranges, at most one turn of a turning joint."""
+    start, width = 0.5 * (low + high), high - low
+    for k, a in enumerate(machine.mechanism.actuators):
+        if a.unit == "rad" and a.gain is None:
+            width[k] = min(width[k], 2 * math.pi) if a.range else 2 * math.pi
+    return start, width

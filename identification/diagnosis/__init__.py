@@ -1,0 +1,1 @@
+"""Locate, name, model and prove the physics that a machine's model leaves out."""

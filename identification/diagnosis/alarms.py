@@ -1,0 +1,206 @@
+"""Three alarms: lack of fit of the free fit, conflict with tolerances, structure in the residuals.
+
+Each statistic's distribution when nothing is missing is known for a linear Gaussian model or drawn from it
+(parametric bootstrap); p-values are those of that null.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, f as fisher
+
+from truepose.identification.diagnosis.signatures import Linearisation
+from truepose.identification.estimate import Estimate
+from truepose.identification.prediction import Predictor
+from truepose.identification.recording import Recording
+
+Array = NDArray[np.float64]
+RAISED = 0.01
+DRAWS = 300
+MIN_REPLICATES = 8
+LARGEST_PROJECTION = 30_000_000
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """A statistic, its p-value when nothing is missing, and whether that is below 1 %."""
+
+    statistic: float
+    p: float
+    about: str = ""
+
+    @property
+    def raised(self) -> bool:
+        """p below 1 %."""
+        return self.p < RAISED
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise scale from replicates: rms of pure error in units of sigma, degrees of freedom."""
+
+    scale: float
+    dof: int
+
+
+def replicate_noise(fit: Estimate, recording: Recording) -> Noise:
+    """Pure error: scatter of residuals among rows of the same pose (all model error is alike there)."""
+    labels = recording.replicates()[fit.used]
+    residual = fit.residual[fit.used]
+    total, dof = 0.0, 0
+    order = np.argsort(labels, kind="stable")
+    for group in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
+        if len(group) > 1:
+            total += float(np.sum((residual[group] - residual[group].mean(axis=0)) ** 2))
+            dof += (len(group) - 1) * residual.shape[1]
+    return Noise(np.sqrt(total / dof) if dof else 1.0, dof)
+
+
+def residual_alarm(free: Estimate, recording: Recording) -> Alarm:
+    """Lack of fit of the free fit: against replicates where there are enough, else against the stated sigma."""
+    dof = max(free.readings - free.effective_parameters, 1.0)
+    noise = replicate_noise(free, recording)
+    ratio = free.chi2 / dof
+    if noise.dof >= MIN_REPLICATES and dof - noise.dof >= 1.0:
+        pure = noise.scale**2 * noise.dof
+        lack = max(free.chi2 - pure, 0.0) / (dof - noise.dof)
+        return Alarm(ratio, float(fisher.sf(lack / max(noise.scale**2, 1e-300), dof - noise.dof, noise.dof)), "replicates")
+    return Alarm(ratio, float(chi2.sf(free.chi2, dof)), "stated sigma")
+
+
+def prior_conflict(lin: Linearisation, noise: float, inflation: Mapping[str, float] | None = None) -> Alarm:
+    """Smaller p of the prior-predictive test and of identifiable combinations against their tolerances, doubled.
+
+    ``noise`` scales sigma; ``inflation`` widens tolerances by class of part.
+    """
+    n, last = lin.free, len(lin.gram) - 1
+    shift = np.append(lin.departure, 0.0)
+    cross = (lin.gram[:, last] - lin.gram @ shift)[:n] / noise**2
+    square = float(lin.gram[last, last] - 2 * shift @ lin.gram[:, last] + shift @ lin.gram @ shift) / noise**2
+    widened = np.array([(inflation or {}).get(part, 1.0) for part in lin.parts])
+    weight = lin.weight / widened
+    known = np.flatnonzero(weight > 0)
+    unknown = np.flatnonzero(weight == 0)
+    h = lin.gram[:n, :n] / noise**2
+    if len(unknown):  # project out what no drawing speaks of
+        solve = np.linalg.pinv(h[np.ix_(unknown, unknown)], rcond=1e-12, hermitian=True)
+        square -= float(cross[unknown] @ solve @ cross[unknown])
+        reduced = h[np.ix_(known, known)] - h[np.ix_(known, unknown)] @ solve @ h[np.ix_(unknown, known)]
+        c = cross[known] - h[np.ix_(known, unknown)] @ solve @ cross[unknown]
+    else:
+        reduced, c = h[np.ix_(known, known)], cross[known]
+    scaled = reduced / np.outer(weight[known], weight[known])
+    values, vectors = np.linalg.eigh(scaled)
+    seen = values > max(1e-6, 1e-10 * float(values[-1]) if len(values) else 0.0)
+    z2 = (vectors.T @ (c / weight[known]))[seen] ** 2 / values[seen]
+    conflict = float(np.sum(z2 / (1.0 + values[seen])))
+    predictive = square - float(np.sum(z2 * values[seen] / (1.0 + values[seen])))
+    p_conflict = float(chi2.sf(conflict, max(int(seen.sum()), 1)))
+    p_predictive = float(chi2.sf(max(predictive, 0.0), max(lin.readings - len(unknown), 1)))
+    return Alarm(conflict, min(1.0, 2.0 * min(p_conflict, p_predictive)), "tolerances")
+
+
+@dataclass(frozen=True)
+class Structure:
+    """The alarm and what drives the remainder most: driver name, its log10 p, share of the residual it explains."""
+
+    alarm: Alarm
+    driver: str
+    log10_p: float
+    share: float
+
+
+def structure_alarm(fit: Estimate, recording: Recording, *, seed: int = 1) -> Structure:
+    """Runs, order and driver tests on whitened residuals, the largest of them judged against random draws."""
+    residual = fit.residual[fit.used]
+    scale = np.sqrt(np.mean(residual**2, axis=0))
+    r = np.clip(residual / np.where(scale > 0, scale, 1.0), -3.5, 3.5)
+    bases = _bases(fit, recording)
+    order = _order(fit, recording)
+    observed = _tests(r, bases, order)
+    rng = np.random.default_rng(seed)
+    project = _projector(fit, recording)
+    draws = [max(_tests(project(rng.standard_normal(r.shape)), bases, order).values()) for _ in range(_draws(r))]
+    worst = max(observed, key=lambda name: observed[name])
+    p = (1 + sum(d >= observed[worst] for d in draws)) / (1 + len(draws))
+    if p <= 2.0 / (1 + len(draws)):  # beyond the draws: Bonferroni over the tests
+        p = min(p, 10 ** -observed[worst] * len(observed))
+    share = _share(r, bases[worst]) if worst in bases else 0.0
+    return Structure(Alarm(observed[worst], float(p), worst), worst, observed[worst], share)
+
+
+def recorded_drivers(recording: Recording) -> tuple[str, ...]:
+    """Every logged driver, time included."""
+    return (*recording.drivers, *(("time",) if recording.time is not None else ()))
+
+
+def _draws(r: Array) -> int:
+    return DRAWS if r.size < 50_000 else 60
+
+
+def _order(fit: Estimate, recording: Recording) -> NDArray[np.intp]:
+    """Rows in the order of acquisition."""
+    rows = np.flatnonzero(fit.used)
+    if recording.time is None:
+        return np.arange(len(rows))
+    return np.argsort(recording.time[rows], kind="stable")
+
+
+def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
+    """Orthonormal functions (n, k) of each recorded driver: three powers and two waves over its range."""
+    rows = np.flatnonzero(fit.used)
+    columns = {name: recording.q[rows, k] for k, name in enumerate(recording.joints)}
+    for name in recorded_drivers(recording):
+        values = recording.driver(name)
+        if values is not None:
+            columns[name] = values[rows]
+    out = {}
+    for name, values in columns.items():
+        span = float(np.ptp(values))
+        if span == 0.0 or len(np.unique(values)) < 2:
+            continue
+        t = 2 * (values - values.min()) / span - 1
+        few = len(np.unique(np.round(t, 9))) - 1
+        functions = [t, t**2, t**3, np.sin(np.pi * t), np.cos(np.pi * t), np.sin(2 * np.pi * t), np.cos(2 * np.pi * t)][: max(1, min(7, few))]
+        basis, _ = np.linalg.qr(np.column_stack([np.ones(len(t)), *functions]))
+        out[name] = basis[:, 1:]
+    return out
+
+
+def _tests(r: Array, bases: Mapping[str, Array], order: NDArray[np.intp]) -> dict[str, float]:
+    """-log10 p of each test: each driver's functions, and neighbours in time."""
+    out = {}
+    for name, basis in bases.items():
+        statistic = float(np.sum((basis.T @ r) ** 2))
+        out[name] = -float(chi2.logsf(statistic, basis.shape[1] * r.shape[1])) / np.log(10)
+    ordered = r[order]
+    if len(ordered) > 10:
+        lag = float(np.sum(ordered[1:] * ordered[:-1])) / np.sqrt(ordered[1:].size)
+        out["order"] = -float(chi2.logsf(lag**2, 1)) / np.log(10)
+    return out
+
+
+def _share(r: Array, basis: Array) -> float:
+    return float(np.sum((basis.T @ r) ** 2) / max(np.sum(r**2), 1e-300))
+
+
+def _projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
+    """What a fit under tolerances leaves of random residuals: noise - J A^-1 J' noise (whole when J is too large to hold)."""
+    free = fit.prior.free
+    if fit.readings * len(free) > LARGEST_PROJECTION:
+        return lambda noise: noise
+    predictor = Predictor(fit.machine, recording, fit.effects)
+    rows = [block.jacobian[fit.used[block.rows]][:, :, free] * fit.prior.scale[free] for block in predictor.blocks(fit.p, fit.x)]
+    jacobian = np.concatenate(rows).reshape(-1, len(free))
+    q, _ = np.linalg.qr(np.vstack([jacobian, np.diag(fit.prior_weight)]))
+    top = q[: len(jacobian)]
+
+    def apply(noise: Array) -> Array:
+        out: Array = (noise.ravel() - top @ (top.T @ noise.ravel())).reshape(noise.shape)
+        return out
+
+    return apply

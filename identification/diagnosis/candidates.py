@@ -1,0 +1,75 @@
+"""Every (effect, place, settings) that a recording could speak of, and what it cannot speak of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from truepose.identification.recording import Recording
+from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.machine import PAYLOAD, Machine
+
+
+@dataclass(frozen=True)
+class Untestable:
+    """An effect whose driver the recording lacks, and which."""
+
+    effect: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """Candidates with the logarithm of their prior probability given that one effect is present."""
+
+    candidates: tuple[PlacedEffect, ...]
+    log_prior: tuple[float, ...]
+    untestable: tuple[Untestable, ...]
+
+
+def catalogue(machine: Machine, recording: Recording) -> Catalogue:
+    """All testable candidates; every slug is equally likely, and so is every place of a slug."""
+    found: list[PlacedEffect] = []
+    missing: list[Untestable] = []
+    for slug in effects:
+        effect = effects.get(slug, "catalogue")()
+        places = [tuple(place) for place in effect.places(machine)]
+        if not places and effect.needs_load and not machine.loaded:
+            missing.append(Untestable(slug, "the machine file states no masses or no gravity"))
+        reasons: list[str] = []
+        for place in places:
+            for settings in effect.settings(machine, place, recording):
+                placed = PlacedEffect.at(effect, machine, place, settings)
+                reason = _untestable(placed, recording)
+                if reason is None:
+                    found.append(placed)
+                else:
+                    reasons.append(f"{'+'.join(place)}: {reason}" if len(places) > 1 else reason)
+        if reasons:
+            missing.append(Untestable(slug, _summary(reasons)))
+    return Catalogue(tuple(found), _log_prior(found), tuple(missing))
+
+
+def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:
+    for name in placed.drivers:
+        values = recording.driver(name)
+        if values is None:
+            return f"no {name.split('~')[0]} column"
+        if name != PAYLOAD and np.ptp(values[~recording.validation]) == 0.0 and not np.any(values):
+            return f"{name} never differs from zero"
+    return None
+
+
+def _summary(reasons: list[str]) -> str:
+    kinds = list(dict.fromkeys(reasons))
+    return "; ".join(kinds[:4]) + (f"; and {len(kinds) - 4} more" if len(kinds) > 4 else "")
+
+
+def _log_prior(found: list[PlacedEffect]) -> tuple[float, ...]:
+    """Slugs share equally, places within a slug share equally, settings within a place share equally."""
+    slugs = {e.effect.slug for e in found}
+    places = Counter(slug for slug, _ in {(e.effect.slug, e.place) for e in found})
+    settings = Counter((e.effect.slug, e.place) for e in found)
+    return tuple(-float(np.log(len(slugs) * places[e.effect.slug] * settings[e.effect.slug, e.place])) for e in found)

@@ -1,0 +1,75 @@
+"""From accepted terms to findings: terms of one effect at one place (harmonics) are one finding."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from truepose.identification.diagnosis.candidates import Catalogue
+from truepose.identification.diagnosis.classes import Named
+from truepose.identification.diagnosis.result import Alternative, Finding, Quantity
+from truepose.identification.estimate import Estimate
+from truepose.models.machine import Machine
+
+
+def alternative(cat: Catalogue, index: int, probability: float, gain: float) -> Alternative:
+    """A candidate as another explanation."""
+    placed = cat.candidates[index]
+    return Alternative(placed.effect.slug, placed.place, probability, gain, placed.effect.experiment)
+
+
+def merge_findings(
+    machine: Machine, cat: Catalogue, after: Estimate, named: Sequence[Named], flips: Sequence[float | None]
+) -> tuple[Finding, ...]:
+    """One finding per effect and place, surest first."""
+    groups: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    for k, item in enumerate(named):
+        placed = cat.candidates[item.index]
+        groups.setdefault((placed.effect.slug, placed.place), []).append(k)
+    out = [_finding(machine, cat, after, [named[k] for k in ks], [flips[k] for k in ks]) for ks in groups.values()]
+    return tuple(sorted(out, key=lambda f: -f.log_bayes_factor))
+
+
+def _finding(
+    machine: Machine, cat: Catalogue, after: Estimate, items: Sequence[Named], flips: Sequence[float | None]
+) -> Finding:
+    main = max(items, key=lambda item: item.gain)
+    placed = cat.candidates[main.index]
+    equivalents: dict[tuple[str, tuple[str, ...]], Alternative] = {}
+    for item in items:
+        for member in item.equivalents:
+            other = alternative(cat, member.index, member.probability, member.gain)
+            key = (other.effect, other.place)
+            if key != (placed.effect.slug, placed.place) and (key not in equivalents or equivalents[key].probability < other.probability):
+                equivalents[key] = other
+    flip = None if any(f is None for f in flips) else max(f for f in flips if f is not None)
+    rivals = sorted(equivalents.values(), key=lambda o: -o.probability)
+    experiment = placed.effect.experiment
+    if rivals and rivals[0].experiment and rivals[0].effect != placed.effect.slug:
+        experiment = f"{experiment}; against {rivals[0].effect}: {rivals[0].experiment}"
+    probability = min(1.0, max(i.probability + sum(m.probability for m in i.equivalents if (cat.candidates[m.index].effect.slug, cat.candidates[m.index].place) == (placed.effect.slug, placed.place)) for i in items))
+    return Finding(
+        effect=placed.effect.slug,
+        place=placed.place,
+        probability=probability,
+        certainty=max(item.certainty for item in items),
+        log_bayes_factor=sum(item.gain for item in items),
+        equivalents=tuple(rivals),
+        parameters=_parameters(cat, after, items),
+        settings=tuple(cat.candidates[i.index].settings_map for i in items),
+        prior_dependent=flip is not None,
+        flip_lambda=flip,
+        explanation=placed.effect.explain(machine, placed.place),
+        separating_experiment=experiment,
+    )
+
+
+def _parameters(cat: Catalogue, after: Estimate, items: Sequence[Named]) -> dict[str, Quantity]:
+    out = {}
+    names, std = list(after.prior.names), after.std
+    for item in items:
+        placed = cat.candidates[item.index]
+        tail = "".join(f"[{name}={value:g}]" for name, value in placed.settings) if len(items) > 1 else ""
+        for c in placed.coefficients:
+            at = names.index(f"{placed.label}:{c.name}")
+            out[f"{c.name}{tail}"] = Quantity(float(after.p[at]), float(std[at]), c.unit)
+    return out

@@ -1,0 +1,170 @@
+"""Whether the named physics also holds where it was not fitted, and what it owes to chance.
+
+Held-out rows (role ``validation``, else blocks fixed before any fit), a placebo with permuted drivers, an
+equally flexible black box, and the recovery of the effect injected into simulated data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.diagnosis.candidates import Catalogue
+from truepose.identification.diagnosis.evidence import Grid
+from truepose.identification.diagnosis.result import Proof
+from truepose.identification.diagnosis.selection import rank
+from truepose.identification.diagnosis.signatures import Linearisation, Signatures
+from truepose.identification.estimate import Estimate, estimate
+from truepose.identification.history import order_in_time
+from truepose.identification.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+FOLDS = 5
+BOOTSTRAP = 1000
+
+
+def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Mask]]:
+    """Rows to hold out: the validation rows at once, or blocks: four in time and the outermost poses."""
+    if recording.validation.sum() >= 3:
+        return "role", [recording.validation.copy()]
+    order = order_in_time(recording.time, recording.source_file, recording.source_row)
+    labels = recording.replicates()
+    centred = recording.q - recording.q[used].mean(axis=0)
+    reach = np.linalg.norm(centred / np.maximum(np.std(recording.q[used], axis=0), 1e-12), axis=1)
+    outer = used & (reach >= np.quantile(reach[used], 1 - 1 / FOLDS))
+    outer |= np.isin(labels, labels[outer]) & used
+    inner = [k for k in order if used[k] and not outer[k]]
+    blocks = [outer]
+    for part in np.array_split(np.array(inner, dtype=int), FOLDS - 1):
+        mask = np.zeros(len(used), dtype=bool)
+        mask[part] = True
+        blocks.append(mask)
+    return "blocks", [b for b in blocks if b.any() and not np.array_equal(b, used)]
+
+
+def held_out(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> tuple[str, Array, Array]:
+    """Name of the split and squared whitened residual of each held-out row, before and after."""
+    name, blocks = held_out_blocks(recording, before.used)
+    if name == "role":
+        rows = np.flatnonzero(blocks[0] & np.isfinite(before.residual).all(axis=1) & np.isfinite(after.residual).all(axis=1))
+        return name, np.sum(before.residual[rows] ** 2, axis=1), np.sum(after.residual[rows] ** 2, axis=1)
+    squares: tuple[list[Array], list[Array]] = ([], [])
+    for block in blocks:
+        for fit, out in zip((before, after), squares, strict=True):
+            part = estimate(fit.machine, recording, fit.effects, start=fit.p, exclude=outliers | block)
+            out.append(np.sum(part.residual[block] ** 2, axis=1))
+    return name, np.concatenate(squares[0]), np.concatenate(squares[1])
+
+
+def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float, tuple[float, float]]:
+    """Root of the ratio of mean squares with its 95 % bootstrap interval over rows."""
+    ratio = float(np.sqrt(after.mean() / before.mean()))
+    rng = np.random.default_rng(seed)
+    picks = rng.integers(0, len(before), (BOOTSTRAP, len(before))) if len(before) < 20_000 else np.zeros((0, 0), dtype=int)
+    if not len(picks):
+        return ratio, (ratio, ratio)
+    draws = np.sqrt(after[picks].mean(axis=1) / before[picks].mean(axis=1))
+    return ratio, (float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)))
+
+
+def prove(
+    before: Estimate,
+    after: Estimate,
+    recording: Recording,
+    outliers: Mask,
+    signatures: Signatures,
+    cat: Catalogue,
+    grid: Grid,
+    accepted: Sequence[int],
+) -> Proof:
+    """All four proofs of the accepted terms."""
+    name, b, a = held_out(before, after, recording, outliers)
+    ratio, interval = ratio_interval(b, a)
+    main = accepted[0]
+    return Proof(
+        held_out=name,
+        ratio=ratio,
+        ratio_interval=interval,
+        placebo_gain=_placebo(before, signatures, cat, grid, main),
+        black_box_ratio=_black_box(before, after, recording, outliers),
+        injected_recovered=_injected(before, after, signatures, cat, grid, main),
+    )
+
+
+def _placebo(before: Estimate, signatures: Signatures, cat: Catalogue, grid: Grid, term: int) -> float:
+    """Log Bayes factor of the main term when every row is given another row's drivers (nothing should remain)."""
+    rng = np.random.default_rng(11)
+    order = np.arange(len(before.used))
+    rows = np.flatnonzero(before.used)
+    order[rows] = rng.permutation(rows)
+    single = Signatures(signatures.machine, signatures.recording, [cat.candidates[term]])
+    lin = single.linearise(before, order=order)
+    one = Catalogue((cat.candidates[term],), (0.0,), ())
+    return float(rank(lin, one, grid, [], [0]).gain[0])
+
+
+def _injected(before: Estimate, after: Estimate, signatures: Signatures, cat: Catalogue, grid: Grid, term: int) -> bool:
+    """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""
+    label = cat.candidates[term].label
+    fitted = next(e for e in after.fitted_effects() if e.label == label)
+    amplitude = np.array(fitted.amplitudes) / [c.scale for c in fitted.coefficients]
+    lin = signatures.linearise(before)
+    at = lin.free + np.arange(lin.columns[term].start, lin.columns[term].stop)
+    noise = max(1.0, float(np.sqrt(after.chi2_per_dof)))
+    rng = np.random.default_rng(5)
+    gram = lin.gram.copy()
+    last = len(gram) - 1
+    # the projection of white noise on the columns has their Gram matrix as covariance
+    values, vectors = np.linalg.eigh(gram[:last, :last])
+    projected = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(last)) * noise
+    gram[:last, last] = gram[last, :last] = gram[:last, at] @ amplitude + projected
+    gram[last, last] = amplitude @ gram[np.ix_(at, at)] @ amplitude + 2 * amplitude @ projected[at] + noise**2 * lin.readings
+    simulated = Linearisation(gram, lin.free, lin.columns, lin.readings, np.zeros(last), lin.weight, lin.parts, lin.candidates)
+    wanted = list(range(len(cat.candidates)))
+    ranking = rank(simulated, cat, grid, [], wanted)
+    best = int(np.argmax(ranking.odds))
+    return bool(best == term or ranking.odds[best] - ranking.odds[term] < 3.0)
+
+
+def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:
+    """Held-out ratio of as many free waves of the readings, in each residual channel, as the terms have coefficients."""
+    from truepose.identification.prediction import Predictor
+
+    count = sum(len(e.coefficients) for e in after.effects)
+    predictor = Predictor(before.machine, recording, before.effects)
+    free, m = before.prior.free, before.residual.shape[1]
+    usable = np.isfinite(before.residual).all(axis=1)
+    if before.residual.size * (len(free) + count) > 60_000_000:
+        return None
+    jacobian = np.concatenate([b.jacobian[:, :, free] * before.prior.scale[free] for b in predictor.blocks(before.p, before.x)])
+    rng = np.random.default_rng(13)
+    t = (recording.q - recording.q.mean(axis=0)) / np.maximum(recording.q.std(axis=0), 1e-12)
+    waves = np.cos(t @ rng.normal(0, 1.0, (t.shape[1], count)) + rng.uniform(0, 2 * np.pi, count))
+    channel = rng.integers(0, m, count)
+    extra = np.zeros((len(t), m, count))
+    extra[:, channel, np.arange(count)] = waves
+    _, blocks = held_out_blocks(recording, before.used)
+    squares_before, squares_box = [], []
+    for block in blocks:
+        train = before.used & ~block & usable & ~outliers
+        test = block & usable
+        for design, out in ((jacobian, squares_before), (np.concatenate([jacobian, extra], axis=2), squares_box)):
+            out.append(_linear_test(design, before, train, test))
+    ratio = np.concatenate(squares_box).mean() / np.concatenate(squares_before).mean()
+    return float(np.sqrt(ratio))
+
+
+def _linear_test(design: Array, before: Estimate, train: Mask, test: Mask) -> Array:
+    """Squared residuals of held-out rows after one linear fit under tolerances from the training rows."""
+    free = before.prior.free
+    n, k = len(free), design.shape[2]
+    weight = np.concatenate([before.prior_weight, np.full(k - n, 0.1)])
+    departure = np.where(before.prior_weight > 0, (before.p - before.prior.mean)[free] / before.prior.scale[free], 0.0)
+    rows = np.vstack([design[train].reshape(-1, k), np.diag(weight)])
+    right = np.concatenate([before.residual[train].ravel(), weight * np.concatenate([departure, np.zeros(k - n)])])
+    step = -np.linalg.lstsq(rows, right, rcond=1e-12)[0]
+    out: Array = np.sum((before.residual[test] + design[test] @ step) ** 2, axis=1)
+    return out

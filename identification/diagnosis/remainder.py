@@ -1,0 +1,43 @@
+"""What is left after the named effects: which driver it follows, where, in which form; a hypothesis, labelled so."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from truepose.identification.diagnosis.alarms import Structure
+from truepose.identification.diagnosis.result import Remainder
+from truepose.identification.estimate import Estimate
+from truepose.identification.recording import Recording
+
+
+def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remainder:
+    """Driver and form of the strongest dependence found by the structure tests."""
+    size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
+    driver = structure.driver
+    if driver in recording.joints:
+        values, place = recording.q[fit.used][:, recording.joints.index(driver)], (driver,)
+    else:
+        found = recording.driver(driver) if driver != "order" else None
+        values = None if found is None else found[fit.used]
+        place = (driver.split(".", 1)[1],) if driver.startswith(("temperature.", "approach.")) else ()
+    form = "varies with the order of acquisition" if values is None else _form(fit.residual[fit.used], values, driver)
+    return Remainder(place, driver, f"{form}; explains {100 * structure.share:.0f} % of the remainder; hypothesised", size)
+
+
+def _form(residual: np.ndarray, values: np.ndarray, driver: str) -> str:
+    """Best of a few simple shapes of the residuals against the driver."""
+    span = float(np.ptp(values))
+    t = 2 * (values - values.min()) / span - 1 if span else np.zeros(len(values))
+    shapes = {f"linear in {driver}": [t], f"bent (quadratic) in {driver}": [t, t**2]}
+    for cycles in (1, 2, 3, 4, 6, 8):
+        w = np.pi * cycles * t
+        shapes[f"periodic in {driver}, about {cycles} periods over its range"] = [np.sin(w), np.cos(w)]
+    if len(np.unique(values)) <= 3:
+        return f"steps with {driver}"
+    best, score = "", -np.inf
+    for name, functions in shapes.items():
+        basis, _ = np.linalg.qr(np.column_stack([np.ones(len(t)), *functions]))
+        gain = float(np.sum((basis[:, 1:].T @ residual) ** 2)) - 2.0 * len(functions) * residual.shape[1]
+        if gain > score:
+            best, score = name, gain
+    return best

@@ -1,0 +1,156 @@
+"""What every candidate would do to the readings, to first order, at the present estimate.
+
+An effect shifts ports; the machine's derivative by its ports is computed once for all candidates, so a
+signature costs one small product a row. All of it is kept as one Gram matrix of [J G r].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.codegen.batch import BatchFunction
+from truepose.identification.estimate import Estimate
+from truepose.identification.prediction import Block, Predictor
+from truepose.identification.recording import Recording
+from truepose.models.effects.base import PlacedEffect, Site
+from truepose.models.kinematics import driver_default
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Gram matrix of [J G r] over the fitted readings, at a fit.
+
+    J: free geometry in units of its prior scale (``free`` columns). G: candidates' coefficients in units of their
+    scale; ``columns[k]`` are those of candidate k. r: whitened residual. ``departure`` says how far the fit is from
+    the drawing and from zero coefficients, so that any subset of candidates can be weighed from this one matrix.
+    """
+
+    gram: Array
+    free: int
+    columns: tuple[slice, ...]
+    readings: int
+    departure: Array
+    weight: Array
+    parts: tuple[str, ...]
+    candidates: tuple[PlacedEffect, ...]
+
+    def indices(self, chosen: Sequence[int]) -> list[int]:
+        """Columns of G of the chosen candidates."""
+        return [k for i in chosen for k in range(self.columns[i].start, self.columns[i].stop)]
+
+
+class Signatures:
+    """Row-wise shifts of all candidates at one machine, and their effect on the readings."""
+
+    def __init__(self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect]) -> None:
+        self.machine, self.recording, self.candidates = machine, recording, tuple(candidates)
+        self._shifts = _ShiftFunction(machine, recording, self.candidates)
+        sizes = [len(c.coefficients) for c in self.candidates]
+        ends = np.cumsum([0, *sizes])
+        self.columns = tuple(slice(int(a), int(b)) for a, b in zip(ends, ends[1:], strict=False))
+        self.width = int(ends[-1])
+
+    def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
+        """Gram matrix at a fit, whose effects must be among the candidates."""
+        geometry = self._geometry(fit)
+        n = len(geometry)
+        size = n + self.width + 1
+        gram, readings = np.zeros((size, size)), 0
+        for block in self.blocks(fit, order=order):
+            gram += block.T @ block
+            readings += int(np.sum(np.any(block != 0.0, axis=1)))
+        departure = np.zeros(size - 1)
+        departure[:n] = (fit.p - fit.prior.mean)[geometry] / fit.prior.scale[geometry]
+        labels = [c.label for c in self.candidates]
+        for effect in fit.fitted_effects():
+            at = self.columns[labels.index(effect.label)]
+            departure[n + at.start : n + at.stop] = np.array(effect.amplitudes) / [c.scale for c in effect.coefficients]
+        parts = tuple(fit.prior.parts[k] for k in geometry)
+        return Linearisation(gram, n, self.columns, readings, departure, fit.prior_weight[:n], parts, self.candidates)
+
+    def _geometry(self, fit: Estimate) -> NDArray[np.intp]:
+        """Indices of the free parameters, without effect coefficients."""
+        free = fit.prior.free
+        return free[free < len(self.machine.parameters)]
+
+    def blocks(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Iterator[Array]:
+        """Rows of [J G r] of the fitted readings; ``order`` gives effects the drivers of other rows (placebo)."""
+        free = self._geometry(fit)
+        scale = fit.prior.scale[free]
+        for rows, block, signature in self.rows(fit, order=order):
+            keep = np.flatnonzero(fit.used[rows])
+            root = np.sqrt(fit.weights[rows])[keep, None, None]
+            jacobian = block.jacobian[keep][:, :, free] * scale
+            stacked = np.concatenate([jacobian, signature[keep], block.residual[keep][..., None]], axis=2) * root
+            yield stacked.reshape(-1, stacked.shape[2])
+
+    def rows(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Iterator[tuple[slice, Block, Array]]:
+        """Row ranges with their block and signatures (n, m, width)."""
+        predictor = Predictor(self.machine, self.recording, fit.effects, ports=True)
+        p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
+        x = fit.x
+        loads = predictor.loads(p, x) if self.machine.loaded else np.zeros((len(fit.x), len(p)))
+        shifts = self._shifts(predictor.model.names, p, loads)
+        if order is not None:
+            shifts = shifts[order]
+        place = {name: k for k, name in enumerate(predictor.model.names)}
+        for block in predictor.blocks(p, x):
+            signature = self._apply(block.here, shifts[block.rows], place)
+            if block.before is not None and self.recording.from_row is not None:
+                signature -= self._apply(block.before, shifts[self.recording.from_row[block.rows]], place)
+            yield block.rows, block, signature
+
+    def _apply(self, jacobian: Array, shifts: Array, place: dict[str, int]) -> Array:
+        out = np.zeros((*jacobian.shape[:2], self.width))
+        for columns, (ports, at) in zip(self.columns, self._shifts.layout, strict=True):
+            where = [place[port] for port in ports]
+            local = shifts[:, at].reshape(len(shifts), columns.stop - columns.start, len(ports)).transpose(0, 2, 1)
+            out[:, :, columns] = jacobian[:, :, where] @ local
+        return out
+
+
+class _ShiftFunction:
+    """All candidates' shifts by their coefficients (in units of scale), as one function of a row."""
+
+    def __init__(self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect]) -> None:
+        self._machine, self._recording = machine, recording
+        self._names = [*(p.name for p in machine.parameters), *machine.ports]
+        self._drivers = list(dict.fromkeys(name for c in candidates for name in c.drivers))
+        q = {name: ca.SX.sym(name) for name in machine.mechanism.readings}
+        z = {name: ca.SX.sym(name) for name in self._drivers}
+        values = {name: ca.SX.sym(name) for name in self._names}
+        loads = {name: ca.SX.sym(f"load.{name}") for name in self._names}
+        outputs, layout, offset = [], [], 0
+        for candidate in candidates:
+            c = {item.name: ca.SX.sym(item.name) for item in candidate.coefficients}
+            site = Site(machine, candidate.place, candidate.settings_map, c, q, z, values, loads)
+            shifts = candidate.effect.shifts(site)
+            stacked, symbols = ca.vertcat(*shifts.values()), ca.vertcat(*c.values())
+            local = ca.substitute(ca.jacobian(stacked, symbols), symbols, ca.SX.zeros(len(c)))
+            local = local @ ca.diag(ca.DM([item.scale for item in candidate.coefficients]))
+            outputs.append(ca.vec(ca.densify(local)))
+            size = local.numel()
+            layout.append(([site.checked(port, candidate) for port in shifts], slice(offset, offset + size)))
+            offset += size
+        self.layout: list[tuple[list[str], slice]] = layout
+        inputs = [ca.vertcat(*group.values()) if group else ca.SX(0, 1) for group in (q, z, values, loads)]
+        self._function = BatchFunction("shifts", inputs, [ca.vertcat(*outputs) if outputs else ca.SX(0, 1)])
+
+    def __call__(self, names: Sequence[str], p: Array, loads: Array) -> Array:
+        """(n, total) shift derivatives for every row."""
+        at = {name: k for k, name in enumerate(names)}
+        which = [at[name] for name in self._names]
+        rec = self._recording
+        z = np.empty((len(rec.q), len(self._drivers)))
+        for k, name in enumerate(self._drivers):
+            recorded = rec.driver(name)
+            z[:, k] = driver_default(self._machine, name) if recorded is None else recorded
+        return self._function(rec.q, z, p[which], loads[:, which])[0][..., 0]

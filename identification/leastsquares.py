@@ -1,0 +1,111 @@
+"""Damped Gauss-Newton (Levenberg-Marquardt) on whitened residuals that arrive in blocks.
+
+The residuals are never stored: each block is folded into one triangular factor of [J r] (Householder
+QR), from which the step, the covariance, the rank and the null space all come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Blocks = Callable[[Array], Iterable[Array]]
+"""Scaled parameters (n,) to blocks of rows [J r], (k, n + 1)."""
+
+
+class Status(Enum):
+    """How the iteration ended."""
+
+    CONVERGED = "the step and the gradient are below their limits"
+    STALLED = "no step lowers the sum of squares, and the gradient is not small"
+    LIMIT = "the iteration limit was reached"
+    FAILED = "the residuals cannot be evaluated at the start"
+
+    @property
+    def ok(self) -> bool:
+        """Whether the result is a minimum."""
+        return self is Status.CONVERGED
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Minimum of half the sum of squares: t (n,), triangular factor of [J r] (n + 1, n + 1) and the outcome."""
+
+    t: Array
+    factor: Array
+    cost: float
+    status: Status
+    iterations: int
+    decrement: float
+    movement: Array
+
+
+def triangular(blocks: Iterable[Array], columns: int) -> Array:
+    """Upper triangular factor (columns, columns) of rows that arrive in blocks."""
+    factor = np.zeros((columns, columns))
+    for block in blocks:
+        factor = np.linalg.qr(np.vstack([factor, block]), mode="r")
+        if len(factor) < columns:
+            factor = np.vstack([factor, np.zeros((columns - len(factor), columns))])
+    return factor
+
+
+def minimise(blocks: Blocks, start: Array, *, limit: int = 100, tolerance: float = 1e-9, damping: float = 1e-4) -> Solution:
+    """Levenberg-Marquardt with Nielsen's damping; ``damping=0`` starts as plain Gauss-Newton.
+
+    Converged when the predicted decrease of the sum of squares is below ``tolerance`` of one
+    degree of freedom (sum of squares in units of the noise) or lost in its rounding.
+    """
+    t, n = start.astype(float), len(start)
+    factor = triangular(blocks(t), n + 1)
+    cost = 0.5 * float(np.sum(factor[:, n] ** 2))
+    movement = np.zeros(n)
+    if not np.isfinite(cost):
+        return Solution(t, factor, cost, Status.FAILED, 0, np.inf, movement)
+    mu, growth, decrement = damping, 2.0, np.inf
+    for iteration in range(1, limit + 1):
+        decrement = _decrement(factor, n)
+        if decrement < tolerance + 1e-14 * cost:
+            return Solution(t, factor, cost, Status.CONVERGED, iteration, decrement, movement)
+        step = _step(factor, n, mu)
+        trial = triangular(blocks(t + step), n + 1)
+        after = 0.5 * float(np.sum(trial[:, n] ** 2))
+        predicted = cost - 0.5 * float(np.sum((factor[:, :n] @ step + factor[:, n]) ** 2))
+        ratio = (cost - after) / predicted if predicted > 0 and np.isfinite(after) else -1.0
+        if ratio > 1e-4:
+            t, factor, cost, movement = t + step, trial, after, step
+            mu = mu * max(1.0 / 5.0, 1.0 - (2.0 * ratio - 1.0) ** 3) if ratio < 0.9 else 0.1 * mu
+            mu, growth = (mu if mu > 1e-15 else 0.0), 2.0
+        else:
+            if predicted < 1e-10 * (1.0 + cost) and np.isfinite(after):
+                done = Status.CONVERGED if decrement < 1e-6 * (1.0 + cost) else Status.STALLED
+                return Solution(t, factor, cost, done, iteration, decrement, movement)
+            mu, growth = max(mu, 1e-12) * growth, 2.0 * growth
+            if mu > 1e20:
+                return Solution(t, factor, cost, Status.STALLED, iteration, decrement, movement)
+    return Solution(t, factor, cost, Status.LIMIT, limit, decrement, movement)
+
+
+def _step(factor: Array, n: int, mu: float) -> Array:
+    """Damped step, the damping scaled by the columns of J (Marquardt)."""
+    norms = np.linalg.norm(factor[:, :n], axis=0)
+    norms[norms == 0] = 1.0
+    u, s, vt = np.linalg.svd(factor[:, :n] / norms, full_matrices=False)
+    keep = s > 1e-13 * max(s[0], 1e-300)
+    gain = np.where(keep, s / (s**2 + mu), 0.0)
+    step: Array = -(vt.T @ (gain * (u.T @ factor[:, n]))) / norms
+    return step
+
+
+def _decrement(factor: Array, n: int) -> float:
+    """Half the squared length of r inside the span of J: what an undamped step would gain."""
+    norms = np.linalg.norm(factor[:, :n], axis=0)
+    norms[norms == 0] = 1.0
+    u, s, _ = np.linalg.svd(factor[:, :n] / norms, full_matrices=False)
+    inside = u[:, s > 1e-13 * max(s[0], 1e-300)].T @ factor[:, n]
+    return 0.5 * float(inside @ inside)

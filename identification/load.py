@@ -1,0 +1,18 @@
+"""Read recordings for a machine: its joints and its sensors say which columns are needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from truepose.identification.recording import JointColumn, Recording, read_recording
+from truepose.models.machine import Machine
+from truepose.models.units import UnitSystem
+
+
+def load_recording(machine: Machine, paths: Sequence[Path | str], *, need_readings: bool = True) -> Recording:
+    """One or several files as one recording. Raises InputError naming file, row and column."""
+    joints = [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
+    columns = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
+    units = machine.file.units if machine.file else UnitSystem()
+    return read_recording([Path(p) for p in paths], joints, columns, units, need_readings=need_readings)

@@ -1,0 +1,1 @@
+"""Builders of mechanisms: one file per ``mechanism.type`` of the machine file."""

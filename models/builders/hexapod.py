@@ -1,0 +1,179 @@
+"""Six-legged parallel machines: 6-PUS (legs of fixed length on rails) and 6-UPS (legs that change length).
+
+Both are the general mechanism: a platform free to move, and one rod per leg that closes a loop. A leg's
+universal and spherical joints leave it free to turn about itself, so only the distance of its ends counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from truepose.errors import InputError
+from truepose.models.builders.base import builders
+from truepose.models.context import BuildContext
+from truepose.models.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
+from truepose.models.parameters import Parameter
+from truepose.models.units import Gain, Length, LengthVector, Number, Section, Vector, bad_value
+
+PLATFORM = "platform"
+_POINT = ("x", "y", "z")
+LEGS = 6
+
+
+class _Leg(Section):
+    name: str
+    joint: str
+    a: LengthVector
+    b: LengthVector
+    offset: Length = 0.0
+    gain: Gain = 1.0
+    range: tuple[Number, Number] | None = None
+    screw_pitch: Length | None = None
+    gear_ratio: Number | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> _Leg:
+        if self.range and self.range[0] >= self.range[1]:
+            raise bad_value("range: [low, high] with low < high", self.range)
+        return self
+
+
+class PusLeg(_Leg):
+    """A leg of fixed ``length`` from a slider at a + (reading + offset) u to b on the platform."""
+
+    u: Vector = (0.0, 0.0, 1.0)
+    length: Length
+
+
+class Flexure(Section):
+    """Flexures in place of joints: their length."""
+
+    length: Length
+
+
+class Pus(Section):
+    """The section ``mechanism`` of a 6-PUS."""
+
+    type: Literal["6-pus"]
+    legs: tuple[PusLeg, ...]
+    flexure: Flexure | None = None
+    home: tuple[Number, Number, Number, Number, Number, Number]
+
+
+class Ups(Section):
+    """The section ``mechanism`` of a 6-UPS."""
+
+    type: Literal["6-ups"]
+    legs: tuple[_Leg, ...]
+    home: tuple[Number, Number, Number, Number, Number, Number]
+
+
+@builders.add("6-pus")
+def pus(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
+    """Lower joint centre a + (rho + offset) u, upper b, distance ``length`` (telescope report, eq. 5)."""
+    hexapod = context.parse(Pus, section)
+    _check([leg.name for leg in hexapod.legs], [leg.joint for leg in hexapod.legs], context)
+    parameters: list[Parameter] = []
+    joints, rods, actuators, limbs = [_platform(hexapod.home, context)], [], [], []
+    for k, leg in enumerate(hexapod.legs):
+        own, axis = _rail(k, leg, context)
+        parameters += _points(k, leg, context) + own
+        slider = f"{leg.name}.slider"
+        placement = tuple(Step(f"t{c}", f"{leg.name}.a.{c}") for c in _POINT)
+        joints.append(Joint(leg.joint, "prismatic", BASE, slider, placement, axis))
+        rods.append(Rod(leg.name, slider, None, PLATFORM, _names(leg.name, "b"), f"{leg.name}.length", leg.length))
+        actuators.append(_actuator(leg, leg.joint, context))
+        limbs.append(Limb(leg.name, leg.joint, _names(leg.name, "a"), _names(leg.name, "b"), f"{leg.name}.length"))
+    return _mechanism(parameters, joints, rods, actuators, limbs)
+
+
+@builders.add("6-ups")
+def ups(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
+    """Leg length = offset + gain * reading, between a on the base and b on the platform."""
+    hexapod = context.parse(Ups, section)
+    _check([leg.name for leg in hexapod.legs], [leg.joint for leg in hexapod.legs], context)
+    parameters: list[Parameter] = []
+    rods, actuators, limbs = [], [], []
+    for k, leg in enumerate(hexapod.legs):
+        actuator = _actuator(leg, leg.name, context)
+        parameters += _points(k, leg, context) + _scale(k, leg, context)
+        a, b = _names(leg.name, "a"), _names(leg.name, "b")
+        rods.append(Rod(leg.name, BASE, a, PLATFORM, b, None, leg.offset))
+        actuators.append(actuator)
+        limbs.append(Limb(leg.name, leg.joint, a, b, actuator.displacement))
+    return _mechanism(parameters, [_platform(hexapod.home, context)], rods, actuators, limbs)
+
+
+def _mechanism(
+    parameters: list[Parameter], joints: list[Joint], rods: list[Rod], actuators: list[Actuator], limbs: list[Limb]
+) -> Mechanism:
+    lengths = {BASE: tuple(p for limb in limbs for p in limb.base_point)}
+    lengths[PLATFORM] = tuple(p for limb in limbs for p in limb.platform_point)
+    lengths |= {limb.name: (limb.length,) for limb in limbs}
+    return Mechanism(tuple(parameters), tuple(joints), tuple(actuators), PLATFORM, tuple(rods), tuple(limbs), lengths, PLATFORM)
+
+
+def _rail(place: int, leg: PusLeg, context: BuildContext) -> tuple[list[Parameter], Direction]:
+    """Length, offset and gain of a leg, and its rail: the two smallest components of u are parameters."""
+    u = np.array(leg.u) / np.linalg.norm(leg.u) if np.any(leg.u) else np.zeros(3)
+    if not np.any(u):
+        raise InputError(f"{context.where}.legs: {leg.name}: found u = {leg.u}, expected a direction")
+    third = int(np.argmax(np.abs(u)))
+    components = [None if k == third else f"{leg.name}.u.{_POINT[k]}" for k in range(3)]
+    own = [
+        context.parameter(name, "1", float(u[k]), ("legs", place, "u", k), "angle")
+        for k, name in enumerate(components)
+        if name is not None
+    ]
+    own.append(context.parameter(f"{leg.name}.length", "mm", leg.length, ("legs", place, "length")))
+    axis = Direction(
+        (components[0], components[1], components[2]), float(np.sign(u[third])), (*context.path, "legs", place, "u", third)
+    )
+    return own + _scale(place, leg, context), axis
+
+
+def _scale(place: int, leg: _Leg, context: BuildContext) -> list[Parameter]:
+    unit = context.file.units.internal("gain")
+    return [
+        context.parameter(f"{leg.name}.offset", "mm", leg.offset, ("legs", place, "offset")),
+        context.parameter(f"{leg.name}.gain", unit, leg.gain, ("legs", place, "gain"), "gain", default=0.0),
+    ]
+
+
+def _points(place: int, leg: _Leg, context: BuildContext) -> list[Parameter]:
+    return [
+        context.parameter(name, "mm", value, ("legs", place, point, k))
+        for point, values in (("a", leg.a), ("b", leg.b))
+        for k, (name, value) in enumerate(zip(_names(leg.name, point), values, strict=True))
+    ]
+
+
+def _names(leg: str, point: str) -> tuple[str, str, str]:
+    return (f"{leg}.{point}.x", f"{leg}.{point}.y", f"{leg}.{point}.z")
+
+
+def _actuator(leg: _Leg, drives: str, context: BuildContext) -> Actuator:
+    units = context.file.units
+    limits = None if leg.range is None else (units.to_internal(leg.range[0], "joint"), units.to_internal(leg.range[1], "joint"))
+    return Actuator(
+        leg.joint, drives, "mm", units.internal("joint"), f"{leg.name}.offset", f"{leg.name}.gain", limits, leg.gear_ratio, leg.screw_pitch
+    )
+
+
+def _platform(home: tuple[float, ...], context: BuildContext) -> Joint:
+    """The platform's free joint; home is x y z and a rotation vector in the file's units."""
+    units = context.file.units
+    position = [units.to_internal(v, "length") for v in home[:3]]
+    turn = np.array([units.to_internal(v, "angle") for v in home[3:]])
+    angle = float(np.linalg.norm(turn))
+    mrp = turn * (np.tan(angle / 4) / angle if angle else 0.0)
+    return Joint(f"{PLATFORM}.pose", "free", BASE, PLATFORM, home=(*position, *mrp.tolist()))
+
+
+def _check(names: list[str], joints: list[str], context: BuildContext) -> None:
+    if len(names) != LEGS or len(set(names)) != LEGS or len(set(joints)) != LEGS:
+        raise InputError(f"{context.where}.legs: found {len(names)} legs {names}, expected {LEGS}, each with its own name and joint")

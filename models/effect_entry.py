@@ -1,0 +1,100 @@
+"""Entries of the machine file's ``effects:`` list: physics beyond ideal geometry, with its values."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, ValidationError
+
+from truepose.errors import InputError
+from truepose.models.field_errors import input_error
+from truepose.models.units import Number, NumberTolerance, Section, close_matches, convert, parse_unit
+
+
+@dataclass(frozen=True)
+class EffectSpec:
+    """One effect at its place.
+
+    `parameters` are (value, unit) as written, `std` their 1-sigma in the same unit where the file has
+    one; `settings` are the entry's other fields. `where` opens messages: file and field.
+    """
+
+    effect: str
+    place: tuple[str, ...]
+    parameters: Mapping[str, tuple[float, str]]
+    std: Mapping[str, float] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    where: str = ""
+
+    def value(self, name: str, unit: str) -> float:
+        """A parameter in the unit its effect expects. Raises InputError for a missing one or a bad unit."""
+        if name not in self.parameters:
+            hint = close_matches(name, self.parameters)
+            raise InputError(f"{self.where}.parameters: missing {name!r} ({unit}); {hint}".rstrip("; "))
+        value, own = self.parameters[name]
+        return convert(value, own, unit, f"{self.where}.parameters.{name}")
+
+    def std_of(self, name: str, unit: str) -> float | None:
+        """The 1-sigma of a parameter in `unit`, None where the file states none."""
+        if name not in self.std:
+            return None
+        own = self.parameters[name][1]
+        return convert(self.std[name], own, unit, f"{self.where}.parameters.{name}")
+
+
+def _as_list(value: object) -> object:
+    items = value if isinstance(value, list) else [value]
+    # places of row effects are row numbers
+    return [str(item) if isinstance(item, int) and not isinstance(item, bool) else item for item in items]
+
+
+def _as_quantity(value: object) -> object:
+    return value if isinstance(value, dict) else {"value": value}
+
+
+class _Quantity(Section):
+    value: Number
+    unit: str = "1"
+    std: NumberTolerance | None = None
+
+
+class _Entry(Section):
+    effect: str = Field(min_length=1)
+    place: Annotated[tuple[str, ...], BeforeValidator(_as_list)]
+    parameters: dict[str, Annotated[_Quantity, BeforeValidator(_as_quantity)]] = Field(default_factory=dict)
+
+
+_FIELDS = ("effect", "place", "parameters")
+
+
+def read_effects(entries: list[dict[str, Any]], path: Path) -> tuple[EffectSpec, ...]:
+    """The entries of ``effects:``, checked. Raises InputError naming file and field."""
+    return tuple(_read_effect(entry, path, f"effects[{index}]") for index, entry in enumerate(entries))
+
+
+def _read_effect(entry: dict[str, Any], path: Path, prefix: str) -> EffectSpec:
+    where = f"{path}: {prefix}"
+    for key in entry:
+        near = difflib.get_close_matches(key, _FIELDS, n=1, cutoff=0.8)
+        if key not in _FIELDS and near:  # a setting would not be called nearly like a field
+            raise InputError(f"{where}.{key}: unknown field; did you mean {near[0]!r}?")
+    try:
+        parsed = _Entry.model_validate({key: entry[key] for key in _FIELDS if key in entry})
+    except ValidationError as exc:
+        raise input_error(exc, path, prefix) from None
+    quantities = parsed.parameters
+    return EffectSpec(
+        effect=parsed.effect,
+        place=parsed.place,
+        parameters={
+            name: (item.value, parse_unit(item.unit, "any", f"{where}.parameters.{name}.unit"))
+            for name, item in quantities.items()
+        },
+        std={name: item.std for name, item in quantities.items() if item.std is not None},
+        settings={key: value for key, value in entry.items() if key not in _FIELDS},
+        where=where,
+    )

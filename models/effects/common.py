@@ -1,0 +1,105 @@
+"""What several effects share: places by joint and by leg, sine pairs, the recording's clock."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+import casadi as ca
+import numpy as np
+
+from truepose.errors import InputError
+from truepose.models.effects.base import Coefficient, Observed, Place, Settings, Site
+from truepose.models.machine import Machine
+from truepose.models.mechanism import AXES, Actuator, Limb
+
+SECONDS_PER_HOUR = 3600.0
+
+
+def actuator_at(machine: Machine, name: str) -> Actuator:
+    """Actuator of a joint's reading, or of the leg of that name (``rho1``, ``leg1``: the same limb)."""
+    reading = next((limb.reading for limb in machine.mechanism.limbs if limb.name == name), name)
+    for actuator in machine.mechanism.actuators:
+        if actuator.reading == reading:
+            return actuator
+    known = [*machine.mechanism.readings, *(limb.name for limb in machine.mechanism.limbs)]
+    raise _unknown(machine, "joint", name, known)
+
+
+def limb_at(machine: Machine, name: str) -> Limb:
+    """Leg of that name, or the one that a reading of that name moves."""
+    for limb in machine.mechanism.limbs:
+        if name in (limb.name, limb.reading):
+            return limb
+    raise _unknown(machine, "leg", name, [limb.name for limb in machine.mechanism.limbs])
+
+
+def singly(names: Iterable[str]) -> list[Place]:
+    """One place a name."""
+    return [(name,) for name in names]
+
+
+def singly_and_together(names: Iterable[str]) -> list[Place]:
+    """One place a name, then all of them with one common cause."""
+    each = singly(names)
+    return [*each, tuple(name for (name,) in each)] if len(each) > 1 else each
+
+
+def drives_joint(machine: Machine, actuator: Actuator) -> bool:
+    """Whether an actuator moves a joint that has error-motion ports (a rod's length has none)."""
+    return machine.motion(actuator.reading, "x") in machine.ports
+
+
+def joint_unit(machine: Machine, place: Place) -> str:
+    """Unit of the displacement at a joint place: mm or rad."""
+    return actuator_at(machine, place[0]).unit
+
+
+def centre_and_half(actuator: Actuator) -> tuple[float, float]:
+    """Middle and half of the range of readings, in the column's unit; (0, 1) when no range is stated."""
+    if actuator.range is None:
+        return 0.0, 1.0
+    low, high = actuator.range
+    return (low + high) / 2, (high - low) / 2
+
+
+def sine_pair(site: Site, phase: ca.SX) -> ca.SX:
+    """a sin(phase) + b cos(phase): a sine of any phase, linear in its two coefficients."""
+    return site.c["a"] * ca.sin(phase) + site.c["b"] * ca.cos(phase)
+
+
+def sine_coefficients(unit: str, scale: float) -> tuple[Coefficient, ...]:
+    """The two coefficients of a sine pair."""
+    return (Coefficient("a", unit, scale), Coefficient("b", unit, scale))
+
+
+def twist_coefficients(mm: float, rad: float, per: str = "") -> tuple[Coefficient, ...]:
+    """Six small motions x y z rx ry rz with their scales; ``per`` ends the unit (``/h``)."""
+    moves = [Coefficient(axis, "mm" + per, mm) for axis in AXES[:3]]
+    return (*moves, *(Coefficient(axis, "rad" + per, rad) for axis in AXES[3:]))
+
+
+def clock(recording: Observed) -> tuple[float, float] | None:
+    """First and last time of a recording, s; None when no time is recorded."""
+    time = recording.driver("time")
+    if time is None:
+        return None
+    seconds = np.asarray(time, dtype=float)
+    return float(seconds.min()), float(seconds.max())
+
+
+def boundaries(recording: Observed) -> Sequence[Settings]:
+    """One candidate a boundary between sessions; none in a single session."""
+    return [{"session": float(k)} for k in range(1, recording.n_sessions)]
+
+
+def after_session(settings: Settings) -> str:
+    """Driver that is 0 up to a boundary between sessions and 1 after it."""
+    return f"session.after.{settings.get('session', 1.0):g}"
+
+
+def _unknown(machine: Machine, kind: str, name: str, known: Sequence[str]) -> InputError:
+    close = difflib.get_close_matches(name, known, n=2)
+    hint = f"; did you mean {' or '.join(close)}?" if close else ""
+    expected = f"one of {', '.join(known)}" if known else f"a machine with a {kind}"
+    return InputError(f"effect's place: found {name!r} on {machine.name}, expected {expected}{hint}")

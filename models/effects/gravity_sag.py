@@ -1,0 +1,39 @@
+"""A base or a tool mount that yields to the moment of the weight it carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import singly
+from truepose.models.machine import PAYLOAD, Machine
+
+
+@effects.add("gravity-sag")
+class GravitySag(Effect):
+    """The mount turns by c times gravity's moment about its origin, equally about every axis."""
+
+    slug = "gravity-sag"
+    title = "Mount that sags"
+    formula = "rotation of the mount = c M, M the moment of gravity about it"
+    size = "1e-9 to 1e-6 rad/(N*m)"
+    look_alikes = ("joint-compliance", "link-bending", "mount-drift")
+    experiment = "put a level on the mount, reach out and in, and step the payload"
+    source = "an elastic foundation in series with the arm"
+    needs_load = True
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        if not machine.loaded:
+            return []
+        on_tool = any(m.body == "tool" or m.name == PAYLOAD for m in machine.masses)
+        return singly(("base", "tool") if on_tool else ("base",))
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        return (Coefficient("c", "rad/(N*m)", scale=1e-6, lower=0.0),)
+
+    def shifts(self, site: Site) -> Shifts:
+        ports = [f"{site.place[0]}.motion.{axis}" for axis in ("rx", "ry", "rz")]
+        return {port: site.c["c"] * site.load(port) for port in ports}
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        return f"The mount of the {place[0]} yields: it turns with the moment of the weight it carries."

@@ -1,0 +1,40 @@
+"""Joints that give way under the weight they carry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import actuator_at, drives_joint, joint_unit, singly
+from truepose.models.machine import Machine
+
+
+@effects.add("joint-compliance")
+class JointCompliance(Effect):
+    """dq = c * load, what gravity exerts at the joint: minus the derivative of the potential energy."""
+
+    slug = "joint-compliance"
+    title = "Compliant joint"
+    formula = "dq = c tau, tau the torque (sliding joint: force) that gravity exerts at the joint"
+    size = "industrial arms 1e5 to 6e6 N*m/rad: c of 1.6e-7 to 1e-5 rad/(N*m); small arms give way more"
+    look_alikes = ("link-bending", "gravity-sag", "backlash", "transmission-error")
+    experiment = "measure the same poses with and without a known payload"
+    source = "Dumas et al. 2011, Joint stiffness identification of six-revolute industrial serial robots"
+    needs_load = True
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        if not machine.loaded:
+            return []
+        return singly(a.reading for a in machine.mechanism.actuators if drives_joint(machine, a))
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        if joint_unit(machine, place) == "rad":
+            return (Coefficient("c", "rad/(N*m)", scale=1e-4, lower=0.0),)
+        return (Coefficient("c", "mm/N", scale=1e-2, lower=0.0),)
+
+    def shifts(self, site: Site) -> Shifts:
+        port = actuator_at(site.machine, site.place[0]).displacement
+        return {port: site.c["c"] * site.load(port)}
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        return f"Joint {place[0]} gives way under the weight it carries, in proportion to the load."

@@ -1,0 +1,114 @@
+"""A platform that bends: the ends of the legs move along its normal as the actuators move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import atan2, tau
+
+import casadi as ca
+
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import centre_and_half
+from truepose.models.machine import Machine
+from truepose.models.mechanism import Actuator, Limb
+
+COMMON, DIAGONAL, FULL, SYMMETRIC = 0, 1, 2, 3
+LARGEST = 0.03
+_SAME_ANGLE = 0.02
+Pair = tuple[int, int]
+
+
+@effects.add("platform-deformation")
+class PlatformDeformation(Effect):
+    """db_i = sum_j K[i,j] drho_j along the platform's normal z, drho the actuators' travel from home.
+
+    Setting ``form``: 0 one diagonal entry for all legs (kappa), 1 a diagonal entry a leg, 2 the full matrix,
+    3 the matrix of a platform as symmetric as its leg ends: as many entries as legs, those of the first row.
+    """
+
+    slug = "platform-deformation"
+    title = "Platform that bends"
+    formula = "db_i,z = sum_j K[i,j] drho_j; K = kappa 1, diagonal, full, or with the platform's symmetry"
+    size = "K of 0.01 to 0.02: tens of micrometres at 1.3 mm of travel (telescope)"
+    look_alikes = ("actuator-scale", "wrong-constant", "leg-compliance", "axis-coupling")
+    experiment = (
+        "measure targets next to two or more leg ends, whose distances from the plane of the others change; "
+        "gauge the travel of one actuator to exclude its scale; turn the machine over to see gravity's part"
+    )
+    source = "Gayral and Daney 2012, INRIA RR-8096, equations 1 to 4"
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        return [("platform",)] if len(_limbs(machine)) > 1 else []
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        names = dict.fromkeys(_entries(machine, settings).values())
+        return tuple(Coefficient(name, "1", LARGEST) for name in names)
+
+    def shifts(self, site: Site) -> Shifts:
+        limbs = _limbs(site.machine)
+        travel = [_travel(site, site.machine.mechanism.actuator(limb.reading)) for limb in limbs]
+        out = {limb.platform_point[2]: ca.SX(0) for limb in limbs}
+        for (i, j), name in _entries(site.machine, site.settings).items():
+            out[limbs[i].platform_point[2]] += site.c[name] * travel[j]
+        return out
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        forms = [COMMON, DIAGONAL, SYMMETRIC, FULL] if _symmetry(machine) else [COMMON, DIAGONAL, FULL]
+        return [{"form": float(form)} for form in forms]
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        return (
+            "The ring or plate that carries the leg ends bends: each end moves along the platform's normal "
+            "in proportion to the actuators' travel."
+        )
+
+
+def _limbs(machine: Machine) -> list[Limb]:
+    """Legs whose upper end has its three coordinates as parameters."""
+    return [limb for limb in machine.mechanism.limbs if len(limb.platform_point) == 3]
+
+
+def _travel(site: Site, actuator: Actuator) -> ca.SX:
+    """What the reading moves from home: from zero, or from mid-range where zero is out of range."""
+    moved = site.moved(actuator.reading)
+    centre, half = centre_and_half(actuator)
+    if abs(centre) <= half:
+        return moved
+    return moved - (site.values[actuator.gain] if actuator.gain else 1) * centre
+
+
+def _entries(machine: Machine, settings: Settings) -> Mapping[Pair, str]:
+    """Which coefficient stands at each entry (i, j) of K."""
+    n, form = len(_limbs(machine)), round(settings.get("form", COMMON))
+    if form == COMMON:
+        return {(i, i): "kappa" for i in range(n)}
+    if form == DIAGONAL:
+        return {(i, i): f"K[{i + 1},{i + 1}]" for i in range(n)}
+    if form == SYMMETRIC:
+        classes = _symmetry(machine)
+        if classes:
+            return {pair: f"K[1,{first + 1}]" for pair, first in classes.items()}
+    return {(i, j): f"K[{i + 1},{j + 1}]" for i in range(n) for j in range(n)}
+
+
+def _symmetry(machine: Machine) -> Mapping[Pair, int]:
+    """Column of the first row that each entry (i, j) equals by symmetry; empty where the platform has none.
+
+    Leg ends in pairs evenly round the platform: seen from leg i, looking towards its neighbour in the pair,
+    all others stand at the same angles for every i.
+    """
+    nominal = {p.name: p.nominal for p in machine.mechanism.parameters}
+    at = [atan2(nominal[limb.platform_point[1]], nominal[limb.platform_point[0]]) for limb in _limbs(machine)]
+    classes: dict[Pair, int] = {}
+    for i, here in enumerate(at):
+        gaps = [(angle - here + tau / 2) % tau - tau / 2 for angle in at]
+        towards = 1 if min((abs(g), g) for k, g in enumerate(gaps) if k != i)[1] > 0 else -1
+        seen = [(towards * gap + _SAME_ANGLE) % tau - _SAME_ANGLE for gap in gaps]
+        if i == 0:
+            first = seen
+        for j, angle in enumerate(seen):
+            same = [k for k, other in enumerate(first) if abs(other - angle) < _SAME_ANGLE]
+            if len(same) != 1:
+                return {}
+            classes[i, j] = same[0]
+    return classes

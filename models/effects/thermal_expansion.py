@@ -1,0 +1,95 @@
+"""Parts that grow when they warm up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import casadi as ca
+
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import clock, limb_at, singly
+from truepose.models.machine import Machine
+
+REFERENCE = 20.0
+LAGS = (300.0, 900.0, 1800.0, 3600.0)
+TOOL = "tool"
+
+
+@effects.add("thermal-expansion")
+class ThermalExpansion(Effect):
+    """Every length of the place grows by alpha (T - 20 degC) of itself; one part, or all legs alike.
+
+    Settings: ``lag`` (s) of the body behind its thermometer, first order; for all legs together,
+    ``thermometer`` k when only leg k's temperature was recorded (0: each leg its own).
+    """
+
+    slug = "thermal-expansion"
+    title = "Thermal expansion"
+    formula = "dL = alpha (T - 20 degC) L; T may reach the body with a first-order lag"
+    size = "alpha of 11 to 23 um/m/K from steel to aluminium: 11 to 23 um per metre and kelvin"
+    look_alikes = ("mount-drift", "wrong-constant", "actuator-scale", "sensor-scale", "air-refraction")
+    experiment = "heat this part alone by a few kelvin and repeat a reference pose; log its temperature"
+    source = "handbook values of linear expansion; lag of a lumped body"
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        names = (*machine.mechanism.lengths, TOOL)
+        parts = [name for name in names if _has_length(machine, _ports(machine, name))]
+        legs = tuple(limb.name for limb in machine.mechanism.limbs if limb.name in parts)
+        return [*singly(parts), legs] if len(legs) > 1 else singly(parts)
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        return (Coefficient("alpha", "1/K", scale=3e-5, lower=0.0, upper=1e-4),)
+
+    def shifts(self, site: Site) -> Shifts:
+        out: dict[str, ca.SX] = {}
+        thermometers = _thermometers(site.machine, site.place, site.settings)
+        for part, thermometer in zip(site.place, thermometers, strict=True):
+            strain = site.c["alpha"] * (site.driver(thermometer) - REFERENCE)
+            out |= {port: strain * site.value(port) for port in _ports(site.machine, part)}
+        return out
+
+    def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(_thermometers(machine, place, settings)))
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        """No lag, and lags that end within the campaign when time is recorded."""
+        span = clock(recording)
+        lags = [0.0, *(lag for lag in LAGS if span is not None and lag < span[1] - span[0])]
+        if len(place) == 1:
+            return [{"lag": lag} for lag in lags]
+        recorded = [recording.driver(_driver(machine, part)) is not None for part in place]
+        serves = 0.0 if all(recorded) or not any(recorded) else recorded.index(True) + 1.0
+        return [{"lag": lag, "thermometer": serves} for lag in lags]
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        return f"The lengths of {', '.join(place)} grow in proportion to their temperature above 20 degC."
+
+
+def _part(machine: Machine, name: str) -> str:
+    """Name of the part that heats up: a leg may be called by its reading."""
+    known = name == TOOL or name in machine.mechanism.lengths
+    return name if known else limb_at(machine, name).name
+
+
+def _ports(machine: Machine, name: str) -> tuple[str, ...]:
+    if name == TOOL:
+        return (f"{TOOL}.x", f"{TOOL}.y", f"{TOOL}.z")
+    return tuple(machine.mechanism.lengths[_part(machine, name)])
+
+
+def _has_length(machine: Machine, ports: Iterable[str]) -> bool:
+    """Whether anything of a place can grow; displacements always can."""
+    return any(p not in machine.geometry or machine.geometry[p].nominal != 0.0 for p in ports)
+
+
+def _driver(machine: Machine, part: str, lag: float = 0.0) -> str:
+    return f"temperature.{_part(machine, part)}" + (f"~{lag:g}" if lag else "")
+
+
+def _thermometers(machine: Machine, place: Place, settings: Settings) -> list[str]:
+    """Driver of each part of a place."""
+    lag, serves = settings.get("lag", 0.0), settings.get("thermometer")
+    if serves is None:
+        logged = [part for part in place if _driver(machine, part) in machine.drivers]
+        serves = place.index(logged[0]) + 1 if logged and len(logged) < len(place) else 0
+    return [_driver(machine, place[round(serves) - 1] if serves else part, lag) for part in place]

@@ -1,0 +1,108 @@
+"""A constant that is grossly wrong: a misread drawing, a unit, a sign, an axis mounted askew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import singly
+from truepose.models.machine import Machine
+from truepose.models.mechanism import Direction, Limb
+from truepose.models.parameters import Parameter
+
+LARGEST_ANGLE = 0.2
+LARGEST_FRACTION = 0.1
+
+
+@effects.add("wrong-constant")
+class WrongConstant(Effect):
+    """One parameter far outside its tolerance; or the rails of all legs tilted alike along their own legs."""
+
+    slug = "wrong-constant"
+    title = "A grossly wrong constant"
+    formula = "parameter + value; all rails: u + tilt e, e from the rail to its leg's upper end"
+    size = "anything: many times the drawing tolerance"
+    look_alikes = ("actuator-scale", "platform-deformation", "thermal-expansion", "leg-compliance")
+    experiment = "measure this dimension on the part, or read it off the drawing again with its unit and sign"
+    source = "errors of drawings, units and assembly; no physics"
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        known = [p.name for p in machine.mechanism.parameters if p.free and isfinite(p.tolerance)]
+        rails = tuple(_tilts(machine))
+        together = len(_rails(machine)) > 1 and set(rails) <= set(known)
+        return [*singly(known), rails] if together else singly(known)
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        if len(place) > 1:
+            return (Coefficient("tilt", "1", LARGEST_ANGLE, -2 * LARGEST_ANGLE, 2 * LARGEST_ANGLE),)
+        parameter = machine.geometry.get(place[0])
+        if parameter is None:
+            return (Coefficient("value", "1", LARGEST_ANGLE),)  # symbolic_model names the missing port
+        scale = _largest(parameter)
+        bound = 2 * scale if parameter.unit == "1" else float("inf")
+        return (Coefficient("value", parameter.unit, scale, -bound, bound),)
+
+    def shifts(self, site: Site) -> Shifts:
+        if len(site.place) == 1:
+            return {site.place[0]: site.c["value"]}
+        across = _tilts(site.machine)
+        return {name: site.c["tilt"] * across.get(name, 0.0) for name in site.place}
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        if len(place) > 1:
+            return "The actuator axes are tilted alike, towards (tilt > 0) or away from their own legs."
+        element, _, component = place[0].partition(".")
+        if component.startswith("u."):
+            return f"The actuator axis of {element} is tilted along {component[2:]}."
+        return f"The constant {place[0]} of {element} is off its drawing by far more than its tolerance."
+
+
+def _largest(parameter: Parameter) -> float:
+    """A gross error of a parameter, in its own unit."""
+    if parameter.part == "gain":
+        return 2 * LARGEST_FRACTION * (abs(parameter.nominal) or 1.0)
+    if parameter.unit != "mm":
+        return LARGEST_ANGLE
+    return max(LARGEST_FRACTION * abs(parameter.nominal), 100 * parameter.tolerance, 1.0)
+
+
+def _rails(machine: Machine) -> list[tuple[Limb, Direction]]:
+    """Legs whose actuator slides along a direction that is itself a parameter."""
+    joints = {joint.name: joint for joint in machine.mechanism.joints}
+    rails = []
+    for limb in machine.mechanism.limbs:
+        joint = joints.get(machine.mechanism.actuator(limb.reading).drives)
+        if joint is not None and isinstance(joint.axis, Direction):
+            rails.append((limb, joint.axis))
+    return rails
+
+
+def _tilts(machine: Machine) -> Mapping[str, float]:
+    """Change of each rail component per unit of tilt: the leg's nominal direction, across its rail."""
+    nominal = {p.name: p.nominal for p in machine.mechanism.parameters}
+    tilts: dict[str, float] = {}
+    for limb, axis in _rails(machine):
+        known = [0.0 if name is None else nominal[name] for name in axis.components]
+        third = axis.sign * np.sqrt(1 - float(np.dot(known, known)))
+        rail = np.array([third if name is None else nominal[name] for name in axis.components])
+        upper = _on_base(machine, [nominal[n] for n in limb.platform_point])
+        leg = upper - np.array([nominal[n] for n in limb.base_point])
+        across = leg - (leg @ rail) * rail
+        across /= np.linalg.norm(across) or 1.0
+        tilts |= {name: float(v) for name, v in zip(axis.components, across, strict=True) if name is not None}
+    return tilts
+
+
+def _on_base(machine: Machine, point: Sequence[float]) -> NDArray[np.float64]:
+    """A point of the platform in the base frame, at home."""
+    mechanism = machine.mechanism
+    home = next((j.home for j in mechanism.joints if j.kind == "free" and j.child == mechanism.platform), ())
+    if not home:
+        return np.array(point, dtype=float)
+    turned = Rotation.from_mrp(home[3:]).apply(point)
+    return np.asarray(turned + np.array(home[:3]), dtype=float)

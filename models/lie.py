@@ -1,0 +1,122 @@
+"""Rotations SO(3) and rigid motions SE(3), symbolic (CasADi SX) and numeric (numpy, batched).
+
+Use ``rot_x, rot_y, rot_z, translation, transform`` to build symbolic 4x4 transforms from machine constants,
+``log_so3_sx`` for a smooth small rotation error, and the numpy functions for values.
+Rotation vectors are in rad; a twist is [v; w] in the world frame: p + v, Exp(w) R.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+def rot_x(angle: ca.SX) -> ca.SX:
+    """4x4 rotation about x."""
+    return _embed(ca.vertcat(ca.horzcat(1, 0, 0), _row(0, ca.cos(angle), -ca.sin(angle)), _row(0, ca.sin(angle), ca.cos(angle))))
+
+
+def rot_y(angle: ca.SX) -> ca.SX:
+    """4x4 rotation about y."""
+    return _embed(ca.vertcat(_row(ca.cos(angle), 0, ca.sin(angle)), ca.horzcat(0, 1, 0), _row(-ca.sin(angle), 0, ca.cos(angle))))
+
+
+def rot_z(angle: ca.SX) -> ca.SX:
+    """4x4 rotation about z."""
+    return _embed(ca.vertcat(_row(ca.cos(angle), -ca.sin(angle), 0), _row(ca.sin(angle), ca.cos(angle), 0), ca.horzcat(0, 0, 1)))
+
+
+def translation(x: ca.SX, y: ca.SX, z: ca.SX) -> ca.SX:
+    """4x4 translation, mm."""
+    return transform(ca.SX.eye(3), ca.vertcat(x, y, z))
+
+
+def transform(rotation: ca.SX, position: ca.SX) -> ca.SX:
+    """4x4 transform of a 3x3 rotation and a position."""
+    return ca.vertcat(ca.horzcat(rotation, position), ca.horzcat(0, 0, 0, 1))
+
+
+def rpy_transform(xyz: Sequence[ca.SX], rpy: Sequence[ca.SX]) -> ca.SX:
+    """Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll), rpy = (roll, pitch, yaw)."""
+    return ca.mtimes([translation(*xyz), rot_z(rpy[2]), rot_y(rpy[1]), rot_x(rpy[0])])
+
+
+def skew(v: ca.SX) -> ca.SX:
+    """3x3 matrix of the cross product with v."""
+    return ca.vertcat(_row(0, -v[2], v[1]), _row(v[2], 0, -v[0]), _row(-v[1], v[0], 0))
+
+
+def vee(m: ca.SX) -> ca.SX:
+    """Vector of the skew part of a 3x3 matrix."""
+    return 0.5 * ca.vertcat(m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1])
+
+
+def axis_rotation(axis: ca.SX, angle: ca.SX) -> ca.SX:
+    """3x3 rotation by ``angle`` about a unit ``axis`` (Rodrigues)."""
+    k = skew(axis)
+    return ca.SX.eye(3) + ca.sin(angle) * k + (1 - ca.cos(angle)) * ca.mtimes(k, k)
+
+
+def mrp_rotation(s: ca.SX) -> ca.SX:
+    """3x3 rotation of modified Rodrigues parameters s = tan(angle / 4) axis.
+
+    Rational and smooth for every turn below a full one, so Newton's method never meets a singular chart.
+    """
+    k, n = skew(s), ca.dot(s, s)
+    return ca.SX.eye(3) + (4 * (1 - n) * k + 8 * ca.mtimes(k, k)) / (1 + n) ** 2
+
+
+def log_so3_sx(rotation: ca.SX) -> ca.SX:
+    """Rotation vector of a 3x3 rotation, smooth at the identity (turns below 180 deg)."""
+    w = vee(rotation)
+    sine = ca.sqrt(ca.dot(w, w) + 1e-30)
+    cosine = 0.5 * (ca.trace(rotation) - 1)
+    return ca.atan2(sine, cosine) / sine * w
+
+
+def exp_so3(w: Array) -> Array:
+    """(..., 3) rotation vectors to (..., 3, 3) rotations."""
+    w = np.asarray(w, dtype=float)
+    return Rotation.from_rotvec(w.reshape(-1, 3)).as_matrix().reshape(*w.shape[:-1], 3, 3)
+
+
+def log_so3(rotation: Array) -> Array:
+    """(..., 3, 3) rotations to (..., 3) rotation vectors with angle in [0, pi]."""
+    rotation = np.asarray(rotation, dtype=float)
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
+    return flat.reshape(*rotation.shape[:-2], 3)
+
+
+def rpy_of(rotation: Array) -> Array:
+    """(3, 3) rotation to (roll, pitch, yaw) of Rz(yaw) Ry(pitch) Rx(roll)."""
+    yaw, pitch, roll = Rotation.from_matrix(rotation).as_euler("ZYX")
+    return np.array([roll, pitch, yaw])
+
+
+def rpy_matrix(rpy: Array) -> Array:
+    """(roll, pitch, yaw) to a (3, 3) rotation."""
+    return Rotation.from_euler("ZYX", np.asarray(rpy, dtype=float)[::-1]).as_matrix()
+
+
+def inverse_pose(pose: Array) -> Array:
+    """Inverse of (..., 4, 4) transforms."""
+    out = np.zeros_like(pose)
+    rt = np.swapaxes(pose[..., :3, :3], -1, -2)
+    out[..., :3, :3] = rt
+    out[..., :3, 3] = -np.einsum("...ij,...j->...i", rt, pose[..., :3, 3])
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def _row(a: object, b: object, c: object) -> ca.SX:
+    return ca.horzcat(ca.SX(a), ca.SX(b), ca.SX(c))
+
+
+def _embed(rotation: ca.SX) -> ca.SX:
+    return transform(rotation, ca.SX.zeros(3, 1))

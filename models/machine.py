@@ -1,0 +1,93 @@
+"""A machine: its mechanism, where it stands, what it carries, what measures it and which physics it has.
+
+Frames: the sensor sees ``world_T_base * base_T_flange(q) * flange_T_tool``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from truepose.models.mechanism import AXES, BASE, Mechanism
+from truepose.models.parameters import Parameter
+
+if TYPE_CHECKING:
+    from truepose.models.effects.base import PlacedEffect
+    from truepose.models.machine_file import MachineFile
+    from truepose.models.sensors.base import Sensor
+
+FRAMES = ("base", "tool")
+PAYLOAD = "payload"
+
+
+@dataclass(frozen=True)
+class Mass:
+    """A point mass in a body's frame (``tool`` for the tool frame): kg and centre, mm.
+
+    The mass called ``payload`` takes its kg from the recording's column where there is one.
+    """
+
+    name: str
+    kg: float
+    com: tuple[float, float, float]
+    body: str
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Everything the machine file says, in internal units (mm, rad).
+
+    ``frames`` holds the twelve parameters base.x ... tool.rz (rpy angles). ``gravity`` is m/s^2 in the base frame.
+    """
+
+    name: str
+    mechanism: Mechanism
+    frames: tuple[Parameter, ...]
+    sensors: tuple[Sensor, ...]
+    gravity: tuple[float, float, float] | None = None
+    masses: tuple[Mass, ...] = ()
+    effects: tuple[PlacedEffect, ...] = ()
+    drivers: tuple[str, ...] = ()
+    file: MachineFile | None = None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Geometry, frames and sensors, in one fixed order."""
+        sensor = tuple(p for s in self.sensors for p in s.parameters)
+        return (*self.mechanism.parameters, *self.frames, *sensor)
+
+    @property
+    def geometry(self) -> Mapping[str, Parameter]:
+        """Every parameter by name."""
+        return {parameter.name: parameter for parameter in self.parameters}
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """Where physics may act beside the parameters: displacements, error motions of joints, mounts."""
+        names = [actuator.displacement for actuator in self.mechanism.actuators]
+        driven = {actuator.drives for actuator in self.mechanism.actuators}
+        joints = [j.name for j in self.mechanism.tree if j.name in driven]
+        names += [f"{joint}.motion.{axis}" for joint in joints for axis in AXES]
+        names += [f"{frame}.motion.{axis}" for frame in FRAMES for axis in AXES]
+        return tuple(names)
+
+    @property
+    def loaded(self) -> bool:
+        """Whether gravity loads can be computed: gravity and at least one mass are known."""
+        return self.gravity is not None and any(self.gravity) and bool(self.masses)
+
+    def motion(self, reading: str, axis: str) -> str:
+        """Port of one error motion (x y z mm, rx ry rz rad) of the joint that ``reading`` drives."""
+        return f"{self.mechanism.actuator(reading).drives}.motion.{axis}"
+
+    def with_effects(self, effects: tuple[PlacedEffect, ...]) -> Machine:
+        """The same machine with these effects and no others."""
+        return replace(self, effects=effects)
+
+
+def body_of(mechanism: Mechanism, name: str) -> str:
+    """Body that a mass's ``in`` means: a body, ``flange``, ``tool`` (kept) or ``base``."""
+    if name in ("tool", BASE) or name in mechanism.bodies:
+        return name
+    return mechanism.flange

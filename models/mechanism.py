@@ -1,0 +1,165 @@
+"""A mechanism as data: bodies joined by joints, loops closed by rods and closing joints, actuators that drive them.
+
+Every builder (serial chain, hexapod, graph) makes one of these; nothing downstream knows which.
+The symbolic work is in ``truepose.models.kinematics``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from truepose.models.parameters import Parameter
+
+JointKind = Literal["revolute", "prismatic", "universal", "spherical", "free", "fixed"]
+COORDINATES: Mapping[str, int] = {"revolute": 1, "prismatic": 1, "universal": 2, "spherical": 3, "free": 6, "fixed": 0}
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+BASE = "base"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One elementary transform by a named parameter: kind ``tx ty tz`` (mm) or ``rx ry rz`` (rad)."""
+
+    kind: str
+    parameter: str
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A unit vector two of whose components are parameters; the third follows and keeps its sign."""
+
+    components: tuple[str | None, str | None, str | None]
+    sign: float = 1.0
+    field: tuple[str | int, ...] = ()
+    """Where the third component stands in the machine file's document."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint between two bodies: the child's frame is placement, then the joint's motion.
+
+    ``axis`` is a constant unit vector or a parameterised Direction (universal joints turn about x, then y).
+    ``home`` starts the passive coordinates: angles in rad, lengths in mm, spherical and free turns as
+    modified Rodrigues parameters. A joint whose child already has a parent closes a loop.
+    """
+
+    name: str
+    kind: JointKind
+    parent: str
+    child: str
+    placement: tuple[Step, ...] = ()
+    axis: tuple[float, float, float] | Direction = (0.0, 0.0, 1.0)
+    home: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A link between ball centres on two bodies: one closure equation, distance = length.
+
+    Points are given by three parameters each, in their body's frame (None: its origin); ``length`` is a
+    parameter, or None when an actuator sets it.
+    """
+
+    name: str
+    body_a: str
+    point_a: tuple[str, str, str] | None
+    body_b: str
+    point_b: tuple[str, str, str] | None
+    length: str | None
+    nominal_length: float
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """What a reading drives: displacement = offset + gain * reading of joint (or rod) ``drives``.
+
+    ``unit`` is that of the displacement (mm or rad), ``reading_unit`` that of the column (mm, rad, turn).
+    ``range`` limits readings; gear ratio and pitch (mm) tell effects what turns inside.
+    """
+
+    reading: str
+    drives: str
+    unit: str
+    reading_unit: str
+    offset: str | None = None
+    gain: str | None = None
+    range: tuple[float, float] | None = None
+    gear_ratio: float | None = None
+    screw_pitch: float | None = None
+
+    @property
+    def displacement(self) -> str:
+        """Name of the port that adds to the displacement."""
+        return f"{self.reading}.displacement"
+
+
+@dataclass(frozen=True)
+class Limb:
+    """A leg of a parallel machine as effects see it: the ports of its ends and of its length."""
+
+    name: str
+    reading: str
+    base_point: tuple[str, ...]
+    platform_point: tuple[str, ...]
+    length: str
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Bodies, joints, loops and actuators with their named parameters.
+
+    ``lengths`` says which ports heat up together at a place (``base``, ``link2``, ``leg1``, ``platform``).
+    ``limbs`` are the legs, for effects on legs and platform. ``flange`` is the body that carries the tool.
+    """
+
+    parameters: tuple[Parameter, ...]
+    joints: tuple[Joint, ...]
+    actuators: tuple[Actuator, ...]
+    flange: str
+    rods: tuple[Rod, ...] = ()
+    limbs: tuple[Limb, ...] = ()
+    lengths: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    platform: str | None = None
+
+    @property
+    def tree(self) -> tuple[Joint, ...]:
+        """Joints that give a body its pose, in an order in which parents come first."""
+        placed, pending, order = {BASE}, list(self.joints), []
+        children: set[str] = {BASE}
+        while pending:
+            ready = next((j for j in pending if j.parent in placed and j.child not in children), None)
+            if ready is None:
+                break
+            pending.remove(ready)
+            order.append(ready)
+            placed.add(ready.child)
+            children.add(ready.child)
+        return tuple(order)
+
+    @property
+    def closing(self) -> tuple[Joint, ...]:
+        """Joints whose child already has a parent: each closes a loop."""
+        tree = {joint.name for joint in self.tree}
+        return tuple(joint for joint in self.joints if joint.name not in tree)
+
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """Column names of the actuated joints, in order."""
+        return tuple(actuator.reading for actuator in self.actuators)
+
+    @property
+    def passive(self) -> tuple[Joint, ...]:
+        """Joints of the tree that no actuator drives and that can move: the unknowns of the closure."""
+        driven = {actuator.drives for actuator in self.actuators}
+        return tuple(j for j in self.tree if j.name not in driven and COORDINATES[j.kind])
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Base first, then the bodies of the tree."""
+        return (BASE, *(joint.child for joint in self.tree))
+
+    def actuator(self, reading: str) -> Actuator:
+        """The actuator of a reading."""
+        return next(a for a in self.actuators if a.reading == reading)

@@ -1,0 +1,42 @@
+"""A named constant of a machine: its unit, its drawing value and how far the hardware may be from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One geometric constant, in internal units (mm, rad).
+
+    ``tolerance`` is the 1-sigma statement of the drawing: 0 means exactly known, inf means unknown.
+    ``part`` names the class of part whose tolerances were stated together; a wrong statement is
+    wrong for the whole class (diagnosis: inflation of tolerances).
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    tolerance: float = 0.0
+    part: str = "length"
+    field: tuple[str | int, ...] = ()
+    """Where the value stands in the machine file's document; empty when it stands nowhere."""
+
+    @property
+    def free(self) -> bool:
+        """Whether the drawing leaves anything to be estimated."""
+        return self.tolerance > 0.0
+
+    @property
+    def scale(self) -> float:
+        """What one step of this parameter is measured in: its tolerance, or a natural size when unknown."""
+        if self.free and math.isfinite(self.tolerance):
+            return self.tolerance
+        return {"mm": 100.0, "rad": 1.0}.get(self.unit, 1.0)
+
+
+def index_of(parameters: Iterable[Parameter]) -> Mapping[str, int]:
+    """Place of each parameter by name."""
+    return {parameter.name: place for place, parameter in enumerate(parameters)}

@@ -1,0 +1,71 @@
+"""Where effects, sensors and builders of mechanisms are found by name.
+
+A module in the folder of its kind is enough: it registers its class, and nothing else is edited.
+A user's own file does the same (``truepose --plugin FILE``, or an import).
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.util
+import pkgutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Generic, TypeVar
+
+from truepose.errors import InputError
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """Named entries of one kind, filled on first use from the modules of a package."""
+
+    def __init__(self, kind: str, package: str) -> None:
+        self._kind, self._package, self._entries, self._filled = kind, package, dict[str, T](), False
+
+    def add(self, name: str) -> Callable[[T], T]:
+        """Decorator: the class that follows is known by ``name``."""
+
+        def register(entry: T) -> T:
+            self._entries[name] = entry
+            return entry
+
+        return register
+
+    def get(self, name: object, where: str) -> T:
+        """The entry of that name; InputError naming ``where``, what exists and close matches."""
+        self._fill()
+        if isinstance(name, str) and name in self._entries:
+            return self._entries[name]
+        close = difflib.get_close_matches(str(name), self._entries, n=2)
+        hint = f"; did you mean {' or '.join(close)}?" if close else ""
+        raise InputError(f"{where}: found {self._kind} {name!r}, expected one of {', '.join(sorted(self._entries))}{hint}")
+
+    def __iter__(self) -> Iterator[str]:
+        self._fill()
+        return iter(sorted(self._entries))
+
+    def discard(self, name: str) -> None:
+        """Forget an entry (tests)."""
+        self._entries.pop(name, None)
+
+    def _fill(self) -> None:
+        if self._filled:
+            return
+        self._filled = True
+        package = importlib.import_module(self._package)
+        for module in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f"{self._package}.{module.name}")
+
+
+def load_plugin(path: Path) -> ModuleType:
+    """Run a user's file so that what it registers is known."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise InputError(f"{path}: found no Python file, expected a plugin that registers effects, sensors or builders")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

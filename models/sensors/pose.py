@@ -1,0 +1,124 @@
+"""Position and full pose of the tool frame (laser tracker with a 6-D probe, motion capture)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from truepose.models import lie
+from truepose.models.context import BuildContext
+from truepose.models.parameters import Parameter
+from truepose.models.sensors.base import Array, Channel, Sensor, sensors
+from truepose.models.units import AngleTolerance, LengthTolerance, Section
+
+_XYZ, _ROT = ("x", "y", "z"), ("rx", "ry", "rz")
+
+
+class _Sigma(Section):
+    xyz: LengthTolerance
+    rot: AngleTolerance
+
+
+class _PoseSection(Section):
+    type: Literal["pose"]
+    sigma: _Sigma
+
+
+class _PositionSigma(Section):
+    xyz: LengthTolerance
+
+
+class _PositionSection(Section):
+    type: Literal["position"]
+    sigma: _PositionSigma
+
+
+@sensors.add("pose")
+@dataclass(frozen=True)
+class Pose(Sensor):
+    """x y z and a rotation vector; the rotation residual is Log(R_measured' R), rad."""
+
+    sigma_xyz: float
+    sigma_rot: float
+    type = "pose"
+
+    @classmethod
+    def build(cls, section: Mapping[str, Any], context: BuildContext) -> Pose:
+        """From ``sigma: {xyz, rot}``."""
+        parsed = context.parse(_PoseSection, section)
+        return cls(parsed.sigma.xyz, parsed.sigma.rot)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """None: the tool frame is the machine's."""
+        return ()
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """x y z mm, rx ry rz rad."""
+        return dict.fromkeys(_XYZ, "mm") | dict.fromkeys(_ROT, "rad")
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Three lengths, three small angles."""
+        return (
+            *(Channel(name, "mm", self.sigma_xyz, "position", "tool") for name in _XYZ),
+            *(Channel(name, "rad", self.sigma_rot, "rotation", "tool") for name in _ROT),
+        )
+
+    def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
+        """Position and rotation vector (turns below 180 deg; ``values`` has no such limit)."""
+        return ca.vertcat(world[:3, 3], lie.log_so3_sx(world[:3, :3]))
+
+    def residual(self, world: ca.SX, s: Mapping[str, ca.SX], reading: ca.SX) -> ca.SX:
+        """p - p_measured, Log(R_measured' R)."""
+        angle = ca.sqrt(ca.sumsqr(reading[3:]) + 1e-30)
+        measured = lie.axis_rotation(reading[3:] / angle, angle)
+        return ca.vertcat(world[:3, 3] - reading[:3], lie.log_so3_sx(measured.T @ world[:3, :3]))
+
+    def values(self, world: Array, predicted: Array) -> Array:
+        """Rotation vectors with angle in [0, pi], whatever the pose."""
+        return np.hstack([world[:, :3, 3], lie.log_so3(world[:, :3, :3])])
+
+    def noisy(self, values: Array, rng: np.random.Generator) -> Array:
+        """Noise on the rotation is R Exp(noise)."""
+        noise = rng.standard_normal((len(values), 6))
+        turned = lie.exp_so3(values[:, 3:]) @ lie.exp_so3(self.sigma_rot * noise[:, 3:])
+        return np.hstack([values[:, :3] + self.sigma_xyz * noise[:, :3], lie.log_so3(turned)])
+
+
+@sensors.add("position")
+@dataclass(frozen=True)
+class Position(Sensor):
+    """x y z of the tool frame's origin."""
+
+    sigma_xyz: float
+    type = "position"
+
+    @classmethod
+    def build(cls, section: Mapping[str, Any], context: BuildContext) -> Position:
+        """From ``sigma: {xyz}``."""
+        return cls(context.parse(_PositionSection, section).sigma.xyz)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """None: the tool frame is the machine's."""
+        return ()
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """x y z, mm."""
+        return dict.fromkeys(_XYZ, "mm")
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Three lengths of one point."""
+        return tuple(Channel(name, "mm", self.sigma_xyz, "position", "tool") for name in _XYZ)
+
+    def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
+        """The tool frame's origin, mm."""
+        return world[:3, 3]

@@ -1,0 +1,76 @@
+"""Several points on the tool body (photogrammetry, a tracker with several reflectors)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import casadi as ca
+
+from truepose.errors import InputError
+from truepose.models.context import BuildContext
+from truepose.models.parameters import Parameter
+from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.units import LengthTolerance, LengthVector, Section
+
+_XYZ = ("x", "y", "z")
+
+
+class _Sigma(Section):
+    xyz: LengthTolerance
+
+
+class _Tolerance(Section):
+    points: LengthTolerance = 0.0
+
+
+class _TargetsSection(Section):
+    type: Literal["targets"]
+    points: dict[str, LengthVector]
+    sigma: _Sigma
+    tolerance: _Tolerance = _Tolerance()
+
+
+@sensors.add("targets")
+@dataclass(frozen=True)
+class Targets(Sensor):
+    """Points P1, P2 ... in the tool frame, read as P1.x P1.y P1.z ... in the sensor frame."""
+
+    points: tuple[Parameter, ...]
+    sigma_xyz: float
+    type = "targets"
+
+    @classmethod
+    def build(cls, section: Mapping[str, Any], context: BuildContext) -> Targets:
+        """From ``points``, ``sigma: {xyz}`` and ``tolerance: {points}``."""
+        parsed = context.parse(_TargetsSection, section)
+        if not parsed.points:
+            raise InputError(f"{context.where}.points: found no point, expected at least one")
+        points = tuple(
+            context.parameter(f"{name}.{axis}", "mm", point[k], ("points", name, k), "target", parsed.tolerance.points)
+            for name, point in parsed.points.items()
+            for k, axis in enumerate(_XYZ)
+        )
+        return cls(points, parsed.sigma.xyz)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Coordinates of the points in the tool frame, mm."""
+        return self.points
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """P1.x P1.y P1.z ..., mm."""
+        return {p.name: "mm" for p in self.points}
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Three lengths a point."""
+        return tuple(Channel(p.name, "mm", self.sigma_xyz, "position", p.name.rsplit(".", 1)[0]) for p in self.points)
+
+    def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
+        """world * point for every point, mm."""
+        names = [p.name for p in self.points]
+        triples = [names[k : k + 3] for k in range(0, len(names), 3)]
+        return ca.vertcat(*(world[:3, :3] @ ca.vertcat(*(s[n] for n in triple)) + world[:3, 3] for triple in triples))

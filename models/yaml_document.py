@@ -1,0 +1,126 @@
+"""YAML texts in and out: safe tags only, no duplicate keys, numbers as YAML 1.2 writes them.
+
+PyYAML follows YAML 1.1, in which ``1e-4`` is a text; here it is a number, and a text that looks like a
+number is quoted when written, so that every document reads back as it was.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from truepose.errors import InputError
+
+_FLOAT: Final = re.compile(
+    r"""^(?:[-+]?(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?
+    |[-+]?[0-9]+[eE][-+]?[0-9]+|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$""",
+    re.VERBOSE,
+)
+_TAG: Final = "tag:yaml.org,2002:"
+_LARGEST = 1_000_000  # nodes, aliases written out: a few lines of aliases can stand for billions
+
+
+def _refuse(problem: str, node: yaml.Node) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+
+
+class _Loader(yaml.SafeLoader):
+    """SafeLoader that refuses duplicate keys, keys that are no text, and endless aliases."""
+
+    def get_single_node(self) -> yaml.Node | None:
+        node = super().get_single_node()
+        if node is not None and self._size(node, {}) > _LARGEST:
+            raise _refuse("the document is too large once its aliases are written out", node)
+        return node
+
+    def _size(self, node: yaml.Node, sizes: dict[int, int]) -> int:
+        if id(node) in sizes:
+            if sizes[id(node)] == 0:  # met again inside itself
+                raise _refuse("an alias contains itself", node)
+            return sizes[id(node)]
+        sizes[id(node)] = 0
+        size = 1
+        if isinstance(node, yaml.MappingNode):
+            self._check_keys(node)
+            size += sum(self._size(item, sizes) for pair in node.value for item in pair)
+        elif isinstance(node, yaml.SequenceNode):
+            size += sum(self._size(item, sizes) for item in node.value)
+        sizes[id(node)] = size
+        return size
+
+    def _check_keys(self, node: yaml.MappingNode) -> None:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if key.tag not in {_TAG + "str", _TAG + "merge"}:
+                kind = str(key.tag).removeprefix(_TAG)
+                raise _refuse(f"field name {key.value!r} is read as {kind}, put it in quotes", key)
+            if key.value in seen:
+                raise _refuse(f"duplicate key {key.value!r}", key)
+            seen.add(key.value)
+
+
+class _Dumper(yaml.SafeDumper):
+    """SafeDumper that writes lists of plain values on one line and takes NumPy values."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+    def represent_data(self, data: Any) -> yaml.Node:
+        if isinstance(data, np.generic | np.ndarray):
+            data = data.tolist()
+        if isinstance(data, (list, tuple)):
+            flat = not any(isinstance(item, (list, tuple, Mapping, np.ndarray)) for item in data)
+            return self.represent_sequence(_TAG + "seq", data, flow_style=flat)
+        if isinstance(data, Mapping):
+            return self.represent_mapping(_TAG + "map", data.items())
+        return super().represent_data(data)
+
+
+def _use_yaml_1_2_floats(kind: type[yaml.SafeLoader] | type[yaml.SafeDumper]) -> None:
+    resolvers = {
+        first: [(tag, pattern) for tag, pattern in rules if tag != _TAG + "float"]
+        for first, rules in kind.yaml_implicit_resolvers.items()
+    }
+    for first in "-+0123456789.":
+        resolvers.setdefault(first, []).insert(0, (_TAG + "float", _FLOAT))
+    kind.yaml_implicit_resolvers = resolvers
+
+
+_use_yaml_1_2_floats(_Loader)
+_use_yaml_1_2_floats(_Dumper)
+
+
+def read_document(path: Path | str) -> dict[str, Any]:
+    """The mapping a YAML file holds.
+
+    Raises InputError, naming file and line, for an unreadable file, a syntax error, a duplicate key, an
+    unsafe tag, or a document that is not a mapping with text keys.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as exc:
+        reason = exc.strerror if isinstance(exc, OSError) else "not a text in UTF-8"
+        raise InputError(f"{path}: cannot read the file: {reason}") from None
+    try:
+        document = yaml.load(text, _Loader)
+    except yaml.MarkedYAMLError as exc:
+        mark = exc.problem_mark or exc.context_mark
+        line = f"line {mark.line + 1}: " if mark else ""
+        raise InputError(f"{path}: {line}{exc.problem or exc.context}") from None
+    except (yaml.YAMLError, ValueError) as exc:
+        raise InputError(f"{path}: not valid YAML: {str(exc).splitlines()[0]}") from None
+    except RecursionError:
+        raise InputError(f"{path}: nested too deeply") from None
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: expected a mapping of fields, found {type(document).__name__}")
+    return document
+
+
+def document_text(document: Mapping[str, Any]) -> str:
+    """A mapping as YAML: key order kept, floats at full precision, flat lists on one line."""
+    return yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)

@@ -1,0 +1,1 @@
+"""truepose: calibrate precision robots and find the physics their models leave out."""

@@ -1,0 +1,544 @@
+"""Laws that every physics effect keeps on every machine, and the signs and zeros of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.models.effects.base import (
+    Coefficient,
+    Effect,
+    Place,
+    PlacedEffect,
+    Settings,
+    Shifts,
+    Site,
+    effects,
+)
+from truepose.models.kinematics import SymbolicModel, load_scale, symbolic_model
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+from truepose.models.units import parse_unit
+
+Array = NDArray[np.float64]
+
+ARM = """
+gravity: [0, 0, -9.80665]
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 400, d: 50, range: [-170, 170], gear_ratio: 121}
+    - {name: q2, kind: revolute, alpha: 90, d: 150, range: [-90, 90], gear_ratio: 141}
+    - {name: q3, kind: revolute, d: 700, r: 20, range: [-90, 90]}
+frames: {tool: {in: flange, xyz: [300, 0, 40], rpy: [0, 0, 0], tolerance: {xyz: 1, rpy: 1}}}
+sensor: {type: position, sigma: {xyz: 0.01}}
+masses:
+  link2: {kg: 20, com: [300, 10, 5], in: link2}
+  payload: {kg: 3, com: [0, 20, 10], in: tool}
+"""
+STAGE = """
+mechanism:
+  type: serial
+  joints:
+    - {name: s1, kind: prismatic, range: [-150, 150], screw_pitch: 5}
+    - {name: s2, kind: prismatic, alpha: -90, theta: -90, d: 30, range: [-20, 40], screw_pitch: 4}
+    - {name: s3, kind: revolute, alpha: -90, r: 60, range: [-3, 3], gear_ratio: 100}
+frames: {tool: {in: flange, xyz: [10, 20, 80], rpy: [5, 0, 0], tolerance: {xyz: 1, rpy: 1}}}
+sensor: {type: pose, sigma: {xyz: 0.001, rot: 0.001}}
+"""
+ENDS = (
+    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
+    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
+    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
+    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
+    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
+    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
+)
+HEXAPOD = """
+gravity: [0, 0, -9.80665]
+mechanism:
+  type: 6-pus
+  home: [0, 0, 440, 0, 0, 0]
+  legs:
+"""
+CARRIED = """
+frames: {tool: {in: flange, xyz: [0, 0, 30], rpy: [0, 0, 0], tolerance: {xyz: 1, rpy: 1}}}
+sensor: {type: pose, sigma: {xyz: 0.001, rot: 0.001}}
+masses:
+  platform: {kg: 8, com: [0, 0, 15], in: platform}
+  payload: {kg: 2, com: [50, -20, 40], in: tool}
+"""
+_LEG = "    - {{name: leg{k}, joint: {joint}{k}, a: {a}, b: {b}, "
+_PUS = _LEG + "length: 500, range: [-1.3, 1.3], screw_pitch: 1}}\n"
+_UPS = _LEG + "offset: 500, gain: 5, range: [-9, 9], screw_pitch: 5}}\n"
+
+
+def _legs(row: str, joint: str) -> str:
+    return "".join(row.format(k=k, joint=joint, a=a, b=b) for k, (a, b) in enumerate(ENDS, 1))
+
+
+TELESCOPE = HEXAPOD + _legs(_PUS, "rho") + CARRIED
+GOUGH = "units: {joint: turn}" + HEXAPOD.replace("6-pus", "6-ups") + _legs(_UPS, "m") + CARRIED
+TOLERANCES = "tolerances: {length: 0.1, angle: 0.1}\n"
+TEXTS = {"arm": ARM, "stage": STAGE, "telescope": TELESCOPE, "gough": GOUGH}
+LOADED = ("arm", "telescope", "gough")
+READINGS = {
+    "arm": [0.5, -0.4, 0.8],
+    "stage": [60.0, 13.0, 0.03],
+    "telescope": [0.9, -0.5, 0.3, 1.1, -0.8, 0.2],
+    "gough": [2.0, -3.0, 1.0, 4.0, 0.5, -2.0],
+}
+DRIVERS = {"time": 5000.0, "payload": 4.0, "temperature": 27.0, "approach": -1.0, "session": 1.0}
+EFFECTS = list(effects)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A recording as effects see it: two hours, three sessions, these columns."""
+
+    columns: tuple[str, ...] = ("time", "temperature", "approach", "session")
+    n_sessions: int = 3
+
+    def driver(self, name: str) -> object | None:
+        if name.split(".", maxsplit=1)[0] not in self.columns and name not in self.columns:
+            return None
+        return np.linspace(100.0, 7300.0, 5) if name == "time" else np.full(5, 21.0)
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+    folder = tmp_path_factory.mktemp("machines")
+    return {name: _read(folder, name, text) for name, text in TEXTS.items()}
+
+
+def _read(folder: Path, name: str, text: str) -> Machine:
+    path = folder / f"{name}.yaml"
+    path.write_text(f"schema: truepose/machine/1\nname: {name}\n{TOLERANCES}{text}")
+    return load_machine(path)
+
+
+class Solved:
+    """A symbolic model at one configuration: pose, its derivative and the loads; Newton closes the loops."""
+
+    def __init__(self, model: SymbolicModel, q: Sequence[float] | Array, **drivers: float) -> None:
+        m, self.model = model, model
+        given = DRIVERS | drivers
+        z = [given.get(name, given.get(name.split(".")[0], 0.0)) for name in model.drivers]
+        at = [np.array(q), np.array(z), model.p_home]
+        x, inputs = model.home, [m.x, m.q, m.z, m.p]
+        flat = ca.vec(m.pose[:3, :])
+        g = ca.Function("g", inputs, [m.closure, ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)])
+        f = ca.Function("f", inputs, [m.pose, ca.jacobian(flat, m.x), ca.jacobian(flat, m.p)])
+        e = ca.Function("e", inputs, [ca.jacobian(m.energy, m.x), ca.jacobian(m.energy, m.p)])
+        for _ in range(12 if len(x) else 0):
+            residual, gx, _ = (np.array(v) for v in g(x, *at))
+            x = x - np.linalg.solve(gx, residual)[:, 0]
+        _, gx, gp = (np.array(v) for v in g(x, *at))
+        xp = -np.linalg.solve(gx, gp) if len(x) else np.zeros((0, len(model.names)))
+        self.pose, fx, fp = (np.array(v) for v in f(x, *at))
+        self.jacobian: Array = fx @ xp + fp
+        ex, ep = (np.array(v) for v in e(x, *at))
+        self.load: dict[str, float] = dict(zip(model.names, -(ex @ xp + ep)[0], strict=True))
+
+    @property
+    def position(self) -> Array:
+        return np.asarray(self.pose[:3, 3])
+
+
+def candidates(machine: Machine, slug: str) -> list[PlacedEffect]:
+    """The effect at every place with every setting (of long lists, the first and the last two)."""
+    effect, out = effects.get(slug, "test")(), []
+    for place in effect.places(machine):
+        settings = list(effect.settings(machine, place, Campaign()))
+        chosen = settings if len(settings) <= 5 else [settings[0], *settings[-2:]]
+        out += [PlacedEffect.at(effect, machine, place, s) for s in chosen]
+    return out
+
+
+def bare(machine: Machine) -> Solved:
+    """Every parameter and port as a variable, no effects; solved once a machine and gravity."""
+    key = (machine.name, machine.gravity)
+    if key not in _BARE:
+        _BARE[key] = Solved(symbolic_model(machine, ports=True), READINGS[machine.name])
+    return _BARE[key]
+
+
+_BARE: dict[object, Solved] = {}
+
+
+def with_effect(
+    machine: Machine, slug: str, place: Place, settings: Settings | None = None, **values: float
+) -> PlacedEffect:
+    return PlacedEffect.at(effects.get(slug, "test")(), machine, place, settings, values)
+
+
+def shift_slopes(machine: Machine, placed: PlacedEffect) -> dict[str, Array]:
+    """Derivative of each port's shift by the coefficients, at the tests' configuration and drivers."""
+    readings = dict(zip(machine.mechanism.readings, READINGS[machine.name], strict=True))
+    reference = bare(machine)
+    values = dict(zip(reference.model.names, map(ca.SX, reference.model.p_home), strict=True))
+    loads = {name: ca.SX(load / load_scale(machine, name)) for name, load in reference.load.items()}
+    c = {coefficient.name: ca.SX.sym(coefficient.name) for coefficient in placed.coefficients}
+    z = {name: ca.SX(DRIVERS[name.split(".")[0]]) for name in placed.drivers}
+    q = {name: ca.SX(value) for name, value in readings.items()}
+    site = Site(machine, placed.place, placed.settings_map, c, q, z, values, loads)
+    symbols = ca.vertcat(*c.values())
+    return {
+        port: np.array(ca.evalf(ca.substitute(ca.jacobian(shift, symbols), symbols, 0 * symbols)))[0]
+        for port, shift in placed.effect.shifts(site).items()
+    }
+
+
+# -- laws of every effect -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slug", EFFECTS)
+@pytest.mark.parametrize("name", TEXTS)
+def test_zero_coefficients_leave_the_machine_and_slopes_follow_the_ports(
+    machines: Mapping[str, Machine], name: str, slug: str
+) -> None:
+    machine, placed = machines[name], candidates(machines[name], slug)
+    if not placed:
+        return
+    reference = bare(machine)
+    solved = Solved(symbolic_model(machine, placed), READINGS[name])
+    np.testing.assert_allclose(solved.pose, reference.pose, atol=1e-10)
+    column = len(machine.parameters)
+    place_of = {port: k for k, port in enumerate(reference.model.names)}
+    for effect in placed:
+        slopes = shift_slopes(machine, effect)
+        by_port = reference.jacobian[:, [place_of[port] for port in slopes]]
+        expected = by_port @ np.array(list(slopes.values()))
+        found = solved.jacobian[:, column : column + len(effect.coefficients)]
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9, err_msg=effect.label)
+        column += len(effect.coefficients)
+
+
+@pytest.mark.parametrize("slug", EFFECTS)
+@pytest.mark.parametrize("name", TEXTS)
+def test_descriptions_units_and_bounds(machines: Mapping[str, Machine], name: str, slug: str) -> None:
+    kind = effects.get(slug, "test")
+    assert kind.slug == slug
+    assert all((kind.title, kind.formula, kind.size, kind.look_alikes, kind.experiment, kind.source))
+    assert slug not in kind.look_alikes
+    for placed in candidates(machines[name], slug):
+        names = [c.name for c in placed.coefficients]
+        assert len(set(names)) == len(names) > 0
+        for c in placed.coefficients:
+            assert parse_unit(c.unit, c.unit, "test") == c.unit
+            assert 0 < c.scale < np.inf
+            assert c.lower <= 0 < c.upper
+        sentence = placed.effect.explain(machines[name], placed.place)
+        assert sentence.endswith(".")
+        assert 20 < len(sentence) < 200
+
+
+@pytest.mark.parametrize("slug", EFFECTS)
+def test_places_are_distinct_and_settings_default(machines: Mapping[str, Machine], slug: str) -> None:
+    for machine in machines.values():
+        effect = effects.get(slug, "test")()
+        places = list(effect.places(machine))
+        assert len(set(places)) == len(places)
+        if places:  # a user may name a place without settings
+            symbolic_model(machine, [PlacedEffect.at(effect, machine, places[0])])
+
+
+def test_a_leg_and_its_actuator_are_one_place(machines: Mapping[str, Machine]) -> None:
+    machine = machines["telescope"]
+    joint_effects = ("actuator-scale", "backlash", "screw-periodic", "zero-shift", "axis-straightness")
+    for slug in (*joint_effects, "leg-compliance"):
+        slopes = [shift_slopes(machine, with_effect(machine, slug, (name,))) for name in ("leg2", "rho2")]
+        assert slopes[0].keys() == slopes[1].keys()
+        assert all(np.array_equal(slopes[0][port], slopes[1][port]) for port in slopes[0])
+
+
+@pytest.mark.parametrize(("slug", "wrong"), [("actuator-scale", "rho7"), ("leg-compliance", "leg0")])
+def test_unknown_places_are_told(machines: Mapping[str, Machine], slug: str, wrong: str) -> None:
+    with pytest.raises(InputError, match=rf"found '{wrong}' on telescope, expected .* did you mean"):
+        symbolic_model(machines["telescope"], [with_effect(machines["telescope"], slug, (wrong,))])
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_effects_of_weight_need_masses_and_gravity(machines: Mapping[str, Machine], name: str) -> None:
+    for slug in ("joint-compliance", "leg-compliance", "gravity-sag"):
+        assert effects.get(slug, "test").needs_load
+        if name not in LOADED:
+            assert not effects.get(slug, "test")().places(machines[name])
+
+
+# -- signs and zeros of the specification ---------------------------------------------------------------
+
+
+def _position(machine: Machine, q: Sequence[float] | Array, *placed: PlacedEffect, **drivers: float) -> Array:
+    return Solved(symbolic_model(machine, placed), q, **drivers).position
+
+
+def test_a_compliant_joint_of_a_horizontal_arm_gives_way_downwards(machines: Mapping[str, Machine]) -> None:
+    arm, level = machines["arm"], [0.0, 0.0, 0.0]
+    c = 1e-6
+    moved = _position(arm, level, with_effect(arm, "joint-compliance", ("q2",), c=c)) - _position(arm, level)
+    torque = 9.80665 * (20 * 0.3 + 4 * 1.0)  # 20 kg at 0.3 m, the payload of 4 kg at 0.7 + 0.3 m
+    assert moved[2] == pytest.approx(-c * torque * 1000, rel=1e-4)
+
+
+def test_the_vertical_axis_of_a_level_arm_carries_nothing(machines: Mapping[str, Machine]) -> None:
+    arm = machines["arm"]
+    moved = _position(arm, [0.3, 0.2, 0.1], with_effect(arm, "joint-compliance", ("q1",), c=1e-4))
+    np.testing.assert_allclose(moved, _position(arm, [0.3, 0.2, 0.1]), atol=1e-9)
+
+
+def test_a_sagging_base_turns_the_arm_downwards(machines: Mapping[str, Machine]) -> None:
+    arm, level, c = machines["arm"], [0.0, 0.0, 0.0], 1e-6
+    start = _position(arm, level)
+    moved = _position(arm, level, with_effect(arm, "gravity-sag", ("base",), c=c)) - start
+    moment = 9.80665 * (20 * 0.5 + 4 * 1.2)  # levers from the base's origin: 50 + 150 mm more than from q2
+    assert moved[2] == pytest.approx(-c * moment * start[0], rel=1e-2)
+    assert moved[0] > 0  # the tool stands above the mount and tips forward
+
+
+@pytest.mark.parametrize("name", ["telescope", "gough"])
+def test_legs_shorten_under_a_platform_they_carry_and_grow_where_it_hangs(
+    machines: Mapping[str, Machine], name: str
+) -> None:
+    standing = machines[name]
+    hanging = replace(standing, gravity=(0.0, 0.0, 9.80665))
+    legs = tuple(limb.name for limb in standing.mechanism.limbs)
+    for machine, sign in ((standing, -1), (hanging, 1)):
+        soft = with_effect(machine, "leg-compliance", legs, c=1e-3)
+        before, after = (_position(machine, [0.0] * 6, *e) for e in ((), (soft,)))
+        assert sign * (after - before)[2] > 0
+        assert sign * sum(float(slope[0]) for slope in shift_slopes(machine, soft).values()) > 0
+
+
+def test_leg_forces_balance_the_weight(machines: Mapping[str, Machine]) -> None:
+    machine = machines["telescope"]
+    reference = bare(machine)
+    values = dict(zip(reference.model.names, reference.model.p_home, strict=True))
+    pose = reference.pose  # of the tool, 30 mm above the platform
+    up = 0.0
+    for k, limb in enumerate(machine.mechanism.limbs):
+        end = np.array([values[n] for n in limb.platform_point]) - [0, 0, 30]
+        top = pose[:3, :3] @ end
+        foot = np.add([values[n] for n in limb.base_point], [0, 0, READINGS["telescope"][k]])
+        leg = pose[:3, 3] + top - foot
+        up -= reference.load[limb.length] * leg[2] / np.linalg.norm(leg)
+    assert up == pytest.approx(9.80665 * (8 + 4), rel=1e-9)
+
+
+def test_a_scale_multiplies_the_reading_before_the_offset(machines: Mapping[str, Machine]) -> None:
+    machine, q = machines["gough"], np.array(READINGS["gough"])
+    s = 0.02
+    one = _position(machine, q, with_effect(machine, "actuator-scale", ("m3",), s=s))
+    np.testing.assert_allclose(one, _position(machine, q * (1 + s * (np.arange(6) == 2))), atol=1e-9)
+    every = with_effect(machine, "actuator-scale", machine.mechanism.readings, s=s)
+    np.testing.assert_allclose(_position(machine, q, every), _position(machine, q * (1 + s)), atol=1e-9)
+
+
+@pytest.mark.parametrize("approach", [1.0, -1.0])
+def test_backlash_leaves_the_joint_behind(machines: Mapping[str, Machine], approach: float) -> None:
+    arm, b = machines["arm"], 1e-3
+    found = _position(arm, [0.3, 0.2, 0.1], with_effect(arm, "backlash", ("q2",), b=b), approach=approach)
+    np.testing.assert_allclose(found, _position(arm, [0.3, 0.2 - b / 2 * approach, 0.1]), atol=1e-9)
+
+
+def test_periodic_errors_have_their_period(machines: Mapping[str, Machine]) -> None:
+    stage, arm = machines["stage"], machines["arm"]
+    screw = with_effect(stage, "screw-periodic", ("s2",), {"harmonic": 2.0}, a=0.01, b=0.02)
+    off = [_position(stage, [0, s, 0], screw) - _position(stage, [0, s, 0]) for s in (0.3, 2.3, 1.3)]
+    np.testing.assert_allclose(off[0], off[1], atol=1e-10)  # half of a pitch of 4 mm
+    np.testing.assert_allclose(off[0], -off[2], atol=1e-10)
+    gear = with_effect(arm, "transmission-error", ("q1",), {"order": 7.0}, a=1e-3)
+    expected = _position(arm, [0.3 + 1e-3 * np.sin(2.1), 0.2, 0.1])
+    np.testing.assert_allclose(_position(arm, [0.3, 0.2, 0.1], gear), expected, atol=1e-9)
+    again = shift_slopes(machines["gough"], with_effect(machines["gough"], "screw-periodic", ("m1",)))
+    np.testing.assert_allclose(again["m1.displacement"], [0, 1], atol=1e-12)  # two whole turns of the motor
+
+
+def test_orders_are_those_that_the_range_can_show(machines: Mapping[str, Machine]) -> None:
+    effect = effects.get("transmission-error", "test")()
+    orders = [s["order"] for s in effect.settings(machines["arm"], ("q1",), Campaign())]
+    assert orders == [*map(float, range(1, 31)), 121.0, 242.0]
+    small = [s["order"] for s in effect.settings(machines["stage"], ("s3",), Campaign())]
+    assert small == [*map(float, range(15, 31)), 100.0, 200.0]  # a quarter of a period in 6 deg
+
+
+def test_coupling_moves_the_driven_joint_by_the_driving_one(machines: Mapping[str, Machine]) -> None:
+    stage, k = machines["stage"], 0.5
+    placed = with_effect(stage, "axis-coupling", ("s1", "s3"), k=k)
+    assert placed.coefficients[0].unit == "mm/rad"
+    np.testing.assert_allclose(
+        _position(stage, [60, 13, 0.03], placed), _position(stage, [60 + k * 0.03, 13, 0.03]), atol=1e-9
+    )
+    with pytest.raises(InputError, match="expected two joints: driven, driving"):
+        with_effect(stage, "axis-coupling", ("s1",))
+
+
+def test_heat_stretches_its_own_place_and_counts_from_20_degrees(machines: Mapping[str, Machine]) -> None:
+    arm, hexapod, alpha = machines["arm"], machines["telescope"], 2e-5
+    q = READINGS["arm"]
+    cold = _position(arm, q)
+    for place in effects.get("thermal-expansion", "test")().places(arm):
+        heated = with_effect(arm, "thermal-expansion", place, alpha=alpha)
+        np.testing.assert_allclose(_position(arm, q, heated, temperature=20.0), cold, atol=1e-10)
+    ports = {
+        place: shift_slopes(arm, with_effect(arm, "thermal-expansion", (place,)))
+        for place in ("base", "link1", "link2", "tool")
+    }
+    assert {place: set(slopes) for place, slopes in ports.items()} == {
+        "base": {"q1.r", "q1.d"},
+        "link1": {"q2.d"},
+        "link2": {"q2.r", "q3.d"},
+        "tool": {"tool.x", "tool.y", "tool.z"},
+    }
+    assert ports["base"]["q1.r"] == pytest.approx(7 * 400)
+    base = shift_slopes(hexapod, with_effect(hexapod, "thermal-expansion", ("base",)))
+    assert base["leg1.a.x"] == pytest.approx(7 * 391.3)
+    rho = shift_slopes(machines["gough"], with_effect(machines["gough"], "thermal-expansion", ("leg1",)))
+    assert rho["m1.displacement"] == pytest.approx(7 * (500 + 5 * READINGS["gough"][0]))
+
+
+def test_lags_and_thermometers_follow_the_recording(machines: Mapping[str, Machine]) -> None:
+    effect, machine = effects.get("thermal-expansion", "test")(), machines["telescope"]
+    legs = tuple(f"leg{k}" for k in range(1, 7))
+    assert [s["lag"] for s in effect.settings(machine, ("base",), Campaign())] == [0, 300, 900, 1800, 3600]
+    assert [s["lag"] for s in effect.settings(machine, ("base",), Campaign(("temperature",)))] == [0]
+    lagging = with_effect(machine, "thermal-expansion", ("base",), {"lag": 900.0})
+    assert lagging.drivers == ("temperature.base~900",)
+    own = effect.settings(machine, legs, Campaign())[0]
+    assert effect.drivers(machine, legs, own) == tuple(f"temperature.{leg}" for leg in legs)
+    shared = effect.settings(machine, legs, Campaign(("temperature.leg2",)))[0]
+    assert effect.drivers(machine, legs, shared) == ("temperature.leg2",)
+
+
+def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
+    arm, q = machines["arm"], [0.3, 0.2, 0.1]
+    still = _position(arm, q)
+    steady = with_effect(arm, "mount-drift", ("base",), {"tau": 0.0, "start": 1000.0}, x=0.02)
+    moved = _position(arm, q, steady, time=1000 + 1800) - still
+    np.testing.assert_allclose(moved, [0.01, 0, 0], atol=1e-9)
+    settling = with_effect(arm, "mount-drift", ("base",), {"tau": 600.0, "start": 1000.0}, z=0.05)
+    assert settling.coefficients[2].unit == "mm"
+    assert _position(arm, q, settling, time=1600)[2] - still[2] == pytest.approx(0.05 * (1 - np.exp(-1)))
+    taus = [s["tau"] for s in settling.effect.settings(arm, ("base",), Campaign())]
+    assert taus == [0, 720, 2200, 7200]
+    bumped = with_effect(arm, "frame-shift", ("base",), {"session": 2.0}, y=0.3)
+    assert bumped.drivers == ("session.after.2",)
+    np.testing.assert_allclose(_position(arm, q, bumped, session=1.0) - still, [0, 0.3, 0], atol=1e-9)
+    np.testing.assert_allclose(_position(arm, q, bumped, session=0.0), still, atol=1e-12)
+    assert [s["session"] for s in bumped.effect.settings(arm, ("base",), Campaign())] == [1, 2]
+    assert not bumped.effect.settings(arm, ("base",), Campaign(n_sessions=1))
+    homed = with_effect(arm, "zero-shift", ("q2",), {"session": 1.0}, zero=0.01)
+    np.testing.assert_allclose(_position(arm, q, homed), _position(arm, [0.3, 0.21, 0.1]), atol=1e-9)
+
+
+def test_a_bent_guideway_of_an_arm_and_of_a_leg(machines: Mapping[str, Machine]) -> None:
+    stage, hexapod = machines["stage"], machines["telescope"]
+    bent = with_effect(stage, "axis-straightness", ("s1",), {"degree": 2.0}, x2=0.01, rz1=1e-4)
+    assert [c.name for c in bent.coefficients] == ["x2", "y2", "z2", "rx1", "ry1", "rz1"]
+    start, end = (_position(stage, [s, 13, 0], bent) - _position(stage, [s, 13, 0]) for s in (0, 150))
+    np.testing.assert_allclose(start, 0, atol=1e-12)
+    assert end[0] - 0.01 == pytest.approx(-1e-4 * _position(stage, [0, 13, 0])[1], rel=1e-2)
+    rail = with_effect(hexapod, "axis-straightness", ("rho1",), {"degree": 3.0})
+    assert [c.name for c in rail.coefficients] == ["x2", "y2", "x3", "y3"]
+    assert not effects.get("axis-straightness", "test")().places(machines["gough"])
+
+
+def test_a_bending_platform_moves_its_leg_ends(machines: Mapping[str, Machine]) -> None:
+    machine = machines["telescope"]
+    rho = np.array(READINGS["telescope"])
+    common = shift_slopes(machine, with_effect(machine, "platform-deformation", ("platform",)))
+    np.testing.assert_allclose([common[f"leg{k}.b.z"][0] for k in range(1, 7)], rho)
+    full = with_effect(machine, "platform-deformation", ("platform",), {"form": 2.0})
+    assert len(full.coefficients) == 36
+    assert (full.coefficients[0].name, full.coefficients[35].name) == ("K[1,1]", "K[6,6]")
+    np.testing.assert_allclose(shift_slopes(machine, full)["leg2.b.z"][6:12], rho)
+    forms = [s["form"] for s in full.effect.settings(machine, ("platform",), Campaign())]
+    assert forms == [0, 1, 3, 2]
+
+
+def test_the_symmetric_platform_repeats_its_first_row_round_the_ring(machines: Mapping[str, Machine]) -> None:
+    machine = machines["telescope"]
+    placed = with_effect(machine, "platform-deformation", ("platform",), {"form": 3.0})
+    slopes = shift_slopes(machine, placed)
+    names = [c.name for c in placed.coefficients]
+    assert sorted(names) == [f"K[1,{k}]" for k in range(1, 7)]
+    rho = READINGS["telescope"]
+    neighbour = names.index("K[1,6]")  # legs 1 and 6 hold one side of the platform, so do 2 and 3, 4 and 5
+    for leg, other in ((1, 6), (6, 1), (2, 3), (3, 2), (4, 5), (5, 4)):
+        assert slopes[f"leg{leg}.b.z"][neighbour] == pytest.approx(rho[other - 1])
+        assert slopes[f"leg{leg}.b.z"][names.index("K[1,1]")] == pytest.approx(rho[leg - 1])
+
+
+def test_the_measured_ring_of_the_telescope_has_its_symmetry(machines: Mapping[str, Machine]) -> None:
+    """Equation 4 of INRIA RR-8096, measured: six numbers in place of 36 leave little of it."""
+    measured = np.array(
+        [
+            [16, 0, -8, 12, -2, -20],
+            [0, 20, -17, -1, 13, -13],
+            [-2, -15, 14, 2, -9, 9],
+            [6, -12, 4, 14, -16, 2],
+            [-12, 7, 0, -15, 14, 4],
+            [-20, -1, 10, -10, 2, 19],
+        ]
+    )
+    machine = machines["telescope"]
+    placed = with_effect(machine, "platform-deformation", ("platform",), {"form": 3.0})
+    slopes, rho = shift_slopes(machine, placed), np.array(READINGS["telescope"])
+    leg_of = np.array([[np.argmin(abs(rho - v)) for v in slopes[f"leg{k}.b.z"]] for k in range(1, 7)])
+    entries = np.take_along_axis(measured, leg_of, axis=1)  # (leg, coefficient)
+    assert np.linalg.norm(entries - entries.mean(axis=0)) < 0.3 * np.linalg.norm(measured)
+
+
+def test_rails_tilt_alike_towards_their_legs(machines: Mapping[str, Machine]) -> None:
+    machine = machines["telescope"]
+    effect = effects.get("wrong-constant", "test")()
+    together = max(effect.places(machine), key=len)
+    assert len(together) == 12
+    slopes = shift_slopes(machine, PlacedEffect.at(effect, machine, together))
+    leg = np.array([173.6 - 391.3, -179.9 + 83.2])
+    np.testing.assert_allclose(
+        [slopes["leg1.u.x"][0], slopes["leg1.u.y"][0]], leg / np.linalg.norm(leg), atol=1e-9
+    )
+    one = with_effect(machine, "wrong-constant", ("leg3.length",), value=2.0)
+    assert one.coefficients[0].unit == "mm"
+    assert shift_slopes(machine, one) == {"leg3.length": np.array([1.0])}
+    assert ("leg3.gain",) not in effect.places(machine)  # exactly known
+    with pytest.raises(InputError, match=r"found no port 'leg9\.length'"):
+        symbolic_model(machine, [with_effect(machine, "wrong-constant", ("leg9.length",))])
+
+
+# -- a user's own effect --------------------------------------------------------------------------------
+
+
+def test_a_new_effect_is_a_dozen_lines(machines: Mapping[str, Machine]) -> None:
+    @effects.add("cable-pull")
+    class CablePull(Effect):
+        """A cable pulls the tool sideways in proportion to the first joint's reading."""
+
+        slug: ClassVar[str] = "cable-pull"
+
+        def places(self, machine: Machine) -> Sequence[Place]:
+            return [("tool",)]
+
+        def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+            return (Coefficient("k", "mm/rad", 0.1),)
+
+        def shifts(self, site: Site) -> Shifts:
+            return {"tool.motion.y": site.c["k"] * site.moved("q1")}
+
+    try:
+        assert "cable-pull" in list(effects)
+        arm, q = machines["arm"], [0.5, 0.0, 0.0]
+        moved = _position(arm, q, with_effect(arm, "cable-pull", ("tool",), k=0.2)) - _position(arm, q)
+        assert np.linalg.norm(moved) == pytest.approx(0.1)
+    finally:
+        effects.discard("cable-pull")
+    assert "cable-pull" not in list(effects)
