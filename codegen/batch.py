@@ -7,6 +7,7 @@ Use ``BatchFunction`` where the same expressions are needed for every row of a r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -35,7 +36,10 @@ class BatchFunction:
         """Outputs for n rows; n is that of the first two-dimensional input."""
         rows = next((len(a) for a in inputs if np.ndim(a) == 2), 1)
         results = tuple(np.empty((rows, columns, height)) for height, columns in self._shapes)
-        prepared = [np.ascontiguousarray(np.broadcast_to(a, (rows, size)), dtype=float) for a, size in zip(inputs, self._sizes, strict=True)]
+        prepared = [
+            np.ascontiguousarray(np.broadcast_to(a, (rows, size)), dtype=float)
+            for a, size in zip(inputs, self._sizes, strict=True)
+        ]
         for start in range(0, rows, CHUNK):
             part = slice(start, min(start + CHUNK, rows))
             self._evaluate([a[part] for a in prepared], [result[part] for result in results])
@@ -45,11 +49,16 @@ class BatchFunction:
         rows = len(outputs[0])
         if rows not in self._mapped:
             self._mapped[rows] = self._function if rows == 1 else self._function.map(rows)
+        buffer: Any  # casadi's stubs misstate what it takes
         buffer, evaluate = self._mapped[rows].buffer()
         for k, item in enumerate(inputs):
             if item.size:
-                buffer.set_arg(k, memoryview(item).cast("B").cast("d"))
+                buffer.set_arg(k, _memory(item))
         for k, item in enumerate(outputs):
             if item.size:
-                buffer.set_res(k, memoryview(item).cast("B").cast("d"))
+                buffer.set_res(k, _memory(item))
         evaluate()
+
+
+def _memory(item: Array) -> memoryview[float]:
+    return memoryview(item.data).cast("B").cast("d")

@@ -1,8 +1,8 @@
-"""The controller's C from a machine: ``generate`` writes one directory of C99 that needs nothing but ``math.h``.
+"""The controller's C from a machine: ``generate`` writes a directory of C99 that needs only ``math.h``.
 
-The same symbolic model that identification fits is printed as scalar C (``expressions``, ``printer``); a small
-solver that is the same for every machine is a template beside it. Nothing here knows a kind of machine: an open
-chain is one without passive coordinates.
+The symbolic model that identification fits is printed as scalar C (``expressions``, ``printer``); a small
+solver that is the same for every machine is a template beside it. Nothing here knows a kind of machine:
+an open chain is one without passive coordinates.
 """
 
 from __future__ import annotations
@@ -30,20 +30,22 @@ from truepose.models import lie
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import Machine
 
-MAX_ITER = 600
+MAX_ITER = 1000
 """Evaluations of the model that one inverse may take."""
-_LIMITS = {"fk_limit": 300, "attempt_limit": 40, "seed_limit": 20, "starts": 40}
+_LIMITS = {"fk_limit": 300, "attempt_limit": 40, "seed_limit": 20, "leaps": 6, "patience": 3}
 _EXAMPLES = 8
 _TEMPLATES = Path(__file__).parent / "templates"
 _LOCALS = {"p": "const real *p = m->p;", "z": "const real *z = m->z;", "k": "const real *k = m->k;"}
 _Targets = list[tuple[str, int]]
 
 
-def generate(machine: Machine, directory: Path, real: Real = "double", *, nominal: Mapping[str, float] | None = None) -> list[Path]:
+def generate(
+    machine: Machine, directory: Path, real: Real = "double", *, nominal: Mapping[str, float] | None = None
+) -> list[Path]:
     """Write the C of ``machine`` with its effects into ``directory``, whole or not at all; the paths written.
 
-    ``real`` is the type of every number. ``nominal`` gives values of the drawing by parameter name (mm, rad) for
-    ``NAME_compensate``; what it does not name, and all without it, is taken as the machine file has it.
+    ``real`` is the type of every number. ``nominal`` gives values of the drawing by parameter name (mm, rad)
+    for ``NAME_compensate``; what it does not name, and all without it, is as the machine file has it.
 
     Raises InputError when the machine's name is no C identifier or ``nominal`` names an unknown parameter.
     """
@@ -61,7 +63,11 @@ def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None 
     """The files of ``generate`` as texts by file name."""
     model = symbolic_model(machine, machine.effects)
     layout = layout_of(model, real)
-    context = {**_common(model, layout, real), **_expressions(model, real), "nominal": _nominal(model, nominal)}
+    context = {
+        **_common(model, layout, real),
+        **_expressions(model, real),
+        "nominal": _nominal(model, nominal),
+    }
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
         undefined=jinja2.StrictUndefined,
@@ -87,7 +93,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         return ", ".join(lit(v) for v in values)
 
     single = real == "float"
-    nx, forces = len(model.home), len(layout.unknown) - layout.bounded
+    nx, forces = len(model.home), layout.bounded.count(0)
     places = {name: k for k, name in enumerate(model.names)}
     return {
         "name": model.machine.name,
@@ -95,6 +101,8 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "f": "f" if single else "",
         "pi": math.pi,
         "limit": "1e37f" if single else "1e300",
+        "smallest": 1e-9 if single else 1e-13,
+        "stride": 0.5 if nx else 1.0,
         "lit": lit,
         "numbers": numbers,
         "table": lambda values: "\n".join(f"    {lit(v)}," for v in values),
@@ -124,7 +132,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
 
 
 def _expressions(model: SymbolicModel, real: Real) -> dict[str, Any]:
-    """C functions of the model: what is fixed by p and z, the pose, the loops, and all of it with derivatives."""
+    """C functions of the model: what p and z fix, the pose, the loops, and all of it with derivatives."""
     nq, nx, nc = len(model.readings), len(model.home), model.closure.numel()
     y = ca.vertcat(model.q, model.x)
     pose = ca.vec(model.pose[:3, :].T)  # row by row
@@ -141,12 +149,24 @@ def _expressions(model: SymbolicModel, real: Real) -> dict[str, Any]:
     reading = Printer(graph, real, given)
     arguments = "const model *m, const real *q, const real *x"
     blocks = [
-        _function("Values that depend on p and z alone.", "fixed_of", "model *m", _kept_statements(graph, real, kept)),
+        _function(
+            "Values that depend on p and z alone.",
+            "fixed_of",
+            "model *m",
+            _kept_statements(graph, real, kept),
+        ),
         _function("Pose of the tool.", "pose_of", f"{arguments}, real *T", reading.statements(to_pose)),
     ]
     if nx:
         statements = reading.statements(to_loops + of_loops)
-        blocks.append(_function("What the loops lack to close, and its negative derivative by x.", "loops_of", f"{arguments}, real *r, real *J", statements))
+        blocks.append(
+            _function(
+                "What the loops lack to close, and its negative derivative by x.",
+                "loops_of",
+                f"{arguments}, real *r, real *J",
+                statements,
+            )
+        )
     statements = reading.statements(to_pose + to_loops + places)
     comment_of_all = "Pose, what the loops lack to close, and the derivative [twist; closure] by (q, x)."
     blocks.append(_function(comment_of_all, "all_of", f"{arguments}, real *T, real *r, real *J", statements))
@@ -175,7 +195,11 @@ def _function(title: str, name: str, arguments: str, statements: Sequence[str]) 
     used = set(re.findall(r"(?<!>)\b([a-zA-Z]\w*)(?=\[|->)", body))
     lines = [declaration for local, declaration in _LOCALS.items() if local in used]
     named = [argument.split("*")[-1].strip() for argument in arguments.split(",")]
-    lines += [f"(void){argument};" for argument in named if argument not in used and not (argument == "m" and used & set(_LOCALS))]
+    lines += [
+        f"(void){argument};"
+        for argument in named
+        if argument not in used and not (argument == "m" and used & set(_LOCALS))
+    ]
     indented = "\n".join(f"    {line}" for line in [*lines, *statements])
     return f"/* {title} */\nstatic void {name}({arguments})\n{{\n{indented}\n}}\n"
 
@@ -185,19 +209,26 @@ def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[
     geometry = model.machine.geometry
     unknown = [name for name in nominal or {} if name not in geometry]
     if unknown:
-        raise InputError(f"nominal: found {unknown[0]!r}, expected names of parameters of {model.machine.name}")
+        raise InputError(
+            f"nominal: found {unknown[0]!r}, expected names of parameters of {model.machine.name}"
+        )
     own = dict(zip(model.names, model.p_home, strict=True))
     return [float((nominal or {}).get(name, own[name])) if name in geometry else 0.0 for name in model.names]
 
 
 def _entries(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
     rows = zip(names, identifiers(names), units, strict=True)
-    return [{"name": comment(name), "identifier": identifier, "unit": comment(unit)} for name, identifier, unit in rows]
+    return [
+        {"name": comment(name), "identifier": identifier, "unit": comment(unit)}
+        for name, identifier, unit in rows
+    ]
 
 
 def _parameter_units(model: SymbolicModel) -> list[str]:
     machine = model.machine
-    return [p.unit for p in machine.parameters] + [c.unit for effect in machine.effects for c in effect.coefficients]
+    return [p.unit for p in machine.parameters] + [
+        c.unit for effect in machine.effects for c in effect.coefficients
+    ]
 
 
 def _driver_unit(machine: Machine, name: str) -> str:

@@ -19,7 +19,7 @@ _CHEAP = ("ADD", "SUB", "MUL", "NEG", "SQ", "TWICE", "FABS", "INPUT", "CONST")
 
 @dataclass(frozen=True)
 class Node:
-    """One operation: CasADi's name of it (``ADD``, ``SIN`` ...), its arguments, and what a leaf stands for."""
+    """One operation: CasADi's name of it (``ADD``, ``SIN`` ...), arguments, and what a leaf stands for."""
 
     op: str
     args: tuple[int, ...] = ()
@@ -48,7 +48,9 @@ class Graph:
             elif op == "ASSIGN":
                 work[into[0]] = work[arguments[0]]
             elif op == "INPUT":
-                work[into[0]] = self._leaf(op, f"{names[arguments[0]]}[{arguments[1]}]", names[arguments[0]] in self._fixed)
+                work[into[0]] = self._leaf(
+                    op, f"{names[arguments[0]]}[{arguments[1]}]", names[arguments[0]] in self._fixed
+                )
             elif op == "CONST":
                 work[into[0]] = self._leaf(op, repr(float(function.instruction_constant(k))), True)
             else:
@@ -60,7 +62,7 @@ class Graph:
         return self._operation("NEG", (node,))
 
     def reachable(self, ends: Iterable[int], stop: Iterable[int] = ()) -> list[int]:
-        """What ``ends`` are computed from, arguments first; nodes in ``stop`` are given and not looked into."""
+        """What ``ends`` are computed from, arguments first; nodes in ``stop`` are not looked into."""
         given, seen, pending = frozenset(stop), set[int](), list(ends)
         while pending:
             node = pending.pop()
@@ -70,9 +72,9 @@ class Graph:
         return sorted(seen)
 
     def kept(self, ends: Iterable[int]) -> list[int]:
-        """Costly nodes that depend on fixed inputs alone and that ``ends`` read directly or through cheap ones."""
-        worth = [k for k, node in enumerate(self.nodes) if self._is_fixed[k] and node.op not in _CHEAP]
-        return [k for k in self.reachable(ends, worth) if k in frozenset(worth)]
+        """Costly nodes that fixed inputs determine and that ``ends`` read, directly or through cheap ones."""
+        costly = {k for k, node in enumerate(self.nodes) if self._is_fixed[k] and node.op not in _CHEAP}
+        return [k for k in self.reachable(ends, costly) if k in costly]
 
     def _leaf(self, op: str, leaf: str, fixed: bool) -> int:
         return self._place(Node(op, (), leaf), fixed)

@@ -1,7 +1,7 @@
-"""Numbers that the generated C needs beside the expressions: natural units of unknowns and residuals, ranges, starts.
+"""Numbers that the generated C needs beside the expressions: natural units, joint ranges, starts.
 
-Everything the solver compares is in millimetres at the machine's size: rad times ``reach``, modified Rodrigues
-parameters times 4 ``reach``, leg forces as a share of the carried weight.
+Everything the solver compares is in millimetres at the machine's size: rad times ``reach``, modified
+Rodrigues parameters times 4 ``reach``, leg forces as a share of the carried weight.
 """
 
 from __future__ import annotations
@@ -21,7 +21,10 @@ from truepose.models.mechanism import COORDINATES, Actuator
 Array = NDArray[np.float64]
 _STANDARD_GRAVITY = 9.80665
 _UNLIMITED_TURN = math.radians(150.0)
-_FLOAT_TOLERANCE = 2e-6
+_SINGLE = 2e-6
+"""Promised to users of single precision, of the reach and in rad."""
+_KEPT_SHARE = 0.5
+"""Share of that which the solver may use; rounding of parameters and of the model needs the rest."""
 _VECTORS = 64
 _WIDE = 1e30
 
@@ -32,18 +35,19 @@ class Layout:
 
     unknown (nq + nx,)     size of a millimetre in each joint and passive coordinate
     weight (6 + nc,)       factor that turns a residual row into millimetres
+    bounded (nq + nx,)     2 angles, 1 lengths, 0 forces
     low, high (nq,)        joint ranges, widened by the tolerance; unlimited: -+1e30
     start, width (nq,)     where the starts of the inverse are spread
     turns (nq,)            whether a joint repeats after a full turn
     near (nq,)             readings at the home assembly
     position, rotation     tolerances of a solved pose, mm and rad; ``closure`` in mm
-    tight                  the share of the tolerances at which iterations stop early
+    share, tight           shares of the tolerances: within which a pose is solved, at which iterations stop
     """
 
     reach: float
     unknown: Array
     weight: Array
-    bounded: int
+    bounded: tuple[int, ...]
     low: Array
     high: Array
     start: Array
@@ -53,6 +57,7 @@ class Layout:
     position: float
     rotation: float
     closure: float
+    share: float
     tight: float
     vectors: tuple[tuple[Array, Array], ...]
 
@@ -73,18 +78,24 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
     # rounded, so that a last digit of another mathematical library does not change the code
     reach = float(f"{reach:.6g}")
     single = real == "float"
-    position = _FLOAT_TOLERANCE * reach if single else 1e-6
-    rotation = _FLOAT_TOLERANCE if single else 1e-9
+    position = _SINGLE * reach if single else 1e-6
+    rotation = _SINGLE if single else 1e-9
+    share = _KEPT_SHARE if single else 1.0
     unknown = _unknowns(model, reach)
-    slack = np.array([position * u if a.unit == "mm" else rotation * reach * u for a, u in zip(actuators, unknown, strict=False)])
+    slack = np.array(
+        [
+            position * u if a.unit == "mm" else rotation * reach * u
+            for a, u in zip(actuators, unknown, strict=False)
+        ]
+    )
     ranges = [a.range or (-_WIDE, _WIDE) for a in actuators]
-    geometric = len(actuators) + sum(COORDINATES[j.kind] for j in machine.mechanism.passive)
+    bounded = _bounded(model)
     start, width = _starts(machine, near, low, high)
     return Layout(
         reach=reach,
         unknown=unknown,
-        weight=_weights(model, unknown, geometric, reach),
-        bounded=geometric,
+        weight=_weights(model, unknown, bounded.count(0), reach),
+        bounded=bounded,
         low=np.array([r[0] for r in ranges]) - slack,
         high=np.array([r[1] for r in ranges]) + slack,
         start=start,
@@ -93,8 +104,9 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
         near=near,
         position=position,
         rotation=rotation,
-        closure=0.5 * position if single else 1e-8,
-        tight=0.05 if single else 1e-3,
+        closure=share * position if single else 1e-8,
+        share=share,
+        tight=0.1 if single else 1e-3,
         vectors=vectors,
     )
 
@@ -103,7 +115,11 @@ def _longest(machine: Machine) -> float:
     """Largest length (mm) among the parameters of mechanism and tool; 1 where all are zero."""
     inside = [*machine.mechanism.parameters, *(p for p in machine.frames if p.name.startswith("tool."))]
     longest = max((abs(p.nominal) for p in inside if p.unit == "mm"), default=0.0)
-    ranges = [max(map(abs, a.range)) for a in machine.mechanism.actuators if a.range and a.unit == a.reading_unit == "mm"]
+    ranges = [
+        max(map(abs, a.range))
+        for a in machine.mechanism.actuators
+        if a.range and a.unit == a.reading_unit == "mm"
+    ]
     return max([longest, *ranges]) or 1.0
 
 
@@ -117,16 +133,35 @@ def _unknowns(model: SymbolicModel, reach: float) -> Array:
     machine = model.machine
     out = [(1.0 if a.unit == "mm" else 1.0 / reach) / _gain(machine, a) for a in machine.mechanism.actuators]
     turn, quarter = [1.0 / reach], [0.25 / reach]
-    of_kind = {"prismatic": [1.0], "revolute": turn, "universal": 2 * turn, "spherical": 3 * quarter, "free": [1.0] * 3 + 3 * quarter}
+    of_kind = {
+        "prismatic": [1.0],
+        "revolute": turn,
+        "universal": 2 * turn,
+        "spherical": 3 * quarter,
+        "free": [1.0] * 3 + 3 * quarter,
+    }
     for joint in machine.mechanism.passive:
         out += of_kind[joint.kind]
     forces = len(machine.mechanism.actuators) + len(model.home) - len(out)
     return np.array(out + [_weight_of(machine) / reach] * forces)
 
 
-def _weights(model: SymbolicModel, unknown: Array, geometric: int, reach: float) -> Array:
+def _bounded(model: SymbolicModel) -> tuple[int, ...]:
+    """What each unknown is to the limit of a step: 2 an angle, 1 a length, 0 a force."""
+    mechanism = model.machine.mechanism
+    out = [2 if a.unit == "rad" else 1 for a in mechanism.actuators]
+    for joint in mechanism.passive:
+        out += (
+            [1, 1, 1, 2, 2, 2]
+            if joint.kind == "free"
+            else [1 if joint.kind == "prismatic" else 2] * COORDINATES[joint.kind]
+        )
+    return (*out, *[0] * (len(model.readings) + len(model.home) - len(out)))
+
+
+def _weights(model: SymbolicModel, unknown: Array, forces: int, reach: float) -> Array:
     """Pose rows, loop rows (mm as they are), then the balance of forces, by the coordinate it belongs to."""
-    nq, forces = len(model.readings), len(unknown) - geometric
+    nq = len(model.readings)
     loops = model.closure.numel() - forces
     balance = unknown[nq : nq + forces] * reach / _weight_of(model.machine)
     return np.concatenate([np.ones(3), np.full(3, reach), np.ones(loops), balance])
@@ -138,7 +173,7 @@ def _weight_of(machine: Machine) -> float:
 
 
 def _sampled(machine: Machine, near: Array, length: float) -> tuple[Array, Array]:
-    """Between which readings samples are taken: ranges, +-150 deg of a free joint, a tenth of the size of a slide."""
+    """Where samples are taken: ranges; +-150 deg of a joint without, a tenth of the size of a slide."""
     low, high = [], []
     for a, at in zip(machine.mechanism.actuators, near, strict=True):
         half = (_UNLIMITED_TURN if a.unit == "rad" else 0.1 * length) / _gain(machine, a)

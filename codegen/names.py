@@ -10,10 +10,11 @@ from truepose.errors import InputError
 LONGEST = 63
 """Initial characters of an internal identifier that C99 guarantees to tell apart."""
 
-_KEYWORDS = frozenset(
-    """auto break case char const continue default do double else enum extern float for goto if inline int long
-    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while""".split()
-)
+_KEYWORDS = """
+    auto break case char const continue default do double else enum extern float for goto if inline int
+    long register restrict return short signed sizeof static struct switch typedef union unsigned void
+    volatile while
+"""
 
 
 def check_machine_name(name: str) -> str:
@@ -25,24 +26,21 @@ def check_machine_name(name: str) -> str:
 
 
 def _broken_rule(name: str) -> str | None:
-    if not name:
-        return "it is empty"
-    if name[0] == "_":
-        return "it begins with an underscore, which C reserves"
-    if not re.match(r"[A-Za-z]", name[0]):
-        return f"it begins with {name[0]!r}, not with a letter a-z or A-Z"
+    """The first rule that a name breaks, in words."""
     wrong = re.search(r"[^A-Za-z0-9_]", name)
-    if wrong:
-        return f"it contains {wrong.group()!r}; only letters a-z A-Z, digits and underscores may follow"
-    if name in _KEYWORDS:
-        return "it is a keyword of C"
-    if len(name) > LONGEST:
-        return f"it has {len(name)} characters, more than the {LONGEST} that C tells apart"
-    return None
+    rules = (
+        (not name, "it is empty"),
+        (name[:1] == "_", "it begins with an underscore, which C reserves"),
+        (name[:1].isdigit(), f"it begins with {name[:1]!r}, not with a letter a-z or A-Z"),
+        (wrong, f"it contains {wrong and wrong.group()!r}, which is no letter a-z A-Z, digit or underscore"),
+        (name in _KEYWORDS.split(), "it is a keyword of C"),
+        (len(name) > LONGEST, f"it has {len(name)} characters, more than the {LONGEST} that C tells apart"),
+    )
+    return next((text for broken, text in rules if broken), None)
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
-    """One C identifier tail per name: other characters become underscores; what then collides gets _2, _3 ..."""
+    """Tails of C identifiers: other characters become underscores; what then collides gets _2, _3 ..."""
     taken: set[str] = set()
     out = []
     plain = [re.sub(r"[^A-Za-z0-9_]", "_", name) for name in names]

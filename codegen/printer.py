@@ -16,15 +16,21 @@ _LONGEST_INLINE = 56
 _INFIX = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/"}
 _TRUTH = {"LT": "<", "LE": "<=", "EQ": "==", "NE": "!=", "AND": "&&", "OR": "||"}
 _CALLS = {
-    **{op: op.lower() for op in ("EXP", "LOG", "POW", "SQRT", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2")},
-    **{op: op.lower() for op in ("SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "FLOOR", "CEIL", "FMOD", "FABS")},
+    **{
+        op: op.lower()
+        for op in ("EXP", "LOG", "POW", "SQRT", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2")
+    },
+    **{
+        op: op.lower()
+        for op in ("SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "FLOOR", "CEIL", "FMOD", "FABS")
+    },
     **{op: op.lower() for op in ("COPYSIGN", "ERF", "FMIN", "FMAX", "LOG1P", "EXPM1", "HYPOT", "REMAINDER")},
     "CONSTPOW": "pow",
 }
 
 
 def literal(value: float, real: Real) -> str:
-    """The shortest C constant that reads back as ``value`` (rounded to single precision where real is float)."""
+    """The shortest C constant that reads back as ``value``, rounded to single precision for float."""
     if not math.isfinite(value):
         raise ValueError(f"found {value}, expected a finite number: C99 has no portable literal for others")
     if real == "double":
@@ -40,7 +46,7 @@ class Printer:
         self._graph, self._real, self._given = graph, real, dict(given or {})
 
     def statements(self, targets: Sequence[tuple[str, int]]) -> list[str]:
-        """``target = expression;`` for every pair of a C place and a node, with what is shared computed once."""
+        """``place = expression;`` for every pair of a C place and a node; what is shared is computed once."""
         ends = [node for _, node in targets]
         order = self._graph.reachable(ends, self._given)
         uses = Counter(ends)
@@ -90,7 +96,9 @@ class Printer:
         if op in _INFIX:
             return f"({a} {_INFIX[op]} {b})"
         if op in _CALLS:
-            return f"{_CALLS[op]}{'f' if self._real == 'float' else ''}({', '.join(_bare(arg) for arg in args)})"
+            return (
+                f"{_CALLS[op]}{'f' if self._real == 'float' else ''}({', '.join(_bare(arg) for arg in args)})"
+            )
         if op in ("AND", "OR"):
             return f"((({a} != {zero}) {_TRUTH[op]} ({b} != {zero})) ? {one} : {zero})"
         if op in _TRUTH:

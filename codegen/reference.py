@@ -21,7 +21,7 @@ _SHRINK = (1.0, 0.5, 0.25, 0.1)
 
 
 class Reference:
-    """Numeric forward kinematics of a model; ``reach`` (mm) is the size against which steps are judged."""
+    """Numeric forward kinematics of a model."""
 
     def __init__(self, model: SymbolicModel) -> None:
         inputs = [model.q, model.z, model.p, model.x]
@@ -31,7 +31,7 @@ class Reference:
         self._closure = ca.Function("closure", inputs, [ca.densify(model.closure), *derivatives])
 
     def home_readings(self, start: Array) -> Array:
-        """Readings (nq,) at which the loops come closest to closing at the home assembly; starts at ``start``."""
+        """Readings (nq,) at which the loops come closest to closing at the home assembly, from ``start``."""
         q = start.copy()
         for _ in range(_ROUNDS if len(self.model.home) else 0):
             residual, _, by_q = self._closed(q, self.model.home, self.model.p_home, self.model.z_home)
@@ -43,19 +43,20 @@ class Reference:
                 break
         return q
 
-    def forward(self, q: Array, *, near: Array | None = None, p: Array | None = None, z: Array | None = None) -> Array | None:
+    def forward(self, q: Array, near: Array | None = None) -> Array | None:
         """Pose (4, 4), nominal base to tool, at readings ``q`` (nq,); None where the loops do not close.
 
         ``near`` (nq,) are readings at which the home assembly closes nearly; the loops are followed from
         there. Without it Newton's method starts at the home assembly directly.
         """
-        p = self.model.p_home if p is None else p
-        z = self.model.z_home if z is None else z
-        x: Array | None = self.model.home
-        for fraction in np.linspace(0.0, 1.0, _STEPS + 1) if near is not None and len(self.model.home) else [1.0]:
-            x = self._newton(q if near is None else near + fraction * (q - near), x, p, z)
-            if x is None:
+        p, z, x = self.model.p_home, self.model.z_home, self.model.home
+        steps = _STEPS if near is not None and len(x) else 1
+        for step in range(1, steps + 1):
+            at = q if near is None or step == steps else near + step / steps * (q - near)
+            solved = self._newton(at, x, p, z)
+            if solved is None:
                 return None
+            x = solved
         return np.array(self._pose(q, z, p, x))
 
     def samples(self, low: Array, high: Array, near: Array, count: int) -> Iterator[tuple[Array, Array]]:
@@ -67,7 +68,7 @@ class Reference:
             target = low + fractions * (high - low)
             for amount in _SHRINK if len(self.model.home) else (1.0,):
                 q = near + amount * (target - near) if len(self.model.home) else target
-                pose, direct = self.forward(q, near=near), self.forward(q)
+                pose, direct = self.forward(q, near), self.forward(q)
                 if pose is not None and direct is not None and np.allclose(pose, direct, rtol=0, atol=1e-9):
                     yield q, pose
                     count -= 1
@@ -94,7 +95,7 @@ class Reference:
 
 
 def spread(size: int, count: int) -> Iterator[Array]:
-    """``count`` points that fill the unit cube evenly (Kronecker sequence of square roots of primes); the middle first."""
+    """``count`` points that fill the unit cube evenly, the middle first (Kronecker sequence)."""
     slopes = slopes_of(size)
     for k in range(count):
         yield np.mod(0.5 + k * slopes, 1.0)
@@ -108,4 +109,5 @@ def slopes_of(size: int) -> Array:
         if all(candidate % prime for prime in primes):
             primes.append(candidate)
         candidate += 1
-    return np.mod(np.sqrt(np.array(primes, dtype=float)), 1.0)
+    roots: Array = np.sqrt(np.array(primes, dtype=float))
+    return roots - np.floor(roots)

@@ -21,7 +21,7 @@ WIDE_LENGTH = 50.0
 
 
 def aligned_start(predictor: Predictor) -> Array:
-    """(np,) parameters with base (and tool rotation) moved to where the readings put them, when they may move."""
+    """(np,) parameters with base (and tool rotation) where the readings put them, as far as they may move."""
     p = predictor.model.p_home.copy()
     machine = predictor.machine
     if not _wide(machine, "base"):
@@ -41,17 +41,19 @@ def aligned_start(predictor: Predictor) -> Array:
 
 
 def _wide(machine: Machine, frame: str) -> bool:
-    tolerance = {a: machine.geometry[f"{frame}.{a}"].tolerance for a in AXES}
-    return max(tolerance[a] for a in AXES[3:]) > WIDE_ANGLE or max(tolerance[a] for a in AXES[:3]) > WIDE_LENGTH
+    tolerance = [machine.geometry[f"{frame}.{a}"].tolerance for a in AXES]
+    return max(tolerance[:3]) > WIDE_LENGTH or max(tolerance[3:]) > WIDE_ANGLE
 
 
-def _points(predictor: Predictor, names: list[str], values: Array, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _points(
+    predictor: Predictor, names: list[str], values: Array, rows: NDArray[np.bool_]
+) -> tuple[Array, Array]:
     """Predicted and measured points (k, 3) of every point that has three position channels."""
     predicted, measured = [], []
     channels = [c.name for c in predictor.channels if c.kind == "position"]
     for k in range(0, len(channels), 3):
         triple = channels[k : k + 3]
-        predicted.append(values[np.ix_(rows, [names.index(c) for c in triple])])
+        predicted.append(values[rows][:, [names.index(c) for c in triple]])
         measured.append(np.column_stack([predictor.recording.readings[c][rows] for c in triple]))
     return (np.vstack(predicted), np.vstack(measured)) if predicted else (np.zeros((0, 3)), np.zeros((0, 3)))
 

@@ -1,7 +1,7 @@
-"""Estimates of a machine's parameters from a recording, maximum a posteriori with drawing tolerances as the prior.
+"""Estimates of a machine's parameters from a recording: maximum a posteriori, drawing tolerances the prior.
 
-Use ``estimate`` for a fit under tolerances, with ``widen`` for the free fit beside it and ``loss="huber"`` against
-outliers. Parameters are scaled by their tolerance and readings by sigma before anything is decomposed.
+Use ``estimate`` for a fit under tolerances, with ``widen`` for the free fit beside it and ``loss="huber"``
+against outliers. Parameters are scaled by their tolerance, readings by sigma, before anything is decomposed.
 """
 
 from __future__ import annotations
@@ -22,18 +22,20 @@ from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 FREE_WIDENING = 100.0
-"""The free fit's tolerances, in drawing tolerances: wide enough to decide nothing, finite enough to stay solvable.
+"""The free fit's tolerances, in drawing tolerances: they decide nothing, and the fit stays solvable.
 
-Frames keep theirs: moving the whole chain between base and tool changes no reading, so widening them too would
-only add a long curved valley to walk down.
+Frames keep theirs: moving the whole chain between base and tool changes no reading, so widening them too
+would only add a long curved valley to walk down.
 """
 FREE_TOLERANCE = 1e-2
+ROUNDING = 1e-8
+"""Components of undetermined directions below this are rounding."""
 HUBER = 1.345
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Gaussian prior of every entry of p: mean, 1-sigma (0 fixed, inf none), scale of its steps, class of part."""
+    """Gaussian prior of every entry of p: mean, 1-sigma (0 fixed, inf none), scale of step, class of part."""
 
     names: tuple[str, ...]
     mean: Array
@@ -53,7 +55,7 @@ class Prior:
 
 
 def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
-    """Tolerances for geometry; for effects a wide prior of a hundred times their largest expected size."""
+    """Tolerances for geometry; for effects their spread, by default 100 times their largest size."""
     parameters = machine.parameters
     names = [p.name for p in parameters]
     mean, sigma = [p.nominal for p in parameters], [p.tolerance for p in parameters]
@@ -62,7 +64,7 @@ def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
         for c in effect.coefficients:
             names.append(f"{effect.label}:{c.name}")
             mean.append(0.0)
-            sigma.append(100.0 * c.scale)
+            sigma.append(effect.spread * c.scale)
             scale.append(c.scale)
             parts.append("effect")
     return Prior(tuple(names), np.array(mean), np.array(sigma), np.array(scale), tuple(parts))
@@ -72,9 +74,10 @@ def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
 class Estimate:
     """Result of a fit.
 
-    p (np,) parameters then effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by sigma
-    (NaN where a row cannot be assembled), used (n,) rows that were fitted, weights (n,) of the robust loss,
-    factor: triangular factor of [J r] of the readings, columns scaled by ``prior.scale`` and restricted to ``prior.free``.
+    p (np,) parameters then effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by
+    sigma (NaN where a row cannot be assembled), used (n,) rows that were fitted, weights (n,) of the robust
+    loss, factor: triangular factor of [J r] of the readings, columns scaled by ``prior.scale`` and restricted
+    to ``prior.free``.
     """
 
     machine: Machine
@@ -89,26 +92,26 @@ class Estimate:
     solution: Solution
     unassembled: tuple[int, ...]
 
-    @cached_property
-    def _svd(self) -> tuple[Array, Array, Array]:
-        n = len(self.prior.free)
-        rows = np.vstack([self.factor[:, :n], np.diag(self.prior_weight)])
-        _, s, vt = np.linalg.svd(rows, full_matrices=False)
-        data = np.linalg.svd(self.factor[:, :n])[1]
-        return s, vt, data
-
     @property
     def prior_weight(self) -> Array:
         """Scale over tolerance of each free entry; 0 without a prior."""
         free = self.prior.free
-        return np.where(np.isinf(self.prior.sigma[free]), 0.0, self.prior.scale[free] / self.prior.sigma[free])
+        return np.where(
+            np.isinf(self.prior.sigma[free]), 0.0, self.prior.scale[free] / self.prior.sigma[free]
+        )
 
     @cached_property
     def covariance(self) -> Array:
-        """(n_free, n_free) posterior covariance; directions nothing determines have infinite variance (1e30)."""
-        s, vt, _ = self._svd
-        inverse = np.where(s > 1e-12 * s[0], 1.0 / np.maximum(s, 1e-300), 1e15)
-        root = (vt.T * inverse) * self.prior.scale[self.prior.free][:, None]
+        """(n_free, n_free) posterior covariance; directions nothing determines have a variance of 1e30."""
+        free = self.prior.free
+        rows = np.vstack([self.factor[:, : len(free)], np.diag(self.prior_weight)])
+        _, s, vt = np.linalg.svd(rows, full_matrices=False)
+        known = s > 1e-12 * np.max(s, initial=1e-300)
+        vt = np.where(
+            ~known[:, None] & (np.abs(vt) < ROUNDING), 0.0, vt
+        )  # else rounding times 1e15 drowns all
+        inverse = np.where(known, 1.0 / np.maximum(s, 1e-300), 1e15)
+        root = (vt.T * inverse) * self.prior.scale[free][:, None]
         out: Array = root @ root.T
         return out
 
@@ -194,8 +197,8 @@ def estimate(
 ) -> Estimate:
     """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording``.
 
-    ``exclude`` leaves rows out; rows that cannot be assembled are left out and listed. Raises InputError for too few
-    rows, ConvergenceError naming the parameters responsible when no minimum is reached.
+    ``exclude`` leaves rows out; rows that cannot be assembled are left out and listed. Raises InputError for
+    too few rows, ConvergenceError naming the parameters responsible when no minimum is reached.
     """
     predictor = predictor or Predictor(machine, recording, effects)
     prior = (prior or prior_of(machine, effects)).widened(widen)
@@ -261,7 +264,17 @@ class _Problem:
         x, _ = self.predictor.assemble(p, self.x)
         factor = triangular(self.data(p, x), len(self.prior.free) + 1)
         return Estimate(
-            self.predictor.machine, effects, self.prior, p, x, self.residuals(p, x), self.used, self.weights, factor, solution, self.unassembled
+            self.predictor.machine,
+            effects,
+            self.prior,
+            p,
+            x,
+            self.residuals(p, x),
+            self.used,
+            self.weights,
+            factor,
+            solution,
+            self.unassembled,
         )
 
 
@@ -290,8 +303,9 @@ def _check_size(problem: _Problem, recording: Recording) -> None:
     free = len(problem.prior.free)
     if problem.readings < free - known or problem.readings == 0:
         raise InputError(
-            f"{', '.join(recording.files)}: found {int(problem.used.sum())} usable rows ({problem.readings} readings), "
-            f"expected at least as many readings as the {free - known} parameters without a finite tolerance"
+            f"{', '.join(recording.files)}: found {int(problem.used.sum())} usable rows "
+            f"({problem.readings} readings), expected at least as many readings as the {free - known} "
+            "parameters without a finite tolerance"
         )
 
 
@@ -302,7 +316,8 @@ def _blame(solution: Solution, prior: Prior) -> str:
     worst = [str(n) for n in names[np.argsort(-moved)[:3]]]
     return (
         f"the fit did not converge: {solution.status.value} after {solution.iterations} iterations; "
-        f"responsible: {', '.join(worst)} (largest last steps); check their nominal values and units, or state tolerances for them"
+        f"responsible: {', '.join(worst)} (largest last steps); "
+        "check their nominal values and units, or state tolerances for them"
     )
 
 

@@ -15,4 +15,7 @@ def load_recording(machine: Machine, paths: Sequence[Path | str], *, need_readin
     joints = [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
     columns = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
     units = machine.file.units if machine.file else UnitSystem()
-    return read_recording([Path(p) for p in paths], joints, columns, units, need_readings=need_readings)
+    changes = need_readings and any(sensor.differs_from_row for sensor in machine.sensors)
+    files = [Path(p) for p in paths]
+    required = ("from",) if changes else ()
+    return read_recording(files, joints, columns, units, need_readings, required=required)

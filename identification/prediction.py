@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from truepose.codegen.batch import BatchFunction
 from truepose.errors import InputError
@@ -20,12 +21,16 @@ from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.kinematics import load_scale, symbolic_model
 from truepose.models.machine import Machine
+from truepose.models.mechanism import COORDINATES
 from truepose.models.sensors.base import Channel, Sensor
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _MAX_NEWTON = 40
 _BLOCK = 1024
+STRAINED = 1e-3
+"""Loops with more equations than unknowns close by least squares, when no gap exceeds this part of the
+machine's size: as built they are strained a little."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +54,14 @@ class Block:
 class Predictor:
     """Residuals, poses and loads of one machine with some effects over one recording."""
 
-    def __init__(self, machine: Machine, recording: Recording, effects: Sequence[PlacedEffect] = (), *, ports: bool = False) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        recording: Recording,
+        effects: Sequence[PlacedEffect] = (),
+        *,
+        ports: bool = False,
+    ) -> None:
         self.machine, self.recording = machine, recording
         self.model = symbolic_model(machine, effects, ports=ports)
         self.q = recording.q
@@ -65,66 +77,62 @@ class Predictor:
         outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
         self._kinematics = BatchFunction("kinematics", inputs, outputs)
         self._sensors = [_SensorFunctions(sensor, m.names) for sensor in machine.sensors]
+        self.origin = _origin(recording) if any(s.differs_from_row for s in machine.sensors) else None
+        self._scale, self._limit = _coordinate_scales(machine, len(m.home))
+        square = m.closure.numel() == len(m.home)
+        self._gap = np.inf if square else STRAINED * float(np.max(self._scale))
 
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Residual components of every sensor, in order."""
         return tuple(channel for sensor in self.machine.sensors for channel in sensor.channels)
 
-    def _build(self) -> None:
-        m = self.model
-        inputs = [m.x, m.q, m.z, m.p]
-        self._closure = BatchFunction("closure", inputs, [m.closure, ca.jacobian(m.closure, m.x)])
-        twist = twist_rows(m.world)
-        flat = ca.vec(m.world[:3, :])
-        self._pose = BatchFunction("pose", inputs, [m.world])
-        self._kinematics = BatchFunction(
-            "kinematics",
-            inputs,
-            [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p), ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)],
-        )
-        self._sensors = [_SensorFunctions(sensor, m.names) for sensor in self.machine.sensors]
-        self._readings = [
-            np.column_stack([self.recording.readings[c] for c in s.columns]) if all(c in self.recording.readings for c in s.columns) else None
-            for s in self.machine.sensors
-        ]
-
     def assemble(self, p: Array, start: Array | None = None) -> tuple[Array, Mask]:
-        """Passive coordinates (n, nx) that close the loops, and which rows could be assembled."""
+        """Passive coordinates (n, nx) that close the loops, and which rows could be assembled.
+
+        A row that reads the change since another needs both.
+        """
         n, nx = len(self.q), len(self.model.home)
         x = np.tile(self.model.home, (n, 1)) if start is None else start.copy()
         if nx == 0:
             return x, np.ones(n, dtype=bool)
         x, good = self._newton(x, self.q, self.z, p)
+        if good.any() and not good.all():
+            self._continue(x, good, p, _nearest(self.q, good))
         if not good.all():
-            bad = np.flatnonzero(~good)
-            x[bad], good[bad] = self._continue(bad, p)
-        return x, good
+            self._continue(x, good, p, None)
+        return x, good if self.origin is None else good & good[self.origin]
 
     def _newton(self, x: Array, q: Array, z: Array, p: Array) -> tuple[Array, Mask]:
-        """Newton's method on every row at once; steps are shortened to a tenth of the machine's size."""
-        reach = max(1.0, float(np.max(np.abs(self.model.home))))
+        """Newton's method on every row at once, with short steps: the assembly must stay the same one."""
+        scale, limit = self._scale, self._limit
         good = np.zeros(len(x), dtype=bool)
         active = np.arange(len(x))
         for _ in range(_MAX_NEWTON):
             g, gx = self._closure(x[active], q[active], z[active], p)
             step = _solve(gx, g)[..., 0]
-            size = np.max(np.abs(step), axis=1)
-            step *= np.minimum(1.0, 0.2 * reach / np.maximum(size, 1e-300))[:, None]
+            step /= np.maximum(1.0, np.max(np.abs(step) / limit, axis=1))[:, None]
             x[active] -= step
-            done = size < 1e-11 * reach
+            size = np.max(np.abs(step) / np.maximum(scale, 1e-3 * np.abs(x[active])), axis=1)
+            done = (size < 1e-11) & (np.max(np.abs(g), axis=(1, 2)) < self._gap)
             good[active[done]] = True
             active = active[~done & np.isfinite(size)]
             if not len(active):
                 break
         return x, good
 
-    def _continue(self, rows: NDArray[np.intp], p: Array, steps: int = 8) -> tuple[Array, Mask]:
-        """Follow rows from where all readings are zero to where they are."""
-        x, z, good = np.tile(self.model.home, (len(rows), 1)), self.z[rows], np.zeros(len(rows), dtype=bool)
+    def _continue(
+        self, x: Array, good: Mask, p: Array, origin: NDArray[np.intp] | None, steps: int = 8
+    ) -> None:
+        """Follow the rows that are not good from the row ``origin`` names, or from zero readings."""
+        rows = np.flatnonzero(~good)
+        here = np.tile(self.model.home, (len(rows), 1)) if origin is None else x[origin]
+        first = np.zeros_like(self.q[rows]) if origin is None else self.q[origin]
+        reached = np.zeros(len(rows), dtype=bool)
         for fraction in np.linspace(0.0, 1.0, steps + 1):
-            x, good = self._newton(x, fraction * self.q[rows], z, p)
-        return x, good
+            q = first + fraction * (self.q[rows] - first)
+            here, reached = self._newton(here, q, self.z[rows], p)
+        x[rows[reached]], good[rows[reached]] = here[reached], True
 
     def poses(self, p: Array, x: Array | None = None) -> tuple[Array, Mask]:
         """Sensor-frame poses of the tool (n, 4, 4); rows that cannot be assembled are False."""
@@ -139,7 +147,7 @@ class Predictor:
         for start in range(0, len(self.q), max(step, 1)):
             rows = slice(start, min(start + step, len(self.q)))
             pose, twist = self._total(rows, p, x)
-            parts = [f.residual(pose, twist, p, self.recording, rows) for f in self._sensors]
+            parts = [f.residual(pose, twist, p, self.recording, rows, self.origin) for f in self._sensors]
             here = np.concatenate([part[1] for part in parts], axis=1)
             earlier = [np.zeros_like(part[1]) if part[2] is None else part[2] for part in parts]
             before = np.concatenate(earlier, axis=1) if any(part[2] is not None for part in parts) else None
@@ -149,25 +157,32 @@ class Predictor:
         """Column names, predicted values (n, k), their Jacobian (n, k, np) and poses (n, 4, 4)."""
         pose, twist = self._total(slice(0, len(self.q)), p, x)
         names = [name for s in self.machine.sensors for name in s.columns]
-        parts = [f.prediction(pose, twist, p, self.recording) for f in self._sensors]
+        parts = [f.prediction(pose, twist, p, self.origin) for f in self._sensors]
         return names, np.hstack([v for v, _ in parts]), np.concatenate([j for _, j in parts], axis=1), pose
 
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""
         return self._total(slice(0, len(self.q)), p, x)
 
-    def loads(self, p: Array, x: Array) -> Array:
-        """Gravity's conjugate load at every entry of p (n, np): N along lengths, N m about angles."""
+    def loads(self, p: Array, x: Array) -> dict[str, Array]:
+        """Gravity's conjugate load (n,) at every port and parameter, by load case and name: N or N m."""
         m = self.model
-        gradient = BatchFunction("energy", [m.x, m.q, m.z, m.p], [ca.gradient(m.energy, m.x).T, ca.gradient(m.energy, m.p).T])
-        vx, vp = gradient(x, self.q, self.z, p)
-        force = -vp[:, 0, :]
-        if x.shape[1]:
-            _, _, _, gx, gp = self._kinematics(x, self.q, self.z, p)
-            multipliers = _solve(gx.transpose(0, 2, 1), vx.transpose(0, 2, 1))[..., 0]
-            force += np.einsum("nk,nkp->np", multipliers, gp)
-        ports = {*self.machine.geometry, *self.machine.ports}
-        return force / np.array([load_scale(self.machine, name) if name in ports else 1.0 for name in m.names])
+        scale = [
+            (k, name, load_scale(self.machine, name)) for k, name in enumerate(m.names) if ":" not in name
+        ]
+        out: dict[str, Array] = {}
+        for case, energy in m.energies.items():
+            gradient = BatchFunction(
+                "energy", [m.x, m.q, m.z, m.p], [ca.gradient(energy, m.x).T, ca.gradient(energy, m.p).T]
+            )
+            vx, vp = gradient(x, self.q, self.z, p)
+            force = -vp[:, 0, :]
+            if x.shape[1]:
+                _, _, _, gx, gp = self._kinematics(x, self.q, self.z, p)
+                multipliers = _solve(gx.transpose(0, 2, 1), vx.transpose(0, 2, 1))[..., 0]
+                force += np.einsum("nk,nkp->np", multipliers, gp)
+            out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
+        return out
 
     def _total(self, rows: slice, p: Array, x: Array) -> tuple[Array, Array]:
         pose, tx, tp, gx, gp = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
@@ -177,15 +192,52 @@ class Predictor:
 
 
 def _solve(a: Array, b: Array) -> Array:
-    """Row-wise solution; rows without one are NaN."""
+    """Row-wise solution, by least squares where there are more equations; rows without one are NaN."""
+    if a.shape[1] != a.shape[2]:
+        a, b = a.transpose(0, 2, 1) @ a, a.transpose(0, 2, 1) @ b
     try:
-        return np.linalg.solve(a, b)
+        return np.asarray(np.linalg.solve(a, b))
     except np.linalg.LinAlgError:
         out = np.full(b.shape, np.nan)
         for k in range(len(a)):
             if np.isfinite(a[k]).all() and np.linalg.matrix_rank(a[k]) == len(a[k]):
                 out[k] = np.linalg.solve(a[k], b[k])
         return out
+
+
+def _nearest(q: Array, good: Mask) -> NDArray[np.intp]:
+    """For each row that is not good the good one with the closest readings."""
+    span = np.ptp(q, axis=0)
+    scaled = q / np.where(span > 0, span, 1.0)
+    return np.flatnonzero(good)[cKDTree(scaled[good]).query(scaled[~good])[1]]
+
+
+def _coordinate_scales(machine: Machine, size: int) -> tuple[Array, Array]:
+    """Natural size of each unknown of the closed loops (mm, rad, N) and the largest step Newton may take."""
+    mechanism = machine.mechanism
+    lengths = [abs(p.nominal) for p in mechanism.parameters if p.unit == "mm"]
+    reach = max([1.0, *lengths, *(abs(v) for joint in mechanism.passive for v in joint.home)])
+    slides = {"prismatic": [True], "free": 3 * [True] + 3 * [False]}
+    kinds = [slide for j in mechanism.passive for slide in slides.get(j.kind, COORDINATES[j.kind] * [False])]
+    forces = size - len(kinds)
+    scale = np.array([reach if slide else 1.0 for slide in kinds] + forces * [1.0])
+    return scale, np.concatenate([0.2 * scale[: len(kinds)], np.full(forces, np.inf)])
+
+
+def _origin(recording: Recording) -> NDArray[np.intp]:
+    """(n,) the row that each row's ``from`` names, among the rows at hand."""
+    where = ", ".join(recording.files)
+    if recording.from_row is None:
+        raise InputError(f"{where}: column 'from': found none, expected one: a sensor reads changes")
+    place = np.full(len(recording.whole), -1)
+    place[recording.rows] = np.arange(len(recording))
+    origin = place[recording.from_row]
+    if (origin < 0).any():
+        lost = recording.where(int(np.argmin(origin)))
+        raise InputError(
+            f"{lost}: column 'from': found a row that was left out, expected it among the rows used"
+        )
+    return origin
 
 
 class _SensorFunctions:
@@ -205,39 +257,51 @@ class _SensorFunctions:
         self._residual = self._function("residual", residual, world, constants, y, small)
 
     @staticmethod
-    def _function(name: str, value: ca.SX, world: ca.SX, constants: ca.SX, y: ca.SX, small: ca.SX) -> BatchFunction:
+    def _function(
+        name: str, value: ca.SX, world: ca.SX, constants: ca.SX, y: ca.SX, small: ca.SX
+    ) -> BatchFunction:
         outputs = [value, ca.jacobian(value, small), ca.jacobian(value, constants)]
         still = [ca.substitute(output, small, ca.SX.zeros(6)) for output in outputs]
         return BatchFunction(name, [ca.vec(world), constants, y], still)
 
     def residual(
-        self, pose: Array, twist: Array, p: Array, recording: Recording, rows: slice
+        self,
+        pose: Array,
+        twist: Array,
+        p: Array,
+        recording: Recording,
+        rows: slice,
+        origin: NDArray[np.intp] | None,
     ) -> tuple[Array, Array, Array | None]:
-        """(n, m) whitened residuals, their (n, m, np) Jacobian at the row and, for a change, at the row before."""
+        """(n, m) whitened residuals, their (n, m, np) Jacobian at the row and for a change at its origin."""
         y = np.column_stack([recording.readings[c][rows] for c in self.sensor.columns])
         value, jacobian = self._evaluate(self._residual, pose, twist, p, y)
-        if not self.sensor.differs_from_row:
+        if not self.sensor.differs_from_row or origin is None:
             return value / self._sigma, jacobian / self._sigma[:, None], None
-        before, by_p = self._reference(pose, twist, p, recording)
+        before, by_p = self._reference(pose, twist, p, origin)
         return (value - before) / self._sigma, jacobian / self._sigma[:, None], by_p / self._sigma[:, None]
 
-    def prediction(self, pose: Array, twist: Array, p: Array, recording: Recording) -> tuple[Array, Array]:
+    def prediction(
+        self, pose: Array, twist: Array, p: Array, origin: NDArray[np.intp] | None
+    ) -> tuple[Array, Array]:
         """(n, k) column values and their (n, k, np) Jacobian."""
         y = np.zeros((len(pose), len(self.sensor.columns)))
         value, jacobian = self._evaluate(self._predict, pose, twist, p, y)
-        if self.sensor.differs_from_row:
-            before, by_p = self._reference(pose, twist, p, recording)
+        if self.sensor.differs_from_row and origin is not None:
+            before, by_p = self._reference(pose, twist, p, origin)
             return value - before, jacobian - by_p
         return self.sensor.values(pose, value), jacobian
 
-    def _reference(self, pose: Array, twist: Array, p: Array, recording: Recording) -> tuple[Array, Array]:
-        if recording.from_row is None:
-            raise InputError(f"{', '.join(recording.files)}: column 'from': found none, expected one for sensor {self.sensor.type}")
+    def _reference(
+        self, pose: Array, twist: Array, p: Array, origin: NDArray[np.intp]
+    ) -> tuple[Array, Array]:
         y = np.zeros((len(pose), len(self.sensor.columns)))
         value, jacobian = self._evaluate(self._predict, pose, twist, p, y)
-        return value[recording.from_row], jacobian[recording.from_row]
+        return value[origin], jacobian[origin]
 
-    def _evaluate(self, function: BatchFunction, pose: Array, twist: Array, p: Array, y: Array) -> tuple[Array, Array]:
+    def _evaluate(
+        self, function: BatchFunction, pose: Array, twist: Array, p: Array, y: Array
+    ) -> tuple[Array, Array]:
         flat = pose.transpose(0, 2, 1).reshape(len(pose), 16)
         value, by_twist, by_own = function(flat, p[self._own], y)
         jacobian = by_twist @ twist

@@ -9,7 +9,7 @@ motion, a mount). A port's gravity load is its conjugate force, minus the deriva
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -52,78 +52,59 @@ class SymbolicModel:
     closure: ca.SX
     pose: ca.SX
     world: ca.SX
-    energy: ca.SX
+    energies: Mapping[str, ca.SX]
 
 
 @dataclass(frozen=True)
 class Assembly:
-    """Bodies placed for given port values: poses, closure residual and potential energy (N mm)."""
+    """Bodies placed for given port values: poses, closure residual, potential energy of load cases (N mm)."""
 
     bodies: Mapping[str, ca.SX]
     closure: ca.SX
     tool: ca.SX
-    energy: ca.SX
+    energies: Mapping[str, ca.SX]
 
 
-def symbolic_model(machine: Machine, effects: Sequence[PlacedEffect] = (), *, ports: bool = False) -> SymbolicModel:
+def symbolic_model(
+    machine: Machine, effects: Sequence[PlacedEffect] = (), *, ports: bool = False
+) -> SymbolicModel:
     """Expressions of ``machine`` with ``effects``; with ``ports`` every port is a variable too.
 
     Raises InputError when an effect asks for a port or a load that this machine has not.
     """
-    mechanism = machine.mechanism
-    parameters = machine.parameters
-    q = _symbols("q", mechanism.readings)
-    theta = _symbols("", [p.name for p in parameters])
-    port_values = _symbols("", machine.ports) if ports else {name: ca.SX(0) for name in machine.ports}
-    labels = [(k, coefficient.name) for k, e in enumerate(effects) for coefficient in e.coefficients]
-    c = {label: ca.SX.sym(f"c{label[0]}_{label[1]}") for label in labels}
+    q = _symbols("q", machine.mechanism.readings)
     drivers = driver_names(machine, effects, loads=ports)
     z = _symbols("z", drivers)
-    x, home = _passive_symbols(mechanism)
-
-    values: dict[str, ca.SX] = {**theta, **port_values}
-    unknowns, start, statics = [x], [home], ca.SX(0, 1)
-    shifted = dict(values)
-    if effects:
-        loads: Mapping[str, ca.SX] = {}
-        multipliers = ca.SX.sym("force", x.numel()) if x.numel() and any(e.needs_load for e in effects) else ca.SX(0, 1)
-        if any(e.needs_load for e in effects):
-            loads = _loads(machine, values, q, z, x, multipliers)
-        for k, effect in enumerate(effects):
-            coefficients = {name: c[k, name] for kk, name in labels if kk == k}
-            site = Site(machine, effect.place, effect.settings_map, coefficients, q, z, values, loads)
-            for port, shift in effect.effect.shifts(site).items():
-                shifted[port] = shifted[site.checked(port, effect)] + shift
-        if multipliers.numel():
-            unknowns.append(multipliers)
-            start.append(np.zeros(multipliers.numel()))
+    x, home = _passive_symbols(machine.mechanism)
+    theta = _symbols("", [p.name for p in machine.parameters])
+    bare = _symbols("", machine.ports) if ports else dict[str, ca.SX]()
+    c = [_symbols(f"c{k}_", list(effect.values)) for k, effect in enumerate(effects)]
+    values = {**theta, **{name: bare.get(name, ca.SX(0)) for name in machine.ports}}
+    statics = _Statics.of(machine, values, q, z, x) if any(e.needs_load for e in effects) else None
+    loads = statics.loads(values) if statics else {}
+    sites = [
+        Site(machine, effect.place, effect.settings_map, own, q, z, values, loads)
+        for effect, own in zip(effects, c, strict=True)
+    ]
+    shifted = _shifted(values, effects, sites)
     assembly = assemble(machine, shifted, q, z, x)
-    if len(unknowns) > 1:
-        statics = ca.jacobian(assembly.closure, x).T @ unknowns[1] + ca.gradient(assembly.energy, x)
-    base = lie.rpy_transform([values[f"base.{a}"] for a in AXES[:3]], [values[f"base.{a}"] for a in AXES[3:]])
-    names = [p.name for p in parameters] + [f"{effects[k].label}:{name}" for k, name in labels]
-    symbols = [*theta.values(), *c.values()]
-    if ports:
-        names += list(machine.ports)
-        symbols += list(port_values.values())
-    p_home = [p.nominal for p in parameters] + [effects[k].values[name] for k, name in labels]
-    p_home += [0.0] * (len(names) - len(p_home))
+    names, p_home = _constants(machine, effects, tuple(bare))
     return SymbolicModel(
         machine=machine,
-        readings=mechanism.readings,
+        readings=machine.mechanism.readings,
         drivers=tuple(drivers),
         z_home=np.array([driver_default(machine, name) for name in drivers]),
-        names=tuple(names),
-        p_home=np.array(p_home),
-        home=np.concatenate(start),
+        names=names,
+        p_home=p_home,
+        home=np.concatenate([home, np.zeros(statics.forces.numel() if statics else 0)]),
         q=ca.vertcat(*q.values()),
         z=ca.vertcat(*z.values()) if z else ca.SX(0, 1),
-        p=ca.vertcat(*symbols),
-        x=ca.vertcat(*unknowns),
-        closure=ca.vertcat(assembly.closure, statics),
+        p=ca.vertcat(*theta.values(), *(symbol for own in c for symbol in own.values()), *bare.values()),
+        x=ca.vertcat(x, statics.forces) if statics else x,
+        closure=ca.vertcat(assembly.closure, statics.balance(shifted)) if statics else assembly.closure,
         pose=assembly.tool,
-        world=base @ assembly.tool,
-        energy=assembly.energy,
+        world=_frame(shifted, "base") @ assembly.tool,
+        energies=assembly.energies,
     )
 
 
@@ -148,10 +129,14 @@ def assemble(
         # (|d|^2 - l^2) / 2l: its derivative by l is -1 at closure, so its multiplier is the rod's tension
         closure.append((ca.sumsqr(b - a) - length**2) / (2 * length))
     tool = ca.mtimes([bodies[mechanism.flange], _motion(values, "tool"), _frame(values, "tool")])
-    return Assembly(bodies, ca.vertcat(*closure) if closure else ca.SX(0, 1), tool, _energy(machine, bodies, tool, z))
+    return Assembly(
+        bodies, ca.vertcat(*closure) if closure else ca.SX(0, 1), tool, _energies(machine, bodies, tool, z)
+    )
 
 
-def displacement_of(machine: Machine, reading: str, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX]) -> ca.SX:
+def displacement_of(
+    machine: Machine, reading: str, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX]
+) -> ca.SX:
     """offset + gain * reading + what effects add, in mm or rad."""
     actuator = machine.mechanism.actuator(reading)
     gain = values[actuator.gain] if actuator.gain else 1
@@ -169,7 +154,7 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
 
 
 def driver_default(machine: Machine, name: str) -> float:
-    """Value of a driver where nothing is recorded: nominal payload, 20 degC, the latest session, no motion."""
+    """Value of a driver where nothing is recorded: nominal payload, 20 degC, latest session, no motion."""
     if name == PAYLOAD:
         return next((m.kg for m in machine.masses if m.name == PAYLOAD), 0.0)
     if name.startswith("temperature"):
@@ -177,26 +162,80 @@ def driver_default(machine: Machine, name: str) -> float:
     return 1.0 if name.startswith("session.") else 0.0
 
 
-def _loads(
-    machine: Machine,
-    values: Mapping[str, ca.SX],
-    q: Mapping[str, ca.SX],
-    z: Mapping[str, ca.SX],
-    x: ca.SX,
-    multipliers: ca.SX,
+@dataclass(frozen=True)
+class _Statics:
+    """Gravity's potential (N mm) as a function of the ports, which are symbols of their own.
+
+    In closed loops ``forces`` are the closure's multipliers, unknowns that ``balance`` determines.
+    """
+
+    machine: Machine
+    ports: Mapping[str, ca.SX]
+    x: ca.SX
+    forces: ca.SX
+    potentials: Mapping[str, ca.SX]
+
+    @classmethod
+    def of(
+        cls,
+        machine: Machine,
+        names: Iterable[str],
+        q: Mapping[str, ca.SX],
+        z: Mapping[str, ca.SX],
+        x: ca.SX,
+    ) -> _Statics:
+        """Potential of a machine whose ports are ``names``."""
+        ports = _symbols("u", list(names))
+        raw = assemble(machine, ports, q, z, x)
+        count = raw.closure.numel()
+        forces = ca.SX.sym("force", count) if count else ca.SX(0, 1)
+        work = ca.dot(forces, raw.closure)
+        return cls(machine, ports, x, forces, {case: energy + work for case, energy in raw.energies.items()})
+
+    def loads(self, values: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        """Conjugate gravity load of every port, by load case and name: N along lengths, N m about angles."""
+        out: dict[str, ca.SX] = {}
+        for case, potential in self.potentials.items():
+            force = self._at(values, -ca.gradient(potential, ca.vertcat(*self.ports.values())))
+            out |= {
+                f"{case}{name}": force[k] / load_scale(self.machine, name)
+                for k, name in enumerate(self.ports)
+            }
+        return out
+
+    def balance(self, values: Mapping[str, ca.SX]) -> ca.SX:
+        """(nx,) zero when the forces hold the passive coordinates where they are."""
+        if not self.forces.numel():
+            return self.forces
+        return self._at(values, ca.gradient(self.potentials[""], self.x))
+
+    def _at(self, values: Mapping[str, ca.SX], expression: ca.SX) -> ca.SX:
+        symbols = ca.vertcat(*self.ports.values())
+        out: ca.SX = ca.substitute(expression, symbols, ca.vertcat(*(values[name] for name in self.ports)))
+        return out
+
+
+def _shifted(
+    values: Mapping[str, ca.SX], effects: Sequence[PlacedEffect], sites: Sequence[Site]
 ) -> dict[str, ca.SX]:
-    """Conjugate gravity load of every port, at the ports' unshifted values."""
-    ports = list(values)
-    free = _symbols("u", ports)
-    payload = {PAYLOAD: z.get(PAYLOAD, ca.SX(driver_default(machine, PAYLOAD)))}
-    raw = assemble(machine, free, q, payload, x)
-    symbols = ca.vertcat(*free.values())
-    potential = raw.energy
-    if multipliers.numel():
-        potential = potential + ca.dot(multipliers, raw.closure)
-    force = -ca.gradient(potential, symbols)
-    force = ca.substitute(force, symbols, ca.vertcat(*(values[name] for name in ports)))
-    return {name: force[k] / load_scale(machine, name) for k, name in enumerate(ports)}
+    """Values of all ports with every effect's shifts added."""
+    out = dict(values)
+    for placed, site in zip(effects, sites, strict=True):
+        for port, shift in placed.effect.shifts(site).items():
+            out[port] = out[site.checked(port, placed)] + shift
+    return out
+
+
+def _constants(
+    machine: Machine, effects: Sequence[PlacedEffect], ports: tuple[str, ...]
+) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+    """Names of the entries of p and their values as the machine file has them."""
+    names = [p.name for p in machine.parameters]
+    values = [p.nominal for p in machine.parameters]
+    for effect in effects:
+        names += [f"{effect.label}:{name}" for name in effect.values]
+        values += effect.values.values()
+    return (*names, *ports), np.array([*values, *(0.0 for _ in ports)])
 
 
 def load_scale(machine: Machine, port: str) -> float:
@@ -212,17 +251,24 @@ def _is_length(machine: Machine, port: str) -> bool:
     return not port.rsplit(".", 1)[-1].startswith("r")
 
 
-def _energy(machine: Machine, bodies: Mapping[str, ca.SX], tool: ca.SX, z: Mapping[str, ca.SX]) -> ca.SX:
-    """Potential energy of gravity, N mm (only differences matter)."""
-    energy = ca.SX(0)
+def _energies(
+    machine: Machine, bodies: Mapping[str, ca.SX], tool: ca.SX, z: Mapping[str, ca.SX]
+) -> dict[str, ca.SX]:
+    """Potential energy of gravity for each load case, N mm (only differences matter)."""
     if machine.gravity is None:
-        return energy
+        return {}
     gravity = ca.DM(machine.gravity)
-    for mass in machine.masses:
-        frame = tool if mass.body == "tool" else bodies[mass.body]
-        kg = z[PAYLOAD] if mass.name == PAYLOAD and PAYLOAD in z else mass.kg
-        energy -= kg * ca.dot(gravity, _point(frame, list(mass.com)))
-    return energy
+    out = {}
+    for case in machine.load_cases:
+        if case:  # 1 kg at the origin of a body
+            out[case] = -ca.dot(gravity, bodies[case.removesuffix("|")][:3, 3])
+            continue
+        out[case] = ca.SX(0)
+        for mass in machine.masses:
+            frame = tool if mass.body == "tool" else bodies[mass.body]
+            kg = z[PAYLOAD] if mass.name == PAYLOAD and PAYLOAD in z else mass.kg
+            out[case] -= kg * ca.dot(gravity, _point(frame, list(mass.com)))
+    return out
 
 
 def _joint(
@@ -280,17 +326,19 @@ def _closing(
         return ca.vertcat(gap, MM_PER_M * turn[0, 1])  # the cross's axes stay perpendicular
     if joint.kind == "fixed" or joint.name in displacement:
         return ca.vertcat(gap, MM_PER_M * lie.vee(turn))
-    axis = _axis(joint, values)
-    across = _perpendicular(joint)
+    axis, across = _axis(joint, values), _across(joint)
     if joint.kind == "revolute":
-        return ca.vertcat(gap, MM_PER_M * (across @ (turn @ axis)))
-    return ca.vertcat(across @ gap, MM_PER_M * lie.vee(turn))
+        return ca.vertcat(gap, MM_PER_M * (across @ ca.cross(axis, turn @ axis)))
+    return ca.vertcat(across @ ca.cross(axis, gap), MM_PER_M * lie.vee(turn))
 
 
-def _perpendicular(joint: Joint) -> ca.DM:
-    """Two rows across the joint's nominal axis."""
-    nominal = np.array(joint.axis if not isinstance(joint.axis, Direction) else (0.0, 0.0, joint.axis.sign))
-    return ca.DM(np.linalg.svd(nominal.reshape(1, 3))[2][1:])
+def _across(joint: Joint) -> ca.SX:
+    """Two rows (2, 3) across the joint's nominal axis, or across its largest component where it may turn."""
+    if isinstance(joint.axis, Direction):
+        axis = [float(name is None) for name in joint.axis.components]
+    else:
+        axis = list(joint.axis)
+    return ca.SX(ca.DM(np.linalg.svd(np.reshape(axis, (1, 3)))[2][1:]))
 
 
 def _step(step: Step, value: ca.SX) -> ca.SX:
@@ -304,14 +352,18 @@ def _motion(values: Mapping[str, ca.SX], frame: str) -> ca.SX:
     """Small error motion of a frame; smooth at zero, where it is the identity."""
     if f"{frame}.motion.x" not in values:
         return ca.SX.eye(4)
-    return lie.rpy_transform([values[f"{frame}.motion.{a}"] for a in AXES[:3]], [values[f"{frame}.motion.{a}"] for a in AXES[3:]])
+    return lie.rpy_transform(
+        [values[f"{frame}.motion.{a}"] for a in AXES[:3]], [values[f"{frame}.motion.{a}"] for a in AXES[3:]]
+    )
 
 
 def _frame(values: Mapping[str, ca.SX], frame: str) -> ca.SX:
-    return lie.rpy_transform([values[f"{frame}.{a}"] for a in AXES[:3]], [values[f"{frame}.{a}"] for a in AXES[3:]])
+    return lie.rpy_transform(
+        [values[f"{frame}.{a}"] for a in AXES[:3]], [values[f"{frame}.{a}"] for a in AXES[3:]]
+    )
 
 
-def _point(frame: ca.SX, point: Sequence[object]) -> ca.SX:
+def _point(frame: ca.SX, point: Sequence[ca.SX | float]) -> ca.SX:
     return frame[:3, :3] @ ca.vertcat(*(ca.SX(v) for v in point)) + frame[:3, 3]
 
 

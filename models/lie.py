@@ -19,17 +19,20 @@ Array = NDArray[np.float64]
 
 def rot_x(angle: ca.SX) -> ca.SX:
     """4x4 rotation about x."""
-    return _embed(ca.vertcat(ca.horzcat(1, 0, 0), _row(0, ca.cos(angle), -ca.sin(angle)), _row(0, ca.sin(angle), ca.cos(angle))))
+    c, s = ca.cos(angle), ca.sin(angle)
+    return _embed(ca.vertcat(_row(1, 0, 0), _row(0, c, -s), _row(0, s, c)))
 
 
 def rot_y(angle: ca.SX) -> ca.SX:
     """4x4 rotation about y."""
-    return _embed(ca.vertcat(_row(ca.cos(angle), 0, ca.sin(angle)), ca.horzcat(0, 1, 0), _row(-ca.sin(angle), 0, ca.cos(angle))))
+    c, s = ca.cos(angle), ca.sin(angle)
+    return _embed(ca.vertcat(_row(c, 0, s), _row(0, 1, 0), _row(-s, 0, c)))
 
 
 def rot_z(angle: ca.SX) -> ca.SX:
     """4x4 rotation about z."""
-    return _embed(ca.vertcat(_row(ca.cos(angle), -ca.sin(angle), 0), _row(ca.sin(angle), ca.cos(angle), 0), ca.horzcat(0, 0, 1)))
+    c, s = ca.cos(angle), ca.sin(angle)
+    return _embed(ca.vertcat(_row(c, -s, 0), _row(s, c, 0), _row(0, 0, 1)))
 
 
 def translation(x: ca.SX, y: ca.SX, z: ca.SX) -> ca.SX:
@@ -114,8 +117,9 @@ def inverse_pose(pose: Array) -> Array:
     return out
 
 
-def _row(a: object, b: object, c: object) -> ca.SX:
-    return ca.horzcat(ca.SX(a), ca.SX(b), ca.SX(c))
+def _row(a: ca.SX | float, b: ca.SX | float, c: ca.SX | float) -> ca.SX:
+    row: ca.SX = ca.horzcat(ca.SX(a), ca.SX(b), ca.SX(c))
+    return row
 
 
 def _embed(rotation: ca.SX) -> ca.SX:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.context import BuildContext
-from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.effects.base import Place, PlacedEffect, effects
 from truepose.models.machine import FRAMES, Machine, Mass, body_of
-from truepose.models.machine_file import EffectSpec, MachineFile, read_machine
+from truepose.models.machine_file import EffectSpec, MachineFile, MassSpec, read_machine
+from truepose.models.mechanism import Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Sensor, sensors
+from truepose.models.units import close_matches
 
 _XYZ = ("x", "y", "z")
 
@@ -32,21 +35,24 @@ def build_machine(file: MachineFile) -> Machine:
         frames=_frames(file),
         sensors=_sensors(file),
         gravity=file.gravity,
-        masses=tuple(Mass(m.name, m.kg, m.com, body_of(mechanism, m.in_)) for m in file.masses),
+        masses=tuple(_mass(mechanism, mass, file) for mass in file.masses),
         drivers=file.drivers,
         file=file,
     )
     _check_names(machine, file)
-    return replace(machine, effects=tuple(place_effect(machine, spec, f"{file.path}: effects[{k}]") for k, spec in enumerate(file.effects)))
+    _check_flange(machine, file)
+    placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]
+    return replace(machine, effects=tuple(placed))
 
 
 def place_effect(machine: Machine, spec: EffectSpec, where: str) -> PlacedEffect:
     """Bind a machine file's effect entry to its place, with values in the effect's own units."""
     effect = effects.get(spec.effect, where)()
-    place = resolve_place(machine, spec.place)
-    known = [tuple(p) for p in effect.places(machine)]
-    if place not in known and not all((name,) in known for name in place):
-        raise InputError(f"{where}.place: found {list(spec.place)}, expected one of {[list(p) for p in known[:20]]}")
+    known = [tuple(place) for place in effect.places(machine)]
+    place = resolve_place(machine, spec.place, known) if known else tuple(spec.place)
+    if known and not _fits(place, known):
+        listed = ", ".join(str(list(p)) for p in known[:20])
+        raise InputError(f"{where}.place: found {list(spec.place)}, expected one of {listed}")
     settings = dict(spec.settings)
     coefficients = effect.coefficients(machine, place, settings)
     names = {c.name: c.unit for c in coefficients}
@@ -57,19 +63,47 @@ def place_effect(machine: Machine, spec: EffectSpec, where: str) -> PlacedEffect
     return PlacedEffect.at(effect, machine, place, settings, values)
 
 
-def resolve_place(machine: Machine, place: tuple[str, ...]) -> tuple[str, ...]:
-    """A place as the catalogue names it; a limb and its actuator understand each other's name."""
-    return tuple(place)
+def resolve_place(machine: Machine, place: Place, known: Sequence[Place]) -> Place:
+    """A place as the catalogue's ``known`` places name it.
+
+    A limb and its actuator understand each other's name; what means nothing stays as it is.
+    """
+    other = {limb.name: limb.reading for limb in machine.mechanism.limbs}
+    other |= {reading: limb for limb, reading in other.items()}
+    names = {name for each in known for name in each}
+    return tuple(name if name in names else other.get(name, name) for name in place)
+
+
+def _fits(place: Place, known: Sequence[Place]) -> bool:
+    """Whether a place is known, or some of the places that a known one joins by one common cause."""
+    if place in known:
+        return True
+    alone = all((name,) in known for name in place)
+    return bool(place) and alone and any(set(place) <= set(each) for each in known)
+
+
+def _mass(mechanism: Mechanism, mass: MassSpec, file: MachineFile) -> Mass:
+    body = body_of(mechanism, mass.in_)
+    if body is None:
+        hint = close_matches(mass.in_, (*mechanism.bodies, "flange", "tool"))
+        raise InputError(f"{file.path}: masses.{mass.name}.in: found {mass.in_!r}, expected a body; {hint}")
+    return Mass(mass.name, mass.kg, mass.com, body)
 
 
 def _frames(file: MachineFile) -> tuple[Parameter, ...]:
     out = []
     for frame in FRAMES:
-        spec = getattr(file.frames, frame)
-        for k, axis in enumerate(_XYZ):
-            out.append(Parameter(f"{frame}.{axis}", "mm", spec.xyz[k], spec.tolerance.xyz[k], "frame", ("frames", frame, "xyz", k)))
-        for k, axis in enumerate(_XYZ):
-            out.append(Parameter(f"{frame}.r{axis}", "rad", spec.rpy[k], spec.tolerance.rpy[k], "frame", ("frames", frame, "rpy", k)))
+        spec = file.frames.base if frame == "base" else file.frames.tool
+        parts = (
+            ("", "mm", "xyz", spec.xyz, spec.tolerance.xyz),
+            ("r", "rad", "rpy", spec.rpy, spec.tolerance.rpy),
+        )
+        for prefix, unit, part, values, tolerances in parts:
+            for k, axis in enumerate(_XYZ):
+                name = f"{frame}.{prefix}{axis}"
+                override = file.override_for(name, unit)
+                tolerance = tolerances[k] if override is None else override
+                out.append(Parameter(name, unit, values[k], tolerance, "frame", ("frames", frame, part, k)))
     return tuple(out)
 
 
@@ -86,4 +120,20 @@ def _check_names(machine: Machine, file: MachineFile) -> None:
     names = [p.name for p in machine.parameters]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"{file.path}: found parameter {twice[0]!r} twice, expected every joint, leg and target to have its own name")
+        raise InputError(
+            f"{file.path}: found parameter {twice[0]!r} twice, "
+            "expected every joint, leg and target to have its own name"
+        )
+    file.tolerances.check(names)
+
+
+def _check_flange(machine: Machine, file: MachineFile) -> None:
+    """A sensor sees the tool frame: one that is fixed to the flange needs the two to be the same."""
+    tool = [p for p in machine.frames if p.name.startswith("tool.")]
+    apart = next((p for p in tool if p.nominal != 0.0 or p.free), None)
+    on_flange = next((sensor for sensor in machine.sensors if sensor.on_flange), None)
+    if apart and on_flange:
+        raise InputError(
+            f"{file.path}: sensor: found {on_flange.type} with its mirror in the flange, and {apart.name} "
+            "that is not exactly 0; expected `mirror: {in: tool}`, or no frames.tool"
+        )

@@ -38,7 +38,8 @@ class Mass:
 class Machine:
     """Everything the machine file says, in internal units (mm, rad).
 
-    ``frames`` holds the twelve parameters base.x ... tool.rz (rpy angles). ``gravity`` is m/s^2 in the base frame.
+    ``frames`` holds the twelve parameters base.x ... tool.rz (rpy angles). ``gravity`` is m/s^2 in the base
+    frame.
     """
 
     name: str
@@ -77,6 +78,18 @@ class Machine:
         """Whether gravity loads can be computed: gravity and at least one mass are known."""
         return self.gravity is not None and any(self.gravity) and bool(self.masses)
 
+    @property
+    def load_cases(self) -> tuple[str, ...]:
+        """What gravity pulls at: ``""`` for all stated masses; without any, 1 kg at each far body's origin.
+
+        A compliance can then be seen although nobody weighed the arm: its product with the mass is found.
+        """
+        if self.loaded:
+            return ("",)
+        if self.gravity is None or not any(self.gravity) or self.masses or self.mechanism.passive:
+            return ()
+        return tuple(f"{joint.child}|" for joint in self.mechanism.tree[1:])
+
     def motion(self, reading: str, axis: str) -> str:
         """Port of one error motion (x y z mm, rx ry rz rad) of the joint that ``reading`` drives."""
         return f"{self.mechanism.actuator(reading).drives}.motion.{axis}"
@@ -86,8 +99,8 @@ class Machine:
         return replace(self, effects=effects)
 
 
-def body_of(mechanism: Mechanism, name: str) -> str:
-    """Body that a mass's ``in`` means: a body, ``flange``, ``tool`` (kept) or ``base``."""
+def body_of(mechanism: Mechanism, name: str) -> str | None:
+    """Body that a mass's ``in`` means: a body, ``flange``, ``platform``, ``tool`` (kept) or ``base``."""
     if name in ("tool", BASE) or name in mechanism.bodies:
         return name
-    return mechanism.flange
+    return {"flange": mechanism.flange, "platform": mechanism.platform}.get(name)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -113,6 +113,8 @@ class MachineFile:
     effects: tuple[EffectSpec, ...]
     covariance: Mapping[str, Any] | None
     raw: Mapping[str, Any]
+    nominal: Mapping[str, float] = field(default_factory=dict)  # drawing values of a calibrated file: mm, rad
+    sessions: tuple[int, ...] = ()  # session numbers seen in its fit
 
     def override_for(self, parameter: str, unit: str) -> float | None:
         """The tolerance that `tolerances:` states for a parameter, in its `unit`; None if none."""
@@ -194,6 +196,8 @@ class _Document(Section):
     drivers: tuple[str, ...] = ()
     effects: list[dict[str, Any]] = Field(default_factory=list)
     covariance: dict[str, Any] | None = None
+    nominal: dict[str, Number] = Field(default_factory=dict)
+    sessions: tuple[int, ...] = ()
 
 
 def read_machine(path: Path | str) -> MachineFile:
@@ -234,6 +238,8 @@ def read_machine(path: Path | str) -> MachineFile:
         effects=read_effects(document.effects, path),
         covariance=document.covariance,
         raw=raw,
+        nominal=document.nominal,
+        sessions=document.sessions,
     )
 
 

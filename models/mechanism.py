@@ -1,4 +1,4 @@
-"""A mechanism as data: bodies joined by joints, loops closed by rods and closing joints, actuators that drive them.
+"""A mechanism as data: bodies joined by joints, loops closed by rods and closing joints, and actuators.
 
 Every builder (serial chain, hexapod, graph) makes one of these; nothing downstream knows which.
 The symbolic work is in ``truepose.models.kinematics``.
@@ -13,7 +13,14 @@ from typing import Literal
 from truepose.models.parameters import Parameter
 
 JointKind = Literal["revolute", "prismatic", "universal", "spherical", "free", "fixed"]
-COORDINATES: Mapping[str, int] = {"revolute": 1, "prismatic": 1, "universal": 2, "spherical": 3, "free": 6, "fixed": 0}
+COORDINATES: Mapping[str, int] = {
+    "revolute": 1,
+    "prismatic": 1,
+    "universal": 2,
+    "spherical": 3,
+    "free": 6,
+    "fixed": 0,
+}
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 BASE = "base"
 

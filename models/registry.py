@@ -42,7 +42,9 @@ class Registry(Generic[T]):
             return self._entries[name]
         close = difflib.get_close_matches(str(name), self._entries, n=2)
         hint = f"; did you mean {' or '.join(close)}?" if close else ""
-        raise InputError(f"{where}: found {self._kind} {name!r}, expected one of {', '.join(sorted(self._entries))}{hint}")
+        raise InputError(
+            f"{where}: found {self._kind} {name!r}, expected one of {', '.join(sorted(self._entries))}{hint}"
+        )
 
     def __iter__(self) -> Iterator[str]:
         self._fill()
@@ -65,7 +67,9 @@ def load_plugin(path: Path) -> ModuleType:
     """Run a user's file so that what it registers is known."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None or not path.is_file():
-        raise InputError(f"{path}: found no Python file, expected a plugin that registers effects, sensors or builders")
+        raise InputError(
+            f"{path}: found no Python file, expected a plugin that registers effects, sensors or builders"
+        )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -40,7 +40,10 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
             missing.append(Untestable(slug, "the machine file states no masses or no gravity"))
         reasons: list[str] = []
         for place in places:
-            for settings in effect.settings(machine, place, recording):
+            variants = effect.settings(machine, place, recording)
+            if not variants:
+                reasons.append("the recording holds one session only" if recording.n_sessions < 2 else "nothing to vary")
+            for settings in variants:
                 placed = PlacedEffect.at(effect, machine, place, settings)
                 reason = _untestable(placed, recording)
                 if reason is None:
@@ -68,8 +71,15 @@ def _summary(reasons: list[str]) -> str:
 
 
 def _log_prior(found: list[PlacedEffect]) -> tuple[float, ...]:
-    """Slugs share equally, places within a slug share equally, settings within a place share equally."""
+    """Slugs share equally, places within a slug share equally, settings within a place by their weight."""
     slugs = {e.effect.slug for e in found}
     places = Counter(slug for slug, _ in {(e.effect.slug, e.place) for e in found})
-    settings = Counter((e.effect.slug, e.place) for e in found)
-    return tuple(-float(np.log(len(slugs) * places[e.effect.slug] * settings[e.effect.slug, e.place])) for e in found)
+    weights = [e.effect.weight(e.settings_map) for e in found]
+    total: dict[tuple[str, tuple[str, ...]], float] = {}
+    for e, weight in zip(found, weights, strict=True):
+        key = (e.effect.slug, e.place)
+        total[key] = total.get(key, 0.0) + weight
+    return tuple(
+        float(np.log(weight / (total[e.effect.slug, e.place] * len(slugs) * places[e.effect.slug])))
+        for e, weight in zip(found, weights, strict=True)
+    )

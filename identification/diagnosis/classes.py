@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,9 +40,9 @@ class Named:
     equivalents: tuple[Member, ...]
 
 
-def name_term(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Sequence[int], term: int) -> Named:
+def name_term(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], term: int) -> Named:
     """Weigh every candidate in place of ``term`` and gather those that the data cannot tell from it."""
-    rest = [i for i in accepted if i != term]
+    rest = {i: v for i, v in accepted.items() if i != term}
     wanted = [i for i in range(len(cat.candidates)) if i not in rest]
     ranking = rank(lin, cat, grid, rest, wanted)
     odds = np.append(ranking.odds, 0.0)  # the last is: nothing more
@@ -62,12 +62,13 @@ def _indistinct(ranking: Ranking, missed: Array, own: int, other: int) -> bool:
     return bool(plausible and (abs(difference) < INDISTINCT or (0.5 * missed[other] < INDISTINCT and difference < 3 * INDISTINCT)))
 
 
-def missed_chi2(lin: Linearisation, ranking: Ranking, rest: Sequence[int], term: int, wanted: Sequence[int]) -> Array:
+def missed_chi2(lin: Linearisation, ranking: Ranking, rest: Mapping[int, float], term: int, wanted: Sequence[int]) -> Array:
     """(C,) what of the term's fitted signature each candidate cannot reproduce, in chi2, geometry adapting in tolerance."""
     n = lin.free
     noise = float(ranking.evidence.best_noise[list(wanted).index(term)])
-    inside = np.concatenate([np.arange(n), n + np.array(lin.indices(rest), dtype=int)]).astype(int)
-    weight = np.concatenate([lin.weight, np.ones(len(inside) - n)])
+    inside = np.concatenate([np.arange(n), n + np.array(lin.indices(list(rest)), dtype=int)]).astype(int)
+    sizes = [lin.columns[i].stop - lin.columns[i].start for i in rest]
+    weight = np.concatenate([lin.weight, 1.0 / np.repeat(list(rest.values()), sizes)])
     gram = lin.gram / noise**2
     a = gram[np.ix_(inside, inside)] + np.diag(weight**2) + 1e-12 * np.max(np.diag(gram)[inside]) * np.eye(len(inside))
     at = n + np.arange(lin.columns[term].start, lin.columns[term].stop)
@@ -85,9 +86,9 @@ def missed_chi2(lin: Linearisation, ranking: Ranking, rest: Sequence[int], term:
     return np.maximum(out, 0.0)
 
 
-def flip_inflation(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Sequence[int], term: int, threshold: float) -> float | None:
+def flip_inflation(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], term: int, threshold: float) -> float | None:
     """How many times wider every tolerance would have to be for the term not to be needed; None when none would do."""
-    rest = [i for i in accepted if i != term]
+    rest = {i: v for i, v in accepted.items() if i != term}
     for factor in (1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 100.0):
         fixed = Grid(grid.noise, ((factor,) * len(grid.classes),), grid.classes)
         if rank(lin, cat, fixed, rest, [term]).odds[0] < threshold:

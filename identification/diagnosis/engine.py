@@ -85,7 +85,7 @@ def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fit
     free, before, after = fits.free, fits.before, selection.fit
     signatures = Signatures(machine, recording, cat.candidates)
     lin = signatures.linearise(before)
-    screened = rank(lin, cat, selection.grid, [], list(range(len(cat.candidates))))
+    screened = rank(lin, cat, selection.grid, {}, list(range(len(cat.candidates))))
     noise = float(np.sqrt(max(free.chi2_per_dof, 1e-300)))
     inflation = dict(zip(selection.grid.classes, screened.evidence.inflation, strict=True))
     structure = alarms.structure_alarm(before, recording)

@@ -9,8 +9,8 @@ amplitude q are marginalised on a grid: wrong sigmas and wrong tolerances are ri
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 AMPLITUDES = np.geomspace(1e-4, 1.0, 17)
 INFLATIONS = (1.0, 2.0, 4.0, 10.0)
 INFLATED = ("length", "angle")
+LONG = 24
+MANY_READINGS = 4000
+"""Beyond so many readings tolerances decide little, and one inflation for all classes is enough."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +44,13 @@ class Grid:
 
 
 def grid_for(lin: Linearisation, rms: float) -> Grid:
-    """Noise scales from half the stated sigma to what geometry alone leaves; inflations of the classes present."""
-    top = max(2.0, 1.5 * rms)
-    noise = tuple(np.unique(np.round([0.7, 0.85, 1.0, 1.2, *np.geomspace(1.5, top, max(2, int(np.ceil(np.log(top) / 0.35))))], 6)).tolist())
+    """Noise scales from below the stated sigma to what geometry alone leaves; inflations of the classes present."""
+    top = max(1.7, 1.2 * rms)
+    above = np.geomspace(1.35, top, max(2, int(np.ceil(np.log(top / 1.35) / 0.4)) + 1))
+    noise = tuple(float(v) for v in (0.75, 0.87, 1.0, 1.15, *above))
     classes = tuple(c for c in INFLATED if c in lin.parts)
+    if lin.readings > MANY_READINGS:
+        return Grid(noise[2:], tuple((v,) * len(classes) for v in (1.0, 4.0)), classes)
     return Grid(noise, tuple(itertools.product(INFLATIONS, repeat=len(classes))), classes)
 
 
@@ -53,54 +59,85 @@ class Evidence:
     """log evidence of the null and of each candidate (integrated over the grid), with fitted amplitudes.
 
     gain (C,): log Bayes factor of a candidate against nothing more; amplitude: posterior mean in units of
-    scale, std beside it, at the best grid point; noise, inflation: of the null, posterior mean in the log.
+    scale, std beside it, at the best grid point; spread: the size of amplitudes there, in units of scale.
+    noise, inflation: of the null, posterior mean in the log.
     """
 
     null: float
     gain: Array
     amplitude: tuple[Array, ...]
-    spread: tuple[Array, ...]
+    std: tuple[Array, ...]
+    spread: Array
     noise: float
     inflation: tuple[float, ...]
     best_noise: Array
 
 
-def evidence(lin: Linearisation, wanted: Sequence[int], grid: Grid, accepted: Sequence[int] = ()) -> Evidence:
-    """Evidence of the candidates ``wanted`` when the candidates ``accepted`` are part of the model already."""
-    context, columns = _Context(lin, lin.indices(accepted)), [lin.columns[i] for i in wanted]
+@dataclass
+class _Best:
+    """Grid point at which a candidate does best."""
+
+    total: float = -np.inf
+    mean: Array = field(default_factory=lambda: np.zeros(0))
+    std: Array = field(default_factory=lambda: np.zeros(0))
+    spread: float = 1.0
+    noise: float = 1.0
+
+
+def evidence(lin: Linearisation, wanted: Sequence[int], grid: Grid, accepted: Mapping[int, float]) -> Evidence:
+    """Evidence of the candidates ``wanted`` when ``accepted`` (index to spread, in scales) are part of the model already."""
+    context, columns = _Context(lin, accepted), [lin.columns[i] for i in wanted]
     points = [(k, inflation) for k in grid.noise for inflation in grid.inflation]
     prior = np.array([grid.log_prior(*point) for point in points])
-    sizes = sorted({c.stop - c.start for c in columns})
-    groups = {s: [i for i, c in enumerate(columns) if c.stop - c.start == s] for s in sizes}
-    null = np.empty(len(points))
-    gain = np.empty((len(points), len(columns)))
-    best: list[tuple[float, Array, Array, float]] = [(-np.inf, np.zeros(0), np.zeros(0), 1.0)] * len(columns)
-    for g, (noise, inflation) in enumerate(points):
-        null[g], state = context.null(noise, dict(zip(grid.classes, inflation, strict=True)))
+    groups: dict[int, list[int]] = {}
+    for i, c in enumerate(columns):
+        groups.setdefault(c.stop - c.start, []).append(i)
+    states = [context.null(noise, dict(zip(grid.classes, inflation, strict=True))) for noise, inflation in points]
+    null = np.array([value for value, _ in states])
+    gain = np.full((len(points), len(columns)), -np.inf)
+    best = [_Best() for _ in columns]
+    likely = set(np.argsort(-(null + prior))[:2].tolist())
+    for g, ((noise, inflation), (_, state)) in enumerate(zip(points, states, strict=True)):
         for size, members in groups.items():
+            # a long series is weighed at the stated tolerances and at the likeliest points only
+            if size >= LONG and g not in likely and max(inflation, default=1.0) > 1.0:
+                continue
             which = np.array([np.arange(columns[i].start, columns[i].stop) for i in members])
-            logs, mean, std = context.candidates(state, which, noise, size)
+            logs, mean, std, spread = context.candidates(state, which, noise, size)
             gain[g, members] = logs
             for j, i in enumerate(members):
-                total = null[g] + prior[g] + logs[j]
-                if total > best[i][0]:
-                    best[i] = (total, mean[j], std[j], noise)
+                total = float(null[g] + prior[g] + logs[j])
+                if total > best[i].total:
+                    best[i] = _Best(total, mean[j], std[j], float(spread[j]), noise)
+    return _gather(points, prior, null, gain, best)
+
+
+def _gather(points: Sequence[tuple[float, tuple[float, ...]]], prior: Array, null: Array, gain: Array, best: Sequence[_Best]) -> Evidence:
     base = float(logsumexp(null + prior))
     weight = np.exp(null + prior - base)
-    mean_noise = float(np.exp(np.sum(weight * np.log([k for k, _ in points]))))
-    mean_inflation = tuple(float(np.exp(np.sum(weight * np.log([p[1][c] for p in points])))) for c in range(len(grid.classes)))
-    total = logsumexp(gain + (null + prior)[:, None], axis=0) - base if len(columns) else np.zeros(0)
-    return Evidence(base, total, tuple(b[1] for b in best), tuple(b[2] for b in best), mean_noise, mean_inflation, np.array([b[3] for b in best]))
+    total = logsumexp(gain + (null + prior)[:, None], axis=0) - base if len(best) else np.zeros(0)
+    inflations = np.log([inflation for _, inflation in points]).reshape(len(points), -1)
+    return Evidence(
+        null=base,
+        gain=total,
+        amplitude=tuple(b.mean for b in best),
+        std=tuple(b.std for b in best),
+        spread=np.array([b.spread for b in best]),
+        noise=float(np.exp(np.sum(weight * np.log([k for k, _ in points])))),
+        inflation=tuple(float(v) for v in np.exp(weight @ inflations)),
+        best_noise=np.array([b.noise for b in best]),
+    )
 
 
 class _Context:
-    """Gram blocks with accepted candidates moved into J (prior: their scale)."""
+    """Gram blocks with accepted candidates moved into J (prior: their spread)."""
 
-    def __init__(self, lin: Linearisation, accepted: Sequence[int]) -> None:
+    def __init__(self, lin: Linearisation, accepted: Mapping[int, float]) -> None:
         n, last = lin.free, len(lin.gram) - 1
-        extra = np.array(accepted, dtype=int) + n
+        extra = np.array(lin.indices(list(accepted)), dtype=int) + n
         self.inside = np.concatenate([np.arange(n), extra]).astype(int)
-        self.weight = np.concatenate([lin.weight, np.ones(len(extra))])
+        sizes = [lin.columns[i].stop - lin.columns[i].start for i in accepted]
+        self.weight = np.concatenate([lin.weight, 1.0 / np.repeat(list(accepted.values()), sizes)])
         self.parts = (*lin.parts, *("effect" for _ in extra))
         self.readings, self.offset, self.gram = lin.readings, n, lin.gram
         shift = np.append(lin.departure, 0.0)
@@ -122,16 +159,16 @@ class _Context:
         log_det = 2 * np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(precision[finite]))
         return -self.readings * np.log(noise) - 0.5 * float(quadratic) - 0.5 * float(log_det), (factor, b, solved)
 
-    def candidates(self, state: tuple[object, Array, Array], which: NDArray[np.intp], noise: float, size: int) -> tuple[Array, Array, Array]:
-        """Log Bayes factors (C,), posterior means and stds (C, size) of candidates of one size."""
+    def candidates(self, state: tuple[object, Array, Array], which: NDArray[np.intp], noise: float, size: int) -> tuple[Array, Array, Array, Array]:
+        """Log Bayes factors (C,), posterior means and stds (C, size), spreads (C,) of candidates of one size."""
         factor, _, solved = state
         rows = self.offset + which.ravel()
         jg = self.gram[np.ix_(self.inside, rows)] / noise**2
         half = solve_triangular(factor[0], jg, lower=True)  # type: ignore[index]
         score = (self.cross[rows] / noise**2 - jg.T @ solved).reshape(-1, size)
-        blocks = half.reshape(len(half), -1, size)
+        blocks = half.reshape(len(half), -1, size).transpose(1, 2, 0)
         own = np.array([self.gram[np.ix_(self.offset + w, self.offset + w)] for w in which]) / noise**2
-        information = own - np.einsum("ick,icl->ckl", blocks, blocks)
+        information = own - blocks @ blocks.transpose(0, 2, 1)
         values, vectors = np.linalg.eigh(information)
         values = np.maximum(values, 0.0)
         turned = np.einsum("ckl,ck->cl", vectors, -score)
@@ -142,7 +179,7 @@ class _Context:
         at = AMPLITUDES[best, None] ** 2
         mean = np.einsum("ckl,cl->ck", vectors, at * turned / (1 + at * values))
         std = np.sqrt(np.einsum("ckl,cl->ck", vectors**2, at / (1 + at * values)))
-        return logsumexp(logs, axis=0) - np.log(len(AMPLITUDES)), mean, std
+        return logsumexp(logs, axis=0) - np.log(len(AMPLITUDES)), mean, std, AMPLITUDES[best]
 
 
 def log_positive(mean: float, std: float) -> float:

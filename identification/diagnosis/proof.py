@@ -6,12 +6,13 @@ equally flexible black box, and the recovery of the effect injected into simulat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue
+from truepose.identification.diagnosis.classes import INDISTINCT
 from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.result import Proof
 from truepose.identification.diagnosis.selection import rank
@@ -78,12 +79,12 @@ def prove(
     signatures: Signatures,
     cat: Catalogue,
     grid: Grid,
-    accepted: Sequence[int],
+    accepted: Mapping[int, float],
 ) -> Proof:
     """All four proofs of the accepted terms."""
     name, b, a = held_out(before, after, recording, outliers)
     ratio, interval = ratio_interval(b, a)
-    main = accepted[0]
+    main = next(iter(accepted))
     return Proof(
         held_out=name,
         ratio=ratio,
@@ -103,7 +104,7 @@ def _placebo(before: Estimate, signatures: Signatures, cat: Catalogue, grid: Gri
     single = Signatures(signatures.machine, signatures.recording, [cat.candidates[term]])
     lin = single.linearise(before, order=order)
     one = Catalogue((cat.candidates[term],), (0.0,), ())
-    return float(rank(lin, one, grid, [], [0]).gain[0])
+    return float(rank(lin, one, grid, {}, [0]).gain[0])
 
 
 def _injected(before: Estimate, after: Estimate, signatures: Signatures, cat: Catalogue, grid: Grid, term: int) -> bool:
@@ -120,13 +121,13 @@ def _injected(before: Estimate, after: Estimate, signatures: Signatures, cat: Ca
     # the projection of white noise on the columns has their Gram matrix as covariance
     values, vectors = np.linalg.eigh(gram[:last, :last])
     projected = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(last)) * noise
-    gram[:last, last] = gram[last, :last] = gram[:last, at] @ amplitude + projected
-    gram[last, last] = amplitude @ gram[np.ix_(at, at)] @ amplitude + 2 * amplitude @ projected[at] + noise**2 * lin.readings
+    gram[:last, last] = gram[last, :last] = projected - gram[:last, at] @ amplitude  # prediction less reading
+    gram[last, last] = amplitude @ gram[np.ix_(at, at)] @ amplitude - 2 * amplitude @ projected[at] + noise**2 * lin.readings
     simulated = Linearisation(gram, lin.free, lin.columns, lin.readings, np.zeros(last), lin.weight, lin.parts, lin.candidates)
     wanted = list(range(len(cat.candidates)))
-    ranking = rank(simulated, cat, grid, [], wanted)
-    best = int(np.argmax(ranking.odds))
-    return bool(best == term or ranking.odds[best] - ranking.odds[term] < 3.0)
+    ranking = rank(simulated, cat, grid, {}, wanted)
+    alike = [i for i, c in enumerate(cat.candidates) if (c.effect.slug, c.place) == (fitted.effect.slug, fitted.place)]
+    return bool(np.max(ranking.odds) - np.max(ranking.odds[alike]) < INDISTINCT)
 
 
 def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:

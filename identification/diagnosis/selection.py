@@ -6,8 +6,8 @@ the search ends when a refit asks for nothing new.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from truepose.identification.diagnosis.evidence import Evidence, Grid, evidence,
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.estimate import Estimate, estimate
 from truepose.identification.recording import Recording
+from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -24,6 +25,10 @@ THRESHOLD = 3.0
 """Log posterior odds a term must bring to be added, and keep to stay."""
 MAX_TERMS = 80
 MAX_REFITS = 8
+MANY_TERMS = 8
+"""Beyond so many terms each is only kept or dropped; swapping each against the whole catalogue takes too long."""
+SERIES = 24
+WIDE = 100.0
 
 
 @dataclass(frozen=True)
@@ -38,20 +43,20 @@ class Ranking:
 
 @dataclass(frozen=True)
 class Selection:
-    """Accepted candidates (indices into the catalogue), the fit with them, and its linearisation."""
+    """Accepted candidates (index into the catalogue, to spread in scales), the fit with them, its linearisation."""
 
-    accepted: tuple[int, ...]
+    accepted: Mapping[int, float]
     fit: Estimate
     linearisation: Linearisation
     grid: Grid
 
 
-def rank(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Sequence[int], wanted: Sequence[int]) -> Ranking:
+def rank(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], wanted: Sequence[int]) -> Ranking:
     """Log posterior odds of each wanted candidate given the accepted ones."""
     result = evidence(lin, wanted, grid, accepted)
     gain = result.gain.copy()
     for j, i in enumerate(wanted):
-        gain[j] += physical(cat, i, result.amplitude[j], result.spread[j])
+        gain[j] += physical(cat, i, result.amplitude[j], result.std[j])
     odds = gain + np.array([cat.log_prior[i] for i in wanted]) if len(wanted) else gain
     return Ranking(tuple(wanted), odds, gain, result)
 
@@ -72,10 +77,9 @@ def select(
 ) -> Selection:
     """Search from the null fit. ``rms`` of the whitened free fit bounds the noise scale."""
     signatures = Signatures(machine, recording, cat.candidates)
-    accepted: list[int] = []
+    accepted: dict[int, float] = {}
     banned: set[int] = set()
-    fit = null
-    lin = signatures.linearise(fit)
+    fit, lin = null, signatures.linearise(null)
     grid = grid_for(lin, rms)
     for _ in range(MAX_REFITS):
         before = set(accepted)
@@ -84,66 +88,77 @@ def select(
             break
         fit, accepted = _refit(machine, recording, cat, accepted, fit, exclude, banned)
         lin = signatures.linearise(fit)
-    return Selection(tuple(accepted), fit, lin, grid)
+    return Selection(accepted, fit, lin, grid)
 
 
-def _search(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: list[int], banned: set[int]) -> list[int]:
+def _search(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], banned: set[int]) -> dict[int, float]:
     """Add, swap and drop terms until nothing changes."""
-    accepted = list(accepted)
+    current = dict(accepted)
     seen: set[frozenset[int]] = set()
-    while len(accepted) < MAX_TERMS and frozenset(accepted) not in seen:
-        seen.add(frozenset(accepted))
-        others = [i for i in range(len(cat.candidates)) if i not in accepted and i not in banned]
+    while len(current) < MAX_TERMS and frozenset(current) not in seen:
+        seen.add(frozenset(current))
+        others = [i for i in range(len(cat.candidates)) if i not in current and i not in banned]
         if not others:
             break
-        ranking = rank(lin, cat, grid, accepted, others)
+        ranking = rank(lin, cat, grid, current, others)
         best = int(np.argmax(ranking.odds))
-        if ranking.odds[best] > THRESHOLD:
-            accepted.append(others[best])
-            if len(accepted) > 1 and len(accepted) <= 8:
-                accepted = _swap_and_drop(lin, cat, grid, accepted, banned)
-            continue
-        accepted = _swap_and_drop(lin, cat, grid, accepted, banned)
-    return accepted
+        added = ranking.odds[best] > THRESHOLD
+        if added:
+            current[others[best]] = spread_of(cat, others[best], ranking.evidence.spread[best])
+        if not added or 1 < len(current) <= MANY_TERMS:
+            current = _swap_and_drop(lin, cat, grid, current, banned)
+    return current
 
 
-def _swap_and_drop(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: list[int], banned: set[int]) -> list[int]:
+def spread_of(cat: Catalogue, index: int, found: float) -> float:
+    """Prior spread of an accepted term, in scales: wide for a few coefficients, what the evidence found for a series."""
+    return float(found) if len(cat.candidates[index].coefficients) >= SERIES else WIDE
+
+
+def _swap_and_drop(
+    lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], banned: set[int]
+) -> dict[int, float]:
     """For each accepted term: drop it when the rest does without, replace it when another does better."""
-    current = list(accepted)
+    current = dict(accepted)
     for term in list(current):
-        rest = [i for i in current if i != term]
-        wanted = [term] if len(current) > 8 else [i for i in range(len(cat.candidates)) if i not in rest and i not in banned]
+        rest = {i: v for i, v in current.items() if i != term}
+        every = [i for i in range(len(cat.candidates)) if i not in rest and i not in banned]
+        wanted = [term] if len(current) > MANY_TERMS else every
         ranking = rank(lin, cat, grid, rest, wanted)
         own = ranking.odds[wanted.index(term)]
         best = int(np.argmax(ranking.odds))
         if ranking.odds[best] <= THRESHOLD:
             current = rest
         elif ranking.odds[best] > own + 1.0:
-            current = [*rest, wanted[best]]
+            current = rest | {wanted[best]: spread_of(cat, wanted[best], ranking.evidence.spread[best])}
     return current
 
 
 def _refit(
-    machine: Machine, recording: Recording, cat: Catalogue, accepted: list[int], fit: Estimate, exclude: NDArray[np.bool_], banned: set[int]
-) -> tuple[Estimate, list[int]]:
+    machine: Machine,
+    recording: Recording,
+    cat: Catalogue,
+    accepted: Mapping[int, float],
+    fit: Estimate,
+    exclude: NDArray[np.bool_],
+    banned: set[int],
+) -> tuple[Estimate, dict[int, float]]:
     """Nonlinear fit with the accepted terms; a term that leaves its physical bounds is banned and the fit repeated."""
+    current = dict(accepted)
     while True:
-        terms = [cat.candidates[i] for i in accepted]
+        terms = [replace(cat.candidates[i], spread=spread) for i, spread in current.items()]
         known = {e.label: e.amplitudes for e in fit.fitted_effects()}
         start = np.concatenate([fit.p[: len(machine.parameters)], *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms]])
-        result = estimate(machine, recording, terms, start=start, exclude=exclude)
-        outside = [i for i, term in zip(accepted, result.fitted_effects(), strict=True) if _outside(term, result)]
+        result = estimate(machine, recording, terms, start=start, exclude=exclude, damping=1e-9)
+        outside = [i for i, term in zip(current, result.fitted_effects(), strict=True) if _outside(term, result)]
         if not outside:
-            return result, accepted
+            return result, current
         banned.update(outside)
-        accepted = [i for i in accepted if i not in outside]
+        current = {i: v for i, v in current.items() if i not in outside}
 
 
-def _outside(term: object, result: Estimate) -> bool:
+def _outside(term: PlacedEffect, result: Estimate) -> bool:
     """Whether a coefficient is beyond its bounds by more than two of its standard deviations."""
-    from truepose.models.effects.base import PlacedEffect
-
-    assert isinstance(term, PlacedEffect)
     names = list(result.prior.names)
     std = result.std
     for c, value in zip(term.coefficients, term.amplitudes, strict=True):

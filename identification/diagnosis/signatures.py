@@ -6,7 +6,7 @@ signature costs one small product a row. All of it is kept as one Gram matrix of
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -97,7 +97,7 @@ class Signatures:
         predictor = Predictor(self.machine, self.recording, fit.effects, ports=True)
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
         x = fit.x
-        loads = predictor.loads(p, x) if self.machine.loaded else np.zeros((len(fit.x), len(p)))
+        loads = predictor.loads(p, x)
         shifts = self._shifts(predictor.model.names, p, loads)
         if order is not None:
             shifts = shifts[order]
@@ -127,7 +127,8 @@ class _ShiftFunction:
         q = {name: ca.SX.sym(name) for name in machine.mechanism.readings}
         z = {name: ca.SX.sym(name) for name in self._drivers}
         values = {name: ca.SX.sym(name) for name in self._names}
-        loads = {name: ca.SX.sym(f"load.{name}") for name in self._names}
+        self._loads = [f"{case}{name}" for case in machine.load_cases for name in self._names]
+        loads = {name: ca.SX.sym(f"load.{name}") for name in self._loads}
         outputs, layout, offset = [], [], 0
         for candidate in candidates:
             c = {item.name: ca.SX.sym(item.name) for item in candidate.coefficients}
@@ -144,7 +145,7 @@ class _ShiftFunction:
         inputs = [ca.vertcat(*group.values()) if group else ca.SX(0, 1) for group in (q, z, values, loads)]
         self._function = BatchFunction("shifts", inputs, [ca.vertcat(*outputs) if outputs else ca.SX(0, 1)])
 
-    def __call__(self, names: Sequence[str], p: Array, loads: Array) -> Array:
+    def __call__(self, names: Sequence[str], p: Array, loads: Mapping[str, Array]) -> Array:
         """(n, total) shift derivatives for every row."""
         at = {name: k for k, name in enumerate(names)}
         which = [at[name] for name in self._names]
@@ -153,4 +154,5 @@ class _ShiftFunction:
         for k, name in enumerate(self._drivers):
             recorded = rec.driver(name)
             z[:, k] = driver_default(self._machine, name) if recorded is None else recorded
-        return self._function(rec.q, z, p[which], loads[:, which])[0][..., 0]
+        force = np.column_stack([loads[name] for name in self._loads]) if self._loads else np.zeros((len(rec.q), 0))
+        return self._function(rec.q, z, p[which], force)[0][..., 0]

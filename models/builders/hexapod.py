@@ -85,9 +85,13 @@ def pus(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
         slider = f"{leg.name}.slider"
         placement = tuple(Step(f"t{c}", f"{leg.name}.a.{c}") for c in _POINT)
         joints.append(Joint(leg.joint, "prismatic", BASE, slider, placement, axis))
-        rods.append(Rod(leg.name, slider, None, PLATFORM, _names(leg.name, "b"), f"{leg.name}.length", leg.length))
+        rods.append(
+            Rod(leg.name, slider, None, PLATFORM, _names(leg.name, "b"), f"{leg.name}.length", leg.length)
+        )
         actuators.append(_actuator(leg, leg.joint, context))
-        limbs.append(Limb(leg.name, leg.joint, _names(leg.name, "a"), _names(leg.name, "b"), f"{leg.name}.length"))
+        limbs.append(
+            Limb(leg.name, leg.joint, _names(leg.name, "a"), _names(leg.name, "b"), f"{leg.name}.length")
+        )
     return _mechanism(parameters, joints, rods, actuators, limbs)
 
 
@@ -109,12 +113,25 @@ def ups(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
 
 
 def _mechanism(
-    parameters: list[Parameter], joints: list[Joint], rods: list[Rod], actuators: list[Actuator], limbs: list[Limb]
+    parameters: list[Parameter],
+    joints: list[Joint],
+    rods: list[Rod],
+    actuators: list[Actuator],
+    limbs: list[Limb],
 ) -> Mechanism:
     lengths = {BASE: tuple(p for limb in limbs for p in limb.base_point)}
     lengths[PLATFORM] = tuple(p for limb in limbs for p in limb.platform_point)
     lengths |= {limb.name: (limb.length,) for limb in limbs}
-    return Mechanism(tuple(parameters), tuple(joints), tuple(actuators), PLATFORM, tuple(rods), tuple(limbs), lengths, PLATFORM)
+    return Mechanism(
+        tuple(parameters),
+        tuple(joints),
+        tuple(actuators),
+        PLATFORM,
+        tuple(rods),
+        tuple(limbs),
+        lengths,
+        PLATFORM,
+    )
 
 
 def _rail(place: int, leg: PusLeg, context: BuildContext) -> tuple[list[Parameter], Direction]:
@@ -131,7 +148,9 @@ def _rail(place: int, leg: PusLeg, context: BuildContext) -> tuple[list[Paramete
     ]
     own.append(context.parameter(f"{leg.name}.length", "mm", leg.length, ("legs", place, "length")))
     axis = Direction(
-        (components[0], components[1], components[2]), float(np.sign(u[third])), (*context.path, "legs", place, "u", third)
+        (components[0], components[1], components[2]),
+        float(np.sign(u[third])),
+        (*context.path, "legs", place, "u", third),
     )
     return own + _scale(place, leg, context), axis
 
@@ -158,9 +177,21 @@ def _names(leg: str, point: str) -> tuple[str, str, str]:
 
 def _actuator(leg: _Leg, drives: str, context: BuildContext) -> Actuator:
     units = context.file.units
-    limits = None if leg.range is None else (units.to_internal(leg.range[0], "joint"), units.to_internal(leg.range[1], "joint"))
+    limits = (
+        None
+        if leg.range is None
+        else (units.to_internal(leg.range[0], "joint"), units.to_internal(leg.range[1], "joint"))
+    )
     return Actuator(
-        leg.joint, drives, "mm", units.internal("joint"), f"{leg.name}.offset", f"{leg.name}.gain", limits, leg.gear_ratio, leg.screw_pitch
+        leg.joint,
+        drives,
+        "mm",
+        units.internal("joint"),
+        f"{leg.name}.offset",
+        f"{leg.name}.gain",
+        limits,
+        leg.gear_ratio,
+        leg.screw_pitch,
     )
 
 
@@ -176,4 +207,7 @@ def _platform(home: tuple[float, ...], context: BuildContext) -> Joint:
 
 def _check(names: list[str], joints: list[str], context: BuildContext) -> None:
     if len(names) != LEGS or len(set(names)) != LEGS or len(set(joints)) != LEGS:
-        raise InputError(f"{context.where}.legs: found {len(names)} legs {names}, expected {LEGS}, each with its own name and joint")
+        raise InputError(
+            f"{context.where}.legs: found {len(names)} legs {names}, expected {LEGS}, "
+            "each with its own name and joint"
+        )

@@ -8,6 +8,7 @@ elsewhere it is redundant and the tolerances decide how it shares with theta and
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, Literal
 
 from pydantic import model_validator
@@ -19,7 +20,13 @@ from truepose.models.mechanism import BASE, Actuator, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
 from truepose.models.units import Angle, Length, Number, Section, UnitSystem, bad_value
 
-_STEPS = (("ry", "beta", "rad"), ("rx", "alpha", "rad"), ("tx", "d", "mm"), ("rz", "theta", "rad"), ("tz", "r", "mm"))
+_STEPS = (
+    ("ry", "beta", "rad"),
+    ("rx", "alpha", "rad"),
+    ("tx", "d", "mm"),
+    ("rz", "theta", "rad"),
+    ("tz", "r", "mm"),
+)
 
 
 class SerialJoint(Section):
@@ -56,32 +63,44 @@ def serial(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
     chain = context.parse(Serial, section)
     names = [joint.name for joint in chain.joints]
     if not names or len(set(names)) != len(names):
-        raise InputError(f"{context.where}.joints: found {names}, expected at least one joint, each with a name of its own")
+        raise InputError(
+            f"{context.where}.joints: found {names}, expected at least one joint, each with a name of its own"
+        )
     parameters: list[Parameter] = []
     joints, actuators = [], []
     for k, row in enumerate(chain.joints, start=1):
         values = row.model_dump()
         parameters += [
-            context.parameter(f"{row.name}.{field}", unit, values[field], ("joints", k - 1, field)) for _, field, unit in _STEPS
+            context.parameter(f"{row.name}.{field}", unit, values[field], ("joints", k - 1, field))
+            for _, field, unit in _STEPS
         ]
         placement = tuple(Step(kind, f"{row.name}.{field}") for kind, field, _ in _STEPS)
         parent = BASE if k == 1 else f"link{k - 1}"
         joints.append(Joint(row.name, row.kind, parent, f"link{k}", placement))
         actuators.append(_actuator(row, context.file.units))
-    return Mechanism(tuple(parameters), tuple(joints), tuple(actuators), f"link{len(names)}", lengths=_lengths(names))
+    return Mechanism(
+        tuple(parameters), tuple(joints), tuple(actuators), f"link{len(names)}", lengths=_lengths(names)
+    )
 
 
 def _actuator(row: SerialJoint, units: UnitSystem) -> Actuator:
     unit = "rad" if row.kind == "revolute" else "mm"
     dimension = "angle" if row.kind == "revolute" else "length"
-    limits = None if row.range is None else (units.to_internal(row.range[0], dimension), units.to_internal(row.range[1], dimension))
-    return Actuator(row.name, row.name, unit, unit, range=limits, gear_ratio=row.gear_ratio, screw_pitch=row.screw_pitch)
+    limits = (
+        None
+        if row.range is None
+        else (units.to_internal(row.range[0], dimension), units.to_internal(row.range[1], dimension))
+    )
+    return Actuator(
+        row.name, row.name, unit, unit, range=limits, gear_ratio=row.gear_ratio, screw_pitch=row.screw_pitch
+    )
 
 
 def _lengths(names: list[str]) -> dict[str, tuple[str, ...]]:
-    """What heats up together: the base's r and d, then what lies between joints K and K+1 (link1: only d of joint 2)."""
-    out = {BASE: (f"{names[0]}.r", f"{names[0]}.d")}
-    for k, (here, after) in enumerate(zip(names, names[1:], strict=False), start=1):
+    """What heats up together: r and d of the first joint with the base, then what lies between joints K and
+    K+1 (link1: only d of joint 2)."""
+    out: dict[str, tuple[str, ...]] = {BASE: (f"{names[0]}.r", f"{names[0]}.d")}
+    for k, (here, after) in enumerate(pairwise(names), start=1):
         out[f"link{k}"] = (f"{after}.d",) if k == 1 else (f"{here}.r", f"{after}.d")
     if len(names) > 1:
         out[f"link{len(names)}"] = (f"{names[-1]}.r",)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import casadi as ca
@@ -84,9 +84,9 @@ class Site:
         """A recorded driver (payload kg, temperature degC, time s, approach +-1 ...)."""
         return self.z[name]
 
-    def load(self, port: str) -> ca.SX:
-        """Gravity's conjugate load at a port: N along lengths, N m about angles."""
-        return self.loads[port]
+    def load(self, port: str, case: str = "") -> ca.SX:
+        """Gravity's conjugate load at a port: N along lengths, N m about angles (of 1 kg, for a probe ``case``)."""
+        return self.loads[f"{case}{port}"]
 
     def checked(self, port: str, who: object) -> str:
         """The port, if this machine has it."""
@@ -129,6 +129,14 @@ class Effect(ABC):
         """Constants the formula is not linear in (order of a harmonic, lag): one candidate each."""
         return ({},)
 
+    def weight(self, settings: Settings) -> float:
+        """How likely settings are among those of a place, relative to each other."""
+        return 1.0
+
+    def twins(self, settings: Settings) -> Mapping[str, float]:
+        """Effects whose signature is the very same function here, with how likely they are relative to this one."""
+        return {}
+
     def explain(self, machine: Machine, place: Place) -> str:
         """One sentence in plain words for the finding."""
         return f"{self.title or self.slug} at {', '.join(place)}"
@@ -147,6 +155,8 @@ class PlacedEffect:
     coefficients: tuple[Coefficient, ...] = ()
     drivers: tuple[str, ...] = ()
     amplitudes: tuple[float, ...] = ()
+    spread: float = 100.0
+    """Prior 1-sigma of the coefficients in a fit, in units of their scale."""
 
     @classmethod
     def at(

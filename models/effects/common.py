@@ -73,6 +73,21 @@ def sine_coefficients(unit: str, scale: float) -> tuple[Coefficient, ...]:
     return (Coefficient("a", unit, scale), Coefficient("b", unit, scale))
 
 
+def series_coefficients(unit: str, scale: float, orders: int, decay: float) -> tuple[Coefficient, ...]:
+    """A periodic function as a Fourier series whose amplitudes are expected to fall as order^-decay."""
+    names = [(f"{letter}{k}", scale / k**decay) for k in range(1, orders + 1) for letter in "ab"]
+    return tuple(Coefficient(name, unit, size) for name, size in names)
+
+
+def series(site: Site, angle: ca.SX) -> ca.SX:
+    """sum a_k sin(k angle) + b_k cos(k angle) over the coefficients of a site."""
+    total = ca.SX(0)
+    for name, c in site.c.items():
+        wave = ca.sin if name[0] == "a" else ca.cos
+        total += c * wave(int(name[1:]) * angle)
+    return total
+
+
 def twist_coefficients(mm: float, rad: float, per: str = "") -> tuple[Coefficient, ...]:
     """Six small motions x y z rx ry rz with their scales; ``per`` ends the unit (``/h``)."""
     moves = [Coefficient(axis, "mm" + per, mm) for axis in AXES[:3]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, drives_joint, joint_unit, singly
 from truepose.models.machine import Machine
 
@@ -23,18 +23,36 @@ class JointCompliance(Effect):
     needs_load = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        if not machine.loaded:
+        if not machine.load_cases:
             return []
         return singly(a.reading for a in machine.mechanism.actuators if drives_joint(machine, a))
 
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        """With unknown masses, one candidate for each body beyond the joint that may carry them."""
+        if machine.loaded:
+            return ({},)
+        return [{"carries": float(k)} for k in range(_position(machine, place), len(machine.load_cases))]
+
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        if joint_unit(machine, place) == "rad":
-            return (Coefficient("c", "rad/(N*m)", scale=1e-4, lower=0.0),)
-        return (Coefficient("c", "mm/N", scale=1e-2, lower=0.0),)
+        unit, scale = ("rad/(N*m)", 1e-4) if joint_unit(machine, place) == "rad" else ("mm/N", 1e-2)
+        if "carries" in settings:
+            return (Coefficient("c_kg", f"{unit}*kg", scale=20.0 * scale, lower=0.0),)
+        return (Coefficient("c", unit, scale=scale, lower=0.0),)
 
     def shifts(self, site: Site) -> Shifts:
         port = actuator_at(site.machine, site.place[0]).displacement
+        if "carries" in site.settings:
+            case = site.machine.load_cases[round(site.settings["carries"])]
+            return {port: site.c["c_kg"] * site.load(port, case)}
         return {port: site.c["c"] * site.load(port)}
 
     def explain(self, machine: Machine, place: Place) -> str:
-        return f"Joint {place[0]} gives way under the weight it carries, in proportion to the load."
+        unknown = "" if machine.loaded else " (masses are not stated: compliance times carried mass is found)"
+        return f"Joint {place[0]} gives way under the weight it carries, in proportion to the load{unknown}."
+
+
+def _position(machine: Machine, place: Place) -> int:
+    """First load case that the joint carries: the body it moves, then those beyond."""
+    drives = actuator_at(machine, place[0]).drives
+    names = [joint.name for joint in machine.mechanism.tree]
+    return max(0, names.index(drives) - 1)

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import pi
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import actuator_at, sine_coefficients, sine_pair, singly
+from truepose.models.effects.common import (
+    actuator_at,
+    series,
+    series_coefficients,
+    sine_coefficients,
+    sine_pair,
+    singly,
+)
 from truepose.models.machine import Machine
 
 HIGHEST_ORDER = 30
+SERIES = 60.0
+DECAY = 1.5
+"""Amplitudes of a smooth gear error fall about as order^-1.5; the size is weighed against the data."""
 
 
 @effects.add("transmission-error")
@@ -18,7 +28,7 @@ class TransmissionError(Effect):
 
     slug = "transmission-error"
     title = "Transmission error of a geared joint"
-    formula = "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint"
+    formula = "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60"
     size = "strain wave gears 0.5 to 2 arcmin (1.5e-4 to 6e-4 rad)"
     look_alikes = ("encoder-eccentricity", "axis-wobble", "actuator-scale")
     experiment = (
@@ -33,21 +43,32 @@ class TransmissionError(Effect):
         return singly(a.reading for a in machine.mechanism.actuators if a.unit == "rad")
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        if "orders" in settings:
+            return series_coefficients("rad", 5e-3, round(settings["orders"]), DECAY)
         return sine_coefficients("rad", 3e-3)
 
     def shifts(self, site: Site) -> Shifts:
         actuator = actuator_at(site.machine, site.place[0])
-        phase = site.settings.get("order", 1.0) * site.moved(actuator.reading)
-        return {actuator.displacement: sine_pair(site, phase)}
+        angle = site.moved(actuator.reading)
+        if "orders" in site.settings:
+            return {actuator.displacement: series(site, angle)}
+        return {actuator.displacement: sine_pair(site, site.settings.get("order", 1.0) * angle)}
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        """Orders that make at least a quarter of a period within the joint's range."""
+        """Orders that make at least a quarter of a period within the joint's range, one by one, or all together."""
         actuator = actuator_at(machine, place[0])
         orders = [float(k) for k in range(1, HIGHEST_ORDER + 1)]
         if actuator.gear_ratio:
             orders += [k for k in (abs(actuator.gear_ratio), 2 * abs(actuator.gear_ratio)) if k not in orders]
         span = actuator.range[1] - actuator.range[0] if actuator.range else 2 * pi
-        return [{"order": k} for k in orders if k * span >= pi / 2]
+        return [*({"order": k} for k in orders if k * span >= pi / 2), {"orders": SERIES}]
+
+    def weight(self, settings: Settings) -> float:
+        return 10.0 if "orders" in settings else 1.0
+
+    def twins(self, settings: Settings) -> Mapping[str, float]:
+        # any function of the joint's angle may come from the gear or from the encoder that reads the angle
+        return {"encoder-eccentricity": 0.2} if "orders" in settings else {}
 
     def explain(self, machine: Machine, place: Place) -> str:
         return f"The gear of joint {place[0]} turns unevenly: its error repeats several times per turn."

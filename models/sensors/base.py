@@ -40,6 +40,8 @@ class Sensor(ABC):
     type: ClassVar[str]
     differs_from_row: ClassVar[bool] = False
     """Whether a reading is the change since the row that ``from`` names."""
+    on_flange: bool = False
+    """Whether the instrument is fixed to the flange, so that the tool frame must coincide with it."""
 
     @classmethod
     @abstractmethod

@@ -7,30 +7,35 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import casadi as ca
+from pydantic import Field
 
 from truepose.models import lie
 from truepose.models.context import BuildContext
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.units import Angle, AngleTolerance, Length, LengthTolerance, LengthToleranceVector, LengthVector, Section
+from truepose.models.units import (
+    Angle,
+    AngleTolerance,
+    Length,
+    LengthTolerance,
+    LengthToleranceVector,
+    LengthVector,
+    Section,
+)
 
 
 class _Beam(Section):
-    in_: Literal["world"] = "world"
+    in_: Literal["world"] = Field(default="world", alias="in")
     xyz: LengthVector
     rx: Angle = 0.0
     rz: Angle = 0.0
 
-    model_config = Section.model_config | {"populate_by_name": True, "alias_generator": lambda name: "in" if name == "in_" else name}
-
 
 class _Mirror(Section):
-    in_: Literal["flange", "tool"] = "flange"
+    in_: Literal["flange", "tool"] = Field(default="flange", alias="in")
     z: Length = 0.0
     rx: Angle = 0.0
     ry: Angle = 0.0
-
-    model_config = Section.model_config | {"populate_by_name": True, "alias_generator": lambda name: "in" if name == "in_" else name}
 
 
 class _Sigma(Section):
@@ -62,6 +67,7 @@ class Distance(Sensor):
 
     own: tuple[Parameter, ...]
     sigma: float
+    on_flange: bool
     type = "distance"
     differs_from_row: ClassVar[bool] = True
 
@@ -70,13 +76,20 @@ class Distance(Sensor):
         """From ``beam``, ``mirror``, ``sigma: {distance}`` and ``tolerance``."""
         parsed = context.parse(_DistanceSection, section)
         beam, mirror, tol = parsed.beam, parsed.mirror, parsed.tolerance
-        rows: list[tuple[str, str, float, float, tuple[str | int, ...]]] = [
-            *((f"beam.{a}", "mm", beam.xyz[k], tol.beam_xyz[k], ("beam", "xyz", k)) for k, a in enumerate("xyz")),
-            *((f"beam.{a}", "rad", v, tol.beam_angle, ("beam", a)) for a, v in (("rx", beam.rx), ("rz", beam.rz))),
-            ("mirror.z", "mm", mirror.z, tol.mirror_z, ("mirror", "z")),
-            *((f"mirror.{a}", "rad", v, tol.mirror_angle, ("mirror", a)) for a, v in (("rx", mirror.rx), ("ry", mirror.ry))),
+
+        def own(name: str, unit: str, value: float, tolerance: float, *field: str | int) -> Parameter:
+            return context.parameter(name, unit, value, field, "sensor", tolerance)
+
+        point = [
+            own(f"beam.{a}", "mm", beam.xyz[k], tol.beam_xyz[k], "beam", "xyz", k)
+            for k, a in enumerate("xyz")
         ]
-        return cls(tuple(context.parameter(n, u, v, f, "sensor", t) for n, u, v, t, f in rows), parsed.sigma.distance)
+        turns = (("beam", "rx", beam.rx), ("beam", "rz", beam.rz))
+        light = [own(f"{at}.{a}", "rad", v, tol.beam_angle, at, a) for at, a, v in turns]
+        height = own("mirror.z", "mm", mirror.z, tol.mirror_z, "mirror", "z")
+        tilts = (("mirror", "rx", mirror.rx), ("mirror", "ry", mirror.ry))
+        plane = [own(f"{at}.{a}", "rad", v, tol.mirror_angle, at, a) for at, a, v in tilts]
+        return cls((*point, *light, height, *plane), parsed.sigma.distance, mirror.in_ == "flange")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -95,10 +108,9 @@ class Distance(Sensor):
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """Length along the beam's z axis to the mirror's plane, mm."""
-        beam = ca.mtimes([lie.translation(s["beam.x"], s["beam.y"], s["beam.z"]), lie.rot_x(s["beam.rx"]), lie.rot_z(s["beam.rz"])])
-        zero = ca.SX(0)
-        mirror = ca.mtimes(
-            [world, lie.translation(zero, zero, s["mirror.z"]), lie.rot_x(s["mirror.rx"]), lie.rot_y(s["mirror.ry"])]
-        )
+        origin = ca.vertcat(s["beam.x"], s["beam.y"], s["beam.z"])
+        light = (lie.rot_x(s["beam.rx"]) @ lie.rot_z(s["beam.rz"]))[:3, 2]
+        shift = lie.translation(ca.SX(0), ca.SX(0), s["mirror.z"])
+        mirror = ca.mtimes([world, shift, lie.rot_x(s["mirror.rx"]), lie.rot_y(s["mirror.ry"])])
         normal = mirror[:3, 2]
-        return ca.dot(normal, mirror[:3, 3] - beam[:3, 3]) / ca.dot(normal, beam[:3, 2])
+        return ca.dot(normal, mirror[:3, 3] - origin) / ca.dot(normal, light)

@@ -48,7 +48,9 @@ class Targets(Sensor):
         if not parsed.points:
             raise InputError(f"{context.where}.points: found no point, expected at least one")
         points = tuple(
-            context.parameter(f"{name}.{axis}", "mm", point[k], ("points", name, k), "target", parsed.tolerance.points)
+            context.parameter(
+                f"{name}.{axis}", "mm", point[k], ("points", name, k), "target", parsed.tolerance.points
+            )
             for name, point in parsed.points.items()
             for k, axis in enumerate(_XYZ)
         )
@@ -67,10 +69,14 @@ class Targets(Sensor):
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Three lengths a point."""
-        return tuple(Channel(p.name, "mm", self.sigma_xyz, "position", p.name.rsplit(".", 1)[0]) for p in self.points)
+        return tuple(
+            Channel(p.name, "mm", self.sigma_xyz, "position", p.name.rsplit(".", 1)[0]) for p in self.points
+        )
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """world * point for every point, mm."""
         names = [p.name for p in self.points]
         triples = [names[k : k + 3] for k in range(0, len(names), 3)]
-        return ca.vertcat(*(world[:3, :3] @ ca.vertcat(*(s[n] for n in triple)) + world[:3, 3] for triple in triples))
+        return ca.vertcat(
+            *(world[:3, :3] @ ca.vertcat(*(s[n] for n in triple)) + world[:3, 3] for triple in triples)
+        )

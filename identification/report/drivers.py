@@ -1,0 +1,76 @@
+"""Columns of a recording that residuals may follow, in the units people read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.recording import Recording
+from truepose.identification.report.numbers import unit_symbol
+from truepose.models.machine import Machine
+from truepose.models.sensors.base import Channel
+
+MOST = 12
+_UNITS = {
+    "payload": "kg",
+    "temperature": "°C",
+    "pressure": "hPa",
+    "humidity": "%",
+    "time": "s",
+    "approach": "±1",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A driver's name, its axis title with unit, and values (n,)."""
+
+    name: str
+    title: str
+    values: NDArray[np.float64]
+
+
+def columns(machine: Machine, recording: Recording, first: Sequence[str] = ()) -> list[Column]:
+    """Joints, what was logged and varies, the order of rows: twelve at most, those of ``first`` kept."""
+    out = [joint_column(machine, recording, name) for name in recording.joints]
+    for name in [*recording.drivers, *(["time"] if recording.time is not None else [])]:
+        values = recording.driver(name)
+        if values is not None:
+            out.append(Column(name, f"{name} [{_unit(machine, name)}]", values))
+    varying = [c for c in out if np.ptp(c.values) > 0.0]
+    kept = {c.name for c in sorted(varying, key=lambda c: c.name not in first)[: MOST - 1]}
+    return [
+        *(c for c in varying if c.name in kept),
+        Column("order", "row in order of acquisition [1]", np.arange(1.0, len(recording) + 1.0)),
+    ]
+
+
+def joint_column(machine: Machine, recording: Recording, name: str) -> Column:
+    """A joint's readings, angles in degrees."""
+    factor, unit = reading_unit(machine, name)
+    values = recording.q[:, recording.joints.index(name)]
+    return Column(name, f"{name} [{unit}]", values * factor)
+
+
+def reading_unit(machine: Machine, name: str) -> tuple[float, str]:
+    """Factor and unit in which a joint's readings are shown."""
+    unit = machine.mechanism.actuator(name).reading_unit
+    return (float(np.degrees(1.0)), "°") if unit == "rad" else (1.0, unit_symbol(unit))
+
+
+def _unit(machine: Machine, name: str) -> str:
+    head, _, rest = name.partition(".")
+    if head == "velocity" and rest in machine.mechanism.readings:
+        return f"{unit_symbol(machine.mechanism.actuator(rest).reading_unit)}/s"
+    return _UNITS.get(head, "as recorded")
+
+
+def component_groups(channels: Sequence[Channel]) -> dict[str, list[int]]:
+    """Indices of residual components that share an axis (P1.x, P2.x: x), six groups at most."""
+    out: dict[str, list[int]] = {}
+    for k, channel in enumerate(channels):
+        out.setdefault(channel.name.rsplit(".", 1)[-1], []).append(k)
+    return dict(list(out.items())[:6])

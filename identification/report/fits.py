@@ -1,0 +1,72 @@
+"""The fits side by side, as the tables and figures want them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.diagnosis.result import Diagnosis, FitSummary
+from truepose.identification.estimate import Estimate
+from truepose.models.machine import Machine
+
+Mask = NDArray[np.bool_]
+NAMES = {
+    "free": ("free fit", "ordinary fit, parameters free"),
+    "before": ("tolerances", "under tolerances, no effects"),
+    "calibrated": ("calibrated", "calibrated, under tolerances"),
+    "after": ("with effects", "under tolerances, with effects"),
+}
+
+
+@dataclass(frozen=True)
+class FitColumn:
+    """One fit: names, rms in sigma of calibration and validation rows (None without any), other figures."""
+
+    key: str
+    short: str
+    name: str
+    sigma: tuple[float | None, float | None]
+    summary: FitSummary
+
+    @property
+    def rms(self) -> Mapping[str, float]:
+        """rms by kind of the calibration rows, mm or rad."""
+        return self.summary.rms
+
+    def rms_of(self, role: int, kind: str) -> float | None:
+        """rms of a kind on calibration (0) or validation (1) rows."""
+        figures = self.summary.rms if role == 0 else self.summary.validation_rms
+        return None if figures is None else figures.get(kind)
+
+
+def fit_column(key: str, fit: Estimate, summary: FitSummary, validation: Mask) -> FitColumn:
+    """One fit of the three."""
+    return FitColumn(
+        key, *NAMES[key], (_rms(fit.residual[fit.used]), _rms(fit.residual[validation])), summary
+    )
+
+
+def fit_columns(diagnosis: Diagnosis) -> list[FitColumn]:
+    """Free, before, and after where an effect was added."""
+    keys = ["free", "before", *(["after"] if diagnosis.terms else [])]
+    fits = {"free": diagnosis.free, "before": diagnosis.before, "after": diagnosis.after}
+    validation = diagnosis.recording.validation
+    return [fit_column(k, fits[k], diagnosis.fits[k], validation) for k in keys if k in diagnosis.fits]
+
+
+def stated_noise(machine: Machine) -> dict[str, float]:
+    """What the stated sigmas make of each kind's norm, mm or rad: root of the summed squares of a point."""
+    squares: dict[tuple[str, str], float] = {}
+    for sensor in machine.sensors:
+        for c in sensor.channels:
+            squares[c.kind, c.point] = squares.get((c.kind, c.point), 0.0) + c.sigma**2
+    kinds = dict.fromkeys(kind for kind, _ in squares)
+    return {k: float(np.sqrt(np.mean([v for (kind, _), v in squares.items() if kind == k]))) for k in kinds}
+
+
+def _rms(residual: NDArray[np.float64]) -> float | None:
+    values = residual[np.isfinite(residual) & (residual != 0.0)]  # a row that refers to itself reads nothing
+    return float(np.sqrt(np.mean(values**2))) if values.size else None

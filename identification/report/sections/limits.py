@@ -1,0 +1,52 @@
+"""Section 6: what the data cannot tell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.estimate import Estimate
+from truepose.identification.report import gauge, words
+from truepose.identification.report.document import Block, Items, Section, Table, Text
+from truepose.identification.report.numbers import significant
+
+Array = NDArray[np.float64]
+CANDIDATES = 15
+
+
+def limits_section(diagnosis: Diagnosis) -> Section:
+    """What the data cannot tell."""
+    fit = diagnosis.after if diagnosis.terms else diagnosis.before
+    blocks = limits_blocks(fit)
+    same = [
+        f"{words.named(f)}: also {words.joined([words.named(e) for e in f.equivalents], 'or')}"
+        for f in diagnosis.findings
+        if f.equivalents
+    ]
+    if same:
+        blocks.append(Items(same, title="Explanations that cannot be told apart"))
+    if diagnosis.untestable:
+        blocks.append(
+            Text(
+                f"Not testable with this recording: {', '.join(u.effect for u in diagnosis.untestable)}"
+                " (reasons in part 1)."
+            )
+        )
+    left = diagnosis.remainder
+    if left is not None:
+        rows = [
+            ["driver", left.driver or "-"],
+            ["place", ", ".join(left.place) or "-"],
+            ["form", left.form],
+            ["size", f"{significant(left.size_sigma)} σ"],
+        ]
+        blocks.append(Table(["remainder (hypothesised)", ""], rows, text_columns=2))
+    if diagnosis.notes:
+        blocks.append(Items(diagnosis.notes, title="Notes"))
+    return Section("limits", "What the data cannot tell", blocks)
+
+
+def limits_blocks(fit: Estimate) -> list[Block]:
+    """Rank, blind directions and weakly determined parameters, in words."""
+    return [Items([*gauge.rank_words(fit), *gauge.weak_words(fit)], title="Geometry")]

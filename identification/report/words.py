@@ -1,0 +1,287 @@
+"""Results in plain sentences: the verdict, why it is said, what speaks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
+from truepose.identification.report.document import Tone
+from truepose.identification.report.numbers import known, p_value, percent, significant, times
+from truepose.models.effects.base import Effect, effects
+
+CERTAIN = 0.95
+NAMEABLE = 3.0
+HARMLESS = ("outliers", "fringe-miscount")
+_ALARM_NAMES = {
+    "residual": "lack of fit",
+    "prior_conflict": "conflict with tolerances",
+    "structure": "structure in residuals",
+}
+_ALARMS = {
+    "residual": "does an ordinary fit, parameters free, leave more than noise?",
+    "prior_conflict": "do the readings want parameters that the drawings exclude?",
+    "structure": "do residuals under tolerances follow a driver or the order of rows?",
+}
+
+
+def effect_class(slug: str) -> type[Effect] | None:
+    """The catalogue's entry, None for a slug it does not have."""
+    return effects.get(slug, "report") if slug in set(effects) else None
+
+
+def effect_title(slug: str) -> str:
+    """An effect in words with its slug: ``platform that bends (platform-deformation)``."""
+    entry = effect_class(slug)
+    title = entry.title if entry is not None else ""
+    if not title:
+        return slug
+    return f"{title if title[:2].isupper() else title[0].lower() + title[1:]} ({slug})"
+
+
+def place_words(place: Sequence[str]) -> str:
+    """``at leg1``; nothing for an effect without a place."""
+    return f"at {', '.join(place)}" if place else ""
+
+
+def named(item: Finding | Alternative) -> str:
+    """An effect and its place."""
+    return f"{effect_title(item.effect)} {place_words(item.place)}".strip()
+
+
+def joined(parts: Sequence[str], word: str = "and") -> str:
+    """``a, b and c``."""
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {word} {parts[-1]}" if parts else ""
+
+
+def several(count: int, one: str, many: str = "") -> str:
+    """``1 finding``, ``2 findings``."""
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def headline(diagnosis: Diagnosis) -> tuple[str, Tone]:
+    """The verdict in one sentence, and its tone."""
+    model = f"The model of {diagnosis.machine.name}"
+    if diagnosis.verdict == "missing-physics" and diagnosis.findings:
+        return f"{model} {joined(_faults(diagnosis.findings))}.", "warn"
+    if diagnosis.verdict == "unknown":
+        left = diagnosis.remainder
+        where = f" What is left seems to {follows(left)}." if left is not None else ""
+        return f"{model} lacks something that no effect of the catalogue explains.{where}", "warn"
+    beside = [named(f) for f in diagnosis.findings]
+    rest = f" Apart from {joined(beside)}, these" if beside else " These"
+    return f"{model} is adequate.{rest} readings show nothing that it leaves out.", "good"
+
+
+def _faults(findings: Sequence[Finding]) -> list[str]:
+    """What is wrong with the model, as verbs with their objects."""
+    wrong = [_or_alike(f) for f in findings if f.effect == "wrong-constant"]
+    absent = [_or_alike(f) for f in findings if f.effect not in ("wrong-constant", *HARMLESS)]
+    rows = [named(f) for f in findings if f.effect in HARMLESS]
+    out = [f"leaves out {joined(absent)}"] if absent else []
+    out += [f"has a {joined(wrong)}"] if wrong else []
+    return out + ([f"was fitted beside {joined(rows)}"] if rows else [])
+
+
+def _or_alike(finding: Finding) -> str:
+    """A finding, and that look-alikes are as good where its own name is not sure."""
+    if finding.probability > CERTAIN or not finding.equivalents:
+        return named(finding)
+    if len(finding.equivalents) == 1:
+        return f"{named(finding)} or {named(finding.equivalents[0])}"
+    return f"{named(finding)} or one of {len(finding.equivalents)} look-alikes"
+
+
+def follows(left: Remainder) -> str:
+    """Which driver the remainder follows, hypothetically: to be said after ``seems to``."""
+    if left.driver == "order":
+        return "vary with the order of acquisition (a hypothesis)"
+    where = f" {place_words(left.place)}" if left.place and left.place != (left.driver,) else ""
+    return f"follow {left.driver or 'no recorded driver'}{where} (a hypothesis)"
+
+
+def reasons(diagnosis: Diagnosis) -> list[str]:
+    """Why the verdict is what it is, strongest first."""
+    before, after = diagnosis.fits["before"], diagnosis.fits["after"]
+    if diagnosis.verdict == "adequate":
+        return _reasons_adequate(diagnosis)
+    out = []
+    if diagnosis.findings:
+        best = max(diagnosis.findings, key=lambda f: f.log_bayes_factor)
+        out.append(
+            f"The readings are {times(best.log_bayes_factor)} likelier with {best.effect}"
+            f" {place_words(best.place)} than without it, geometry free to move within its tolerances in both"
+            f" cases (log Bayes factor {significant(best.log_bayes_factor)})."
+        )
+    if diagnosis.terms:
+        out.append(
+            f"With parameters held to their tolerances, misfit chi2/dof is {significant(before.chi2_per_dof)}"
+            f" without effects and {significant(after.chi2_per_dof)} with them; 1 is noise alone."
+        )
+        out.append(_worst(diagnosis))
+    out += _held_out(diagnosis)
+    raised = [name for name, alarm in diagnosis.alarms.items() if alarm.raised]
+    if raised:
+        out.append(
+            "Alarms that a true model raises once in a hundred recordings:"
+            f" {joined([alarm_name(n) for n in raised])}."
+        )
+    return out
+
+
+def _reasons_adequate(diagnosis: Diagnosis) -> list[str]:
+    before = diagnosis.fits["before"]
+    quiet = [alarm_name(name) for name, alarm in diagnosis.alarms.items() if not alarm.raised]
+    out = [
+        f"With parameters held to their tolerances, misfit chi2/dof is {significant(before.chi2_per_dof)}; 1"
+        " is noise alone."
+    ]
+    if quiet:
+        out.append(f"Quiet: {joined(quiet)}.")
+    best = max(
+        (c for c in diagnosis.candidates if c.effect not in HARMLESS),
+        key=lambda c: c.log_bayes_factor,
+        default=None,
+    )
+    if best is not None:
+        out.append(
+            f"The best of {several(len(diagnosis.candidates), 'explanation')} weighed, {named(best)}, reaches"
+            f" a log Bayes factor of {significant(best.log_bayes_factor)}: after its share of prior"
+            " probability, too little for a name."
+        )
+    return out
+
+
+def _worst(diagnosis: Diagnosis) -> str:
+    before, after = diagnosis.fits["before"], diagnosis.fits["after"]
+    if not known(after.worst_allowed):
+        return "No parameter has a finite tolerance, so none can be judged against its drawing."
+    back = after.worst_parameter_sigma <= after.worst_allowed
+    where = (
+        "back within"
+        if back and before.worst_parameter_sigma > before.worst_allowed
+        else "within"
+        if back
+        else "still above"
+    )
+    return (
+        f"Without effects the readings push {before.worst_parameter}"
+        f" {significant(before.worst_parameter_sigma)} tolerances from its drawing; with them the farthest is"
+        f" {after.worst_parameter} at {significant(after.worst_parameter_sigma)}, {where} the"
+        f" {significant(after.worst_allowed)} that a true model keeps to in 99 of 100 cases."
+    )
+
+
+def _held_out(diagnosis: Diagnosis) -> list[str]:
+    proof = diagnosis.proof
+    if proof is None:
+        return []
+    low, high = proof.ratio_interval
+    what = (
+        "the recording's validation rows"
+        if proof.held_out == "role"
+        else f"rows held out in turn ({proof.held_out})"
+    )
+    gain = "" if high < 1.0 else " That is no certain gain"
+    return [
+        f"On {what}, never fitted, rms falls to {significant(proof.ratio)} of what it was "
+        f"(95 % interval {significant(low)} to {significant(high)}).{gain + '.' if gain else ''}"
+    ]
+
+
+def doubts(diagnosis: Diagnosis) -> list[str]:
+    """What speaks against the findings, said plainly."""
+    out = []
+    after, proof = diagnosis.fits["after"], diagnosis.proof
+    if diagnosis.terms and after.worst_parameter_sigma > after.worst_allowed:
+        out.append(
+            f"{after.worst_parameter} still stands {significant(after.worst_parameter_sigma)} tolerances from"
+            f" its drawing, beyond the {significant(after.worst_allowed)} that a true model allows."
+        )
+    out += [
+        f"No amplitude of {named(f)} is twice its own uncertainty: the readings want the effect, not any one"
+        " of its coefficients."
+        for f in diagnosis.findings
+        if f.parameters and not any(abs(q.value) > 2.0 * q.std for q in f.parameters.values())
+    ]
+    if diagnosis.findings and diagnosis.structure.alarm.raised:
+        out.append(
+            f"Residuals still follow {diagnosis.structure.driver} (p ="
+            f" {p_value(diagnosis.structure.alarm.p)}; {percent(diagnosis.structure.share)} of them):"
+            " something smaller is left."
+        )
+    if proof is not None:
+        out += _proof_doubts(
+            proof.ratio,
+            proof.ratio_interval[1],
+            proof.placebo_gain,
+            proof.black_box_ratio,
+            proof.injected_recovered,
+        )
+    return out
+
+
+def _proof_doubts(
+    ratio: float, high: float, placebo: float | None, box: float | None, injected: bool | None
+) -> list[str]:
+    out = []
+    if known(high) and high >= 1.0:
+        out.append("Held-out rows show no certain gain.")
+    if placebo is not None and placebo > NAMEABLE:
+        out.append(
+            f"A placebo (the same effect with shuffled drivers) gains {significant(placebo)} too, which"
+            " chance should not give."
+        )
+    if box is not None and known(box) and box <= ratio:
+        out.append(f"An equally flexible black box does as well on held-out rows ({significant(box)}).")
+    if injected is False:
+        out.append(
+            "The effect, put into simulated readings at the size found here, was not recognised first of all."
+        )
+    return out
+
+
+def concealed_words(diagnosis: Diagnosis) -> str:
+    """That an ordinary fit would have looked good, and where the missing physics went."""
+    free = diagnosis.fits["free"]
+    return (
+        f"Concealed: an ordinary fit would have looked good (chi2/dof {significant(free.chi2_per_dof)}),"
+        " because its free parameters swallowed what is missing. They left their drawings to do so:"
+        f" {free.worst_parameter} by {significant(free.worst_parameter_sigma)} tolerances (directions that"
+        " the readings hardly determine add to such figures, so the alarms below count only combinations"
+        " that they do)."
+    )
+
+
+def certainty_words(finding: Finding) -> str:
+    """How sure, for the name and for its class."""
+    own = f"Probability {percent(finding.probability)} that it is {finding.effect}"
+    own = f"{own} {place_words(finding.place)}".rstrip()
+    if not finding.equivalents:
+        rest = "No other explanation of the catalogue comes close"
+        return f"{own}. {rest if finding.probability > CERTAIN else 'The rest is shared by others (part 3)'}."
+    return (
+        f"{own}; {percent(finding.certainty)} that it is one of the"
+        f" {several(len(finding.equivalents) + 1, 'explanation')} below, which these readings cannot tell"
+        " apart."
+    )
+
+
+def tolerance_words(finding: Finding) -> str:
+    """Whether the naming rests on tolerances alone."""
+    flip = finding.flip_lambda
+    said = f"With every tolerance {significant(flip, 2)} times wider the verdict would flip."
+    turn = said if known(flip) else ""
+    if finding.prior_dependent:
+        alone = "The naming rests on the drawing tolerances alone: free geometry could imitate this effect."
+        return f"{alone} {turn}".rstrip()
+    return turn or "The naming does not rest on tolerances: no widening up to a hundred times would flip it."
+
+
+def alarm_name(name: str) -> str:
+    """An alarm as it is called in print."""
+    return _ALARM_NAMES.get(name, name)
+
+
+def alarm_question(name: str) -> str:
+    """What an alarm asks."""
+    return _ALARMS.get(name, name)

@@ -1,0 +1,1 @@
+"""The commands of ``truepose``, a module for each kind; ``truepose.cli`` puts them together."""

@@ -1,0 +1,147 @@
+"""``calibrate`` and ``diagnose``: from a machine and its recordings to a directory of results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.commands.common import (
+    DirectoryOption,
+    JsonOption,
+    MachineArg,
+    PluginOption,
+    RecordingsArg,
+    check_directory,
+    finish,
+    progress,
+    reported,
+    written,
+)
+from truepose.commands.words import calibration_lines, diagnosis_lines, diagnosis_summary
+from truepose.errors import InputError
+
+if TYPE_CHECKING:
+    from truepose.identification.calibrate import Calibration
+    from truepose.identification.diagnosis.result import Diagnosis
+
+EstimatorOption = Annotated[
+    str,
+    typer.Option(
+        help="map: tolerances as the prior; ols: readings alone; huber: map that bends for outliers.",
+        metavar="map|ols|huber",
+    ),
+]
+SolverOption = Annotated[
+    str, typer.Option(help="gn: Gauss-Newton; lm: Levenberg-Marquardt.", metavar="gn|lm")
+]
+
+
+def calibrate(
+    machine: MachineArg,
+    recordings: RecordingsArg,
+    output: DirectoryOption,
+    estimator: EstimatorOption = "map",
+    solver: SolverOption = "lm",
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """Identify the machine's constants; writes calibrated.yaml, fit.json and report.html.
+
+    Example: truepose calibrate machine.yaml day1.csv day2.csv -o result
+    """
+    with reported(plugin):
+        from truepose.identification.calibrate import calibrate as run
+        from truepose.identification.load import load_recording
+        from truepose.models.load import load_machine
+
+        check_directory(output)
+        with progress("calibrating") as say:
+            loaded = load_machine(machine)
+            result = run(
+                loaded, load_recording(loaded, recordings), estimator=estimator, solver=solver, progress=say
+            )
+            names = write_calibration(result, output)
+        fit = result.fit_json
+        summary = {"command": "calibrate", **{k: fit[k] for k in _BRIEF}, "files": written(output, names)}
+        finish(summary, calibration_lines(result, output), result.notes, as_json=as_json)
+
+
+_BRIEF = (
+    "status",
+    "iterations",
+    "rows",
+    "chi2_per_dof",
+    "rms",
+    "validation_rms",
+    "rank",
+    "free_parameters",
+    "worst_parameter_sigma",
+)
+
+
+def diagnose(
+    machine: MachineArg,
+    recordings: RecordingsArg,
+    output: DirectoryOption,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """Locate, name, model and prove what the model leaves out.
+
+    Writes diagnosis.json, improved.yaml and report.html.
+
+    Example: truepose diagnose machine.yaml recording.csv -o result
+    """
+    with reported(plugin):
+        from truepose.identification.diagnosis.engine import diagnose as run
+        from truepose.identification.load import load_recording
+        from truepose.models.load import load_machine
+
+        check_directory(output)
+        with progress("diagnosing") as say:
+            loaded = load_machine(machine)
+            result = run(loaded, load_recording(loaded, recordings), progress=say)
+            names = write_diagnosis(result, output)
+        finish(
+            diagnosis_summary(result, "diagnose", written(output, names)),
+            diagnosis_lines(result, output),
+            result.notes,
+            as_json=as_json,
+        )
+
+
+def write_calibration(result: Calibration, output: Path) -> list[str]:
+    """The three files of a calibration, whole or not at all."""
+    from truepose.files import atomic_directory
+    from truepose.identification.export import json_text
+    from truepose.identification.report import calibration_html
+    from truepose.identification.write_machine import write_calibrated
+
+    with atomic_directory(output) as partial:
+        write_calibrated(partial / "calibrated.yaml", result.fit, result.recording)
+        _write(partial / "fit.json", json_text(result.fit_json))
+        _write(partial / "report.html", calibration_html(result.fit, result.free, result.recording))
+        return sorted(file.name for file in partial.iterdir())
+
+
+def write_diagnosis(result: Diagnosis, output: Path, truth: dict[str, object] | None = None) -> list[str]:
+    """The three files of a diagnosis, whole or not at all; ``truth`` is for the report's last page alone."""
+    from truepose.files import atomic_directory
+    from truepose.identification.export import diagnosis_json, json_text
+    from truepose.identification.report import report_html
+    from truepose.identification.write_machine import write_calibrated
+
+    with atomic_directory(output) as partial:
+        _write(partial / "diagnosis.json", json_text(diagnosis_json(result)))
+        write_calibrated(partial / "improved.yaml", result.after, result.recording)
+        _write(partial / "report.html", report_html(result, truth))
+        return sorted(file.name for file in partial.iterdir())
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8", newline="")
+    except OSError as exc:
+        raise InputError(f"{path}: cannot write the file: {exc.strerror}") from exc

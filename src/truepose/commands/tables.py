@@ -1,0 +1,131 @@
+"""``predict`` and ``simulate``: from rows to rows."""
+
+from __future__ import annotations
+
+import uuid
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.commands.common import (
+    FileOption,
+    JsonOption,
+    MachineArg,
+    PluginOption,
+    RecordingArg,
+    check_file,
+    finish,
+    progress,
+    reported,
+)
+from truepose.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PosesArg = Annotated[
+    Path,
+    typer.Argument(
+        metavar="POSES",
+        help="Joint readings, row by row; the sensor's columns may be missing.",
+        show_default=False,
+    ),
+]
+EffectOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effect",
+        metavar="SLUG@PLACE:name=value[unit],...",
+        help="Physics to add; several places: q3+q2; repeatable.",
+    ),
+]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the sensor's noise.")]
+
+
+def predict(
+    machine: MachineArg,
+    recording: RecordingArg,
+    output: FileOption,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """What the sensor should have read, one row for each row: its columns, <column>.std, and the tool's pose.
+
+    Units are those of the machine file. <column>.std is the model's 1-sigma, without the sensor's noise. A
+    row in which the mechanism cannot be assembled stays empty.
+
+    Example: truepose predict result/improved.yaml recording.csv -o predicted.csv
+    """
+    with reported(plugin):
+        from truepose.identification import predict as prediction
+        from truepose.identification.load import load_recording
+        from truepose.models.load import load_machine
+
+        check_file(output)
+        with progress("predicting"):
+            loaded = load_machine(machine)
+            rows = load_recording(loaded, [recording], need_readings=False)
+            frame = prediction.predict(loaded, rows)
+            write_table(output, frame)
+        notes = [*rows.notes, *prediction.unassembled(rows, frame)]
+        _finish("predict", frame, output, notes, as_json)
+
+
+def simulate(
+    machine: MachineArg,
+    poses: PosesArg,
+    output: FileOption,
+    effect: EffectOption = None,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """A recording with the machine file's effects, the ones named, and the sensor's noise.
+
+    Example: truepose simulate machine.yaml poses.csv -o out.csv --effect "actuator-scale@rho4:s=8e-4"
+
+    Example: truepose simulate machine.yaml poses.csv -o out.csv --effect "axis-coupling@q3+q2:k=1e-4"
+    """
+    with reported(plugin):
+        from truepose.identification import simulate as simulation
+        from truepose.identification.load import load_recording
+        from truepose.models.load import load_machine
+
+        check_file(output)
+        with progress("simulating"):
+            loaded = load_machine(machine)
+            extra = [simulation.parse_effect(text, loaded) for text in effect or ()]
+            rows = load_recording(loaded, [poses], need_readings=False)
+            frame = simulation.with_inputs(poses, simulation.simulate(loaded, rows, extra, seed=seed))
+            write_table(output, frame)
+        notes = [*rows.notes, *simulation.unheard(loaded, extra, rows)]
+        _finish("simulate", frame, output, notes, as_json)
+
+
+def write_table(path: Path, frame: pd.DataFrame) -> None:
+    """CSV, or Parquet by the file's ending; whole or not at all, floats at full precision."""
+    from truepose.files import atomic_write_text
+
+    if path.suffix.lower() not in {".parquet", ".pq"}:
+        atomic_write_text(path, frame.to_csv(index=False, lineterminator="\n"))
+        return
+    target = path.resolve()
+    partial = target.with_name(f".{target.name}.{uuid.uuid4().hex[:12]}.partial")
+    try:
+        frame.to_parquet(partial, index=False)
+        partial.replace(target)
+    except OSError as exc:
+        raise InputError(f"{path}: cannot write the file: {exc.strerror}") from exc
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _finish(command: str, frame: pd.DataFrame, output: Path, notes: list[str], as_json: bool) -> None:
+    summary = {
+        "command": command,
+        "rows": len(frame),
+        "columns": [str(c) for c in frame.columns],
+        "files": [str(output)],
+    }
+    finish(summary, [f"{output}: {len(frame)} rows"], notes, as_json=as_json)

@@ -1,0 +1,73 @@
+"""Results in a few plain lines for a terminal, and in brief for ``--json``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from truepose.identification.calibrate import Calibration
+    from truepose.identification.diagnosis.result import Diagnosis
+
+
+def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict[str, object]:
+    """What ``--json`` prints of a diagnosis: its document's main parts, and the files."""
+    from truepose.identification.export import diagnosis_json
+
+    whole = diagnosis_json(result)
+    kept = {
+        key: whole[key] for key in ("verdict", "concealed", "alarms", "findings", "remainder", "fit", "proof")
+    }
+    return {"command": command, **kept, "files": files}
+
+
+def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
+    """A few plain lines: verdict, findings, fits, where the report is."""
+    words = {
+        "adequate": "the model is adequate",
+        "missing-physics": "physics is missing",
+        "unknown": "something is missing, unnamed",
+    }
+    hidden = ", though the ordinary fit looked good" if result.concealed else ""
+    lines = [f"{result.machine.name}: {words[result.verdict]}{hidden}"]
+    for finding in result.findings:
+        who = f"{finding.effect} at {', '.join(finding.place)}"
+        lines.append(f"  {who} (probability {_percent(finding.probability)}): {finding.explanation}")
+        for name, q in finding.parameters.items():
+            unit = "" if q.unit == "1" else f" {q.unit}"
+            lines.append(f"    {name} = {q.value:.4g} +- {q.std:.2g}{unit}")
+        if finding.equivalents:
+            lines.append(
+                "    could also be: "
+                + "; ".join(f"{e.effect} at {', '.join(e.place)}" for e in finding.equivalents[:4])
+            )
+    if result.remainder is not None:
+        lines.append(f"  remainder follows {result.remainder.driver}: {result.remainder.form}")
+    if result.outlier_rows:
+        lines.append(f"  rows left out as outliers: {', '.join(map(str, result.outlier_rows))}")
+    fits = ", ".join(f"{name} {fit.chi2_per_dof:.3g}" for name, fit in result.fits.items())
+    return [*lines, f"  chi2 per degree of freedom: {fits}", f"report: {output / 'report.html'}"]
+
+
+def _percent(probability: float) -> str:
+    return "> 99.9 %" if probability > 0.999 else f"{100 * probability:.1f} %"
+
+
+def calibration_lines(result: Calibration, output: Path) -> list[str]:
+    """A few plain lines: figures of the fit, what tolerances decided, where the machine file is."""
+    fit, figures = result.fit, result.fit_json
+    seen = f"{fit.rank} of {len(fit.prior.free)} directions"
+    rms = ", ".join(f"{kind} {v['value']:.4g} {v['unit']}" for kind, v in result.fit_json["rms"].items())
+    held = (
+        "tolerances decide the others"
+        if result.method["estimator"] != "ols"
+        else "the others stay at the drawing"
+    )
+    decided = f"; {held}" if fit.rank < len(fit.prior.free) else ""
+    lines = [
+        f"{fit.machine.name}: converged in {fit.solution.iterations} iterations",
+        f"  chi2 per degree of freedom {fit.chi2_per_dof:.4g}; rms: {rms}",
+        f"  {seen} are seen by the readings" + decided,
+        f"  furthest from the drawing: {figures['worst_parameter']}, {fit.worst_parameter_sigma:.3g} tolerances",
+    ]
+    return [*lines, f"calibrated machine: {output / 'calibrated.yaml'}"]

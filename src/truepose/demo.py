@@ -1,0 +1,63 @@
+"""``demo``: the whole job on a bundled recording."""
+
+from __future__ import annotations
+
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truepose.commands.common import (
+    JsonOption,
+    PluginOption,
+    check_directory,
+    finish,
+    progress,
+    reported,
+    written,
+)
+from truepose.commands.identify import write_diagnosis
+from truepose.commands.words import diagnosis_lines, diagnosis_summary
+from truepose.errors import InputError
+
+DEMOS = ("telescope",)
+NameArg = Annotated[str, typer.Argument(metavar="[telescope]", help="Which machine.")]
+OutputOption = Annotated[
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Directory for the results.")
+]
+
+
+def demo(
+    name: NameArg = "telescope",
+    output: OutputOption = Path("truepose-demo"),
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """The whole job on a bundled recording: diagnosis.json, improved.yaml and report.html.
+
+    Example: truepose demo telescope -o truepose-demo
+    """
+    with reported(plugin):
+        from truepose.identification.diagnosis.engine import diagnose
+        from truepose.identification.load import load_recording
+        from truepose.models.load import load_machine
+
+        if name not in DEMOS:
+            raise InputError(f"demo: found {name!r}, expected one of {', '.join(DEMOS)}")
+        check_directory(output)
+        with (
+            resources.as_file(resources.files("truepose.models") / "machines" / name) as bundle,
+            progress("diagnosing") as say,
+        ):
+            machine = load_machine(bundle / "machine.yaml")
+            result = diagnose(machine, load_recording(machine, [bundle / "recording.csv"]), progress=say)
+            names = write_diagnosis(result, output, truth=_truth(bundle / "truth.json"))
+        summary = diagnosis_summary(result, "demo", written(output, names))
+        finish(summary, diagnosis_lines(result, output), result.notes, as_json=as_json)
+
+
+def _truth(path: Path) -> dict[str, object] | None:
+    """What the simulator put in: shown on the report's last page, never seen by the diagnosis."""
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None

@@ -1,0 +1,152 @@
+"""Laws of rotations and rigid motions: group axioms, exponential and logarithm, and their symbolic twins."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.models import lie
+
+Array = NDArray[np.float64]
+LAWS = settings(deadline=None, max_examples=40)
+SMALLEST = 1e-3
+
+
+def vectors(size: float) -> st.SearchStrategy[Array]:
+    """Three components of at most ``size``, exact zeros among them."""
+    one = st.floats(-size, size, allow_nan=False).map(lambda v: v if abs(v) > 1e-12 else 0.0)
+    return st.tuples(one, one, one).map(np.array)
+
+
+turns = vectors(1.7)  # rotation vectors shorter than pi
+points = vectors(1000.0)
+
+
+def poses() -> st.SearchStrategy[Array]:
+    return st.tuples(turns, points).map(lambda pair: pose(*pair))
+
+
+def pose(turn: Array, point: Array) -> Array:
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = lie.exp_so3(turn), point
+    return out
+
+
+def numeric(expression: ca.SX, *pairs: tuple[ca.SX, Array]) -> Array:
+    """Value of an expression where symbols have these values."""
+    function = ca.Function("f", [symbol for symbol, _ in pairs], [expression])
+    out: Array = function(*(ca.DM(value) for _, value in pairs)).full()
+    return out
+
+
+@LAWS
+@given(poses(), poses(), poses())
+def test_poses_are_a_group(a: Array, b: Array, c: Array) -> None:
+    np.testing.assert_allclose((a @ b) @ c, a @ (b @ c), atol=1e-9)
+    np.testing.assert_allclose(a @ lie.inverse_pose(a), np.eye(4), atol=1e-9)
+    np.testing.assert_allclose(lie.inverse_pose(a) @ a, np.eye(4), atol=1e-9)
+    np.testing.assert_allclose(lie.inverse_pose(a @ b), lie.inverse_pose(b) @ lie.inverse_pose(a), atol=1e-9)
+    np.testing.assert_allclose(lie.inverse_pose(lie.inverse_pose(a)), a, atol=1e-9)
+
+
+@LAWS
+@given(st.lists(poses(), min_size=1, max_size=4))
+def test_batches_are_their_rows(rows: list[Array]) -> None:
+    stack = np.array(rows)
+    np.testing.assert_array_equal(lie.inverse_pose(stack), [lie.inverse_pose(row) for row in rows])
+    logs = lie.log_so3(stack[:, :3, :3])
+    np.testing.assert_allclose(logs, [lie.log_so3(row[:3, :3]) for row in rows], atol=1e-14)
+    np.testing.assert_allclose(lie.exp_so3(logs[None])[0], stack[:, :3, :3], atol=1e-12)
+
+
+@LAWS
+@given(turns)
+def test_logarithm_undoes_exponential(turn: Array) -> None:
+    rotation = lie.exp_so3(turn)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-13)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    np.testing.assert_allclose(lie.log_so3(rotation), turn, atol=1e-9)
+    np.testing.assert_allclose(lie.exp_so3(-turn), rotation.T, atol=1e-13)
+
+
+@LAWS
+@given(turns)
+def test_a_logarithm_is_never_longer_than_half_a_turn(turn: Array) -> None:
+    assert np.linalg.norm(lie.log_so3(lie.exp_so3(4 * turn))) <= np.pi + 1e-12
+
+
+@LAWS
+@given(vectors(1.5))
+def test_roll_pitch_yaw_round_trip(rpy: Array) -> None:
+    rotation = lie.rpy_matrix(rpy)
+    np.testing.assert_allclose(lie.rpy_of(rotation), rpy, atol=1e-9)
+    about = Rotation.from_euler
+    by_hand = about("z", rpy[2]) * about("y", rpy[1]) * about("x", rpy[0])
+    np.testing.assert_allclose(rotation, by_hand.as_matrix(), atol=1e-13)
+
+
+@LAWS
+@given(points, vectors(1.5))
+def test_symbolic_roll_pitch_yaw_is_the_numeric_one(xyz: Array, rpy: Array) -> None:
+    x, r = ca.SX.sym("x", 3), ca.SX.sym("r", 3)
+    found = numeric(lie.rpy_transform(ca.vertsplit(x), ca.vertsplit(r)), (x, xyz), (r, rpy))
+    expected = np.eye(4)
+    expected[:3, :3], expected[:3, 3] = lie.rpy_matrix(rpy), xyz
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@LAWS
+@given(st.floats(-7, 7))
+def test_elementary_rotations_turn_about_their_axis(angle: float) -> None:
+    a, axis = ca.SX.sym("a"), ca.SX.sym("axis", 3)
+    for k, turned in enumerate((lie.rot_x(a), lie.rot_y(a), lie.rot_z(a))):
+        unit = np.eye(3)[k]
+        expected = lie.exp_so3(angle * unit)
+        found = numeric(turned, (a, np.array(angle)))
+        np.testing.assert_allclose(found[:3, :3], expected, atol=1e-12)
+        np.testing.assert_array_equal(found[3], [0, 0, 0, 1])
+        general = numeric(lie.axis_rotation(axis, a), (axis, unit), (a, np.array(angle)))
+        np.testing.assert_allclose(general, expected, atol=1e-12)
+
+
+@LAWS
+@given(vectors(2.0))
+def test_modified_rodrigues_parameters(mrp: Array) -> None:
+    s = ca.SX.sym("s", 3)
+    found = numeric(lie.mrp_rotation(s), (s, mrp))
+    np.testing.assert_allclose(found, Rotation.from_mrp(mrp).as_matrix(), atol=1e-12)
+
+
+@LAWS
+@given(turns)
+def test_symbolic_logarithm_is_the_numeric_one(turn: Array) -> None:
+    r = ca.SX.sym("r", 3, 3)
+    rotation = lie.exp_so3(turn)
+    np.testing.assert_allclose(
+        numeric(lie.log_so3_sx(r), (r, rotation))[:, 0], lie.log_so3(rotation), atol=1e-9
+    )
+
+
+@LAWS
+@given(vectors(1.0), st.floats(0, 1))
+def test_symbolic_logarithm_is_smooth_through_the_identity(direction: Array, size: float) -> None:
+    w = ca.SX.sym("w", 3)
+    small = direction * size * SMALLEST
+    log = lie.log_so3_sx(lie.mrp_rotation(w / 4))  # the turn w, to second order
+    slope = numeric(ca.jacobian(log, w), (w, small))
+    np.testing.assert_allclose(slope, np.eye(3), atol=SMALLEST**2)
+    np.testing.assert_allclose(numeric(ca.jacobian(log, w), (w, np.zeros(3))), np.eye(3), atol=1e-12)
+
+
+@LAWS
+@given(points, points)
+def test_skew_is_the_cross_product_and_vee_undoes_it(a: Array, b: Array) -> None:
+    v, m = ca.SX.sym("v", 3), ca.SX.sym("m", 3, 3)
+    matrix = numeric(lie.skew(v), (v, a))
+    np.testing.assert_allclose(matrix @ b, np.cross(a, b), atol=1e-9)
+    np.testing.assert_allclose(numeric(lie.vee(m), (m, matrix))[:, 0], a, atol=1e-12)
