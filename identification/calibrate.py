@@ -2,14 +2,14 @@
 
 ``estimator``: ``map`` holds parameters by their tolerances, ``ols`` trusts readings alone (directions they do
 not see stay at the drawing), ``huber`` is ``map`` with a loss that bends for outliers. ``solver``: ``gn``
-starts undamped, ``lm`` damped; both end at the same minimum.
+starts undamped, ``lm`` damped; where one finds no minimum the other is tried, and a note says so.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,7 @@ def calibrate(
     recording: Recording,
     *,
     estimator: str = "map",
-    solver: str = "lm",
+    solver: str = "gn",
     progress: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
     """Fit the machine with the effects of its file.
@@ -64,23 +64,30 @@ def calibrate(
     predictor = Predictor(machine, recording, machine.effects)
     start = aligned_start(predictor)
     loss = "huber" if estimator == "huber" else "gauss"
-    flat = estimator == "ols"
-    prior = _flat(prior_of(machine, machine.effects)) if flat else None
-    fit = estimate(
-        machine,
-        recording,
-        machine.effects,
-        widen=FREE_WIDENING if flat else 1.0,  # of infinite tolerances: it only says that valleys may be flat
-        loss=loss,
-        start=start,
-        prior=prior,
-        predictor=predictor,
-        damping=SOLVERS[solver],
-    )
+    fitting = partial(estimate, machine, recording, machine.effects, loss=loss, predictor=predictor)
+    if estimator == "ols":
+        # widening infinite tolerances only says that valleys may be flat
+        flat = _flat(prior_of(machine, machine.effects))
+        fit, notes = _either(partial(fitting, start=start, prior=flat, widen=FREE_WIDENING), solver)
+    else:
+        fit, notes = _either(partial(fitting, start=start), solver)
     progress("fitting without tolerances")
-    free, notes = _free_fit(machine, recording, fit, predictor, loss)
-    notes = [*recording.notes, *_left_out(fit, recording), *notes]
+    free, more = _free_fit(partial(fitting, start=fit.p, widen=FREE_WIDENING), solver)
+    notes = [*recording.notes, *_left_out(fit, recording), *notes, *more]
     return Calibration(fit, free, recording, tuple(notes), {"estimator": estimator, "solver": solver})
+
+
+def _either(fitting: Callable[..., Estimate], solver: str) -> tuple[Estimate, list[str]]:
+    """The fit by the solver asked for, by the other where that one finds no minimum."""
+    try:
+        return fitting(damping=SOLVERS[solver]), []
+    except ConvergenceError as first:
+        other = next(name for name in SOLVERS if name != solver)
+        try:
+            fit = fitting(damping=SOLVERS[other])
+        except ConvergenceError:
+            raise first from None
+    return fit, [f"{solver} found no minimum, {other} did; this is its result"]
 
 
 def _check(what: str, name: str, known: tuple[str, ...]) -> None:
@@ -96,24 +103,13 @@ def _flat(prior: Prior) -> Prior:
     return replace(prior, sigma=sigma)
 
 
-def _free_fit(
-    machine: Machine, recording: Recording, fit: Estimate, predictor: Predictor, loss: str
-) -> tuple[Estimate | None, list[str]]:
+def _free_fit(fitting: Callable[..., Estimate], solver: str) -> tuple[Estimate | None, list[str]]:
     try:
-        free = estimate(
-            machine,
-            recording,
-            machine.effects,
-            start=fit.p,
-            widen=FREE_WIDENING,
-            loss=loss,
-            predictor=predictor,
-        )
+        return _either(fitting, solver)[0], []
     except ConvergenceError as exc:
         return None, [
             f"the fit with {FREE_WIDENING:g} times wider tolerances, for comparison, has no result: {exc}"
         ]
-    return free, []
 
 
 def _left_out(fit: Estimate, recording: Recording) -> list[str]:

@@ -6,9 +6,9 @@ against outliers. Parameters are scaled by their tolerance, readings by sigma, b
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,14 @@ FREE_WIDENING = 100.0
 Frames keep theirs: moving the whole chain between base and tool changes no reading, so widening them too
 would only add a long curved valley to walk down.
 """
-FREE_TOLERANCE = 1e-2
+FREE_TOLERANCE = 1e-4
+"""The free fit ends when what is left to gain is below this share of the readings; it serves to show chi2."""
+FREE_LIMIT = 400
 ROUNDING = 1e-8
 """Components of undetermined directions below this are rounding."""
 HUBER = 1.345
+REWEIGHTINGS = 12
+SETTLED = 3e-3
 
 
 @dataclass(frozen=True)
@@ -206,7 +210,8 @@ def estimate(
     used = ~recording.validation if exclude is None else ~recording.validation & ~exclude
     problem = _Problem(predictor, prior, p, used)
     _check_size(problem, recording)
-    solution = _robust(problem, loss, damping, 1e-9 if widen == 1.0 else FREE_TOLERANCE)
+    tolerance, limit = (1e-9, 100) if widen == 1.0 else (FREE_TOLERANCE * problem.readings, FREE_LIMIT)
+    solution = _robust(problem, loss, partial(minimise, problem.blocks, damping=damping, tolerance=tolerance, limit=limit))
     if not solution.status.ok:
         raise ConvergenceError(_blame(solution, prior))
     return problem.result(solution, tuple(effects))
@@ -278,22 +283,21 @@ class _Problem:
         )
 
 
-def _robust(problem: _Problem, loss: str, damping: float, tolerance: float) -> Solution:
+def _robust(problem: _Problem, loss: str, solve: Callable[[Array], Solution]) -> Solution:
     """Plain least squares, or Huber's loss on whole rows by reweighting until the weights settle."""
-    start = np.zeros(len(problem.prior.free))
-    solution = minimise(problem.blocks, start, damping=damping, tolerance=tolerance)
-    if loss == "gauss" or not solution.status.ok:
+    solution = solve(np.zeros(len(problem.prior.free)))
+    if loss == "gauss":
         return solution
-    for _ in range(30):
-        p = problem.at(solution.t)
-        r = problem.residuals(p, problem.x)
-        size = np.sqrt(np.mean(r**2, axis=1))
+    for _ in range(REWEIGHTINGS):
+        if not solution.status.ok:
+            break
+        size = np.sqrt(np.mean(problem.residuals(problem.at(solution.t), problem.x) ** 2, axis=1))
         scale = max(float(np.median(size[problem.used])), 1e-300)
         weights = np.minimum(1.0, HUBER * 1.2 * scale / np.maximum(size, 1e-300))
-        settled = np.max(np.abs(weights - problem.weights)[problem.used]) < 1e-4
+        settled = np.max(np.abs(weights - problem.weights)[problem.used]) < SETTLED
         problem.weights = weights
-        solution = minimise(problem.blocks, solution.t, damping=damping, tolerance=tolerance)
-        if settled or not solution.status.ok:
+        solution = solve(solution.t)
+        if settled:
             break
     return solution
 

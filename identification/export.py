@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, FitSummary, Quantity
-from truepose.identification.diagnosis.summary import rms_by_kind
+from truepose.identification.diagnosis.summary import rms_by_kind, worst_allowed
 from truepose.identification.estimate import Estimate
 from truepose.identification.observability import identifiable, unseen_directions
 from truepose.identification.recording import Recording
@@ -159,6 +159,7 @@ def _figures(fit: Estimate, recording: Recording) -> Json:
         "rank": fit.rank,
         "worst_parameter_sigma": fit.worst_parameter_sigma,
         "worst_parameter": fit.prior.names[worst],
+        "worst_parameter_allowed": worst_allowed(fit),
     }
 
 

@@ -12,6 +12,7 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 Array = NDArray[np.float64]
 Blocks = Callable[[Array], Iterable[Array]]
@@ -141,6 +142,9 @@ def _step(factor: Array, n: int, mu: float) -> Array:
     """Damped step, the damping scaled by the columns of J (Marquardt)."""
     norms = np.linalg.norm(factor[:, :n], axis=0)
     norms[norms == 0] = 1.0
+    if n >= WIDE_PROBLEM:
+        wide: Array = -_normal(factor[:, :n] / norms, factor[:, n], mu)[0] / norms
+        return wide
     u, s, vt = np.linalg.svd(factor[:, :n] / norms, full_matrices=False)
     keep = s > 1e-13 * max(s[0], 1e-300)
     gain = np.where(keep, s / (s**2 + mu), 0.0)
@@ -152,6 +156,17 @@ def _decrement(factor: Array, n: int) -> float:
     """Half the squared length of r inside the span of J: what an undamped step would gain."""
     norms = np.linalg.norm(factor[:, :n], axis=0)
     norms[norms == 0] = 1.0
+    if n >= WIDE_PROBLEM:
+        step, right = _normal(factor[:, :n] / norms, factor[:, n], 1e-14)
+        return 0.5 * float(step @ right)
     u, s, _ = np.linalg.svd(factor[:, :n] / norms, full_matrices=False)
     inside = u[:, s > 1e-13 * max(s[0], 1e-300)].T @ factor[:, n]
     return 0.5 * float(inside @ inside)
+
+
+def _normal(a: Array, b: Array, mu: float) -> tuple[Array, Array]:
+    """Solution of (a'a + mu) x = a'b by Cholesky, and a'b: for wide problems, whose SVD takes too long."""
+    h, right = a.T @ a, a.T @ b
+    h[np.diag_indices_from(h)] += max(mu, 1e-14 * float(np.max(np.diag(h))))
+    solved: Array = cho_solve(cho_factor(h, lower=True), right)
+    return solved, right

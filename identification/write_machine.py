@@ -70,8 +70,8 @@ def _write_parameter(document: dict[str, Any], parameter: Parameter, value: floa
     assert machine.file is not None
     if not parameter.field:
         raise InputError(
-            f"{machine.file.path}: parameter {parameter.name!r} was estimated, but this mechanism's form has no "
-            "field for its value; give it the tolerance 0 or describe the mechanism in another form"
+            f"{machine.file.path}: parameter {parameter.name!r} was estimated, but this mechanism's form has "
+            "no field for its value; give it tolerance 0 or describe the mechanism in another form"
         )
     _put(document, parameter.field, in_file_units(parameter, value, machine.file.units))
 

@@ -725,7 +725,7 @@ def test_what_was_discarded_is_unknown(tmp_path: Path) -> None:
         written(tmp_path, "mechanism: {type: gantry}\n" + POSE)
 
 
-# ----------------------------------------------------------------------------------------- what a file may say
+# ---------------------------------------------------------------------------------------- what files may say
 
 
 def effect_entry(slug: str, *places: str) -> str:
@@ -733,7 +733,7 @@ def effect_entry(slug: str, *places: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("slug", "written_place", "meant"),
+    ("slug", "named_place", "meant"),
     [
         ("actuator-scale", "leg2", "rho2"),
         ("actuator-scale", "rho2", "rho2"),
@@ -745,9 +745,9 @@ def effect_entry(slug: str, *places: str) -> str:
     ],
 )
 def test_a_limb_and_its_actuator_are_one_place(
-    tmp_path: Path, slug: str, written_place: str, meant: str
+    tmp_path: Path, slug: str, named_place: str, meant: str
 ) -> None:
-    machine = written(tmp_path, FRAMED + PUS + POSE + effect_entry(slug, written_place))
+    machine = written(tmp_path, FRAMED + PUS + POSE + effect_entry(slug, named_place))
     (placed,) = machine.effects
     assert "+".join(placed.place) == meant
     assert (

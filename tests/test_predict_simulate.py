@@ -1,7 +1,8 @@
-"""Laws of prediction and simulation: they agree, they invert calibration, units and drivers mean what they say."""
+"""Laws of prediction and simulation: they agree, they invert calibration, units and drivers hold."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,10 +25,10 @@ MACHINES = Path(__file__).parent / "machines"
 KINDS = ("serial", "pus", "ups", "distance")
 
 
-def poses(machine: Machine, path: Path, n: int = 25, **columns: object) -> Path:
+def poses(machine: Machine, path: Path, n: int = 25, columns: Mapping[str, object] | None = None) -> Path:
     """A file of random poses in the machine's range."""
     rng = np.random.default_rng(8)
-    data: dict[str, object] = {"pose": np.arange(n), **columns}
+    data: dict[str, object] = {"pose": np.arange(n), **(columns or {})}
     if any(sensor.differs_from_row for sensor in machine.sensors):
         data["from"] = np.maximum(np.arange(n) - 1, 0)
     for actuator in machine.mechanism.actuators:
@@ -90,7 +91,7 @@ def test_calibration_recovers_what_was_simulated(kind: str, tmp_path: Path) -> N
     rows = load_recording(drawn, [path], need_readings=False)
     truth = _moved(drawn, np.random.default_rng(11))
     recording = recorded(drawn, path, simulate(truth, rows, seed=3))
-    fit = estimate(drawn, recording)
+    fit = estimate(drawn, recording, damping=0.0)
     write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
     calibrated = load_machine(tmp_path / "calibrated.yaml")
     found, wanted = predict(calibrated, rows), simulate(truth, rows, seed=None)
@@ -115,10 +116,8 @@ def _moved(machine: Machine, rng: np.random.Generator) -> Machine:
 
     sensors = []
     for sensor in machine.sensors:
-        for field in ("points", "own"):
-            if hasattr(sensor, field):
-                sensor = replace(sensor, **{field: built(getattr(sensor, field))})  # type: ignore[type-var]
-        sensors.append(sensor)
+        held = {field: built(getattr(sensor, field)) for field in ("points", "own") if hasattr(sensor, field)}
+        sensors.append(replace(sensor, **held))  # type: ignore[type-var]
     mechanism = replace(machine.mechanism, parameters=built(machine.mechanism.parameters))  # type: ignore[arg-type]
     frames = built(machine.frames)
     return replace(machine, mechanism=mechanism, frames=frames, sensors=tuple(sensors))  # type: ignore[arg-type]
@@ -137,13 +136,13 @@ def test_std_of_tolerances_and_of_an_unknown_base(tmp_path: Path) -> None:
 def test_effects_of_a_calibrated_file_use_the_rows_own_drivers(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "pus.yaml")
     effect = parse_effect("thermal-expansion@base:alpha=2e-5[1/K]", machine)
-    path = poses(machine, tmp_path / "p.csv", **{"temperature.base": np.linspace(15, 25, 25)})
+    path = poses(machine, tmp_path / "p.csv", columns={"temperature.base": np.linspace(15, 25, 25)})
     rows = load_recording(machine, [path], need_readings=False)
     recording = recorded(machine, path, simulate(machine, rows, [effect], seed=1))
     fit = estimate(machine, recording, (effect,))
     write_calibrated(tmp_path / "improved.yaml", fit, recording)
     improved = load_machine(tmp_path / "improved.yaml")
-    hot = poses(machine, tmp_path / "hot.csv", **{"temperature.base": np.full(25, 30.0)})
+    hot = poses(machine, tmp_path / "hot.csv", columns={"temperature.base": np.full(25, 30.0)})
     rows = load_recording(improved, [hot], need_readings=False)
     found, wanted = predict(improved, rows), simulate(machine, rows, [effect], seed=None)
     plain = simulate(machine, rows, seed=None)
@@ -155,14 +154,14 @@ def test_effects_of_a_calibrated_file_use_the_rows_own_drivers(tmp_path: Path) -
 def test_an_unseen_session_takes_the_shift_of_the_latest(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "serial.yaml")
     effect = parse_effect("frame-shift@base:z=3[mm],session=1", machine)
-    path = poses(machine, tmp_path / "p.csv", session=np.repeat([4, 7], [12, 13]))
+    path = poses(machine, tmp_path / "p.csv", columns={"session": np.repeat([4, 7], [12, 13])})
     rows = load_recording(machine, [path], need_readings=False)
     recording = recorded(machine, path, simulate(machine, rows, [effect], seed=1))
     write_calibrated(tmp_path / "improved.yaml", estimate(machine, recording, (effect,)), recording)
     improved = load_machine(tmp_path / "improved.yaml")
     z = {}
     for session in (4, 7, 9):
-        later = poses(machine, tmp_path / "later.csv", session=np.full(25, session))
+        later = poses(machine, tmp_path / "later.csv", columns={"session": np.full(25, session)})
         z[session] = predict(improved, load_recording(improved, [later], need_readings=False))["z"].to_numpy()
     np.testing.assert_allclose(z[9], z[7])
     np.testing.assert_allclose(z[7] - z[4], 3.0, atol=0.05)
@@ -172,17 +171,17 @@ def test_a_row_that_cannot_be_assembled_stays_empty(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "ups.yaml")
     path = poses(machine, tmp_path / "p.csv")
     frame = pd.read_csv(path)
-    frame.loc[3, [c for c in frame if c.startswith("m1")]] = -8.0
-    frame.loc[3, [c for c in frame if c[:2] in {"m2", "m3", "m4", "m5", "m6"}]] = [8.0, -8.0, 8.0, -8.0, 8.0]
+    frame.iloc[3, 1] = 500.0
     frame.to_csv(path, index=False)
-    unbound = replace(machine, mechanism=replace(machine.mechanism, actuators=tuple(replace(a, range=None) for a in machine.mechanism.actuators)))
-    frame.loc[3, [c for c in frame if c.startswith("m1")]] = 500.0
-    frame.to_csv(path, index=False)
+    actuators = tuple(replace(a, range=None) for a in machine.mechanism.actuators)
+    unbound = replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))
     rows = load_recording(unbound, [path], need_readings=False)
     found = predict(unbound, rows)
     assert found.loc[3].isna().all()
     assert not found.drop(index=3).isna().any().any()
-    assert unassembled(rows, found) == [f"{path}: row 4: the mechanism cannot be assembled there; the row is empty"]
+    assert unassembled(rows, found) == [
+        f"{path}: row 4: the mechanism cannot be assembled there; the row is empty"
+    ]
     with pytest.raises(InputError, match="row 4"):
         simulate(unbound, rows)
 
@@ -195,7 +194,7 @@ def test_a_file_in_other_units_predicts_the_same(tmp_path: Path) -> None:
     rows_um = load_recording(other, [tmp_path / "p.csv"], need_readings=False)
     found, wanted = predict(other, rows_um), predict(machine, rows)
     for column in wanted:
-        angle = column.startswith("pose.r")
+        angle = str(column).startswith("pose.r")
         factor = convert(1.0, "mrad", "deg") if angle else convert(1.0, "um", "mm")
         np.testing.assert_allclose(found[column] * factor, wanted[column], rtol=1e-9, atol=1e-9)
 
@@ -229,7 +228,7 @@ def _in_micrometres(text: str, path: Path) -> Machine:
     ("text", "says"),
     [
         ("actuator-scal@q2:s=1", "did you mean actuator-scale"),
-        ("actuator-scale@q9:s=1", "did you mean"),
+        ("actuator-scale@q9:s=1", "known: q1, q2"),
         ("actuator-scale@q2:t=1", "unknown name 't'"),
         ("actuator-scale@q2:s=1[mm]", "unit 'mm' is a length"),
         ("actuator-scale@q2:s=much", "expected name=value"),
@@ -256,7 +255,11 @@ def test_effects_are_read_with_units_settings_and_several_places() -> None:
 
 def test_columns_of_the_poses_pass_through(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "serial.yaml")
-    path = poses(machine, tmp_path / "p.csv", role=["validation"] * 25, note=["a"] * 25, x=np.zeros(25))
+    path = poses(
+        machine,
+        tmp_path / "p.csv",
+        columns={"role": ["validation"] * 25, "note": ["a"] * 25, "x": np.zeros(25)},
+    )
     rows = load_recording(machine, [path], need_readings=False)
     frame = with_inputs(path, simulate(machine, rows))
     assert list(frame) == ["pose", "role", "note", "q1 [mm]", "q2 [rad]", "q3 [rad]", "x", "y", "z"]

@@ -36,7 +36,11 @@ EFFECTS = {
 def rows(machine: Machine, path: Path, n: int = 30) -> Recording:
     """Random poses with every driver, in two sessions, as a recording without readings."""
     rng = np.random.default_rng(5)
-    data: dict[str, Any] = {"pose": np.arange(n), "time": 100.0 * np.arange(n), "session": np.arange(n) // (n // 2) + 1}
+    data: dict[str, Any] = {
+        "pose": np.arange(n),
+        "time": 100.0 * np.arange(n),
+        "session": np.arange(n) // (n // 2) + 1,
+    }
     if any(sensor.differs_from_row for sensor in machine.sensors):
         data["from"] = np.maximum(np.arange(n) - 1, 0)
     data["temperature.air"] = rng.uniform(15, 25, n)
@@ -49,13 +53,15 @@ def rows(machine: Machine, path: Path, n: int = 30) -> Recording:
     return load_recording(machine, [path], need_readings=False)
 
 
-def read(poses: Recording, machine: Machine, effects: tuple[PlacedEffect, ...], seed: int | None) -> Recording:
+def read(
+    poses: Recording, machine: Machine, effects: tuple[PlacedEffect, ...], seed: int | None
+) -> Recording:
     """The same rows with simulated readings, in internal units."""
     metric = replace(machine, file=None)
     frame = simulate(metric, poses, effects, seed=seed)
     units = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
     turn = {name: np.pi / 180 if unit == "rad" else 1.0 for name, unit in units.items()}
-    return replace(poses, readings={name: turn[name] * frame[name].to_numpy() for name in frame})
+    return replace(poses, readings={name: turn[name] * frame[name].to_numpy() for name in map(str, frame)})
 
 
 def fitted(kind: str, tmp_path: Path) -> tuple[Machine, Recording, Estimate]:
@@ -128,7 +134,9 @@ def test_missing_fields_are_made_and_aliases_are_parted(tmp_path: Path) -> None:
     write_machine(tmp_path / "machine.yaml", raw)
     text = (tmp_path / "machine.yaml").read_text(encoding="utf-8")
     head, _, tail = text.partition("  base:\n")
-    (tmp_path / "machine.yaml").write_text(f"{head}  base: &same\n{tail}".replace(_block(tail, "  tool:\n"), "  tool: *same\n"), encoding="utf-8")
+    (tmp_path / "machine.yaml").write_text(
+        f"{head}  base: &same\n{tail}".replace(_block(tail, "  tool:\n"), "  tool: *same\n"), encoding="utf-8"
+    )
     machine = load_machine(tmp_path / "machine.yaml")
     recording = read(rows(machine, tmp_path / "poses.csv"), machine, (), seed=1)
     fit = estimate(machine, recording)

@@ -54,7 +54,7 @@ def diagnose(machine: Machine, recording: Recording, *, progress: Callable[[str]
     again = outliers.outlying_rows(selection.fit, ~recording.validation)
     if not np.array_equal(again, fits.outliers):
         fits = _refit_null(machine, recording, fits, again)
-        selection = _select(machine, recording, cat, fits)
+        selection = _select(machine, recording, cat, fits, selection)
     progress("naming and proving")
     return _conclude(machine, recording, cat, fits, selection)
 
@@ -63,10 +63,9 @@ def _null_fits(machine: Machine, recording: Recording) -> _Fits:
     predictor = Predictor(machine, recording)
     start = aligned_start(predictor)
     rough = estimate(machine, recording, start=start, loss="huber", predictor=predictor)
-    loose = estimate(machine, recording, start=rough.p, loss="huber", widen=FREE_WIDENING, predictor=predictor)
-    far = outliers.outlying_rows(loose, ~recording.validation)
+    far = outliers.outlying_rows(rough, ~recording.validation)
     before = estimate(machine, recording, start=rough.p, exclude=far, predictor=predictor)
-    free = estimate(machine, recording, start=loose.p, widen=FREE_WIDENING, exclude=far, predictor=predictor)
+    free = estimate(machine, recording, start=before.p, widen=FREE_WIDENING, exclude=far, predictor=predictor)
     return _Fits(free, before, far)
 
 
@@ -76,9 +75,11 @@ def _refit_null(machine: Machine, recording: Recording, fits: _Fits, far: Mask) 
     return _Fits(free, before, far)
 
 
-def _select(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits) -> Selection:
+def _select(
+    machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, first: Selection | None = None
+) -> Selection:
     rms = float(np.sqrt(max(fits.before.chi2_per_dof, fits.free.chi2_per_dof)))
-    return select(machine, recording, cat, fits.before, fits.outliers, rms)
+    return select(machine, recording, cat, fits.before, fits.outliers, rms, first)
 
 
 def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, selection: Selection) -> Diagnosis:

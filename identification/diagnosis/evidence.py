@@ -50,7 +50,8 @@ def grid_for(lin: Linearisation, rms: float) -> Grid:
     noise = tuple(float(v) for v in (0.75, 0.87, 1.0, 1.15, *above))
     classes = tuple(c for c in INFLATED if c in lin.parts)
     if lin.readings > MANY_READINGS:
-        return Grid(noise[2:], tuple((v,) * len(classes) for v in (1.0, 4.0)), classes)
+        coarse = np.geomspace(1.0, top, max(3, int(np.ceil(np.log(top) / 0.55)) + 1))
+        return Grid(tuple(float(v) for v in coarse), ((1.0,) * len(classes),), classes)
     return Grid(noise, tuple(itertools.product(INFLATIONS, repeat=len(classes))), classes)
 
 

@@ -25,9 +25,10 @@ THRESHOLD = 3.0
 """Log posterior odds a term must bring to be added, and keep to stay."""
 MAX_TERMS = 80
 MAX_REFITS = 8
-MANY_TERMS = 8
+MANY_TERMS = 5
 """Beyond so many terms each is only kept or dropped; swapping each against the whole catalogue takes too long."""
 SERIES = 24
+OVERWHELMING = 100.0
 WIDE = 100.0
 
 
@@ -73,13 +74,19 @@ def physical(cat: Catalogue, index: int, amplitude: Array, spread: Array) -> flo
 
 
 def select(
-    machine: Machine, recording: Recording, cat: Catalogue, null: Estimate, exclude: NDArray[np.bool_], rms: float
+    machine: Machine, recording: Recording, cat: Catalogue, null: Estimate, exclude: NDArray[np.bool_], rms: float, first: Selection | None = None
 ) -> Selection:
-    """Search from the null fit. ``rms`` of the whitened free fit bounds the noise scale."""
+    """Search from the null fit, or from what an earlier search on other rows found.
+
+    ``rms`` of the whitened free fit bounds the noise scale.
+    """
     signatures = Signatures(machine, recording, cat.candidates)
     accepted: dict[int, float] = {}
     banned: set[int] = set()
-    fit, lin = null, signatures.linearise(null)
+    fit = null
+    if first is not None and first.accepted:
+        fit, accepted = _refit(machine, recording, cat, first.accepted, first.fit, exclude, banned)
+    lin = signatures.linearise(fit)
     grid = grid_for(lin, rms)
     for _ in range(MAX_REFITS):
         before = set(accepted)
@@ -102,12 +109,27 @@ def _search(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[in
             break
         ranking = rank(lin, cat, grid, current, others)
         best = int(np.argmax(ranking.odds))
-        added = ranking.odds[best] > THRESHOLD
-        if added:
-            current[others[best]] = spread_of(cat, others[best], ranking.evidence.spread[best])
-        if not added or 1 < len(current) <= MANY_TERMS:
+        chosen = _alike(cat, ranking, best) if ranking.odds[best] > THRESHOLD else []
+        for j in chosen:
+            current[others[j]] = spread_of(cat, others[j], ranking.evidence.spread[j])
+        if not chosen or 1 < len(current) <= MANY_TERMS:
             current = _swap_and_drop(lin, cat, grid, current, banned)
     return current
+
+
+def _alike(cat: Catalogue, ranking: Ranking, best: int) -> list[int]:
+    """The best candidate, and where it is a long series overwhelmingly asked for, its like at other places."""
+    first = cat.candidates[ranking.indices[best]]
+    if len(first.coefficients) < SERIES:
+        return [best]
+    like = [
+        j
+        for j, i in enumerate(ranking.indices)
+        if cat.candidates[i].effect.slug == first.effect.slug
+        and cat.candidates[i].settings == first.settings
+        and ranking.odds[j] > OVERWHELMING
+    ]
+    return sorted({best, *like}, key=lambda j: -ranking.odds[j])
 
 
 def spread_of(cat: Catalogue, index: int, found: float) -> float:

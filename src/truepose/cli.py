@@ -45,3 +45,7 @@ def _root(
 def main() -> None:
     """Entry point of the console command."""
     app()
+
+
+if __name__ == "__main__":
+    main()

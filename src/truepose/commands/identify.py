@@ -43,7 +43,7 @@ def calibrate(
     recordings: RecordingsArg,
     output: DirectoryOption,
     estimator: EstimatorOption = "map",
-    solver: SolverOption = "lm",
+    solver: SolverOption = "gn",
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:

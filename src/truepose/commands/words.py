@@ -58,11 +58,8 @@ def calibration_lines(result: Calibration, output: Path) -> list[str]:
     fit, figures = result.fit, result.fit_json
     seen = f"{fit.rank} of {len(fit.prior.free)} directions"
     rms = ", ".join(f"{kind} {v['value']:.4g} {v['unit']}" for kind, v in result.fit_json["rms"].items())
-    held = (
-        "tolerances decide the others"
-        if result.method["estimator"] != "ols"
-        else "the others stay at the drawing"
-    )
+    flat = result.method["estimator"] == "ols"
+    held = "the others stay at the drawing" if flat else "tolerances decide the others"
     decided = f"; {held}" if fit.rank < len(fit.prior.free) else ""
     lines = [
         f"{fit.machine.name}: converged in {fit.solution.iterations} iterations",
