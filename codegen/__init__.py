@@ -1,1 +1,6 @@
-"""Native code from a symbolic model: the controller's C."""
+"""Native code from a symbolic model: the controller's C, and batches in Python.
+
+``c.generate`` writes the C of a machine; ``batch.BatchFunction`` evaluates expressions over many rows.
+Below them: ``expressions`` (a shared graph of scalar operations), ``printer`` (that graph as C), ``layout``
+(scales, ranges and starts of the solver), ``names`` (identifiers), ``reference`` (poses for test vectors).
+"""

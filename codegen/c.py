@@ -32,7 +32,7 @@ from truepose.models.machine import Machine
 
 MAX_ITER = 1000
 """Evaluations of the model that one inverse may take."""
-_LIMITS = {"fk_limit": 300, "attempt_limit": 40, "seed_limit": 20, "leaps": 6, "patience": 3}
+_LIMITS = {"fk_limit": 300, "attempt_limit": 40, "seed_limit": 20, "leaps": 6, "patience": 2}
 _EXAMPLES = 8
 _TEMPLATES = Path(__file__).parent / "templates"
 _LOCALS = {"p": "const real *p = m->p;", "z": "const real *z = m->z;", "k": "const real *k = m->k;"}
@@ -120,14 +120,21 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "turning": [int(turn) for turn in layout.turns],
         "tool": [places[f"tool.{axis}"] for axis in ("x", "y", "z", "rx", "ry", "rz")],
         "parameters": _entries(model.names, _parameter_units(model)),
-        "drivers": _entries(model.drivers, [_driver_unit(model.machine, name) for name in model.drivers]),
         "joints": _joints(model.machine),
+        "drivers": _entries(model.drivers, [_driver_unit(model.machine, name) for name in model.drivers]),
         "tolerance": {"position": f"{layout.position:g}", "rotation": f"{layout.rotation:g}"},
+        **_example(layout, single),
+    }
+
+
+def _example(layout: Layout, single: bool) -> dict[str, Any]:
+    """Vectors of ``example.c``, how far its guesses stand aside, and what it allows."""
+    slack = 3.0 if single else 1.0  # rounding of p and q in single precision is not the solver's doing
+    return {
         "vectors": [(q, pose[:3].ravel()) for q, pose in layout.vectors[:_EXAMPLES]],
         "aside": np.minimum(50.0 * layout.unknown[: len(layout.near)], 0.02 * layout.width),
-        # what rounding of p and q adds in single precision is not the solver's doing
-        "position": (3.0 if single else 1.0) * layout.position,
-        "rotation": (3.0 if single else 1.0) * layout.rotation,
+        "position": slack * layout.position,
+        "rotation": slack * layout.rotation,
     }
 
 
@@ -211,6 +218,11 @@ def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[
     if unknown:
         raise InputError(
             f"nominal: found {unknown[0]!r}, expected names of parameters of {model.machine.name}"
+        )
+    broken = [name for name, value in (nominal or {}).items() if not math.isfinite(value)]
+    if broken:
+        raise InputError(
+            f"nominal: found {broken[0]} = {(nominal or {})[broken[0]]}, expected a finite number"
         )
     own = dict(zip(model.names, model.p_home, strict=True))
     return [float((nominal or {}).get(name, own[name])) if name in geometry else 0.0 for name in model.names]

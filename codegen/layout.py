@@ -68,10 +68,7 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
     actuators = machine.mechanism.actuators
     length = _longest(machine)
     reference = Reference(model)
-    guess = np.array([np.mean(a.range) if a.range else 0.0 for a in actuators])
-    near = guess
-    if len(model.home) and not all(a.range for a in actuators):
-        near = reference.home_readings(guess)
+    near = _near(reference)
     low, high = _sampled(machine, near, length)
     vectors = tuple(reference.samples(low, high, near, _VECTORS))
     reach = max([length, *(float(np.linalg.norm(pose[:3, 3])) for _, pose in vectors)])
@@ -109,6 +106,13 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
         tight=0.1 if single else 1e-3,
         vectors=vectors,
     )
+
+
+def _near(reference: Reference) -> Array:
+    """Readings (nq,) at the home assembly: the middle of the ranges, or what the loops ask for."""
+    actuators = reference.model.machine.mechanism.actuators
+    middle = np.array([np.mean(a.range) if a.range else 0.0 for a in actuators])
+    return middle if all(a.range for a in actuators) else reference.home_readings(middle)
 
 
 def _longest(machine: Machine) -> float:

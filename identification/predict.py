@@ -95,6 +95,13 @@ def unassembled(recording: Recording, frame: pd.DataFrame) -> list[str]:
     ]
 
 
+def unheard(machine: Machine, recording: Recording) -> list[str]:
+    """A note for each driver that the effects read and the rows do not log: it stands at its default."""
+    missing = [n for effect in machine.effects for n in effect.drivers if recording.driver(n) is None]
+    columns = dict.fromkeys(name.split("~")[0] for name in missing)
+    return [f"no column {name!r}: effects that depend on it see its default" for name in columns]
+
+
 def _complete(machine: Machine, recording: Recording, good: Mask) -> Mask:
     """A change is known only when the row it counts from is known too."""
     if recording.from_row is not None and any(sensor.differs_from_row for sensor in machine.sensors):
@@ -149,4 +156,13 @@ def from_internal(values: Array, unit: str, units: UnitSystem) -> Array:
     return values if dimension is None else units.from_internal(values, dimension)
 
 
-__all__ = ["POSE", "Prediction", "from_internal", "predict", "predicted", "predictor_for", "unassembled"]
+__all__ = [
+    "POSE",
+    "Prediction",
+    "from_internal",
+    "predict",
+    "predicted",
+    "predictor_for",
+    "unassembled",
+    "unheard",
+]

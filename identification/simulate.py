@@ -19,7 +19,7 @@ from truepose.identification.recording import Recording
 from truepose.identification.table import read_table
 from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.load import place_effect, resolve_place
-from truepose.models.machine import Machine
+from truepose.models.machine import FRAMES, Machine
 from truepose.models.machine_file import EffectSpec
 from truepose.models.units import UnitSystem, close_matches, parse_unit
 
@@ -68,15 +68,6 @@ def with_inputs(path: Path | str, readings: pd.DataFrame) -> pd.DataFrame:
             header = column.name if column.unit is None else f"{column.name} [{column.unit}]"
             kept[header] = list(table.cells[column.name])
     return pd.concat([pd.DataFrame(kept), readings], axis=1)
-
-
-def unheard(machine: Machine, extra: Sequence[PlacedEffect], poses: Recording) -> list[str]:
-    """A note for each driver that an effect reads and the poses do not log: it then stands at its default."""
-    missing = [n for e in (*machine.effects, *extra) for n in e.drivers if poses.driver(n) is None]
-    return [
-        f"no column {name.split('~')[0]!r}: what depends on it was simulated at its default"
-        for name in dict.fromkeys(missing)
-    ]
 
 
 def parse_effect(text: str, machine: Machine) -> PlacedEffect:
@@ -135,11 +126,26 @@ def _known_place(effect: Effect, machine: Machine, place: tuple[str, ...], where
     place = resolve_place(machine, place, known)
     if place in known or all((name,) in known for name in place):
         return place
+    if not known and effect.coefficients(machine, place, {}):
+        return _named_parts(
+            machine, place, where
+        )  # diagnosis does not look for it here; its formula may hold
     if not known:
         raise InputError(f"{where}: {effect.slug} has no place on {machine.name} where it could be simulated")
     named = "+".join(place)
     hint = close_matches(named, ["+".join(p) for p in known])
     raise InputError(f"{where}: {effect.slug} has no place {named!r}; {hint}")
+
+
+def _named_parts(machine: Machine, place: tuple[str, ...], where: str) -> tuple[str, ...]:
+    """The place, if every name in it means a part of the machine."""
+    mechanism = machine.mechanism
+    parts = {*mechanism.readings, *mechanism.lengths, *mechanism.bodies, *FRAMES, *machine.geometry}
+    parts |= {limb.name for limb in mechanism.limbs} | {joint.name for joint in mechanism.joints}
+    for name in place:
+        if name not in parts:
+            raise InputError(f"{where}: {machine.name} has no part {name!r}; {close_matches(name, parts)}")
+    return place
 
 
 class _Anything:
@@ -164,4 +170,4 @@ def _settings(
     return dict(min(forms, key=lambda form: form[0])[1])
 
 
-__all__ = ["parse_effect", "simulate", "unheard", "with_inputs"]
+__all__ = ["parse_effect", "simulate", "with_inputs"]

@@ -119,6 +119,7 @@ class Mechanism:
 
     ``lengths`` says which ports heat up together at a place (``base``, ``link2``, ``leg1``, ``platform``).
     ``limbs`` are the legs, for effects on legs and platform. ``flange`` is the body that carries the tool.
+    ``flexure_length`` (mm) is given where joints are flexures: they bend what they are fixed to.
     """
 
     parameters: tuple[Parameter, ...]
@@ -129,6 +130,7 @@ class Mechanism:
     limbs: tuple[Limb, ...] = ()
     lengths: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     platform: str | None = None
+    flexure_length: float | None = None
 
     @property
     def tree(self) -> tuple[Joint, ...]:

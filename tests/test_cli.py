@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -67,16 +68,40 @@ def recording(poses: Path, tmp_path: Path) -> Path:
     return tmp_path / "recording.csv"
 
 
-@pytest.fixture
-def tiny(tmp_path: Path) -> tuple[Path, Path]:
-    """A machine of two joints and its recording, with one joint's scale off by a percent."""
-    machine, grid = tmp_path / "tiny.yaml", tmp_path / "grid.csv"
+@dataclass(frozen=True)
+class Diagnosed:
+    """A machine of two joints, one joint's scale off by a percent, and what ``diagnose`` made of it."""
+
+    machine: Path
+    recording: Path
+    output: Path
+    result: Result
+    diagnosis: Any
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
+    """One diagnosis on the command line, shared by the tests."""
+    from truepose.identification.diagnosis import engine
+
+    folder = tmp_path_factory.mktemp("tiny")
+    machine, grid, recording = folder / "tiny.yaml", folder / "grid.csv", folder / "tiny.csv"
     machine.write_text(TINY, encoding="utf-8")
     q1, q2 = np.meshgrid(np.linspace(-100, 100, 5), np.linspace(-90, 90, 6))
     pd.DataFrame({"q1": q1.ravel(), "q2": q2.ravel()}).to_csv(grid, index=False)
-    made = run("simulate", machine, grid, "-o", tmp_path / "tiny.csv", "--effect", "actuator-scale@q1:s=0.01")
+    made = run("simulate", machine, grid, "-o", recording, "--effect", "actuator-scale@q1:s=0.01")
     assert made.exit_code == 0, made.output
-    return machine, tmp_path / "tiny.csv"
+    kept: list[Any] = []
+    diagnose = engine.diagnose
+
+    def keeping(*arguments: Any, **options: Any) -> Any:
+        kept.append(diagnose(*arguments, **options))
+        return kept[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(engine, "diagnose", keeping)
+        result = run("diagnose", machine, recording, "-o", folder / "out", "--json")
+    return Diagnosed(machine, recording, folder / "out", result, kept[-1] if kept else None)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -138,13 +163,12 @@ def test_the_same_input_gives_the_same_bytes(recording: Path, tmp_path: Path) ->
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
 
 
-def test_diagnose_writes_three_files_and_names_the_cause(tiny: tuple[Path, Path], tmp_path: Path) -> None:
-    result = run("diagnose", *tiny, "-o", tmp_path / "out", "--json")
-    assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout)["verdict"] in {"missing-physics", "unknown"}
-    names = sorted(file.name for file in (tmp_path / "out").iterdir())
+def test_diagnose_writes_three_files_and_names_the_cause(tiny: Diagnosed, tmp_path: Path) -> None:
+    assert tiny.result.exit_code == 0, tiny.result.output
+    assert json.loads(tiny.result.stdout)["verdict"] in {"missing-physics", "unknown"}
+    names = sorted(file.name for file in tiny.output.iterdir())
     assert names == ["diagnosis.json", "improved.yaml", "report.html"]
-    text = (tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8")
+    text = (tiny.output / "diagnosis.json").read_text(encoding="utf-8")
     diagnosis = json.loads(text, parse_constant=_no_constant)
     assert set(diagnosis) >= {
         "schema",
@@ -159,10 +183,10 @@ def test_diagnose_writes_three_files_and_names_the_cause(tiny: tuple[Path, Path]
     assert set(diagnosis["alarms"]) == {"residual", "prior_conflict", "structure"}
     assert set(diagnosis["fit"]) == {"free", "before", "after"}
     assert diagnosis["fit"]["before"]["rms"]["position"]["unit"] == "um"
-    assert set(diagnosis["parameters"]) == {p.name for p in load_machine(tiny[0]).parameters if p.free}
+    assert set(diagnosis["parameters"]) == {p.name for p in load_machine(tiny.machine).parameters if p.free}
     named = [f["effect"] for f in diagnosis["findings"]]
     assert "actuator-scale" in named or diagnosis["verdict"] == "unknown"
-    improved = run("predict", tmp_path / "out" / "improved.yaml", tiny[1], "-o", tmp_path / "predicted.csv")
+    improved = run("predict", tiny.output / "improved.yaml", tiny.recording, "-o", tmp_path / "predicted.csv")
     assert improved.exit_code == 0, improved.output
 
 
@@ -171,19 +195,16 @@ def _no_constant(name: str) -> None:
 
 
 def test_demo_shows_the_truth_on_the_report_alone(
-    tiny: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny: Diagnosed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The bundled machine and recording reach the diagnosis; its result is written with the truth beside it."""
+    """The bundled machine and recording reach the diagnosis; the truth goes to the report only."""
     from truepose.identification.diagnosis import engine
-    from truepose.identification.load import load_recording
 
     seen: dict[str, Any] = {}
-    machine = load_machine(tiny[0])
-    result = engine.diagnose(machine, load_recording(machine, [tiny[1]]))
 
     def diagnose(machine: Any, recording: Any, **_: Any) -> Any:
         seen.update(name=machine.name, rows=len(recording))
-        return result
+        return tiny.diagnosis
 
     def report_html(diagnosis: Any, truth: Any = None) -> str:
         seen["truth"] = truth
@@ -194,7 +215,7 @@ def test_demo_shows_the_truth_on_the_report_alone(
     monkeypatch.chdir(tmp_path)
     done = run("demo")
     assert done.exit_code == 0, done.output
-    assert seen["name"] == "telescope" and seen["rows"] > 50
+    assert seen["name"] == "telescope" and seen["rows"] > 40
     assert seen["truth"]["effect"]["effect"] == "platform-deformation"
     assert "truth" not in json.loads(
         (tmp_path / "truepose-demo" / "diagnosis.json").read_text(encoding="utf-8")

@@ -20,10 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from truepose.codegen.c import generate
 from truepose.codegen.names import identifiers
+from truepose.codegen.printer import Real
 from truepose.errors import InputError
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
+from truepose.models.mechanism import Actuator, Joint, Mechanism, Step
+from truepose.models.parameters import Parameter
 
 Array = NDArray[np.float64]
 COMPILER = shutil.which("gcc") or shutil.which("cc")
@@ -133,7 +136,7 @@ BODIES = {
     "scara": FOUR_AXES,
     "redundant": SEVEN_AXES,
 }
-CASES = [(name, "double") for name in BODIES] + [(name, "float") for name in BODIES]
+CASES: list[tuple[str, Real]] = [(name, real) for real in ("double", "float") for name in BODIES]
 CLOSED = ("turns", "rails")
 
 
@@ -143,7 +146,7 @@ class Built:
 
     machine: Machine
     model: SymbolicModel
-    real: str
+    real: Real
     directory: Path
     library: ctypes.CDLL
 
@@ -193,11 +196,11 @@ def root_directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @cache
-def build(where: Path, name: str, real: str) -> Built:
+def build(where: Path, name: str, real: Real) -> Built:
     assert COMPILER is not None
     machine = machine_of(where, name)
     directory = where / f"{name}_{real}"
-    generate(machine, directory, real)  # type: ignore[arg-type]
+    generate(machine, directory, real)
     arguments = [
         COMPILER,
         *WARNINGS,
@@ -437,6 +440,34 @@ def test_forward_from_a_pose_nearby(built: Built) -> None:
         assert np.less(differences(pose, row[built.n :]), (1e-9, 1e-12)).all()
 
 
+def four_bar() -> Machine:
+    """A planar loop in space: five closure equations too many for what moves."""
+    lengths = {"crank.length": 40.0, "coupler.length": 120.0, "frame.length": 100.0, "rocker.length": 110.0}
+    crank, coupler, frame, rocker = ((Step("tx", name),) for name in lengths)
+    joints = (
+        Joint("crank", "revolute", "base", "b1"),
+        Joint("knee", "revolute", "b1", "b2", crank, home=(0.9,)),
+        Joint("pivot", "revolute", "base", "b3", frame, home=(1.6,)),
+        Joint("end", "revolute", "b3", "b4", rocker, home=(0.5,)),
+        Joint("weld", "fixed", "b2", "b4", coupler),
+    )
+    parameters = tuple(Parameter(name, "mm", value, 0.1) for name, value in lengths.items())
+    turn = Actuator("crank", "crank", "rad", "rad", range=(-2.5, 2.5))
+    axes = {"x": "mm", "y": "mm", "z": "mm", "rx": "rad", "ry": "rad", "rz": "rad"}
+    frames = tuple(Parameter(f"{f}.{a}", unit, 0.0) for f in ("base", "tool") for a, unit in axes.items())
+    return Machine("fourbar", Mechanism(parameters, joints, (turn,), "b2"), frames, ())
+
+
+@needs_compiler
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_a_loop_with_more_equations_than_unknowns(tmp_path: Path, real: Real) -> None:
+    generate(four_bar(), tmp_path, real)
+    assert COMPILER is not None
+    arguments = [COMPILER, *WARNINGS, "-O1", "example.c", "fourbar_kin.c", "-lm", "-o", "example"]
+    subprocess.run(arguments, cwd=tmp_path, check=True)
+    subprocess.run([tmp_path / "example"], check=True, capture_output=True)
+
+
 @needs_compiler
 def test_loops_that_cannot_close_are_reported(root_directory: Path) -> None:
     built = build(root_directory, "turns", "double")
@@ -548,8 +579,9 @@ def test_a_name_that_is_no_identifier_is_refused(tmp_path: Path, name: str, rule
 
 
 def test_an_unknown_nominal_parameter_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"q9\.r"):
-        generate(machine_of(tmp_path, "nano"), tmp_path / "out", nominal={"q9.r": 1.0})
+    for nominal, words in (({"q9.r": 1.0}, r"q9\.r"), ({"q1.r": np.nan}, r"q1\.r = nan")):
+        with pytest.raises(InputError, match=words):
+            generate(machine_of(tmp_path, "nano"), tmp_path / "out", nominal=nominal)
 
 
 def test_identifiers_stay_apart() -> None:

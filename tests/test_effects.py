@@ -25,7 +25,7 @@ from truepose.models.effects.base import (
 )
 from truepose.models.kinematics import SymbolicModel, load_scale, symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine import Machine, Mass
 from truepose.models.units import parse_unit
 
 Array = NDArray[np.float64]
@@ -85,14 +85,16 @@ def _legs(row: str, joint: str) -> str:
     return "".join(row.format(k=k, joint=joint, a=a, b=b) for k, (a, b) in enumerate(ENDS, 1))
 
 
-TELESCOPE = HEXAPOD + _legs(_PUS, "rho") + CARRIED
+TELESCOPE = HEXAPOD + _legs(_PUS, "rho") + "  flexure: {length: 30}\n" + CARRIED
 GOUGH = "units: {joint: turn}" + HEXAPOD.replace("6-pus", "6-ups") + _legs(_UPS, "m") + CARRIED
 TOLERANCES = "tolerances: {length: 0.1, angle: 0.1}\n"
-TEXTS = {"arm": ARM, "stage": STAGE, "telescope": TELESCOPE, "gough": GOUGH}
+UNWEIGHED = ARM.split("masses:", maxsplit=1)[0]
+TEXTS = {"arm": ARM, "stage": STAGE, "telescope": TELESCOPE, "gough": GOUGH, "unweighed": UNWEIGHED}
 LOADED = ("arm", "telescope", "gough")
 READINGS = {
     "arm": [0.5, -0.4, 0.8],
     "stage": [60.0, 13.0, 0.03],
+    "unweighed": [0.5, -0.4, 0.8],
     "telescope": [0.9, -0.5, 0.3, 1.1, -0.8, 0.2],
     "gough": [2.0, -3.0, 1.0, 4.0, 0.5, -2.0],
 }
@@ -126,7 +128,7 @@ def _read(folder: Path, name: str, text: str) -> Machine:
 
 
 class Solved:
-    """A symbolic model at one configuration: pose, its derivative and the loads; Newton closes the loops."""
+    """A symbolic model at one configuration: pose, its derivative, loads by case; Newton closes the loops."""
 
     def __init__(self, model: SymbolicModel, q: Sequence[float] | Array, **drivers: float) -> None:
         m, self.model = model, model
@@ -137,7 +139,6 @@ class Solved:
         flat = ca.vec(m.pose[:3, :])
         g = ca.Function("g", inputs, [m.closure, ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)])
         f = ca.Function("f", inputs, [m.pose, ca.jacobian(flat, m.x), ca.jacobian(flat, m.p)])
-        e = ca.Function("e", inputs, [ca.jacobian(m.energy, m.x), ca.jacobian(m.energy, m.p)])
         for _ in range(12 if len(x) else 0):
             residual, gx, _ = (np.array(v) for v in g(x, *at))
             x = x - np.linalg.solve(gx, residual)[:, 0]
@@ -145,8 +146,12 @@ class Solved:
         xp = -np.linalg.solve(gx, gp) if len(x) else np.zeros((0, len(model.names)))
         self.pose, fx, fp = (np.array(v) for v in f(x, *at))
         self.jacobian: Array = fx @ xp + fp
-        ex, ep = (np.array(v) for v in e(x, *at))
-        self.load: dict[str, float] = dict(zip(model.names, -(ex @ xp + ep)[0], strict=True))
+        self.load: dict[str, float] = {}
+        for case, energy in m.energies.items():
+            e = ca.Function("e", inputs, [ca.jacobian(energy, m.x), ca.jacobian(energy, m.p)])
+            ex, ep = (np.array(v) for v in e(x, *at))
+            names = [f"{case}{name}" for name in model.names]
+            self.load |= dict(zip(names, -(ex @ xp + ep)[0], strict=True))
 
     @property
     def position(self) -> Array:
@@ -185,7 +190,10 @@ def shift_slopes(machine: Machine, placed: PlacedEffect) -> dict[str, Array]:
     readings = dict(zip(machine.mechanism.readings, READINGS[machine.name], strict=True))
     reference = bare(machine)
     values = dict(zip(reference.model.names, map(ca.SX, reference.model.p_home), strict=True))
-    loads = {name: ca.SX(load / load_scale(machine, name)) for name, load in reference.load.items()}
+    loads = {
+        name: ca.SX(load / load_scale(machine, name.rpartition("|")[2]))
+        for name, load in reference.load.items()
+    }
     c = {coefficient.name: ca.SX.sym(coefficient.name) for coefficient in placed.coefficients}
     z = {name: ca.SX(DRIVERS[name.split(".")[0]]) for name in placed.drivers}
     q = {name: ca.SX(value) for name, value in readings.items()}
@@ -270,8 +278,32 @@ def test_unknown_places_are_told(machines: Mapping[str, Machine], slug: str, wro
 def test_effects_of_weight_need_masses_and_gravity(machines: Mapping[str, Machine], name: str) -> None:
     for slug in ("joint-compliance", "leg-compliance", "gravity-sag"):
         assert effects.get(slug, "test").needs_load
-        if name not in LOADED:
+        probed = slug == "joint-compliance" and name == "unweighed"
+        if name not in LOADED and not probed:
             assert not effects.get(slug, "test")().places(machines[name])
+
+
+@pytest.mark.parametrize("slug", EFFECTS)
+@pytest.mark.parametrize("name", TEXTS)
+def test_weights_are_positive_and_twins_are_the_same_function(
+    machines: Mapping[str, Machine], name: str, slug: str
+) -> None:
+    """What a twin does at a place, whatever its settings, the effect can do there too."""
+    machine, effect = machines[name], effects.get(slug, "test")()
+    for placed in candidates(machine, slug):
+        assert 0 < effect.weight(placed.settings_map) < np.inf
+        twins = effect.twins(placed.settings_map)
+        own = shift_slopes(machine, placed) if twins else {}
+        for twin, relative in twins.items():
+            assert 0 < relative <= 1
+            assert twin != slug
+            same = [other for other in candidates(machine, twin) if other.place == placed.place]
+            assert same
+            for other in same:
+                for port, slopes in shift_slopes(machine, other).items():
+                    np.testing.assert_allclose(
+                        np.min(abs(slopes[:, None] - own[port]), axis=1), 0, atol=1e-12
+                    )
 
 
 # -- signs and zeros of the specification ---------------------------------------------------------------
@@ -302,6 +334,72 @@ def test_a_sagging_base_turns_the_arm_downwards(machines: Mapping[str, Machine])
     moment = 9.80665 * (20 * 0.5 + 4 * 1.2)  # levers from the base's origin: 50 + 150 mm more than from q2
     assert moved[2] == pytest.approx(-c * moment * start[0], rel=1e-2)
     assert moved[0] > 0  # the tool stands above the mount and tips forward
+
+
+# -- unknown masses ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("body", ["link2", "link3"])
+def test_a_probe_is_one_kilogram_at_the_origin_of_a_body(machines: Mapping[str, Machine], body: str) -> None:
+    unweighed = machines["unweighed"]
+    weighed = replace(unweighed, masses=(Mass("probe", 1.0, (0.0, 0.0, 0.0), body),))
+    assert unweighed.load_cases == ("link2|", "link3|")
+    assert weighed.load_cases == ("",)
+    probe = Solved(symbolic_model(unweighed, ports=True), READINGS["arm"])
+    mass = Solved(symbolic_model(weighed, ports=True), READINGS["arm"])
+    expected = {f"{body}|{name}": load for name, load in mass.load.items()}
+    assert any(abs(load) > 1.0 for load in expected.values())
+    for name, load in expected.items():
+        assert probe.load[name] == pytest.approx(load, rel=1e-12, abs=1e-9), name
+
+
+@pytest.mark.parametrize(("case", "body"), [(0, "link2"), (1, "link3")])
+@pytest.mark.parametrize("joint", ["q1", "q2"])
+def test_compliance_times_a_mass_is_that_mass_on_that_compliance(
+    machines: Mapping[str, Machine], joint: str, case: int, body: str
+) -> None:
+    unweighed, c, kg, q = machines["unweighed"], 2e-6, 7.0, READINGS["arm"]
+    weighed = replace(unweighed, masses=(Mass("arm", kg, (0.0, 0.0, 0.0), body),))
+    product = with_effect(unweighed, "joint-compliance", (joint,), {"carries": float(case)}, c_kg=c * kg)
+    assert product.coefficients[0].unit == "rad/(N*m)*kg"
+    found = _position(unweighed, q, product)
+    expected = _position(weighed, q, with_effect(weighed, "joint-compliance", (joint,), c=c))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    if (joint, body) == ("q2", "link3"):
+        assert _position(unweighed, q)[2] - found[2] > 1e-3  # it gives way downwards
+
+
+def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
+    machines: Mapping[str, Machine],
+) -> None:
+    unweighed, effect = machines["unweighed"], effects.get("joint-compliance", "test")()
+    assert effect.places(unweighed) == [("q1",), ("q2",), ("q3",)]
+    found = [[s["carries"] for s in effect.settings(unweighed, (f"q{k}",), Campaign())] for k in (1, 2, 3)]
+    assert found == [[0, 1], [0, 1], [1]]
+    last = with_effect(unweighed, "joint-compliance", ("q2",))  # as a user may write it
+    assert [c.name for c in last.coefficients] == ["c_kg"]
+    named = with_effect(unweighed, "joint-compliance", ("q2",), {"carries": 1.0})
+    slopes = [shift_slopes(unweighed, placed)["q2.displacement"] for placed in (last, named)]
+    np.testing.assert_array_equal(slopes[0], slopes[1])
+    with pytest.raises(InputError, match="found carries = 5, expected 0 to 1"):
+        with_effect(unweighed, "joint-compliance", ("q2",), {"carries": 5.0})
+    assert effect.settings(machines["arm"], ("q2",), Campaign()) == ({},)
+    assert "masses are not stated" in effect.explain(unweighed, ("q2",))
+    assert "masses are not stated" not in effect.explain(machines["arm"], ("q2",))
+
+
+@pytest.mark.parametrize("name", ["telescope", "gough"])
+def test_closed_loops_and_weightless_machines_have_no_probes(
+    machines: Mapping[str, Machine], name: str
+) -> None:
+    machine = replace(machines[name], masses=())
+    floating = replace(machines["unweighed"], gravity=None)
+    for weightless in (machine, floating, replace(floating, gravity=(0.0, 0.0, 0.0))):
+        assert weightless.load_cases == ()
+        assert not effects.get("joint-compliance", "test")().places(weightless)
+
+
+# -- closed loops -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["telescope", "gough"])
@@ -364,10 +462,39 @@ def test_periodic_errors_have_their_period(machines: Mapping[str, Machine]) -> N
 
 def test_orders_are_those_that_the_range_can_show(machines: Mapping[str, Machine]) -> None:
     effect = effects.get("transmission-error", "test")()
-    orders = [s["order"] for s in effect.settings(machines["arm"], ("q1",), Campaign())]
-    assert orders == [*map(float, range(1, 31)), 121.0, 242.0]
-    small = [s["order"] for s in effect.settings(machines["stage"], ("s3",), Campaign())]
-    assert small == [*map(float, range(15, 31)), 100.0, 200.0]  # a quarter of a period in 6 deg
+    *single, together = effect.settings(machines["arm"], ("q1",), Campaign())
+    assert [s["order"] for s in single] == [*map(float, range(1, 31)), 121.0, 242.0]
+    assert together == {"orders": 60.0}
+    *small, together = effect.settings(machines["stage"], ("s3",), Campaign())
+    assert [s["order"] for s in small] == [
+        *map(float, range(15, 31)),
+        100.0,
+        200.0,
+    ]  # a quarter period in 6 deg
+    assert together == {"orders": 60.0}
+
+
+def test_a_series_is_the_sum_of_its_orders(machines: Mapping[str, Machine]) -> None:
+    arm, q = machines["arm"], [0.7, 0.2, 0.1]
+    amplitudes = {1: (4e-3, -2e-3), 2: (1e-3, 3e-3), 17: (5e-4, 2e-4), 60: (-3e-4, 1e-4)}
+    values = {
+        f"{letter}{k}": v for k, pair in amplitudes.items() for letter, v in zip("ab", pair, strict=True)
+    }
+    together = with_effect(arm, "transmission-error", ("q1",), {"orders": 60.0}, **values)
+    single = [
+        with_effect(arm, "transmission-error", ("q1",), {"order": float(k)}, a=a, b=b)
+        for k, (a, b) in amplitudes.items()
+    ]
+    found = _position(arm, q, together)
+    np.testing.assert_allclose(found, _position(arm, q, *single), atol=1e-9)
+    assert np.linalg.norm(found - _position(arm, q)) > 1.0
+    assert len(together.coefficients) == 120
+    scales = np.array([c.scale for c in together.coefficients])
+    assert (np.diff(scales) <= 0).all()
+    assert scales[-1] < 0.01 * scales[0]
+    sentence = together.effect.explain(arm, ("q1",))
+    assert "q1" in sentence
+    assert "gear" in sentence
 
 
 def test_coupling_moves_the_driven_joint_by_the_driving_one(machines: Mapping[str, Machine]) -> None:
@@ -439,16 +566,57 @@ def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
     np.testing.assert_allclose(_position(arm, q, homed), _position(arm, [0.3, 0.21, 0.1]), atol=1e-9)
 
 
-def test_a_bent_guideway_of_an_arm_and_of_a_leg(machines: Mapping[str, Machine]) -> None:
-    stage, hexapod = machines["stage"], machines["telescope"]
+def test_a_bent_guideway_of_an_arm(machines: Mapping[str, Machine]) -> None:
+    stage = machines["stage"]
     bent = with_effect(stage, "axis-straightness", ("s1",), {"degree": 2.0}, x2=0.01, rz1=1e-4)
     assert [c.name for c in bent.coefficients] == ["x2", "y2", "z2", "rx1", "ry1", "rz1"]
     start, end = (_position(stage, [s, 13, 0], bent) - _position(stage, [s, 13, 0]) for s in (0, 150))
     np.testing.assert_allclose(start, 0, atol=1e-12)
     assert end[0] - 0.01 == pytest.approx(-1e-4 * _position(stage, [0, 13, 0])[1], rel=1e-2)
-    rail = with_effect(hexapod, "axis-straightness", ("rho1",), {"degree": 3.0})
-    assert [c.name for c in rail.coefficients] == ["x2", "y2", "x3", "y3"]
+    known = bent.effect.settings(stage, ("s1",), Campaign())
+    assert [*known] == [{"degree": 2.0}, {"degree": 3.0}, {"degree": 4.0}, {"waves": 2.0}, {"waves": 3.0}]
     assert not effects.get("axis-straightness", "test")().places(machines["gough"])
+
+
+@pytest.mark.parametrize(
+    ("wave", "at"), [(1, {0: 1}), (2, {-75: 1, 0: 0, 75: -1}), (3, {-100: 1, 0: -1, 100: 1})]
+)
+def test_half_waves_stand_between_the_ends_of_the_range(
+    machines: Mapping[str, Machine], wave: int, at: Mapping[float, float]
+) -> None:
+    stage, size = machines["stage"], 0.02
+    bent = with_effect(stage, "axis-straightness", ("s1",), {"waves": 3.0}, **{f"yw{wave}": size})
+    assert [c.name for c in bent.coefficients[:6]] == ["xw1", "yw1", "zw1", "rxw1", "ryw1", "rzw1"]
+    for s, expected in {-150: 0, 150: 0, **at}.items():
+        moved = _position(stage, [s, 13, 0], bent) - _position(stage, [s, 13, 0])
+        np.testing.assert_allclose(moved, [0, size * expected, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "names"),
+    [
+        ({"degree": 3.0}, ["e2", "e3"]),
+        ({"degree": 4.0}, ["e2", "e3", "e4"]),
+        ({"waves": 2.0}, ["ew1", "ew2"]),
+    ],
+)
+def test_a_bent_rail_shows_only_along_its_leg(
+    machines: Mapping[str, Machine], settings: Settings, names: Sequence[str]
+) -> None:
+    """Sideways of the leg the slide may go where it likes; the first shapes are the largest to expect."""
+    machine, reference = machines["telescope"], bare(machines["telescope"])
+    rail = with_effect(machine, "axis-straightness", ("rho1",), settings)
+    assert [c.name for c in rail.coefficients] == names
+    assert (np.diff([c.scale for c in rail.coefficients]) < 0).all()
+    moved = shift_slopes(machine, rail)
+    motion = np.array([moved[f"rho1.motion.{axis}"] for axis in "xyz"])  # (axis, coefficient)
+    leg = np.array([173.6 - 391.3, -179.9 + 83.2, 0])
+    leg /= np.linalg.norm(leg)
+    np.testing.assert_allclose(motion, np.outer(leg, leg @ motion), atol=1e-12)
+    columns = [reference.model.names.index(f"rho1.motion.{axis}") for axis in "xyz"]
+    seen = reference.jacobian[:, columns]
+    assert np.linalg.norm(seen @ leg) > 0.1
+    assert np.linalg.norm(seen @ [-leg[1], leg[0], 0]) < 0.05 * np.linalg.norm(seen @ leg)
 
 
 def test_a_bending_platform_moves_its_leg_ends(machines: Mapping[str, Machine]) -> None:

@@ -264,3 +264,11 @@ def test_columns_of_the_poses_pass_through(tmp_path: Path) -> None:
     frame = with_inputs(path, simulate(machine, rows))
     assert list(frame) == ["pose", "role", "note", "q1 [mm]", "q2 [rad]", "q3 [rad]", "x", "y", "z"]
     assert (frame["x"] != 0).all() and set(frame["role"]) == {"validation"}
+
+
+def test_an_effect_that_diagnosis_does_not_look_for_here_can_be_simulated() -> None:
+    """Gains left open by the drawing: a wrong one is a constant to the diagnosis, an effect to the user."""
+    machine = load_machine(MACHINES / "ups.yaml")
+    assert parse_effect("actuator-scale@m4:s=8e-4", machine).values == {"s": 8e-4}
+    with pytest.raises(InputError, match="m9"):
+        parse_effect("actuator-scale@m9:s=8e-4", machine)

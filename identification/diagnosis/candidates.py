@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truepose.identification.diagnosis.unnamed import UNNAMED, Unnamed
 from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import PAYLOAD, Machine
@@ -28,13 +29,18 @@ class Catalogue:
     log_prior: tuple[float, ...]
     untestable: tuple[Untestable, ...]
 
+    def named(self, index: int) -> bool:
+        """Whether a candidate is an effect of the catalogue."""
+        return self.candidates[index].effect.slug != UNNAMED
+
 
 def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and so is every place of a slug."""
     found: list[PlacedEffect] = []
     missing: list[Untestable] = []
-    for slug in effects:
-        effect = effects.get(slug, "catalogue")()
+    kinds = [effects.get(slug, "catalogue")() for slug in effects]
+    for effect in (*kinds, Unnamed(machine, recording)):
+        slug = effect.slug
         places = [tuple(place) for place in effect.places(machine)]
         if not places and effect.needs_load and not machine.loaded:
             missing.append(Untestable(slug, "the machine file states no masses or no gravity"))

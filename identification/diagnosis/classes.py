@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 INDISTINCT = 3.0
 """Expected log Bayes factor below which two explanations are one class."""
 CLASS_LIMIT = 8
+SMALL_AGAINST_REMAINDER = 0.1
 
 
 @dataclass(frozen=True)
@@ -40,30 +41,51 @@ class Named:
     equivalents: tuple[Member, ...]
 
 
-def name_term(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], term: int) -> Named:
-    """Weigh every candidate in place of ``term`` and gather those that the data cannot tell from it."""
+def name_term(
+    lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], term: int, unexplained: float
+) -> Named:
+    """Weigh every candidate in place of ``term`` and gather those that the data cannot tell from it.
+
+    ``unexplained`` is the log likelihood that no model here explains. Rivals that differ by less than a tenth
+    of it are not told apart: what is missing from both is larger than what separates them.
+    """
     rest = {i: v for i, v in accepted.items() if i != term}
     wanted = [i for i in range(len(cat.candidates)) if i not in rest]
     ranking = rank(lin, cat, grid, rest, wanted)
-    odds = np.append(ranking.odds, 0.0)  # the last is: nothing more
-    probability = np.exp(odds - logsumexp(odds))
+    width = INDISTINCT + SMALL_AGAINST_REMAINDER * unexplained
     own = wanted.index(term)
-    missed = missed_chi2(lin, ranking, rest, term, wanted)
-    near = [j for j in np.argsort(-ranking.odds) if j != own and _indistinct(ranking, missed, own, int(j))][:CLASS_LIMIT]
-    members = tuple(Member(wanted[j], float(probability[j]), float(ranking.gain[j])) for j in near)
-    certainty = float(probability[own] + sum(m.probability for m in members))
-    return Named(term, float(probability[own]), certainty, float(ranking.gain[own]), members)
+    signal, missed = missed_chi2(lin, ranking, rest, term, wanted)
+    rivals = [j for j in np.argsort(-ranking.odds) if j != own and _indistinct(ranking, signal, missed, own, int(j), width)]
+    odds = np.append(ranking.odds, 0.0)  # the last is: nothing more
+    certainty = float(np.sum(np.exp(odds[[own, *rivals]] - logsumexp(odds))))
+    # who of the class it is, at the width the remainder leaves; that it is the class, at face value
+    share = _shares(odds[[own, *rivals]] * (INDISTINCT / width))
+    members = tuple(
+        Member(wanted[j], certainty * float(p), float(ranking.gain[j]))
+        for j, p in zip(rivals, share[1:], strict=True)
+        if cat.named(wanted[j])
+    )
+    return Named(term, certainty * float(share[0]), min(certainty, 1.0), float(ranking.gain[own]), members[:CLASS_LIMIT])
 
 
-def _indistinct(ranking: Ranking, missed: Array, own: int, other: int) -> bool:
-    """Whether the data prefer neither, or could not prefer the right one even where it is true."""
+def _shares(odds: Array) -> Array:
+    out: Array = np.exp(odds - logsumexp(odds))
+    return out
+
+
+def _indistinct(ranking: Ranking, signal: float, missed: Array, own: int, other: int, width: float) -> bool:
+    """Whether another term says the same thing and the data prefer neither.
+
+    The same thing: it reproduces more than half of the fitted signature, geometry adapting within tolerances.
+    """
+    alike = missed[other] < 0.5 * signal and ranking.gain[other] > 0.5 * max(ranking.gain[own], 0.0)
     difference = ranking.gain[own] - ranking.gain[other]
-    plausible = ranking.gain[other] > 0.5 * max(ranking.gain[own], 0.0)
-    return bool(plausible and (abs(difference) < INDISTINCT or (0.5 * missed[other] < INDISTINCT and difference < 3 * INDISTINCT)))
+    blind = 0.5 * missed[other] < INDISTINCT and difference < 3 * INDISTINCT
+    return bool(alike and (abs(difference) < width or blind))
 
 
-def missed_chi2(lin: Linearisation, ranking: Ranking, rest: Mapping[int, float], term: int, wanted: Sequence[int]) -> Array:
-    """(C,) what of the term's fitted signature each candidate cannot reproduce, in chi2, geometry adapting in tolerance."""
+def missed_chi2(lin: Linearisation, ranking: Ranking, rest: Mapping[int, float], term: int, wanted: Sequence[int]) -> tuple[float, Array]:
+    """The term's fitted signal in chi2, and (C,) what of it each candidate cannot reproduce, geometry adapting in tolerance."""
     n = lin.free
     noise = float(ranking.evidence.best_noise[list(wanted).index(term)])
     inside = np.concatenate([np.arange(n), n + np.array(lin.indices(list(rest)), dtype=int)]).astype(int)
@@ -83,7 +105,7 @@ def missed_chi2(lin: Linearisation, ranking: Ranking, rest: Mapping[int, float],
         score = own[cols] - cross.T @ solved
         information = gram[np.ix_(cols, cols)] - cross.T @ np.linalg.solve(a, cross)
         out[j] = total - float(score @ np.linalg.lstsq(information, score, rcond=1e-10)[0])
-    return np.maximum(out, 0.0)
+    return total, np.maximum(out, 0.0)
 
 
 def flip_inflation(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], term: int, threshold: float) -> float | None:

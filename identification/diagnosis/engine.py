@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from truepose.identification.align import aligned_start
 from truepose.identification.diagnosis import alarms, classes, outliers, remainder, summary
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
-from truepose.identification.diagnosis.findings import merge_findings, alternative
+from truepose.identification.diagnosis.findings import alternative, merge_findings
 from truepose.identification.diagnosis.proof import prove
-from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Proof
-from truepose.identification.diagnosis.selection import Ranking, Selection, rank, select
-from truepose.identification.diagnosis.signatures import Signatures
+from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
+from truepose.identification.diagnosis.selection import THRESHOLD, Ranking, Selection, only, rank, select
+from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.prediction import Predictor
 from truepose.identification.recording import Recording
@@ -30,8 +30,6 @@ CONCEALED = 1.3
 """Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
 CERTAIN = 0.95
 UNKNOWN_P = 1e-3
-EXPLAINED = 0.5
-"""Share of the misfit that findings must explain before their names are believed."""
 
 
 @dataclass(frozen=True)
@@ -82,30 +80,21 @@ def _select(
     return select(machine, recording, cat, fits.before, fits.outliers, rms, first)
 
 
-def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, selection: Selection) -> Diagnosis:
-    free, before, after = fits.free, fits.before, selection.fit
+def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, found: Selection) -> Diagnosis:
+    free, before = fits.free, fits.before
+    selection, named_terms = _name(machine, recording, cat, fits, found)
+    after = selection.fit
     signatures = Signatures(machine, recording, cat.candidates)
     lin = signatures.linearise(before)
     screened = rank(lin, cat, selection.grid, {}, list(range(len(cat.candidates))))
-    noise = float(np.sqrt(max(free.chi2_per_dof, 1e-300)))
     inflation = dict(zip(selection.grid.classes, screened.evidence.inflation, strict=True))
-    structure = alarms.structure_alarm(before, recording)
-    raised = {
-        "residual": alarms.residual_alarm(free, recording),
-        "prior_conflict": alarms.prior_conflict(lin, max(noise, 1.0) if noise < CONCEALED else noise),
-        "structure": structure.alarm,
-    }
+    raised, structure = _alarms(fits, recording, lin)
     left = alarms.structure_alarm(after, recording) if selection.accepted else structure
-    named = [classes.name_term(selection.linearisation, cat, selection.grid, selection.accepted, i) for i in selection.accepted]
-    flips = [classes.flip_inflation(selection.linearisation, cat, selection.grid, selection.accepted, n.index, 3.0) for n in named]
-    findings = merge_findings(machine, cat, after, named, flips)
-    believed = _believed(findings, before, after, raised, left)
-    unexplained = left.alarm.p < UNKNOWN_P or (not selection.accepted and _conflict(lin, noise, inflation))
-    verdict = "missing-physics" if believed else ("unknown" if unexplained or findings else "adequate")
+    findings = _findings(machine, cat, selection, named_terms)
+    rival = remainder.unnamed(cat, found.accepted, found.fit)
+    verdict = _verdict(findings, rival, left, lin, free, inflation)
     channels = Predictor(machine, recording).channels
-    fits_summary = {name: summary.summarise(fit, channels, recording.validation) for name, fit in (("free", free), ("before", before), ("after", after))}
-    proof = _prove(before, after, recording, fits.outliers, signatures, cat, selection) if selection.accepted else None
-    outlier_rows = tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers))
+    named = verdict == "missing-physics"
     return Diagnosis(
         machine=machine,
         recording=recording,
@@ -113,55 +102,98 @@ def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fit
         concealed=verdict != "adequate" and free.chi2_per_dof < CONCEALED,
         alarms=raised,
         structure=left,
-        findings=findings if believed else (),
-        remainder=remainder.describe(after, recording, left) if verdict == "unknown" or left.alarm.raised else None,
-        candidates=_candidates(machine, cat, screened),
+        findings=findings if named else (),
+        remainder=_remainder(verdict, rival, after, recording, left),
+        candidates=_candidates(cat, screened),
         evidence_map=_map(cat, screened),
         untestable=cat.untestable,
         free=free,
         before=before,
-        after=after,
-        fits=fits_summary,
-        proof=proof,
-        terms=after.fitted_effects(),
-        outlier_rows=outlier_rows,
+        after=after if named else before,
+        fits={
+            name: summary.summarise(fit, channels, recording.validation)
+            for name, fit in (("free", free), ("before", before), ("after", after if named else before))
+        },
+        proof=prove(before, after, recording, fits.outliers, signatures, cat, selection.grid, selection.accepted)
+        if named
+        else None,
+        terms=after.fitted_effects() if named else (),
+        outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
         notes=_notes(recording, before, screened, inflation),
     )
 
 
-def _prove(before: Estimate, after: Estimate, recording: Recording, far: Mask, signatures: Signatures, cat: Catalogue, selection: Selection) -> Proof:
-    return prove(before, after, recording, far, signatures, cat, selection.grid, selection.accepted)
+def _alarms(fits: _Fits, recording: Recording, lin: Linearisation) -> tuple[dict[str, alarms.Alarm], alarms.Structure]:
+    noise = float(np.sqrt(max(fits.free.chi2_per_dof, 1e-300)))
+    structure = alarms.structure_alarm(fits.before, recording)
+    raised = {
+        "residual": alarms.residual_alarm(fits.free, recording),
+        "prior_conflict": alarms.prior_conflict(lin, max(noise, 1.0)),
+        "structure": structure.alarm,
+    }
+    return raised, structure
 
 
-def _believed(findings: Sequence[Finding], before: Estimate, after: Estimate, raised: Mapping[str, alarms.Alarm], left: alarms.Structure) -> bool:
-    """Names are believed when the class is certain and what they leave is small against what they explain."""
-    if not findings or max(f.certainty for f in findings) < CERTAIN:
-        return False
-    gained = before.chi2 + _prior_cost(before) - after.chi2 - _prior_cost(after)
-    excess = max(after.chi2 - (after.readings - after.effective_parameters), 0.0)
-    return not (left.alarm.p < UNKNOWN_P and excess > gained)
+def _name(
+    machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, found: Selection
+) -> tuple[Selection, list[classes.Named]]:
+    """Terms of the catalogue whose class is certain, fitted without the others; their classes."""
+    kept = [i for i in found.accepted if cat.named(i)]
+    while True:
+        selection = only(machine, recording, cat, found, fits.outliers, kept)
+        after = selection.fit
+        excess = max(after.chi2 - (after.readings - after.effective_parameters), 0.0)
+        unexplained = 0.5 * excess / max(after.chi2_per_dof, 1.0)
+        named = [
+            classes.name_term(selection.linearisation, cat, selection.grid, selection.accepted, i, unexplained)
+            for i in selection.accepted
+        ]
+        certain = [n.index for n in named if n.certainty >= CERTAIN]
+        if len(certain) == len(named):
+            return selection, named
+        kept = certain
 
 
-def _prior_cost(fit: Estimate) -> float:
-    free = fit.prior.free
-    known = np.isfinite(fit.prior.sigma[free]) & (free < len(fit.machine.parameters))
-    at = free[known]
-    return float(np.sum(((fit.p[at] - fit.prior.mean[at]) / fit.prior.sigma[at]) ** 2))
+def _findings(
+    machine: Machine, cat: Catalogue, selection: Selection, named: Sequence[classes.Named]
+) -> tuple[Finding, ...]:
+    lin, grid, accepted = selection.linearisation, selection.grid, selection.accepted
+    flips = [classes.flip_inflation(lin, cat, grid, accepted, n.index, THRESHOLD) for n in named]
+    return merge_findings(machine, cat, selection.fit, named, flips)
 
 
-def _conflict(lin: object, noise: float, inflation: Mapping[str, float]) -> bool:
-    """Whether parameters conflict with tolerances even after the likeliest inflation of whole classes."""
-    from truepose.identification.diagnosis.signatures import Linearisation
+def _verdict(
+    findings: Sequence[Finding],
+    rival: Remainder | None,
+    left: alarms.Structure,
+    lin: Linearisation,
+    free: Estimate,
+    inflation: Mapping[str, float],
+) -> str:
+    """Names where there are any; ``unknown`` where something is left and nothing has a name; else adequate."""
+    if findings:
+        return "missing-physics"
+    noise = max(float(np.sqrt(free.chi2_per_dof)), 1.0)
+    widened = {part: max(value, 1.0) for part, value in inflation.items()}
+    conflict = alarms.prior_conflict(lin, noise, widened).p < UNKNOWN_P
+    return "unknown" if rival or left.alarm.p < UNKNOWN_P or conflict else "adequate"
 
-    assert isinstance(lin, Linearisation)
-    return alarms.prior_conflict(lin, max(noise, 1.0), {k: max(v, 1.0) for k, v in inflation.items()}).p < UNKNOWN_P
+
+def _remainder(
+    verdict: str, rival: Remainder | None, after: Estimate, recording: Recording, left: alarms.Structure
+) -> Remainder | None:
+    if verdict == "adequate":
+        return None
+    if rival is not None:
+        return rival
+    return remainder.describe(after, recording, left) if verdict == "unknown" or left.alarm.raised else None
 
 
-def _candidates(machine: Machine, cat: Catalogue, ranking: Ranking) -> tuple[Alternative, ...]:
+def _candidates(cat: Catalogue, ranking: Ranking) -> tuple[Alternative, ...]:
     """Every screened candidate, best first, weighed alone against the model without effects."""
     odds = np.append(ranking.odds, 0.0)
     share = np.exp(odds - np.logaddexp.reduce(odds))
-    order = np.argsort(-ranking.odds)
+    order = [i for i in np.argsort(-ranking.odds) if cat.named(int(i))]
     return tuple(alternative(cat, int(i), float(share[i]), float(ranking.gain[i])) for i in order)
 
 
@@ -170,7 +202,7 @@ def _map(cat: Catalogue, ranking: Ranking) -> dict[str, float]:
     out: dict[str, float] = {}
     for i, gain in zip(ranking.indices, ranking.gain, strict=True):
         place = cat.candidates[i].place
-        if len(place) == 1:
+        if len(place) == 1 and cat.named(i):
             out[place[0]] = max(out.get(place[0], -np.inf), float(gain))
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 

@@ -8,6 +8,7 @@ from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import Named
 from truepose.identification.diagnosis.result import Alternative, Finding, Quantity
 from truepose.identification.estimate import Estimate
+from truepose.models.effects.base import effects
 from truepose.models.machine import Machine
 
 
@@ -36,11 +37,14 @@ def _finding(
     placed = cat.candidates[main.index]
     equivalents: dict[tuple[str, tuple[str, ...]], Alternative] = {}
     for item in items:
+        for twin in _twins(cat, item):
+            equivalents.setdefault((twin.effect, twin.place), twin)
         for member in item.equivalents:
             other = alternative(cat, member.index, member.probability, member.gain)
             key = (other.effect, other.place)
             if key != (placed.effect.slug, placed.place) and (key not in equivalents or equivalents[key].probability < other.probability):
                 equivalents[key] = other
+    share = 1.0 - sum(t.probability for t in _twins(cat, main)) / max(main.probability, 1e-300)
     flip = None if any(f is None for f in flips) else max(f for f in flips if f is not None)
     rivals = sorted(equivalents.values(), key=lambda o: -o.probability)
     experiment = placed.effect.experiment
@@ -50,7 +54,7 @@ def _finding(
     return Finding(
         effect=placed.effect.slug,
         place=placed.place,
-        probability=probability,
+        probability=probability * share,
         certainty=max(item.certainty for item in items),
         log_bayes_factor=sum(item.gain for item in items),
         equivalents=tuple(rivals),
@@ -61,6 +65,17 @@ def _finding(
         explanation=placed.effect.explain(machine, placed.place),
         separating_experiment=experiment,
     )
+
+
+def _twins(cat: Catalogue, item: Named) -> list[Alternative]:
+    """Effects whose signature is the same function: nothing measured this way can tell them apart."""
+    placed = cat.candidates[item.index]
+    likely = placed.effect.twins(placed.settings_map)
+    total = 1.0 + sum(likely.values())
+    return [
+        Alternative(slug, placed.place, item.probability * ratio / total, item.gain, effects.get(slug, "twin").experiment)
+        for slug, ratio in likely.items()
+    ]
 
 
 def _parameters(cat: Catalogue, after: Estimate, items: Sequence[Named]) -> dict[str, Quantity]:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from truepose.identification.diagnosis.alarms import Structure
+from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.result import Remainder
+from truepose.identification.diagnosis.unnamed import Unnamed
 from truepose.identification.estimate import Estimate
 from truepose.identification.recording import Recording
 
@@ -22,6 +26,17 @@ def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remai
         place = (driver.split(".", 1)[1],) if driver.startswith(("temperature.", "approach.")) else ()
     form = "varies with the order of acquisition" if values is None else _form(fit.residual[fit.used], values, driver)
     return Remainder(place, driver, f"{form}; explains {100 * structure.share:.0f} % of the remainder; hypothesised", size)
+
+
+def unnamed(cat: Catalogue, accepted: Iterable[int], fit: Estimate) -> Remainder | None:
+    """The strongest rival without a name among accepted terms, if there is one."""
+    for index in accepted:
+        placed = cat.candidates[index]
+        if isinstance(placed.effect, Unnamed):
+            driver, form = placed.effect.describe(placed.settings_map)
+            size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
+            return Remainder(placed.place, driver, f"{placed.place[0]} errs as {form}; hypothesised", size)
+    return None
 
 
 def _form(residual: np.ndarray, values: np.ndarray, driver: str) -> str:

@@ -6,7 +6,7 @@ the search ends when a refit asks for nothing new.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,6 +96,23 @@ def select(
         fit, accepted = _refit(machine, recording, cat, accepted, fit, exclude, banned)
         lin = signatures.linearise(fit)
     return Selection(accepted, fit, lin, grid)
+
+
+def only(
+    machine: Machine,
+    recording: Recording,
+    cat: Catalogue,
+    selection: Selection,
+    exclude: NDArray[np.bool_],
+    kept: Collection[int],
+) -> Selection:
+    """The selection with some of its terms only, fitted anew."""
+    accepted = {i: v for i, v in selection.accepted.items() if i in kept}
+    if len(accepted) == len(selection.accepted):
+        return selection
+    fit, accepted = _refit(machine, recording, cat, accepted, selection.fit, exclude, set())
+    lin = Signatures(machine, recording, cat.candidates).linearise(fit)
+    return Selection(accepted, fit, lin, selection.grid)
 
 
 def _search(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], banned: set[int]) -> dict[int, float]:

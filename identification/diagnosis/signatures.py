@@ -104,8 +104,8 @@ class Signatures:
         place = {name: k for k, name in enumerate(predictor.model.names)}
         for block in predictor.blocks(p, x):
             signature = self._apply(block.here, shifts[block.rows], place)
-            if block.before is not None and self.recording.from_row is not None:
-                signature -= self._apply(block.before, shifts[self.recording.from_row[block.rows]], place)
+            if block.before is not None and predictor.origin is not None:
+                signature -= self._apply(block.before, shifts[predictor.origin[block.rows]], place)
             yield block.rows, block, signature
 
     def _apply(self, jacobian: Array, shifts: Array, place: dict[str, int]) -> Array:

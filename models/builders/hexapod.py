@@ -7,6 +7,7 @@ universal and spherical joints leave it free to turn about itself, so only the d
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -92,7 +93,8 @@ def pus(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
         limbs.append(
             Limb(leg.name, leg.joint, _names(leg.name, "a"), _names(leg.name, "b"), f"{leg.name}.length")
         )
-    return _mechanism(parameters, joints, rods, actuators, limbs)
+    mechanism = _mechanism(parameters, joints, rods, actuators, limbs)
+    return replace(mechanism, flexure_length=hexapod.flexure.length if hexapod.flexure else None)
 
 
 @builders.add("6-ups")

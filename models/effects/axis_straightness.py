@@ -3,32 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import pi
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import actuator_at, centre_and_half, drives_joint, singly
+from truepose.models.effects.common import (
+    actuator_at,
+    centre_and_half,
+    drives_joint,
+    nominal_axis,
+    rails,
+    singly,
+)
 from truepose.models.machine import Machine
-from truepose.models.mechanism import Direction
 
 LETTERS = "xyz"
+TOWARDS = "e"
 LARGEST_MM, LARGEST_FRACTION, LARGEST_RAD = 0.1, 0.2, 1e-3
+DECAY = 1.5
+"""Of the shapes of a guideway the fine ones are smaller: the k-th is expected k^-1.5 times the first."""
 
 
 @effects.add("axis-straightness")
 class AxisStraightness(Effect):
-    """Error motions as polynomials of the travel t, -1 to 1 over the joint's range.
+    """Error motions as functions of the travel t, -1 to 1 over the joint's range.
 
-    Displacements across the axis start at t^2, as t trades with its direction. Where the slide carries an
-    arm, displacement along the axis and turns from t come in: an arm shows them through its levers, the ball
-    joint of a leg does not.
+    Setting ``degree`` n: powers of t up to n; those of displacements start at t^2, as t trades with the
+    joint's direction. Setting ``waves`` n: 1 to n half waves from end to end of the range, w1 a bow, w2 an S.
+
+    A slide that carries an arm wanders along x, y and z of its joint and turns about them. The ball joint on
+    the slide of a leg takes up all turns, and the leg's length hides what happens beside it: one direction is
+    left, e, across the rail towards the leg's upper end (e2, e3; ew1, ew2).
     """
 
     slug = "axis-straightness"
     title = "Guideway that is not straight"
-    formula = "slide moves by x2 t^2 + x3 t^3, turns by rx1 t + rx2 t^2 (y, z alike); t = travel / half range"
+    formula = (
+        "slide moves by x2 t^2 + x3 t^3 ... and turns by rx1 t + rx2 t^2 ... (y, z alike), t = travel / half "
+        "range; or by xw1, xw2 ... times k half waves sin(k pi (t + 1) / 2) between the ends of the range; "
+        "the rail of a leg by e2, e3 ... towards the leg's other end"
+    )
     size = "turns of 1 to 50 urad; straightness of micrometres to tens of micrometres"
     look_alikes = ("screw-periodic", "axis-coupling", "actuator-scale", "wrong-constant")
     experiment = "move this slide alone; watch targets at two heights, or a straightedge and a level"
@@ -42,10 +59,11 @@ class AxisStraightness(Effect):
         _, half = centre_and_half(actuator_at(machine, place[0]))
         length = min(LARGEST_MM, LARGEST_FRACTION * half)
         out = []
-        for power in range(2, round(settings.get("degree", 2.0)) + 1):
-            out += [Coefficient(f"{axis}{power}", "mm", length) for axis in _directions(machine, place)]
+        for rank, (move, turn) in enumerate(_shapes(settings), start=1):
+            size = rank**-DECAY
+            out += [Coefficient(f"{d}{move}", "mm", size * length) for d in _directions(machine, place)]
             if _carries_arm(machine):
-                out += [Coefficient(f"r{axis}{power - 1}", "rad", LARGEST_RAD) for axis in LETTERS]
+                out += [Coefficient(f"r{axis}{turn}", "rad", size * LARGEST_RAD) for axis in LETTERS]
         return tuple(out)
 
     def shifts(self, site: Site) -> Shifts:
@@ -55,19 +73,33 @@ class AxisStraightness(Effect):
         directions = _directions(site.machine, site.place)
         motion = {f"{turn}{axis}": ca.SX(0) for turn in ("", "r") for axis in LETTERS}
         for name, c in site.c.items():
-            kind, power = name[:-1], int(name[-1])
-            if kind in directions:
-                for axis, part in zip(LETTERS, directions[kind], strict=True):
-                    motion[axis] += float(part) * c * t**power
-            else:
-                motion[kind] += c * t**power
+            if name[0] == "r":
+                motion[name[:2]] += c * _value(name[2:], t)
+                continue
+            for axis, part in zip(LETTERS, directions[name[0]], strict=True):
+                motion[axis] += float(part) * c * _value(name[1:], t)
         return {site.machine.motion(actuator.reading, axis): shift for axis, shift in motion.items()}
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        return ({"degree": 2.0}, {"degree": 3.0})
+        return ({"degree": 2.0}, {"degree": 3.0}, {"degree": 4.0}, {"waves": 2.0}, {"waves": 3.0})
 
     def explain(self, machine: Machine, place: Place) -> str:
         return f"The guideway of {place[0]} is bent: its slide leaves the line, and may turn, as it moves."
+
+
+def _shapes(settings: Settings) -> list[tuple[str, str]]:
+    """Shape of the displacement and of the turn, coarse ones first."""
+    if "waves" in settings:
+        return [(f"w{k}", f"w{k}") for k in range(1, round(settings["waves"]) + 1)]
+    degree = round(settings.get("degree", 2.0))
+    return [(f"{power}", f"{power - 1}") for power in range(2, degree + 1)]
+
+
+def _value(shape: str, t: ca.SX) -> ca.SX:
+    """A shape at the travel t: a power, or half waves between the ends -1 and 1."""
+    if shape[0] == "w":
+        return ca.sin(int(shape[1:]) * pi / 2 * (t + 1))
+    return t ** int(shape)
 
 
 def _carries_arm(machine: Machine) -> bool:
@@ -76,25 +108,18 @@ def _carries_arm(machine: Machine) -> bool:
 
 
 def _directions(machine: Machine, place: Place) -> dict[str, NDArray[np.float64]]:
-    """Unit vectors of the displacements in the joint's frame: two across the axis; all for an arm."""
+    """Unit vectors of displacements in the joint's frame: all for an arm, one for a leg, else two across."""
     eye = np.eye(3)
     if _carries_arm(machine):
         return dict(zip(LETTERS, eye, strict=True))
-    axis = _axis(machine, place)
+    actuator = actuator_at(machine, place[0])
+    for rail in rails(machine):
+        if rail.reading == actuator.reading and np.any(rail.across):
+            return {TOWARDS: rail.across}
+    joint = next(joint for joint in machine.mechanism.joints if joint.name == actuator.drives)
+    axis = nominal_axis(machine, joint.axis)
     out = {}
     for k in sorted(np.argsort(np.abs(axis), kind="stable")[:2]):
         across = eye[k] - axis[k] * axis
         out[LETTERS[k]] = across / np.linalg.norm(across)
     return out
-
-
-def _axis(machine: Machine, place: Place) -> NDArray[np.float64]:
-    """Nominal unit vector of a slide's axis, in its frame."""
-    drives = actuator_at(machine, place[0]).drives
-    axis = next(joint.axis for joint in machine.mechanism.joints if joint.name == drives)
-    if not isinstance(axis, Direction):
-        return np.array(axis, dtype=float)
-    nominal = {p.name: p.nominal for p in machine.mechanism.parameters}
-    known = [0.0 if name is None else nominal[name] for name in axis.components]
-    third = axis.sign * float(np.sqrt(1 - np.dot(known, known)))
-    return np.array([third if name is None else nominal[name] for name in axis.components])

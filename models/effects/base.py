@@ -85,7 +85,7 @@ class Site:
         return self.z[name]
 
     def load(self, port: str, case: str = "") -> ca.SX:
-        """Gravity's conjugate load at a port: N along lengths, N m about angles (of 1 kg, for a probe ``case``)."""
+        """Gravity's conjugate load at a port: N along lengths, N m about angles; a probe ``case`` is 1 kg."""
         return self.loads[f"{case}{port}"]
 
     def checked(self, port: str, who: object) -> str:
@@ -134,7 +134,7 @@ class Effect(ABC):
         return 1.0
 
     def twins(self, settings: Settings) -> Mapping[str, float]:
-        """Effects whose signature is the very same function here, with how likely they are relative to this one."""
+        """Effects whose signature is the same function here, with how likely each is relative to this one."""
         return {}
 
     def explain(self, machine: Machine, place: Place) -> str:
@@ -203,14 +203,7 @@ class PlacedEffect:
 
     def with_values(self, amplitudes: Sequence[float]) -> PlacedEffect:
         """The same effect with other coefficient values, in order."""
-        return PlacedEffect(
-            self.effect,
-            self.place,
-            self.settings,
-            self.coefficients,
-            self.drivers,
-            tuple(float(a) for a in amplitudes),
-        )
+        return replace(self, amplitudes=tuple(float(a) for a in amplitudes))
 
     def __str__(self) -> str:
         return self.label

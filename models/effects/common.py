@@ -1,17 +1,20 @@
-"""What several effects share: places by joint and by leg, sine pairs, the recording's clock."""
+"""What several effects share: places by joint and by leg, rails, periodic series, the recording's clock."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Observed, Place, Settings, Site
 from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES, Actuator, Limb
+from truepose.models.mechanism import AXES, Actuator, Direction, Limb
 
 SECONDS_PER_HOUR = 3600.0
 
@@ -111,6 +114,57 @@ def boundaries(recording: Observed) -> Sequence[Settings]:
 def after_session(settings: Settings) -> str:
     """Driver that is 0 up to a boundary between sessions and 1 after it."""
     return f"session.after.{settings.get('session', 1.0):g}"
+
+
+@dataclass(frozen=True)
+class Rail:
+    """A leg's straight guideway as the drawing has it: its axis, and which way its leg leans across it."""
+
+    reading: str
+    components: tuple[str | None, str | None, str | None]
+    axis: NDArray[np.float64]
+    across: NDArray[np.float64]
+
+
+def rails(machine: Machine) -> list[Rail]:
+    """Rails of the legs whose actuator slides along a direction that is itself a parameter.
+
+    ``across`` (3,) is the unit vector across the rail towards the leg's upper end at home, in the base frame.
+    """
+    joints = {joint.name: joint for joint in machine.mechanism.joints}
+    nominal = {p.name: p.nominal for p in machine.mechanism.parameters}
+    out = []
+    for limb in machine.mechanism.limbs:
+        joint = joints.get(machine.mechanism.actuator(limb.reading).drives)
+        if joint is None or not isinstance(joint.axis, Direction):
+            continue
+        axis = nominal_axis(machine, joint.axis)
+        upper = _on_base(machine, [nominal[n] for n in limb.platform_point])
+        leg = upper - np.array([nominal[n] for n in limb.base_point])
+        across = leg - (leg @ axis) * axis
+        across /= np.linalg.norm(across) or 1.0
+        out.append(Rail(limb.reading, joint.axis.components, axis, across))
+    return out
+
+
+def nominal_axis(machine: Machine, axis: tuple[float, float, float] | Direction) -> NDArray[np.float64]:
+    """(3,) unit vector of a joint's axis as the drawing has it."""
+    if not isinstance(axis, Direction):
+        return np.array(axis, dtype=float)
+    nominal = {p.name: p.nominal for p in machine.mechanism.parameters}
+    known = [0.0 if name is None else nominal[name] for name in axis.components]
+    third = axis.sign * float(np.sqrt(1 - np.dot(known, known)))
+    return np.array([third if name is None else nominal[name] for name in axis.components])
+
+
+def _on_base(machine: Machine, point: Sequence[float]) -> NDArray[np.float64]:
+    """A point of the platform in the base frame, at home."""
+    mechanism = machine.mechanism
+    home = next((j.home for j in mechanism.joints if j.kind == "free" and j.child == mechanism.platform), ())
+    if not home:
+        return np.array(point, dtype=float)
+    turned = Rotation.from_mrp(home[3:]).apply(point)
+    return np.asarray(turned + np.array(home[:3]), dtype=float)
 
 
 def _unknown(machine: Machine, kind: str, name: str, known: Sequence[str]) -> InputError:

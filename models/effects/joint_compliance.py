@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, drives_joint, joint_unit, singly
 from truepose.models.machine import Machine
@@ -11,7 +12,11 @@ from truepose.models.machine import Machine
 
 @effects.add("joint-compliance")
 class JointCompliance(Effect):
-    """dq = c * load, what gravity exerts at the joint: minus the derivative of the potential energy."""
+    """dq = c * load, what gravity exerts at the joint: minus the derivative of the potential energy.
+
+    Without stated masses only products c * kg can be found. Setting ``carries`` k then names the load case:
+    a mass at the origin of one body beyond the joint (the last one unless told).
+    """
 
     slug = "joint-compliance"
     title = "Compliant joint"
@@ -35,16 +40,14 @@ class JointCompliance(Effect):
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         unit, scale = ("rad/(N*m)", 1e-4) if joint_unit(machine, place) == "rad" else ("mm/N", 1e-2)
-        if "carries" in settings:
+        if _case(machine, settings):
             return (Coefficient("c_kg", f"{unit}*kg", scale=20.0 * scale, lower=0.0),)
         return (Coefficient("c", unit, scale=scale, lower=0.0),)
 
     def shifts(self, site: Site) -> Shifts:
         port = actuator_at(site.machine, site.place[0]).displacement
-        if "carries" in site.settings:
-            case = site.machine.load_cases[round(site.settings["carries"])]
-            return {port: site.c["c_kg"] * site.load(port, case)}
-        return {port: site.c["c"] * site.load(port)}
+        (c,) = site.c.values()
+        return {port: c * site.load(port, _case(site.machine, site.settings))}
 
     def explain(self, machine: Machine, place: Place) -> str:
         unknown = "" if machine.loaded else " (masses are not stated: compliance times carried mass is found)"
@@ -56,3 +59,14 @@ def _position(machine: Machine, place: Place) -> int:
     drives = actuator_at(machine, place[0]).drives
     names = [joint.name for joint in machine.mechanism.tree]
     return max(0, names.index(drives) - 1)
+
+
+def _case(machine: Machine, settings: Settings) -> str:
+    """The load case: all stated masses, or else 1 kg at the origin of one body."""
+    if machine.loaded or not machine.load_cases:
+        return ""
+    last = len(machine.load_cases) - 1
+    chosen = settings.get("carries", float(last))
+    if chosen not in range(last + 1):
+        raise InputError(f"{JointCompliance.slug}: found carries = {chosen:g}, expected 0 to {last}")
+    return machine.load_cases[round(chosen)]

@@ -55,7 +55,7 @@ class TransmissionError(Effect):
         return {actuator.displacement: sine_pair(site, site.settings.get("order", 1.0) * angle)}
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        """Orders that make at least a quarter of a period within the joint's range, one by one, or all together."""
+        """Orders that make a quarter of a period or more within the joint's range, singly, or as a series."""
         actuator = actuator_at(machine, place[0])
         orders = [float(k) for k in range(1, HIGHEST_ORDER + 1)]
         if actuator.gear_ratio:

@@ -5,14 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import singly
+from truepose.models.effects.common import rails, singly
 from truepose.models.machine import Machine
-from truepose.models.mechanism import Direction, Limb
 from truepose.models.parameters import Parameter
 
 LARGEST_ANGLE = 0.2
@@ -33,9 +28,9 @@ class WrongConstant(Effect):
 
     def places(self, machine: Machine) -> Sequence[Place]:
         known = [p.name for p in machine.mechanism.parameters if p.free and isfinite(p.tolerance)]
-        rails = tuple(_tilts(machine))
-        together = len(_rails(machine)) > 1 and set(rails) <= set(known)
-        return [*singly(known), rails] if together else singly(known)
+        tilted = tuple(_tilts(machine))
+        together = len(rails(machine)) > 1 and set(tilted) <= set(known)
+        return [*singly(known), tilted] if together else singly(known)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         if len(place) > 1:
@@ -71,38 +66,7 @@ def _largest(parameter: Parameter) -> float:
     return max(LARGEST_FRACTION * abs(parameter.nominal), 100 * parameter.tolerance, 1.0)
 
 
-def _rails(machine: Machine) -> list[tuple[Limb, Direction]]:
-    """Legs whose actuator slides along a direction that is itself a parameter."""
-    joints = {joint.name: joint for joint in machine.mechanism.joints}
-    rails = []
-    for limb in machine.mechanism.limbs:
-        joint = joints.get(machine.mechanism.actuator(limb.reading).drives)
-        if joint is not None and isinstance(joint.axis, Direction):
-            rails.append((limb, joint.axis))
-    return rails
-
-
 def _tilts(machine: Machine) -> Mapping[str, float]:
     """Change of each rail component per unit of tilt: the leg's nominal direction, across its rail."""
-    nominal = {p.name: p.nominal for p in machine.mechanism.parameters}
-    tilts: dict[str, float] = {}
-    for limb, axis in _rails(machine):
-        known = [0.0 if name is None else nominal[name] for name in axis.components]
-        third = axis.sign * np.sqrt(1 - float(np.dot(known, known)))
-        rail = np.array([third if name is None else nominal[name] for name in axis.components])
-        upper = _on_base(machine, [nominal[n] for n in limb.platform_point])
-        leg = upper - np.array([nominal[n] for n in limb.base_point])
-        across = leg - (leg @ rail) * rail
-        across /= np.linalg.norm(across) or 1.0
-        tilts |= {name: float(v) for name, v in zip(axis.components, across, strict=True) if name is not None}
-    return tilts
-
-
-def _on_base(machine: Machine, point: Sequence[float]) -> NDArray[np.float64]:
-    """A point of the platform in the base frame, at home."""
-    mechanism = machine.mechanism
-    home = next((j.home for j in mechanism.joints if j.kind == "free" and j.child == mechanism.platform), ())
-    if not home:
-        return np.array(point, dtype=float)
-    turned = Rotation.from_mrp(home[3:]).apply(point)
-    return np.asarray(turned + np.array(home[:3]), dtype=float)
+    named = [pair for rail in rails(machine) for pair in zip(rail.components, rail.across, strict=True)]
+    return {name: float(value) for name, value in named if name is not None}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, after_session, boundaries, joint_unit, singly
@@ -13,7 +14,7 @@ LARGEST = {"mm": 2.0, "rad": 0.05}
 
 @effects.add("zero-shift")
 class ZeroShift(Effect):
-    """A constant added to one joint's displacement after session ``session``."""
+    """A constant added to one joint's displacement, or to two, after session ``session``."""
 
     slug = "zero-shift"
     title = "Zero of a joint moved between sessions"
@@ -24,15 +25,18 @@ class ZeroShift(Effect):
     source = "re-homing and slipped couplings; no physics"
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        return singly(machine.mechanism.readings)
+        readings = machine.mechanism.readings
+        return [*singly(readings), *combinations(readings, 2)]
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        unit = joint_unit(machine, place)
-        return (Coefficient("zero", unit, LARGEST[unit]),)
+        names = ["zero"] if len(place) == 1 else [f"zero.{joint}" for joint in place]
+        units = [joint_unit(machine, (joint,)) for joint in place]
+        return tuple(Coefficient(name, unit, LARGEST[unit]) for name, unit in zip(names, units, strict=True))
 
     def shifts(self, site: Site) -> Shifts:
-        port = actuator_at(site.machine, site.place[0]).displacement
-        return {port: site.c["zero"] * site.driver(after_session(site.settings))}
+        after = site.driver(after_session(site.settings))
+        ports = [actuator_at(site.machine, joint).displacement for joint in site.place]
+        return {port: c * after for port, c in zip(ports, site.c.values(), strict=True)}
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
         return (after_session(settings),)
@@ -41,4 +45,7 @@ class ZeroShift(Effect):
         return boundaries(recording)
 
     def explain(self, machine: Machine, place: Place) -> str:
-        return f"The zero of {place[0]} moved between two sessions: homed anew, or a slipped coupling."
+        zero = "The zero" if len(place) == 1 else "The zeros"
+        return (
+            f"{zero} of {' and '.join(place)} moved between two sessions: homed anew, or a slipped coupling."
+        )

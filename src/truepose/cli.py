@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Annotated
 
 import typer
@@ -44,6 +45,9 @@ def _root(
 
 def main() -> None:
     """Entry point of the console command."""
+    for library in ("OPENBLAS", "OMP", "MKL"):
+        # matrices are small here: threads of the linear algebra wait for each other longer than they work
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     app()
 
 

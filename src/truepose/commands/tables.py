@@ -68,7 +68,7 @@ def predict(
             rows = load_recording(loaded, [recording], need_readings=False)
             frame = prediction.predict(loaded, rows)
             write_table(output, frame)
-        notes = [*rows.notes, *prediction.unassembled(rows, frame)]
+        notes = [*rows.notes, *prediction.unheard(loaded, rows), *prediction.unassembled(rows, frame)]
         _finish("predict", frame, output, notes, as_json)
 
 
@@ -90,16 +90,18 @@ def simulate(
     with reported(plugin):
         from truepose.identification import simulate as simulation
         from truepose.identification.load import load_recording
+        from truepose.identification.predict import unheard
         from truepose.models.load import load_machine
 
         check_file(output)
         with progress("simulating"):
             loaded = load_machine(machine)
             extra = [simulation.parse_effect(text, loaded) for text in effect or ()]
+            whole = loaded.with_effects((*loaded.effects, *extra))
             rows = load_recording(loaded, [poses], need_readings=False)
-            frame = simulation.with_inputs(poses, simulation.simulate(loaded, rows, extra, seed=seed))
+            frame = simulation.with_inputs(poses, simulation.simulate(whole, rows, seed=seed))
             write_table(output, frame)
-        notes = [*rows.notes, *simulation.unheard(loaded, extra, rows)]
+        notes = [*rows.notes, *unheard(whole, rows)]
         _finish("simulate", frame, output, notes, as_json)
 
 

@@ -57,14 +57,15 @@ def calibration_lines(result: Calibration, output: Path) -> list[str]:
     """A few plain lines: figures of the fit, what tolerances decided, where the machine file is."""
     fit, figures = result.fit, result.fit_json
     seen = f"{fit.rank} of {len(fit.prior.free)} directions"
-    rms = ", ".join(f"{kind} {v['value']:.4g} {v['unit']}" for kind, v in result.fit_json["rms"].items())
+    rms = ", ".join(f"{kind} {v['value']:.4g} {v['unit']}" for kind, v in figures["rms"].items())
     flat = result.method["estimator"] == "ols"
     held = "the others stay at the drawing" if flat else "tolerances decide the others"
     decided = f"; {held}" if fit.rank < len(fit.prior.free) else ""
+    worst = f"{figures['worst_parameter']}, {fit.worst_parameter_sigma:.3g} tolerances"
     lines = [
         f"{fit.machine.name}: converged in {fit.solution.iterations} iterations",
         f"  chi2 per degree of freedom {fit.chi2_per_dof:.4g}; rms: {rms}",
         f"  {seen} are seen by the readings" + decided,
-        f"  furthest from the drawing: {figures['worst_parameter']}, {fit.worst_parameter_sigma:.3g} tolerances",
+        f"  furthest from the drawing: {worst}",
     ]
     return [*lines, f"calibrated machine: {output / 'calibrated.yaml'}"]
