@@ -197,7 +197,7 @@ def estimate(
     exclude: NDArray[np.bool_] | None = None,
     prior: Prior | None = None,
     predictor: Predictor | None = None,
-    damping: float = 1e-4,
+    damping: float | None = None,
 ) -> Estimate:
     """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording``.
 
@@ -211,6 +211,8 @@ def estimate(
     problem = _Problem(predictor, prior, p, used)
     _check_size(problem, recording)
     tolerance, limit = (1e-9, 100) if widen == 1.0 else (FREE_TOLERANCE * problem.readings, FREE_LIMIT)
+    # a fit under tolerances is well posed and takes full steps; the free fit walks down curved valleys
+    damping = (0.0 if widen == 1.0 else 1e-4) if damping is None else damping
     solution = _robust(problem, loss, partial(minimise, problem.blocks, damping=damping, tolerance=tolerance, limit=limit))
     if not solution.status.ok:
         raise ConvergenceError(_blame(solution, prior))

@@ -57,7 +57,10 @@ def name_term(
     signal, missed = missed_chi2(lin, ranking, rest, term, wanted)
     rivals = [j for j in np.argsort(-ranking.odds) if j != own and _indistinct(ranking, signal, missed, own, int(j), width)]
     odds = np.append(ranking.odds, 0.0)  # the last is: nothing more
-    certainty = float(np.sum(np.exp(odds[[own, *rivals]] - logsumexp(odds))))
+    # what says something else is no alternative: it may be missing as well
+    alternatives = [*np.flatnonzero(missed < 0.5 * signal).tolist(), len(odds) - 1]
+    alternatives = sorted({own, *rivals, *alternatives})
+    certainty = float(np.sum(np.exp(odds[[own, *rivals]] - logsumexp(odds[alternatives]))))
     # who of the class it is, at the width the remainder leaves; that it is the class, at face value
     share = _shares(odds[[own, *rivals]] * (INDISTINCT / width))
     members = tuple(

@@ -21,7 +21,7 @@ from truepose.identification.diagnosis.signatures import Linearisation
 
 Array = NDArray[np.float64]
 AMPLITUDES = np.geomspace(1e-4, 1.0, 17)
-INFLATIONS = (1.0, 2.0, 4.0, 10.0)
+INFLATIONS = (1.0, 3.0, 10.0)
 INFLATED = ("length", "angle")
 LONG = 24
 MANY_READINGS = 4000
@@ -46,8 +46,8 @@ class Grid:
 def grid_for(lin: Linearisation, rms: float) -> Grid:
     """Noise scales from below the stated sigma to what geometry alone leaves; inflations of the classes present."""
     top = max(1.7, 1.2 * rms)
-    above = np.geomspace(1.35, top, max(2, int(np.ceil(np.log(top / 1.35) / 0.4)) + 1))
-    noise = tuple(float(v) for v in (0.75, 0.87, 1.0, 1.15, *above))
+    above = np.geomspace(1.35, top, max(2, int(np.ceil(np.log(top / 1.35) / 0.6)) + 1))
+    noise = tuple(float(v) for v in (0.8, 1.0, *above))
     classes = tuple(c for c in INFLATED if c in lin.parts)
     if lin.readings > MANY_READINGS:
         coarse = np.geomspace(1.0, top, max(3, int(np.ceil(np.log(top) / 0.55)) + 1))

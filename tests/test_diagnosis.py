@@ -1,0 +1,372 @@
+"""The diagnosis on small recordings whose truth is not the catalogue's formula but a mechanism of its own.
+
+Play is a state carried through the sequence, heat follows its thermometer through a simulated body, a gear
+stiffens, a platform bends like a beam; the engine has to name and place them and get sign and size right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import binom, kstest
+
+from truepose.identification.diagnosis import alarms
+from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.result import Diagnosis, Finding
+from truepose.identification.diagnosis.signatures import Signatures
+from truepose.identification.estimate import FREE_WIDENING, estimate, prior_of
+from truepose.identification.load import load_recording
+from truepose.identification.prediction import Predictor
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+
+HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.1, angle: 0.05}}\n"
+TABLE = """
+mechanism:
+  type: serial
+  joints:
+    - {name: s, kind: prismatic, range: [-100, 100]}
+    - {name: q, kind: revolute, alpha: -90, d: 60, r: 400, range: [-170, 170]}
+frames: {tool: {in: flange, xyz: [200, 0, 30], tolerance: {xyz: 0.5, rpy: 0}}}
+sensor: {type: position, sigma: {xyz: 0.01}}
+"""
+ARM = """
+gravity: [0, 0, -9.80665]
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 400, range: [-170, 170]}
+    - {name: q2, kind: revolute, alpha: 90, d: 50, range: [-100, 100]}
+frames: {tool: {in: flange, xyz: [500, 0, 0], tolerance: {xyz: 0.5, rpy: 0}}}
+sensor: {type: position, sigma: {xyz: 0.01}}
+masses: {payload: {kg: 2, com: [0, 0, 0], in: tool}}
+"""
+ENDS = (
+    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
+    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
+    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
+    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
+    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
+    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
+)
+HEXAPOD = """
+mechanism:
+  type: 6-pus
+  home: [0, 0, 440, 0, 0, 0]
+  flexure: {length: 30}
+  legs:
+""" + "".join(
+    f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, length: 500, range: [-1.3, 1.3]}}\n"
+    for k, (a, b) in enumerate(ENDS, 1)
+)
+HEXAPOD += "sensor: {type: pose, sigma: {xyz: 0.002, rot: 0.0005}}\n"
+TEXTS = {"table": TABLE, "arm": ARM, "hexapod": HEXAPOD}
+SIGMA = 0.01
+
+
+class Bench:
+    """A machine, its true parameters (drawn within tolerances) and recordings of what it really does."""
+
+    def __init__(self, folder: Path, name: str, seed: int) -> None:
+        self.folder, self.rng = folder, np.random.default_rng(seed)
+        path = folder / f"{name}.yaml"
+        path.write_text(HEAD.format(name=name) + TEXTS[name])
+        self.machine: Machine = load_machine(path)
+        prior = prior_of(self.machine)
+        self.true: Array = prior.mean + 0.7 * prior.sigma * self.rng.standard_normal(len(prior.mean))
+
+    def readings(self, rows: int) -> Array:
+        """Random readings (rows, nq) within the joints' ranges."""
+        limits = [a.range for a in self.machine.mechanism.actuators]
+        return np.column_stack([self.rng.uniform(*limit, rows) for limit in limits if limit is not None])
+
+    def frame(
+        self,
+        q: Array,
+        stands: Array | None = None,
+        shifts: Mapping[str, Array] | None = None,
+        **columns: Array,
+    ) -> pd.DataFrame:
+        """What is recorded at commands ``q`` when the joints stand at ``stands`` and parameters are shifted."""
+        rows = len(q)
+        units = [a.reading_unit for a in self.machine.mechanism.actuators]
+        names = [f"{n} [{u}]" for n, u in zip(self.machine.mechanism.readings, units, strict=True)]
+        true = q if stands is None else stands
+        recording = load_recording(
+            self.machine, [self._csv(pd.DataFrame(true, columns=names))], need_readings=False
+        )
+        predictor = Predictor(self.machine, recording)
+        place = {name: k for k, name in enumerate(predictor.model.names)}
+        parameters = np.tile(self.true, (rows, 1))
+        for name, shift in (shifts or {}).items():
+            parameters[:, place[name]] += shift
+        read: list[Array] = []
+        for k, p in enumerate(parameters if shifts else parameters[:1]):
+            titles, values, _, _ = predictor.columns(p, predictor.assemble(p)[0])
+            read.append(values[k] if shifts else values)
+        (sensor,) = self.machine.sensors
+        noisy = sensor.noisy(np.array(read) if shifts else read[0], self.rng)
+        columns_of = dict(zip(titles, noisy.T, strict=True))
+        unit = sensor.columns
+        data = {f"{n} [{unit[n]}]" if unit[n] in ("mm", "rad") else n: v for n, v in columns_of.items()}
+        return pd.DataFrame({**dict(zip(names, q.T, strict=True)), **data, **columns})
+
+    def diagnose(self, frame: pd.DataFrame) -> Diagnosis:
+        return diagnose(self.machine, load_recording(self.machine, [self._csv(frame)]))
+
+    def _csv(self, frame: pd.DataFrame) -> Path:
+        path = self.folder / f"{self.machine.name}-{len(list(self.folder.iterdir()))}.csv"
+        frame.to_csv(path, index=False)
+        return path
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], Bench]:
+    folder = tmp_path_factory.mktemp("benches")
+    return lambda name, seed: Bench(folder, name, seed)
+
+
+def the_only(diagnosis: Diagnosis, effect: str, *place: str) -> Finding:
+    assert diagnosis.verdict == "missing-physics"
+    names = [(f.effect, f.place) for f in diagnosis.findings]
+    assert names == [(effect, place)]
+    (finding,) = diagnosis.findings
+    assert finding.probability > 0.9
+    assert finding.explanation
+    assert finding.separating_experiment
+    return finding
+
+
+# -- nothing missing ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_where_nothing_is_missing_the_model_is_adequate(
+    bench: Callable[[str, int], Bench], seed: int
+) -> None:
+    table = bench("table", seed)
+    found = table.diagnose(table.frame(table.readings(50), time=60.0 * np.arange(50)))
+    assert found.verdict == "adequate"
+    assert not found.findings
+    assert not found.concealed
+    assert found.remainder is None
+    assert not found.terms
+    assert not any(alarm.raised for alarm in found.alarms.values())
+    assert found.fits["after"].chi2_per_dof == pytest.approx(1.0, abs=0.35)
+
+
+def test_alarms_are_uniform_where_nothing_is_missing(bench: Callable[[str, int], Bench]) -> None:
+    """p-values over recordings whose parameters are drawn from the tolerances and whose noise is as stated."""
+    drawn: dict[str, list[float]] = {"residual": [], "prior_conflict": [], "structure": []}
+    for seed in range(60):
+        table = bench("table", 100 + seed)
+        prior = prior_of(table.machine)
+        table.true = prior.mean + prior.sigma * table.rng.standard_normal(len(prior.mean))
+        frame = table.frame(table.readings(20), time=60.0 * np.arange(20))
+        recording = load_recording(table.machine, [table._csv(frame)])
+        before = estimate(table.machine, recording)
+        free = estimate(table.machine, recording, start=before.p, widen=FREE_WIDENING)
+        lin = Signatures(table.machine, recording, ()).linearise(before)
+        drawn["residual"].append(alarms.residual_alarm(free, recording).p)
+        drawn["prior_conflict"].append(alarms.prior_conflict(lin, 1.0).p)
+        drawn["structure"].append(alarms.structure_alarm(before, recording).alarm.p)
+    for name in ("residual", "structure"):
+        assert kstest(drawn[name], "uniform").pvalue > 1e-3, name
+    for name, values in drawn.items():  # the smaller of two, doubled, is uniform at its small end only
+        for level in (0.05, 0.1, 0.2):
+            count = int(np.sum(np.array(values) <= level))
+            assert binom.sf(count - 1, len(values), level) > 1e-3, (name, level, count)
+            assert binom.cdf(count, len(values), 0.7 * level) > 1e-3, (name, level, count)
+
+
+# -- what is missing ------------------------------------------------------------------------------------
+
+
+def play(q: Array, width: float) -> Array:
+    """The play operator: the driven side stays where it is until the gap is used up (n,)."""
+    out, here = np.empty(len(q)), q[0] - width / 2
+    for k, driver in enumerate(q):
+        here = float(np.clip(here, driver - width / 2, driver + width / 2))
+        out[k] = here
+    return out
+
+
+@cache
+def backlash_frame(folder: Path) -> tuple[Bench, pd.DataFrame]:
+    """A revolute joint with 0.5 mrad of play, visited in random order."""
+    table, width = Bench(folder, "table", 5), 5e-4
+    q = table.readings(60)
+    way = np.concatenate([[q[0, 1] - 1.0], q[:, 1]])
+    stands = np.column_stack([q[:, 0], play(way, width)[1:]])
+    sides = {f"approach.{n}": np.sign(np.diff(q[:, k], prepend=q[0, k] - 1)) for k, n in enumerate("sq")}
+    return table, table.frame(q, stands, time=60.0 * np.arange(60), **sides)
+
+
+@pytest.fixture(scope="module")
+def backlash(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, pd.DataFrame, Diagnosis]:
+    table, frame = backlash_frame(tmp_path_factory.mktemp("backlash"))
+    return table, frame, table.diagnose(frame)
+
+
+def test_play_is_named_backlash_where_it_is(backlash: tuple[Bench, pd.DataFrame, Diagnosis]) -> None:
+    found = backlash[2]
+    finding = the_only(found, "backlash", "q")
+    width = finding.parameters["b"]
+    assert width.unit == "rad"
+    assert width.value == pytest.approx(5e-4, abs=4 * width.std)
+    assert width.std < 5e-5
+    assert not finding.prior_dependent
+    assert not found.concealed
+    assert found.alarms["residual"].raised
+    assert max(found.evidence_map, key=lambda place: found.evidence_map[place]) == "q"
+    proof = found.proof
+    assert proof is not None
+    assert proof.ratio < 0.8
+    assert proof.injected_recovered
+    assert proof.placebo_gain is not None
+    assert proof.placebo_gain < 3.0
+    assert found.fits["after"].chi2_per_dof == pytest.approx(1.0, abs=0.35)
+
+
+def test_order_of_rows_and_units_change_nothing(backlash: tuple[Bench, pd.DataFrame, Diagnosis]) -> None:
+    table, frame, first = backlash
+    scaled = frame.copy()
+    for column in list(frame):
+        name, _, unit = column.rstrip("]").partition(" [")
+        if unit in ("mm", "rad"):
+            small = {"mm": "um", "rad": "mrad"}[unit]
+            scaled[column] *= 1000
+            scaled = scaled.rename(columns={column: f"{name} [{small}]"})
+    shuffled = scaled.sample(frac=1.0, random_state=3)
+    second = table.diagnose(shuffled)
+    assert second.verdict == first.verdict
+    assert second.concealed == first.concealed
+    assert [(f.effect, f.place, f.settings) for f in second.findings] == [
+        (f.effect, f.place, f.settings) for f in first.findings
+    ]
+    for a, b in zip(first.findings, second.findings, strict=True):
+        assert b.log_bayes_factor == pytest.approx(a.log_bayes_factor, rel=1e-3, abs=1e-3)
+        assert b.probability == pytest.approx(a.probability, abs=1e-3)
+        for name, quantity in a.parameters.items():
+            assert b.parameters[name].value == pytest.approx(quantity.value, rel=1e-5)
+    for name, alarm in first.alarms.items():
+        assert second.alarms[name].statistic == pytest.approx(alarm.statistic, rel=1e-4), name
+    assert second.fits["before"].chi2_per_dof == pytest.approx(first.fits["before"].chi2_per_dof, rel=1e-6)
+
+
+def test_what_cannot_be_tested_is_listed_with_its_reason(
+    backlash: tuple[Bench, pd.DataFrame, Diagnosis],
+) -> None:
+    why = {u.effect: u.why for u in backlash[2].untestable}
+    assert "no masses or no gravity" in why["joint-compliance"]
+    assert "no temperature" in why["thermal-expansion"]
+    assert "one session" in why["zero-shift"]
+    assert "backlash" not in why
+    table, frame, _ = backlash
+    bare = frame[[c for c in frame if not c.startswith(("approach", "time"))]]
+    why = {u.effect: u.why for u in table.diagnose(bare).untestable}
+    assert "no approach" in why["backlash"]
+    assert "no time column" in why["mount-drift"]
+
+
+def test_a_body_that_lags_its_thermometer_is_thermal_expansion(bench: Callable[[str, int], Bench]) -> None:
+    """The column follows the air with a lag that the catalogue does not have; its length is 400 mm."""
+    arm, rows, lag, alpha = bench("arm", 7), 60, 1300.0, 2.0e-5
+    seconds = 90.0 * np.arange(rows)
+    air = 20 + 6 * np.sin(seconds / 1500) + 4 * (seconds > 3000)
+    body = np.empty(rows)
+    body[0] = air[0]
+    for k in range(1, rows):  # small explicit steps between the rows
+        fine, here = np.linspace(air[k - 1], air[k], 50), body[k - 1]
+        for outside in fine:
+            here += (90.0 / 50) / lag * (outside - here)
+        body[k] = here
+    frame = arm.frame(
+        arm.readings(rows),
+        shifts={"q1.r": 400 * alpha * (body - 20)},
+        time=seconds,
+        **{"temperature.base": air},
+    )
+    finding = the_only(arm.diagnose(frame), "thermal-expansion", "base")
+    assert finding.parameters["alpha"].value == pytest.approx(alpha, rel=0.25)
+    assert finding.settings[0]["lag"] > 0
+
+
+def test_a_gear_that_stiffens_is_a_compliant_joint(bench: Callable[[str, int], Bench]) -> None:
+    """Torque winds the joint up, less and less as it grows."""
+    arm, rows = bench("arm", 8), 60
+    q, kg = arm.readings(rows), np.tile([0.0, 4.0, 8.0], rows // 3)
+    torque = -9.80665 * kg * 0.5 * np.cos(q[:, 1])
+    yields = 8e-6 * torque / (1 + np.abs(torque) / 150)
+    frame = arm.frame(q, q + np.outer(yields, [0, 1]), payload=kg)
+    finding = the_only(arm.diagnose(frame), "joint-compliance", "q2")
+    c = finding.parameters["c"]
+    assert c.unit == "rad/(N*m)"
+    assert 5e-6 < c.value < 8e-6
+
+
+def test_a_platform_that_bends_like_a_beam_is_named(bench: Callable[[str, int], Bench]) -> None:
+    """Each leg lifts its own end; the ends beside it follow with the cosine of the angle between them, squared."""
+    hexapod, rows = bench("hexapod", 9), 40
+    q = hexapod.readings(rows)
+    ends = [hexapod.machine.geometry[f"leg{k}.b.{c}"].nominal for k in range(1, 7) for c in "xy"]
+    x, y = np.reshape(ends, (6, 2)).T
+    angle = np.arctan2(y, x)
+    follow = np.cos(angle[:, None] - angle) ** 2 - 0.4
+    lift = 0.01 * q @ follow.T
+    frame = hexapod.frame(q, shifts={f"leg{k + 1}.b.z": lift[:, k] for k in range(6)})
+    found = hexapod.diagnose(frame)
+    finding = the_only(found, "platform-deformation", "platform")
+    own = [v.value for name, v in finding.parameters.items() if name in ("kappa", "K[1,1]")]
+    assert own[0] > 0
+    assert found.evidence_map["platform"] == max(found.evidence_map.values())
+
+
+def test_a_misread_drawing_is_concealed_by_the_free_fit(bench: Callable[[str, int], Bench]) -> None:
+    """An offset of 3 mm where 0.1 mm is the tolerance: the ordinary fit swallows it whole."""
+    table = bench("table", 10)
+    names = [p.name for p in table.machine.parameters]
+    table.true[names.index("q.d")] += 3.0
+    found = table.diagnose(table.frame(table.readings(40)))
+    assert found.concealed
+    assert found.verdict == "missing-physics"
+    assert not found.alarms["residual"].raised
+    assert found.alarms["prior_conflict"].raised
+    (finding,) = found.findings
+    explanations = {(finding.effect, finding.place), *((e.effect, e.place) for e in finding.equivalents)}
+    assert ("wrong-constant", ("q.d",)) in explanations
+    assert finding.prior_dependent
+    assert finding.flip_lambda is not None
+    assert finding.flip_lambda > 2
+
+
+def test_rows_that_are_no_readings_are_told_apart_from_physics(bench: Callable[[str, int], Bench]) -> None:
+    table = bench("table", 11)
+    frame = table.frame(table.readings(60))
+    frame.loc[[7, 30], "x [mm]"] += 1.0
+    found = table.diagnose(frame)
+    assert found.outlier_rows == (8, 31)
+    assert found.verdict == "adequate"
+
+
+def test_what_no_effect_explains_is_unknown(bench: Callable[[str, int], Bench]) -> None:
+    """The slide's error follows the product of both joints' positions."""
+    table = bench("table", 12)
+    q = table.readings(60)
+    error = 0.2 * np.sin(3 * q[:, 1]) * np.cos(q[:, 0] / 15)
+    found = table.diagnose(table.frame(q, q + np.outer(error, [1, 0])))
+    assert found.verdict == "unknown"
+    assert not found.findings
+    left: Any = found.remainder
+    assert left is not None
+    assert left.driver
+    assert "hypothesised" in left.form
