@@ -8,7 +8,7 @@ from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import Named
 from truepose.identification.diagnosis.result import Alternative, Finding, Quantity
 from truepose.identification.estimate import Estimate
-from truepose.models.effects.base import effects
+from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine
 
 
@@ -62,9 +62,22 @@ def _finding(
         settings=tuple(cat.candidates[i.index].settings_map for i in items),
         prior_dependent=flip is not None,
         flip_lambda=flip,
-        explanation=placed.effect.explain(machine, placed.place),
+        explanation=_explanation(machine, cat, after, items, placed),
         separating_experiment=experiment,
     )
+
+
+def _explanation(
+    machine: Machine, cat: Catalogue, after: Estimate, items: Sequence[Named], main: PlacedEffect
+) -> str:
+    """What the effect is, and what its fitted coefficients say."""
+    said = [main.effect.explain(machine, main.place)]
+    names, std = list(after.prior.names), after.std
+    for item in items:
+        placed = cat.candidates[item.index]
+        at = {c.name: names.index(f"{placed.label}:{c.name}") for c in placed.coefficients}
+        said.append(placed.effect.found({n: float(after.p[k]) for n, k in at.items()}, {n: float(std[k]) for n, k in at.items()}))
+    return " ".join(text for text in said if text)
 
 
 def _twins(cat: Catalogue, item: Named) -> list[Alternative]:

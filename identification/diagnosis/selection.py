@@ -128,6 +128,7 @@ def _search(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[in
         best = int(np.argmax(ranking.odds))
         chosen = _alike(cat, ranking, best) if ranking.odds[best] > THRESHOLD else []
         for j in chosen:
+            current = {i: v for i, v in current.items() if not _excluded(cat, i, others[j])}
             current[others[j]] = spread_of(cat, others[j], ranking.evidence.spread[j])
         if not chosen or 1 < len(current) <= MANY_TERMS:
             current = _swap_and_drop(lin, cat, grid, current, banned)
@@ -147,6 +148,12 @@ def _alike(cat: Catalogue, ranking: Ranking, best: int) -> list[int]:
         and ranking.odds[j] > OVERWHELMING
     ]
     return sorted({best, *like}, key=lambda j: -ranking.odds[j])
+
+
+def _excluded(cat: Catalogue, term: int, added: int) -> bool:
+    """Whether an accepted term is another version of the added one (the same effect and place, settings that exclude)."""
+    a, b = cat.candidates[term], cat.candidates[added]
+    return (a.effect.slug, a.place) == (b.effect.slug, b.place) and not b.effect.settings_add
 
 
 def spread_of(cat: Catalogue, index: int, found: float) -> float:

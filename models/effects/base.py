@@ -108,6 +108,8 @@ class Effect(ABC):
     experiment: ClassVar[str] = ""
     source: ClassVar[str] = ""
     needs_load: ClassVar[bool] = False
+    settings_add: ClassVar[bool] = False
+    """Whether terms of one place with different settings may stand together (orders), or exclude each other (lags)."""
 
     @abstractmethod
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -140,6 +142,11 @@ class Effect(ABC):
     def explain(self, machine: Machine, place: Place) -> str:
         """One sentence in plain words for the finding."""
         return f"{self.title or self.slug} at {', '.join(place)}"
+
+
+    def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
+        """What the fitted coefficients say, in words; empty where the numbers speak for themselves."""
+        return ""
 
 
 effects: Registry[type[Effect]] = Registry("effect", "truepose.models.effects")

@@ -20,6 +20,7 @@ class EncoderEccentricity(Effect):
     look_alikes = ("transmission-error", "axis-wobble", "actuator-scale")
     experiment = "read a second head opposite the first, or turn the disc by half a turn and repeat"
     source = "geometry of a disc of radius R mounted off its axis by e"
+    settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(a.reading for a in machine.mechanism.actuators if a.unit == "rad")

@@ -21,6 +21,7 @@ class FrameShift(Effect):
     look_alikes = ("mount-drift", "zero-shift", "thermal-expansion")
     experiment = "measure fiducials on the base and on the tool's flange when every session starts and ends"
     source = "re-mounting of tools, instruments and bases; no physics"
+    settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(FRAMES)

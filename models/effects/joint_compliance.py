@@ -26,6 +26,7 @@ class JointCompliance(Effect):
     experiment = "measure the same poses with and without a known payload"
     source = "Dumas et al. 2011, Joint stiffness identification of six-revolute industrial serial robots"
     needs_load = True
+    settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
         if not machine.load_cases:

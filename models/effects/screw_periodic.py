@@ -21,6 +21,7 @@ class ScrewPeriodic(Effect):
     look_alikes = ("axis-straightness", "transmission-error", "sensor-periodic")
     experiment = "sweep this actuator in steps well below its pitch over two or three pitches"
     source = "periodic positioning error of ISO 230-2"
+    settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(a.reading for a in machine.mechanism.actuators if a.unit == "mm" and a.screw_pitch)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import pi
+from math import hypot, pi, sqrt
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
@@ -18,6 +18,7 @@ from truepose.models.machine import Machine
 
 HIGHEST_ORDER = 30
 SERIES = 60.0
+ARCSEC = 206264.8
 DECAY = 1.5
 """Amplitudes of a smooth gear error fall about as order^-1.5; the size is weighed against the data."""
 
@@ -38,6 +39,7 @@ class TransmissionError(Effect):
     source = (
         "Judd and Knasinski 1990, A technique to calibrate industrial robots with experimental verification"
     )
+    settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(a.reading for a in machine.mechanism.actuators if a.unit == "rad")
@@ -65,6 +67,17 @@ class TransmissionError(Effect):
 
     def weight(self, settings: Settings) -> float:
         return 10.0 if "orders" in settings else 1.0
+
+    def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
+        """The strongest orders with their amplitudes; low ones trade with geometry and are judged by their std."""
+        orders = sorted({int(name[1:]) for name in values if name[1:].isdigit()})
+        size = {k: hypot(values[f"a{k}"], values[f"b{k}"]) for k in orders}
+        sure = [k for k in orders if size[k] > 2.0 * hypot(std[f"a{k}"], std[f"b{k}"]) / sqrt(2)]
+        strongest = sorted(sure, key=lambda k: -size[k])[:6]
+        if not strongest:
+            return ""
+        told = ", ".join(f"{k} ({size[k] * ARCSEC:.0f} arcsec)" for k in strongest)
+        return f"Orders that stand out of their uncertainty, cycles per turn: {told}."
 
     def twins(self, settings: Settings) -> Mapping[str, float]:
         # any function of the joint's angle may come from the gear or from the encoder that reads the angle

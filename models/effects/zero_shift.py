@@ -23,6 +23,7 @@ class ZeroShift(Effect):
     look_alikes = ("frame-shift", "mount-drift", "backlash", "thermal-expansion")
     experiment = "home the joint again and repeat one reference pose"
     source = "re-homing and slipped couplings; no physics"
+    settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
         readings = machine.mechanism.readings

@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
 
 
+SHOWN = 6
+
+
 def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict[str, object]:
     """What ``--json`` prints of a diagnosis: its document's main parts, and the files."""
     from truepose.identification.export import diagnosis_json
@@ -33,9 +36,12 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
     for finding in result.findings:
         who = f"{finding.effect} at {', '.join(finding.place)}"
         lines.append(f"  {who} (probability {_percent(finding.probability)}): {finding.explanation}")
-        for name, q in finding.parameters.items():
+        shown = list(finding.parameters.items())
+        for name, q in shown[:SHOWN]:
             unit = "" if q.unit == "1" else f" {q.unit}"
             lines.append(f"    {name} = {q.value:.4g} +- {q.std:.2g}{unit}")
+        if len(shown) > SHOWN:
+            lines.append(f"    and {len(shown) - SHOWN} more in diagnosis.json")
         if finding.equivalents:
             lines.append(
                 "    could also be: "
