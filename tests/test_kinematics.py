@@ -761,7 +761,10 @@ def test_a_limb_and_its_actuator_are_one_place(
     ("text", "message"),
     [
         (effect_entry("actuator-scale", "rho9"), r"effects\[0\]\.place: found \['rho9'\]"),
-        (effect_entry("zero-shift", "rho1", "rho2"), r"effects\[0\]\.place: found \['rho1', 'rho2'\]"),
+        (
+            effect_entry("zero-shift", "rho1", "rho2", "rho3"),
+            r"effects\[0\]\.place: found \['rho1', 'rho2', 'rho3'\]",
+        ),
         (effect_entry("axis-coupling", "rho1"), r"effects\[0\]\.place: found \['rho1'\]"),
     ],
 )

@@ -78,7 +78,8 @@ def prior_conflict(lin: Linearisation, noise: float, inflation: Mapping[str, flo
     ``noise`` scales sigma; ``inflation`` widens tolerances by class of part.
     """
     n, last = lin.free, len(lin.gram) - 1
-    shift = np.append(lin.departure, 0.0)
+    # effects of the fit stay in the model: only geometry is taken back to the drawing
+    shift = np.append(np.where(np.arange(last) < n, lin.departure, 0.0), 0.0)
     cross = (lin.gram[:, last] - lin.gram @ shift)[:n] / noise**2
     square = float(lin.gram[last, last] - 2 * shift @ lin.gram[:, last] + shift @ lin.gram @ shift) / noise**2
     widened = np.array([(inflation or {}).get(part, 1.0) for part in lin.parts])

@@ -23,11 +23,15 @@ class Untestable:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """Candidates with the logarithm of their prior probability given that one effect is present."""
+    """Candidates with the logarithm of their prior probability given that one effect is present.
+
+    ``stated`` are those that the machine file has already: part of every model, and no finding.
+    """
 
     candidates: tuple[PlacedEffect, ...]
     log_prior: tuple[float, ...]
     untestable: tuple[Untestable, ...]
+    stated: tuple[int, ...] = ()
 
     def named(self, index: int) -> bool:
         """Whether a candidate is an effect of the catalogue."""
@@ -58,7 +62,10 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
                     reasons.append(f"{'+'.join(place)}: {reason}" if len(places) > 1 else reason)
         if reasons:
             missing.append(Untestable(slug, _summary(reasons)))
-    return Catalogue(tuple(found), _log_prior(found), tuple(missing))
+    found += [placed for placed in machine.effects if placed.label not in {e.label for e in found}]
+    labels = {e.label for e in machine.effects}
+    stated = tuple(k for k, e in enumerate(found) if e.label in labels)
+    return Catalogue(tuple(found), _log_prior(found), tuple(missing), stated)
 
 
 def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:

@@ -17,7 +17,7 @@ from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.findings import alternative, merge_findings
 from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
-from truepose.identification.diagnosis.selection import THRESHOLD, Ranking, Selection, only, rank, select
+from truepose.identification.diagnosis.selection import THRESHOLD, WIDE, Ranking, Selection, only, rank, select
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.prediction import Predictor
@@ -58,18 +58,20 @@ def diagnose(machine: Machine, recording: Recording, *, progress: Callable[[str]
 
 
 def _null_fits(machine: Machine, recording: Recording) -> _Fits:
-    predictor = Predictor(machine, recording)
+    known = machine.effects
+    predictor = Predictor(machine, recording, known)
     start = aligned_start(predictor)
-    rough = estimate(machine, recording, start=start, loss="huber", predictor=predictor)
+    rough = estimate(machine, recording, known, start=start, loss="huber", predictor=predictor)
     far = outliers.outlying_rows(rough, ~recording.validation)
-    before = estimate(machine, recording, start=rough.p, exclude=far, predictor=predictor)
-    free = estimate(machine, recording, start=before.p, widen=FREE_WIDENING, exclude=far, predictor=predictor)
+    before = estimate(machine, recording, known, start=rough.p, exclude=far, predictor=predictor)
+    free = estimate(machine, recording, known, start=before.p, widen=FREE_WIDENING, exclude=far, predictor=predictor)
     return _Fits(free, before, far)
 
 
 def _refit_null(machine: Machine, recording: Recording, fits: _Fits, far: Mask) -> _Fits:
-    before = estimate(machine, recording, start=fits.before.p, exclude=far)
-    free = estimate(machine, recording, start=fits.free.p, widen=FREE_WIDENING, exclude=far)
+    known = machine.effects
+    before = estimate(machine, recording, known, start=fits.before.p, exclude=far)
+    free = estimate(machine, recording, known, start=fits.free.p, widen=FREE_WIDENING, exclude=far)
     return _Fits(free, before, far)
 
 
@@ -86,7 +88,8 @@ def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fit
     after = selection.fit
     signatures = Signatures(machine, recording, cat.candidates)
     lin = signatures.linearise(before)
-    screened = rank(lin, cat, selection.grid, {}, list(range(len(cat.candidates))))
+    stated = dict.fromkeys(cat.stated, WIDE)
+    screened = rank(lin, cat, selection.grid, stated, [i for i in range(len(cat.candidates)) if i not in stated])
     inflation = dict(zip(selection.grid.classes, screened.evidence.inflation, strict=True))
     raised, structure = _alarms(fits, recording, lin)
     left = alarms.structure_alarm(after, recording) if selection.accepted else structure
@@ -117,7 +120,7 @@ def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fit
         proof=prove(before, after, recording, fits.outliers, signatures, cat, selection.grid, selection.accepted)
         if named
         else None,
-        terms=after.fitted_effects() if named else (),
+        terms=(after if named else before).fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
         notes=_notes(recording, before, screened, inflation),
     )
@@ -147,11 +150,12 @@ def _name(
         named = [
             classes.name_term(selection.linearisation, cat, selection.grid, selection.accepted, i, unexplained)
             for i in selection.accepted
+            if i not in cat.stated
         ]
         certain = [n.index for n in named if n.certainty >= CERTAIN]
         if len(certain) == len(named):
             return selection, named
-        kept = certain
+        kept = [*cat.stated, *certain]
 
 
 def _findings(

@@ -18,12 +18,12 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import log_ndtr, logsumexp
 
 from truepose.identification.diagnosis.signatures import Linearisation
+from truepose.models.effects.base import SERIES
 
 Array = NDArray[np.float64]
 AMPLITUDES = np.geomspace(1e-4, 1.0, 17)
 INFLATIONS = (1.0, 3.0, 10.0)
 INFLATED = ("length", "angle")
-LONG = 24
 MANY_READINGS = 4000
 """Beyond so many readings tolerances decide little, and one inflation for all classes is enough."""
 
@@ -101,7 +101,7 @@ def evidence(lin: Linearisation, wanted: Sequence[int], grid: Grid, accepted: Ma
     for g, ((noise, inflation), (_, state)) in enumerate(zip(points, states, strict=True)):
         for size, members in groups.items():
             # a long series is weighed at the stated tolerances and at the likeliest points only
-            if size >= LONG and g not in likely and max(inflation, default=1.0) > 1.0:
+            if size >= SERIES and g not in likely and max(inflation, default=1.0) > 1.0:
                 continue
             which = np.array([np.arange(columns[i].start, columns[i].stop) for i in members])
             logs, mean, std, spread = context.candidates(state, which, noise, size)

@@ -17,7 +17,7 @@ from truepose.identification.diagnosis.evidence import Evidence, Grid, evidence,
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.estimate import Estimate, estimate
 from truepose.identification.recording import Recording
-from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.base import SERIES, PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -27,7 +27,6 @@ MAX_TERMS = 80
 MAX_REFITS = 8
 MANY_TERMS = 5
 """Beyond so many terms each is only kept or dropped; swapping each against the whole catalogue takes too long."""
-SERIES = 24
 OVERWHELMING = 100.0
 WIDE = 100.0
 
@@ -81,10 +80,10 @@ def select(
     ``rms`` of the whitened free fit bounds the noise scale.
     """
     signatures = Signatures(machine, recording, cat.candidates)
-    accepted: dict[int, float] = {}
+    accepted: dict[int, float] = dict.fromkeys(cat.stated, WIDE)
     banned: set[int] = set()
     fit = null
-    if first is not None and first.accepted:
+    if first is not None and set(first.accepted) != set(accepted):
         fit, accepted = _refit(machine, recording, cat, first.accepted, first.fit, exclude, banned)
     lin = signatures.linearise(fit)
     grid = grid_for(lin, rms)
@@ -166,7 +165,7 @@ def _swap_and_drop(
 ) -> dict[int, float]:
     """For each accepted term: drop it when the rest does without, replace it when another does better."""
     current = dict(accepted)
-    for term in list(current):
+    for term in [i for i in current if i not in cat.stated]:
         rest = {i: v for i, v in current.items() if i != term}
         every = [i for i in range(len(cat.candidates)) if i not in rest and i not in banned]
         wanted = [term] if len(current) > MANY_TERMS else every

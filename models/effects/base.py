@@ -21,6 +21,8 @@ from truepose.models.registry import Registry
 if TYPE_CHECKING:
     from truepose.models.machine import Machine
 
+SERIES = 24
+"""From so many coefficients on an effect is a series, whose expected sizes are its prior."""
 Place = tuple[str, ...]
 Settings = Mapping[str, float]
 Shifts = Mapping[str, ca.SX]
@@ -109,7 +111,7 @@ class Effect(ABC):
     source: ClassVar[str] = ""
     needs_load: ClassVar[bool] = False
     settings_add: ClassVar[bool] = False
-    """Whether terms of one place with different settings may stand together (orders), or exclude each other (lags)."""
+    """Whether terms of one place with different settings may stand together (orders) or exclude others."""
 
     @abstractmethod
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -142,7 +144,6 @@ class Effect(ABC):
     def explain(self, machine: Machine, place: Place) -> str:
         """One sentence in plain words for the finding."""
         return f"{self.title or self.slug} at {', '.join(place)}"
-
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         """What the fitted coefficients say, in words; empty where the numbers speak for themselves."""
@@ -178,14 +179,9 @@ class PlacedEffect:
         fixed = dict(settings or {})
         coefficients = effect.coefficients(machine, place, fixed)
         amplitudes = tuple(float((values or {}).get(c.name, 0.0)) for c in coefficients)
-        return cls(
-            effect,
-            place,
-            tuple(sorted(fixed.items())),
-            coefficients,
-            effect.drivers(machine, place, fixed),
-            amplitudes,
-        )
+        drivers = effect.drivers(machine, place, fixed)
+        spread = 1.0 if len(coefficients) >= SERIES else 100.0
+        return cls(effect, place, tuple(sorted(fixed.items())), coefficients, drivers, amplitudes, spread)
 
     @property
     def settings_map(self) -> Settings:

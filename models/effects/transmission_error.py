@@ -69,7 +69,7 @@ class TransmissionError(Effect):
         return 10.0 if "orders" in settings else 1.0
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
-        """The strongest orders with their amplitudes; low ones trade with geometry and are judged by their std."""
+        """The strongest orders with their amplitudes; low ones trade with geometry: their std judges them."""
         orders = sorted({int(name[1:]) for name in values if name[1:].isdigit()})
         size = {k: hypot(values[f"a{k}"], values[f"b{k}"]) for k in orders}
         sure = [k for k in orders if size[k] > 2.0 * hypot(std[f"a{k}"], std[f"b{k}"]) / sqrt(2)]
