@@ -25,7 +25,9 @@ def main(seeds: int) -> None:
     rows = ["seed | free chi2/dof | verdict | concealed | class | worst before -> after (allowed 99 %)"]
     whole = 0
     for seed in range(seeds):
-        recording = simulate(draw_machine(seed=seed), rho, ring_stiffness=np.inf, actuator_scale=SCALE, sensor=POSE, seed=seed)
+        recording = simulate(
+            draw_machine(seed=seed), rho, ring_stiffness=np.inf, actuator_scale=SCALE, sensor=POSE, seed=seed
+        )
         found = diagnose_texts(machine_text(POSE), recording_text(recording, roles))
         names = {(f.effect, f.place): f.probability for f in found.findings}
         names |= {(e.effect, e.place): e.probability for f in found.findings for e in f.equivalents}

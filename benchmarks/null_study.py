@@ -42,7 +42,13 @@ def arm_machine() -> str:
     )
     masses = "\n".join(
         f"  link{k}: {{kg: {kg}, com: [{x}, 0, {z}], in: link{k}}}"
-        for k, kg, x, z in ((2, 150, 380, 0), (3, 90, 0, 40), (4, 50, 0, -300), (5, 25, 0, 20), (6, 6, 0, -40))
+        for k, kg, x, z in (
+            (2, 150, 380, 0),
+            (3, 90, 0, 40),
+            (4, 50, 0, -300),
+            (5, 25, 0, 20),
+            (6, 6, 0, -40),
+        )
     )
     return f"""schema: truepose/machine/1
 name: arm
@@ -75,9 +81,15 @@ def arm_recording(seed: int, poses: int = 40) -> str:
     table = pd.DataFrame(np.repeat(q, 2, axis=0), columns=[f"q{k}" for k in range(1, 7)])
     n = len(table)
     side = np.tile([1, -1], poses)
-    columns = {"pose": np.repeat(np.arange(1, poses + 1), 2), "time": np.cumsum(rng.uniform(30, 80, n)).round(1)}
+    columns = {
+        "pose": np.repeat(np.arange(1, poses + 1), 2),
+        "time": np.cumsum(rng.uniform(30, 80, n)).round(1),
+    }
     columns |= {f"approach.q{k}": side for k in range(1, 7)} | {"payload": rng.choice([0, 5, 20], n)}
-    columns |= {f"temperature.{p}": (21 + np.cumsum(rng.normal(0, 0.05, n))).round(4) for p in ("base", "link2", "link3")}
+    columns |= {
+        f"temperature.{p}": (21 + np.cumsum(rng.normal(0, 0.05, n))).round(4)
+        for p in ("base", "link2", "link3")
+    }
     points = np.array([origin + base @ _tip(rows, np.deg2rad(row), tool) for row in table.to_numpy()])
     points += rng.normal(0, SIGMA, points.shape)
     table = pd.concat([pd.DataFrame(columns), table, pd.DataFrame(points, columns=["x", "y", "z"])], axis=1)
@@ -93,7 +105,8 @@ def _tip(rows: np.ndarray, q: np.ndarray, tool: np.ndarray) -> np.ndarray:
         position = position + rotation[:, 0] * d
         rotation = rotation @ _axis(theta + angle, 2)
         position = position + rotation[:, 2] * r
-    return position + rotation @ tool
+    tip: np.ndarray = position + rotation @ tool
+    return tip
 
 
 def _axis(angle: float, axis: int) -> np.ndarray:
@@ -105,7 +118,8 @@ def _axis(angle: float, axis: int) -> np.ndarray:
 
 
 def _rpy(angles: np.ndarray) -> np.ndarray:
-    return _axis(angles[2], 2) @ _axis(angles[1], 1) @ _axis(angles[0], 0)
+    turn: np.ndarray = _axis(angles[2], 2) @ _axis(angles[1], 1) @ _axis(angles[0], 0)
+    return turn
 
 
 def one(machine: str, seed: int) -> tuple[str, int, str, str]:
@@ -127,7 +141,9 @@ def main(seeds: int, jobs: int) -> None:
     quiet = sum(verdict == "adequate" for _, _, verdict, _ in rows)
     low, high = wilson(quiet, len(rows))
     lines = [f"{m} seed {s}: {v} {said}" for m, s, v, said in rows if v != "adequate"]
-    lines.append(f"adequate {quiet} of {len(rows)} ({100 * quiet / len(rows):.1f} %, 95 % {100 * low:.1f}-{100 * high:.1f} %)")
+    lines.append(
+        f"adequate {quiet} of {len(rows)} ({100 * quiet / len(rows):.1f} %, 95 % {100 * low:.1f}-{100 * high:.1f} %)"
+    )
     sys.stdout.write("\n".join(lines) + "\n")
 
 

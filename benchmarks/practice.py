@@ -27,7 +27,16 @@ def main(cases: Path, results: Path) -> None:
             run("predict", out / "improved.yaml", case / "heldout.csv", "-o", out / "heldout_prediction.csv")
         sys.stdout.write(f"{case.name}: exit {code}, {time.perf_counter() - start:.1f} s\n")
         sys.stdout.flush()
-    score = [sys.executable, cases / "score.py", "--cases", cases, "--answers", cases / "answers", "--results", results]
+    score = [
+        sys.executable,
+        cases / "score.py",
+        "--cases",
+        cases,
+        "--answers",
+        cases / "answers",
+        "--results",
+        results,
+    ]
     subprocess.run([*map(str, score), "--verbose"], check=False)
 
 

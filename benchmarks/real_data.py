@@ -85,10 +85,14 @@ def stewart(data: Path) -> None:
         for f in found.findings:
             rivals = ", ".join(f"{e.effect}@{'+'.join(e.place)} {e.probability:.2f}" for e in f.equivalents)
             amounts = ", ".join(f"{n} {q.value:.4g} +- {q.std:.2g} {q.unit}" for n, q in f.parameters.items())
-            say(f"  {f.effect}@{'+'.join(f.place)} {f.probability:.2f}: {amounts}; class: {rivals or 'alone'}")
+            say(
+                f"  {f.effect}@{'+'.join(f.place)} {f.probability:.2f}: {amounts}; class: {rivals or 'alone'}"
+            )
         error = leg_errors(found.after, recording)
         by_session = [np.sqrt(np.mean(error[recording.session == s] ** 2)) for s in recording.sessions]
-        say(f"  leg error rms {np.sqrt(np.mean(error**2)):.3f} mm; by session {[round(float(v), 3) for v in by_session]}")
+        say(
+            f"  leg error rms {np.sqrt(np.mean(error**2)):.3f} mm; by session {[round(float(v), 3) for v in by_session]}"
+        )
 
 
 def ur10(data: Path, work: Path) -> None:
@@ -101,12 +105,23 @@ def ur10(data: Path, work: Path) -> None:
         table.to_csv(work / f"{name}.csv", index=False)
         if not (work / name / "diagnosis.json").exists():
             start = time.perf_counter()
-            command = [sys.executable, "-m", "truepose.cli", "diagnose", machine, work / f"{name}.csv", "-o", work / name]
+            command = [
+                sys.executable,
+                "-m",
+                "truepose.cli",
+                "diagnose",
+                machine,
+                work / f"{name}.csv",
+                "-o",
+                work / name,
+            ]
             subprocess.run([*map(str, command)], check=True, stdout=subprocess.DEVNULL)
             say(f"{name}: diagnosed in {time.perf_counter() - start:.0f} s")
         fits = pd.read_json(work / name / "diagnosis.json", typ="series")["fit"]
         held = [fits[stage]["validation_rms"]["position"]["value"] for stage in ("before", "after")]
-        say(f"{name}: held-out position rms {held[0]:.0f} um with geometry only, {held[1]:.0f} um with the physics named")
+        say(
+            f"{name}: held-out position rms {held[0]:.0f} um with geometry only, {held[1]:.0f} um with the physics named"
+        )
     improved = {name: load_machine(work / name / "improved.yaml") for name in FILES}
     recordings = {name: load_recording(improved[name], [work / f"{name}.csv"]) for name in FILES}
     _compare({name: improved[name].effects for name in FILES}, recordings)
@@ -133,22 +148,36 @@ def _compare(effects: dict[str, Sequence[PlacedEffect]], recordings: dict[str, R
         counts = [np.histogram(recordings[name].q[:, k], edges)[0] for name in FILES]
         both = (counts[0] >= 3) & (counts[1] >= 3)
         angle = ((edges[1:] + edges[:-1]) / 2)[both]
-        low = np.column_stack([f(o * angle) for o in range(1, LOW_ORDERS + 1) for f in (np.sin, np.cos)] + [np.ones(len(angle))])
+        low = np.column_stack(
+            [f(o * angle) for o in range(1, LOW_ORDERS + 1) for f in (np.sin, np.cos)] + [np.ones(len(angle))]
+        )
         curves = [_curve(effects[name], joint, angle) for name in FILES]
         left = [c - low @ np.linalg.lstsq(low, c, rcond=None)[0] for c in curves]
         r = float(np.corrcoef(left[0], left[1])[0, 1])
-        say(f"{joint}: orders {LOW_ORDERS + 1} and above correlate {r:.3f} over {both.sum()} deg where both files have data")
+        say(
+            f"{joint}: orders {LOW_ORDERS + 1} and above correlate {r:.3f} over {both.sum()} deg where both files have data"
+        )
 
 
 def _carry(machine_file: Path, effects: Sequence[PlacedEffect], target: Recording, label: str) -> None:
     """Periodic terms of one file, fixed; geometry, base and tool fitted to the other; position rms of its held-out rows."""
     machine = load_machine(machine_file)
-    periodic = [replace(e, spread=0.0) for e in effects if e.effect.slug in ("transmission-error", "encoder-eccentricity")]
+    periodic = [
+        replace(e, spread=0.0)
+        for e in effects
+        if e.effect.slug in ("transmission-error", "encoder-eccentricity")
+    ]
     others = [e for e in effects if e.effect.slug not in ("transmission-error", "encoder-eccentricity")]
     low = [
-        PlacedEffect.at(e.effect, machine, e.place, {"orders": float(LOW_ORDERS)}) for e in periodic if "orders" in e.settings_map
+        PlacedEffect.at(e.effect, machine, e.place, {"orders": float(LOW_ORDERS)})
+        for e in periodic
+        if "orders" in e.settings_map
     ]
-    for extra, what in (([], "geometry"), (others, "geometry, compliance"), ([*others, *low], "geometry, compliance, orders 1-3")):
+    for extra, what in (
+        ([], "geometry"),
+        (others, "geometry, compliance"),
+        ([*others, *low], "geometry, compliance, orders 1-3"),
+    ):
         terms = [*periodic, *extra]
         predictor = Predictor(machine, target, terms)
         start = predictor.model.p_home.copy()

@@ -213,7 +213,9 @@ def estimate(
     tolerance, limit = (1e-9, 100) if widen == 1.0 else (FREE_TOLERANCE * problem.readings, FREE_LIMIT)
     # a fit under tolerances is well posed and takes full steps; the free fit walks down curved valleys
     damping = (0.0 if widen == 1.0 else 1e-4) if damping is None else damping
-    solution = _robust(problem, loss, partial(minimise, problem.blocks, damping=damping, tolerance=tolerance, limit=limit))
+    solution = _robust(
+        problem, loss, partial(minimise, problem.blocks, damping=damping, tolerance=tolerance, limit=limit)
+    )
     if not solution.status.ok:
         raise ConvergenceError(_blame(solution, prior))
     return problem.result(solution, tuple(effects))

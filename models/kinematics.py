@@ -261,7 +261,8 @@ def _energies(
     out = {}
     for case in machine.load_cases:
         if case:  # 1 kg at the origin of a body
-            out[case] = -ca.dot(gravity, bodies[case.removesuffix("|")][:3, 3])
+            frame = tool if case == "tool|" else bodies[case.removesuffix("|")]
+            out[case] = -ca.dot(gravity, frame[:3, 3])
             continue
         out[case] = ca.SX(0)
         for mass in machine.masses:

@@ -88,7 +88,7 @@ class Machine:
             return ("",)
         if self.gravity is None or not any(self.gravity) or self.masses or self.mechanism.passive:
             return ()
-        return tuple(f"{joint.child}|" for joint in self.mechanism.tree[1:])
+        return (*(f"{joint.child}|" for joint in self.mechanism.tree[1:]), "tool|")
 
     def motion(self, reading: str, axis: str) -> str:
         """Port of one error motion (x y z mm, rx ry rz rad) of the joint that ``reading`` drives."""

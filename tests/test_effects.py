@@ -339,11 +339,11 @@ def test_a_sagging_base_turns_the_arm_downwards(machines: Mapping[str, Machine])
 # -- unknown masses ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("body", ["link2", "link3"])
+@pytest.mark.parametrize("body", ["link2", "link3", "tool"])
 def test_a_probe_is_one_kilogram_at_the_origin_of_a_body(machines: Mapping[str, Machine], body: str) -> None:
     unweighed = machines["unweighed"]
     weighed = replace(unweighed, masses=(Mass("probe", 1.0, (0.0, 0.0, 0.0), body),))
-    assert unweighed.load_cases == ("link2|", "link3|")
+    assert unweighed.load_cases == ("link2|", "link3|", "tool|")
     assert weighed.load_cases == ("",)
     probe = Solved(symbolic_model(unweighed, ports=True), READINGS["arm"])
     mass = Solved(symbolic_model(weighed, ports=True), READINGS["arm"])
@@ -375,7 +375,7 @@ def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
     unweighed, effect = machines["unweighed"], effects.get("joint-compliance", "test")()
     assert effect.places(unweighed) == [("q1",), ("q2",), ("q3",)]
     found = [[s["carries"] for s in effect.settings(unweighed, (f"q{k}",), Campaign())] for k in (1, 2, 3)]
-    assert found == [[0, 1], [0, 1], [1]]
+    assert found == [[0, 1, 2], [1, 2], [2]]  # a body's origin lies on its own joint's axis
     last = with_effect(unweighed, "joint-compliance", ("q2",))  # as a user may write it
     assert [c.name for c in last.coefficients] == ["c_kg"]
     named = with_effect(unweighed, "joint-compliance", ("q2",), {"carries": 1.0})

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, f as fisher
+from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.estimate import Estimate
@@ -68,7 +69,11 @@ def residual_alarm(free: Estimate, recording: Recording) -> Alarm:
     if noise.dof >= MIN_REPLICATES and dof - noise.dof >= 1.0:
         pure = noise.scale**2 * noise.dof
         lack = max(free.chi2 - pure, 0.0) / (dof - noise.dof)
-        return Alarm(ratio, float(fisher.sf(lack / max(noise.scale**2, 1e-300), dof - noise.dof, noise.dof)), "replicates")
+        return Alarm(
+            ratio,
+            float(fisher.sf(lack / max(noise.scale**2, 1e-300), dof - noise.dof, noise.dof)),
+            "replicates",
+        )
     return Alarm(ratio, float(chi2.sf(free.chi2, dof)), "stated sigma")
 
 
@@ -118,20 +123,28 @@ class Structure:
 def structure_alarm(fit: Estimate, recording: Recording, *, seed: int = 1) -> Structure:
     """Runs, order and driver tests on whitened residuals, the largest of them judged against random draws."""
     residual = fit.residual[fit.used]
-    scale = np.sqrt(np.mean(residual**2, axis=0))
-    r = np.clip(residual / np.where(scale > 0, scale, 1.0), -3.5, 3.5)
+    r = _standard(residual)
     bases = _bases(fit, recording)
     order = _order(fit, recording)
     observed = _tests(r, bases, order)
     rng = np.random.default_rng(seed)
     project = _projector(fit, recording)
-    draws = [max(_tests(project(rng.standard_normal(r.shape)), bases, order).values()) for _ in range(_draws(r))]
+    draws = [
+        max(_tests(_standard(project(rng.standard_normal(r.shape))), bases, order).values())
+        for _ in range(_draws(r))
+    ]
     worst = max(observed, key=lambda name: observed[name])
     p = (1 + sum(d >= observed[worst] for d in draws)) / (1 + len(draws))
     if p <= 2.0 / (1 + len(draws)):  # beyond the draws: Bonferroni over the tests
         p = min(p, 10 ** -observed[worst] * len(observed))
     share = _share(r, bases[worst]) if worst in bases else 0.0
     return Structure(Alarm(observed[worst], float(p), worst), worst, observed[worst], share)
+
+
+def _standard(residual: Array) -> Array:
+    """Channels of unit rms, far values pulled in: heavy tails are no structure."""
+    scale = np.sqrt(np.mean(residual**2, axis=0))
+    return np.clip(residual / np.where(scale > 0, scale, 1.0), -3.5, 3.5)
 
 
 def recorded_drivers(recording: Recording) -> tuple[str, ...]:
@@ -166,7 +179,15 @@ def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
             continue
         t = 2 * (values - values.min()) / span - 1
         few = len(np.unique(np.round(t, 9))) - 1
-        functions = [t, t**2, t**3, np.sin(np.pi * t), np.cos(np.pi * t), np.sin(2 * np.pi * t), np.cos(2 * np.pi * t)][: max(1, min(7, few))]
+        functions = [
+            t,
+            t**2,
+            t**3,
+            np.sin(np.pi * t),
+            np.cos(np.pi * t),
+            np.sin(2 * np.pi * t),
+            np.cos(2 * np.pi * t),
+        ][: max(1, min(7, few))]
         basis, _ = np.linalg.qr(np.column_stack([np.ones(len(t)), *functions]))
         out[name] = basis[:, 1:]
     return out
@@ -195,7 +216,10 @@ def _projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     if fit.readings * len(free) > LARGEST_PROJECTION:
         return lambda noise: noise
     predictor = Predictor(fit.machine, recording, fit.effects)
-    rows = [block.jacobian[fit.used[block.rows]][:, :, free] * fit.prior.scale[free] for block in predictor.blocks(fit.p, fit.x)]
+    rows = [
+        block.jacobian[fit.used[block.rows]][:, :, free] * fit.prior.scale[free]
+        for block in predictor.blocks(fit.p, fit.x)
+    ]
     jacobian = np.concatenate(rows).reshape(-1, len(free))
     q, _ = np.linalg.qr(np.vstack([jacobian, np.diag(fit.prior_weight)]))
     top = q[: len(jacobian)]

@@ -45,14 +45,16 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     kinds = [effects.get(slug, "catalogue")() for slug in effects]
     for effect in (*kinds, Unnamed(machine, recording)):
         slug = effect.slug
-        places = [tuple(place) for place in effect.places(machine)]
+        places = [tuple(place) for place in effect.places(machine) if effect.screened(machine, tuple(place))]
         if not places and effect.needs_load and not machine.loaded:
             missing.append(Untestable(slug, "the machine file states no masses or no gravity"))
         reasons: list[str] = []
         for place in places:
             variants = effect.settings(machine, place, recording)
             if not variants:
-                reasons.append("the recording holds one session only" if recording.n_sessions < 2 else "nothing to vary")
+                reasons.append(
+                    "the recording holds one session only" if recording.n_sessions < 2 else "nothing to vary"
+                )
             for settings in variants:
                 placed = PlacedEffect.at(effect, machine, place, settings)
                 reason = _untestable(placed, recording)

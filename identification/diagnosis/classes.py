@@ -42,7 +42,12 @@ class Named:
 
 
 def name_term(
-    lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], term: int, unexplained: float
+    lin: Linearisation,
+    cat: Catalogue,
+    grid: Grid,
+    accepted: Mapping[int, float],
+    term: int,
+    unexplained: float,
 ) -> Named:
     """Weigh every candidate in place of ``term`` and gather those that the data cannot tell from it.
 
@@ -55,7 +60,11 @@ def name_term(
     width = INDISTINCT + SMALL_AGAINST_REMAINDER * unexplained
     own = wanted.index(term)
     signal, missed = missed_chi2(lin, ranking, rest, term, wanted)
-    rivals = [j for j in np.argsort(-ranking.odds) if j != own and _indistinct(ranking, signal, missed, own, int(j), width)]
+    rivals = [
+        j
+        for j in np.argsort(-ranking.odds)
+        if j != own and _indistinct(ranking, signal, missed, own, int(j), width)
+    ]
     odds = np.append(ranking.odds, 0.0)  # the last is: nothing more
     # what says something else is no alternative: it may be missing as well
     alternatives = [*np.flatnonzero(missed < 0.5 * signal).tolist(), len(odds) - 1]
@@ -68,7 +77,13 @@ def name_term(
         for j, p in zip(rivals, share[1:], strict=True)
         if cat.named(wanted[j])
     )
-    return Named(term, certainty * float(share[0]), min(certainty, 1.0), float(ranking.gain[own]), members[:CLASS_LIMIT])
+    return Named(
+        term,
+        certainty * float(share[0]),
+        min(certainty, 1.0),
+        float(ranking.gain[own]),
+        members[:CLASS_LIMIT],
+    )
 
 
 def _shares(odds: Array) -> Array:
@@ -87,7 +102,9 @@ def _indistinct(ranking: Ranking, signal: float, missed: Array, own: int, other:
     return bool(alike and (abs(difference) < width or blind))
 
 
-def missed_chi2(lin: Linearisation, ranking: Ranking, rest: Mapping[int, float], term: int, wanted: Sequence[int]) -> tuple[float, Array]:
+def missed_chi2(
+    lin: Linearisation, ranking: Ranking, rest: Mapping[int, float], term: int, wanted: Sequence[int]
+) -> tuple[float, Array]:
     """The term's fitted signal in chi2, and (C,) what of it each candidate cannot reproduce, geometry adapting in tolerance."""
     n = lin.free
     noise = float(ranking.evidence.best_noise[list(wanted).index(term)])
@@ -95,7 +112,11 @@ def missed_chi2(lin: Linearisation, ranking: Ranking, rest: Mapping[int, float],
     sizes = [lin.columns[i].stop - lin.columns[i].start for i in rest]
     weight = np.concatenate([lin.weight, 1.0 / np.repeat(list(rest.values()), sizes)])
     gram = lin.gram / noise**2
-    a = gram[np.ix_(inside, inside)] + np.diag(weight**2) + 1e-12 * np.max(np.diag(gram)[inside]) * np.eye(len(inside))
+    a = (
+        gram[np.ix_(inside, inside)]
+        + np.diag(weight**2)
+        + 1e-12 * np.max(np.diag(gram)[inside]) * np.eye(len(inside))
+    )
     at = n + np.arange(lin.columns[term].start, lin.columns[term].stop)
     amplitude = ranking.evidence.amplitude[list(wanted).index(term)]
     own = gram[:, at] @ amplitude
@@ -111,7 +132,9 @@ def missed_chi2(lin: Linearisation, ranking: Ranking, rest: Mapping[int, float],
     return total, np.maximum(out, 0.0)
 
 
-def flip_inflation(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], term: int, threshold: float) -> float | None:
+def flip_inflation(
+    lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], term: int, threshold: float
+) -> float | None:
     """How many times wider every tolerance would have to be for the term not to be needed; None when none would do."""
     rest = {i: v for i, v in accepted.items() if i != term}
     for factor in (1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 100.0):

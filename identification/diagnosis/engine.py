@@ -17,7 +17,15 @@ from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.findings import alternative, merge_findings
 from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
-from truepose.identification.diagnosis.selection import THRESHOLD, WIDE, Ranking, Selection, only, rank, select
+from truepose.identification.diagnosis.selection import (
+    THRESHOLD,
+    WIDE,
+    Ranking,
+    Selection,
+    only,
+    rank,
+    select,
+)
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.prediction import Predictor
@@ -30,6 +38,7 @@ CONCEALED = 1.3
 """Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
 CERTAIN = 0.95
 UNKNOWN_P = 1e-3
+SIGMA_OFF = 3.0
 
 
 @dataclass(frozen=True)
@@ -39,7 +48,9 @@ class _Fits:
     outliers: Mask
 
 
-def diagnose(machine: Machine, recording: Recording, *, progress: Callable[[str], None] = lambda _: None) -> Diagnosis:
+def diagnose(
+    machine: Machine, recording: Recording, *, progress: Callable[[str], None] = lambda _: None
+) -> Diagnosis:
     """Say what physics the model of ``machine`` leaves out of ``recording``, model it and prove it.
 
     Raises InputError for unusable input and ConvergenceError when the fit without effects finds no minimum.
@@ -64,7 +75,9 @@ def _null_fits(machine: Machine, recording: Recording) -> _Fits:
     rough = estimate(machine, recording, known, start=start, loss="huber", predictor=predictor)
     far = outliers.outlying_rows(rough, ~recording.validation)
     before = estimate(machine, recording, known, start=rough.p, exclude=far, predictor=predictor)
-    free = estimate(machine, recording, known, start=before.p, widen=FREE_WIDENING, exclude=far, predictor=predictor)
+    free = estimate(
+        machine, recording, known, start=before.p, widen=FREE_WIDENING, exclude=far, predictor=predictor
+    )
     return _Fits(free, before, far)
 
 
@@ -82,20 +95,24 @@ def _select(
     return select(machine, recording, cat, fits.before, fits.outliers, rms, first)
 
 
-def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, found: Selection) -> Diagnosis:
+def _conclude(
+    machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, found: Selection
+) -> Diagnosis:
     free, before = fits.free, fits.before
     selection, named_terms = _name(machine, recording, cat, fits, found)
     after = selection.fit
     signatures = Signatures(machine, recording, cat.candidates)
     lin = signatures.linearise(before)
     stated = dict.fromkeys(cat.stated, WIDE)
-    screened = rank(lin, cat, selection.grid, stated, [i for i in range(len(cat.candidates)) if i not in stated])
+    screened = rank(
+        lin, cat, selection.grid, stated, [i for i in range(len(cat.candidates)) if i not in stated]
+    )
     inflation = dict(zip(selection.grid.classes, screened.evidence.inflation, strict=True))
     raised, structure = _alarms(fits, recording, lin)
     left = alarms.structure_alarm(after, recording) if selection.accepted else structure
     findings = _findings(machine, cat, selection, named_terms)
     rival = remainder.unnamed(cat, found.accepted, found.fit)
-    verdict = _verdict(findings, rival, left, lin, free, inflation)
+    verdict = _verdict(findings, rival, left, lin, free, inflation, raised["residual"])
     channels = Predictor(machine, recording).channels
     named = verdict == "missing-physics"
     return Diagnosis(
@@ -117,7 +134,9 @@ def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fit
             name: summary.summarise(fit, channels, recording.validation)
             for name, fit in (("free", free), ("before", before), ("after", after if named else before))
         },
-        proof=prove(before, after, recording, fits.outliers, signatures, cat, selection.grid, selection.accepted)
+        proof=prove(
+            before, after, recording, fits.outliers, signatures, cat, selection.grid, selection.accepted
+        )
         if named
         else None,
         terms=(after if named else before).fitted_effects(),
@@ -126,7 +145,9 @@ def _conclude(machine: Machine, recording: Recording, cat: Catalogue, fits: _Fit
     )
 
 
-def _alarms(fits: _Fits, recording: Recording, lin: Linearisation) -> tuple[dict[str, alarms.Alarm], alarms.Structure]:
+def _alarms(
+    fits: _Fits, recording: Recording, lin: Linearisation
+) -> tuple[dict[str, alarms.Alarm], alarms.Structure]:
     noise = float(np.sqrt(max(fits.free.chi2_per_dof, 1e-300)))
     structure = alarms.structure_alarm(fits.before, recording)
     raised = {
@@ -148,7 +169,9 @@ def _name(
         excess = max(after.chi2 - (after.readings - after.effective_parameters), 0.0)
         unexplained = 0.5 * excess / max(after.chi2_per_dof, 1.0)
         named = [
-            classes.name_term(selection.linearisation, cat, selection.grid, selection.accepted, i, unexplained)
+            classes.name_term(
+                selection.linearisation, cat, selection.grid, selection.accepted, i, unexplained
+            )
             for i in selection.accepted
             if i not in cat.stated
         ]
@@ -173,6 +196,7 @@ def _verdict(
     lin: Linearisation,
     free: Estimate,
     inflation: Mapping[str, float],
+    residual: alarms.Alarm,
 ) -> str:
     """Names where there are any; ``unknown`` where something is left and nothing has a name; else adequate."""
     if findings:
@@ -180,7 +204,12 @@ def _verdict(
     noise = max(float(np.sqrt(free.chi2_per_dof)), 1.0)
     widened = {part: max(value, 1.0) for part, value in inflation.items()}
     conflict = alarms.prior_conflict(lin, noise, widened).p < UNKNOWN_P
-    return "unknown" if rival or left.alarm.p < UNKNOWN_P or conflict else "adequate"
+    return "unknown" if rival or left.alarm.p < UNKNOWN_P or conflict or _lacks_fit(residual) else "adequate"
+
+
+def _lacks_fit(alarm: alarms.Alarm) -> bool:
+    """More misfit than replicates allow; without any, than a stated sigma that is wrong by three would make."""
+    return alarm.p < UNKNOWN_P and (alarm.about == "replicates" or alarm.statistic > SIGMA_OFF**2)
 
 
 def _remainder(
@@ -211,10 +240,21 @@ def _map(cat: Catalogue, ranking: Ranking) -> dict[str, float]:
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 
-def _notes(recording: Recording, before: Estimate, screened: Ranking, inflation: Mapping[str, float]) -> tuple[str, ...]:
+def _notes(
+    recording: Recording, before: Estimate, screened: Ranking, inflation: Mapping[str, float]
+) -> tuple[str, ...]:
     notes = list(recording.notes)
-    notes += [f"row {recording.source_row[k]} of {recording.files[recording.source_file[k]]} cannot be assembled and was left out" for k in before.unassembled]
+    notes += [
+        f"row {recording.source_row[k]} of {recording.files[recording.source_file[k]]} cannot be assembled and was left out"
+        for k in before.unassembled
+    ]
     if not 0.8 < screened.evidence.noise < 1.25:
-        notes.append(f"without effects the readings scatter {screened.evidence.noise:.2g} times the stated sigma")
-    notes += [f"without effects, {part} tolerances look {value:.1f} times too small" for part, value in inflation.items() if value > 1.5]
+        notes.append(
+            f"without effects the readings scatter {screened.evidence.noise:.2g} times the stated sigma"
+        )
+    notes += [
+        f"without effects, {part} tolerances look {value:.1f} times too small"
+        for part, value in inflation.items()
+        if value > 1.5
+    ]
     return tuple(notes)

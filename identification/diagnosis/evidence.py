@@ -85,7 +85,9 @@ class _Best:
     noise: float = 1.0
 
 
-def evidence(lin: Linearisation, wanted: Sequence[int], grid: Grid, accepted: Mapping[int, float]) -> Evidence:
+def evidence(
+    lin: Linearisation, wanted: Sequence[int], grid: Grid, accepted: Mapping[int, float]
+) -> Evidence:
     """Evidence of the candidates ``wanted`` when ``accepted`` (index to spread, in scales) are part of the model already."""
     context, columns = _Context(lin, accepted), [lin.columns[i] for i in wanted]
     points = [(k, inflation) for k in grid.noise for inflation in grid.inflation]
@@ -93,7 +95,9 @@ def evidence(lin: Linearisation, wanted: Sequence[int], grid: Grid, accepted: Ma
     groups: dict[int, list[int]] = {}
     for i, c in enumerate(columns):
         groups.setdefault(c.stop - c.start, []).append(i)
-    states = [context.null(noise, dict(zip(grid.classes, inflation, strict=True))) for noise, inflation in points]
+    states = [
+        context.null(noise, dict(zip(grid.classes, inflation, strict=True))) for noise, inflation in points
+    ]
     null = np.array([value for value, _ in states])
     gain = np.full((len(points), len(columns)), -np.inf)
     best = [_Best() for _ in columns]
@@ -113,7 +117,13 @@ def evidence(lin: Linearisation, wanted: Sequence[int], grid: Grid, accepted: Ma
     return _gather(points, prior, null, gain, best)
 
 
-def _gather(points: Sequence[tuple[float, tuple[float, ...]]], prior: Array, null: Array, gain: Array, best: Sequence[_Best]) -> Evidence:
+def _gather(
+    points: Sequence[tuple[float, tuple[float, ...]]],
+    prior: Array,
+    null: Array,
+    gain: Array,
+    best: Sequence[_Best],
+) -> Evidence:
     base = float(logsumexp(null + prior))
     weight = np.exp(null + prior - base)
     total = logsumexp(gain + (null + prior)[:, None], axis=0) - base if len(best) else np.zeros(0)
@@ -158,9 +168,15 @@ class _Context:
         quadratic = self.square / noise**2 - b @ solved
         finite = precision > 0
         log_det = 2 * np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(precision[finite]))
-        return -self.readings * np.log(noise) - 0.5 * float(quadratic) - 0.5 * float(log_det), (factor, b, solved)
+        return -self.readings * np.log(noise) - 0.5 * float(quadratic) - 0.5 * float(log_det), (
+            factor,
+            b,
+            solved,
+        )
 
-    def candidates(self, state: tuple[object, Array, Array], which: NDArray[np.intp], noise: float, size: int) -> tuple[Array, Array, Array, Array]:
+    def candidates(
+        self, state: tuple[object, Array, Array], which: NDArray[np.intp], noise: float, size: int
+    ) -> tuple[Array, Array, Array, Array]:
         """Log Bayes factors (C,), posterior means and stds (C, size), spreads (C,) of candidates of one size."""
         factor, _, solved = state
         rows = self.offset + which.ravel()

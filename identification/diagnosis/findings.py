@@ -26,7 +26,10 @@ def merge_findings(
     for k, item in enumerate(named):
         placed = cat.candidates[item.index]
         groups.setdefault((placed.effect.slug, placed.place), []).append(k)
-    out = [_finding(machine, cat, after, [named[k] for k in ks], [flips[k] for k in ks]) for ks in groups.values()]
+    out = [
+        _finding(machine, cat, after, [named[k] for k in ks], [flips[k] for k in ks])
+        for ks in groups.values()
+    ]
     return tuple(sorted(out, key=lambda f: -f.log_bayes_factor))
 
 
@@ -42,7 +45,9 @@ def _finding(
         for member in item.equivalents:
             other = alternative(cat, member.index, member.probability, member.gain)
             key = (other.effect, other.place)
-            if key != (placed.effect.slug, placed.place) and (key not in equivalents or equivalents[key].probability < other.probability):
+            if key != (placed.effect.slug, placed.place) and (
+                key not in equivalents or equivalents[key].probability < other.probability
+            ):
                 equivalents[key] = other
     share = 1.0 - sum(t.probability for t in _twins(cat, main)) / max(main.probability, 1e-300)
     flip = None if any(f is None for f in flips) else max(f for f in flips if f is not None)
@@ -50,7 +55,19 @@ def _finding(
     experiment = placed.effect.experiment
     if rivals and rivals[0].experiment and rivals[0].effect != placed.effect.slug:
         experiment = f"{experiment}; against {rivals[0].effect}: {rivals[0].experiment}"
-    probability = min(1.0, max(i.probability + sum(m.probability for m in i.equivalents if (cat.candidates[m.index].effect.slug, cat.candidates[m.index].place) == (placed.effect.slug, placed.place)) for i in items))
+    probability = min(
+        1.0,
+        max(
+            i.probability
+            + sum(
+                m.probability
+                for m in i.equivalents
+                if (cat.candidates[m.index].effect.slug, cat.candidates[m.index].place)
+                == (placed.effect.slug, placed.place)
+            )
+            for i in items
+        ),
+    )
     return Finding(
         effect=placed.effect.slug,
         place=placed.place,
@@ -76,7 +93,11 @@ def _explanation(
     for item in items:
         placed = cat.candidates[item.index]
         at = {c.name: names.index(f"{placed.label}:{c.name}") for c in placed.coefficients}
-        said.append(placed.effect.found({n: float(after.p[k]) for n, k in at.items()}, {n: float(std[k]) for n, k in at.items()}))
+        said.append(
+            placed.effect.found(
+                {n: float(after.p[k]) for n, k in at.items()}, {n: float(std[k]) for n, k in at.items()}
+            )
+        )
     return " ".join(text for text in said if text)
 
 
@@ -86,7 +107,13 @@ def _twins(cat: Catalogue, item: Named) -> list[Alternative]:
     likely = placed.effect.twins(placed.settings_map)
     total = 1.0 + sum(likely.values())
     return [
-        Alternative(slug, placed.place, item.probability * ratio / total, item.gain, effects.get(slug, "twin").experiment)
+        Alternative(
+            slug,
+            placed.place,
+            item.probability * ratio / total,
+            item.gain,
+            effects.get(slug, "twin").experiment,
+        )
         for slug, ratio in likely.items()
     ]
 

@@ -21,7 +21,9 @@ def row_scale(residual: Array) -> tuple[Array, float]:
     return size, max(typical, 1e-300)
 
 
-def outlying_rows(fit: Estimate, candidates: NDArray[np.bool_], *, significance: float = 1e-3) -> NDArray[np.bool_]:
+def outlying_rows(
+    fit: Estimate, candidates: NDArray[np.bool_], *, significance: float = 1e-3
+) -> NDArray[np.bool_]:
     """(n,) rows among ``candidates`` whose residual chance would not make once in 1/significance recordings.
 
     The noise scale is the larger of the stated one and the rows' own median, so that a model that is wrong

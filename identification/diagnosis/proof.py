@@ -46,11 +46,15 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Mask]]:
     return "blocks", [b for b in blocks if b.any() and not np.array_equal(b, used)]
 
 
-def held_out(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> tuple[str, Array, Array]:
+def held_out(
+    before: Estimate, after: Estimate, recording: Recording, outliers: Mask
+) -> tuple[str, Array, Array]:
     """Name of the split and squared whitened residual of each held-out row, before and after."""
     name, blocks = held_out_blocks(recording, before.used)
     if name == "role":
-        rows = np.flatnonzero(blocks[0] & np.isfinite(before.residual).all(axis=1) & np.isfinite(after.residual).all(axis=1))
+        rows = np.flatnonzero(
+            blocks[0] & np.isfinite(before.residual).all(axis=1) & np.isfinite(after.residual).all(axis=1)
+        )
         return name, np.sum(before.residual[rows] ** 2, axis=1), np.sum(after.residual[rows] ** 2, axis=1)
     squares: tuple[list[Array], list[Array]] = ([], [])
     for block in blocks:
@@ -64,7 +68,11 @@ def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float
     """Root of the ratio of mean squares with its 95 % bootstrap interval over rows."""
     ratio = float(np.sqrt(after.mean() / before.mean()))
     rng = np.random.default_rng(seed)
-    picks = rng.integers(0, len(before), (BOOTSTRAP, len(before))) if len(before) < 20_000 else np.zeros((0, 0), dtype=int)
+    picks = (
+        rng.integers(0, len(before), (BOOTSTRAP, len(before)))
+        if len(before) < 20_000
+        else np.zeros((0, 0), dtype=int)
+    )
     if not len(picks):
         return ratio, (ratio, ratio)
     draws = np.sqrt(after[picks].mean(axis=1) / before[picks].mean(axis=1))
@@ -107,7 +115,9 @@ def _placebo(before: Estimate, signatures: Signatures, cat: Catalogue, grid: Gri
     return float(rank(lin, one, grid, {}, [0]).gain[0])
 
 
-def _injected(before: Estimate, after: Estimate, signatures: Signatures, cat: Catalogue, grid: Grid, term: int) -> bool:
+def _injected(
+    before: Estimate, after: Estimate, signatures: Signatures, cat: Catalogue, grid: Grid, term: int
+) -> bool:
     """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""
     label = cat.candidates[term].label
     fitted = next(e for e in after.fitted_effects() if e.label == label)
@@ -122,11 +132,19 @@ def _injected(before: Estimate, after: Estimate, signatures: Signatures, cat: Ca
     values, vectors = np.linalg.eigh(gram[:last, :last])
     projected = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(last)) * noise
     gram[:last, last] = gram[last, :last] = projected - gram[:last, at] @ amplitude  # prediction less reading
-    gram[last, last] = amplitude @ gram[np.ix_(at, at)] @ amplitude - 2 * amplitude @ projected[at] + noise**2 * lin.readings
-    simulated = Linearisation(gram, lin.free, lin.columns, lin.readings, np.zeros(last), lin.weight, lin.parts, lin.candidates)
+    gram[last, last] = (
+        amplitude @ gram[np.ix_(at, at)] @ amplitude - 2 * amplitude @ projected[at] + noise**2 * lin.readings
+    )
+    simulated = Linearisation(
+        gram, lin.free, lin.columns, lin.readings, np.zeros(last), lin.weight, lin.parts, lin.candidates
+    )
     wanted = list(range(len(cat.candidates)))
     ranking = rank(simulated, cat, grid, {}, wanted)
-    alike = [i for i, c in enumerate(cat.candidates) if (c.effect.slug, c.place) == (fitted.effect.slug, fitted.place)]
+    alike = [
+        i
+        for i, c in enumerate(cat.candidates)
+        if (c.effect.slug, c.place) == (fitted.effect.slug, fitted.place)
+    ]
     return bool(np.max(ranking.odds) - np.max(ranking.odds[alike]) < INDISTINCT)
 
 
@@ -140,7 +158,9 @@ def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers
     usable = np.isfinite(before.residual).all(axis=1)
     if before.residual.size * (len(free) + count) > 60_000_000:
         return None
-    jacobian = np.concatenate([b.jacobian[:, :, free] * before.prior.scale[free] for b in predictor.blocks(before.p, before.x)])
+    jacobian = np.concatenate(
+        [b.jacobian[:, :, free] * before.prior.scale[free] for b in predictor.blocks(before.p, before.x)]
+    )
     rng = np.random.default_rng(13)
     t = (recording.q - recording.q.mean(axis=0)) / np.maximum(recording.q.std(axis=0), 1e-12)
     waves = np.cos(t @ rng.normal(0, 1.0, (t.shape[1], count)) + rng.uniform(0, 2 * np.pi, count))
@@ -148,11 +168,15 @@ def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers
     extra = np.zeros((len(t), m, count))
     extra[:, channel, np.arange(count)] = waves
     _, blocks = held_out_blocks(recording, before.used)
-    squares_before, squares_box = [], []
+    squares_before: list[Array] = []
+    squares_box: list[Array] = []
     for block in blocks:
         train = before.used & ~block & usable & ~outliers
         test = block & usable
-        for design, out in ((jacobian, squares_before), (np.concatenate([jacobian, extra], axis=2), squares_box)):
+        for design, out in (
+            (jacobian, squares_before),
+            (np.concatenate([jacobian, extra], axis=2), squares_box),
+        ):
             out.append(_linear_test(design, before, train, test))
     ratio = np.concatenate(squares_box).mean() / np.concatenate(squares_before).mean()
     return float(np.sqrt(ratio))
@@ -163,9 +187,13 @@ def _linear_test(design: Array, before: Estimate, train: Mask, test: Mask) -> Ar
     free = before.prior.free
     n, k = len(free), design.shape[2]
     weight = np.concatenate([before.prior_weight, np.full(k - n, 0.1)])
-    departure = np.where(before.prior_weight > 0, (before.p - before.prior.mean)[free] / before.prior.scale[free], 0.0)
+    departure = np.where(
+        before.prior_weight > 0, (before.p - before.prior.mean)[free] / before.prior.scale[free], 0.0
+    )
     rows = np.vstack([design[train].reshape(-1, k), np.diag(weight)])
-    right = np.concatenate([before.residual[train].ravel(), weight * np.concatenate([departure, np.zeros(k - n)])])
+    right = np.concatenate(
+        [before.residual[train].ravel(), weight * np.concatenate([departure, np.zeros(k - n)])]
+    )
     step = -np.linalg.lstsq(rows, right, rcond=1e-12)[0]
     out: Array = np.sum((before.residual[test] + design[test] @ step) ** 2, axis=1)
     return out

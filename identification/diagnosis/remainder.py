@@ -1,10 +1,11 @@
-"""What is left after the named effects: which driver it follows, where, in which form; a hypothesis, labelled so."""
+"""What is left after the named effects: driver, place and form; a hypothesis, labelled so."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.alarms import Structure
 from truepose.identification.diagnosis.candidates import Catalogue
@@ -18,14 +19,18 @@ def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remai
     """Driver and form of the strongest dependence found by the structure tests."""
     size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
     driver = structure.driver
-    if driver in recording.joints:
-        values, place = recording.q[fit.used][:, recording.joints.index(driver)], (driver,)
-    else:
-        found = recording.driver(driver) if driver != "order" else None
-        values = None if found is None else found[fit.used]
-        place = (driver.split(".", 1)[1],) if driver.startswith(("temperature.", "approach.")) else ()
-    form = "varies with the order of acquisition" if values is None else _form(fit.residual[fit.used], values, driver)
-    return Remainder(place, driver, f"{form}; explains {100 * structure.share:.0f} % of the remainder; hypothesised", size)
+    values = _values(fit, recording, driver)
+    place = (driver,) if driver in recording.joints else ()
+    if driver.startswith(("temperature.", "approach.")):
+        place = (driver.split(".", 1)[1],)
+    form = (
+        "varies with the order of acquisition"
+        if values is None
+        else _form(fit.residual[fit.used], values, driver)
+    )
+    return Remainder(
+        place, driver, f"{form}; explains {100 * structure.share:.0f} % of the remainder; hypothesised", size
+    )
 
 
 def unnamed(cat: Catalogue, accepted: Iterable[int], fit: Estimate) -> Remainder | None:
@@ -37,6 +42,14 @@ def unnamed(cat: Catalogue, accepted: Iterable[int], fit: Estimate) -> Remainder
             size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
             return Remainder(placed.place, driver, f"{placed.place[0]} errs as {form}; hypothesised", size)
     return None
+
+
+def _values(fit: Estimate, recording: Recording, driver: str) -> NDArray[np.float64] | None:
+    """(n,) the driver at the fitted rows; None for the order of rows."""
+    if driver in recording.joints:
+        return recording.q[fit.used][:, recording.joints.index(driver)]
+    found = recording.driver(driver) if driver != "order" else None
+    return None if found is None else found[fit.used]
 
 
 def _form(residual: np.ndarray, values: np.ndarray, driver: str) -> str:

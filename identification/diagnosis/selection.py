@@ -51,7 +51,9 @@ class Selection:
     grid: Grid
 
 
-def rank(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], wanted: Sequence[int]) -> Ranking:
+def rank(
+    lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], wanted: Sequence[int]
+) -> Ranking:
     """Log posterior odds of each wanted candidate given the accepted ones."""
     result = evidence(lin, wanted, grid, accepted)
     gain = result.gain.copy()
@@ -73,7 +75,13 @@ def physical(cat: Catalogue, index: int, amplitude: Array, spread: Array) -> flo
 
 
 def select(
-    machine: Machine, recording: Recording, cat: Catalogue, null: Estimate, exclude: NDArray[np.bool_], rms: float, first: Selection | None = None
+    machine: Machine,
+    recording: Recording,
+    cat: Catalogue,
+    null: Estimate,
+    exclude: NDArray[np.bool_],
+    rms: float,
+    first: Selection | None = None,
 ) -> Selection:
     """Search from the null fit, or from what an earlier search on other rows found.
 
@@ -114,7 +122,9 @@ def only(
     return Selection(accepted, fit, lin, selection.grid)
 
 
-def _search(lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], banned: set[int]) -> dict[int, float]:
+def _search(
+    lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], banned: set[int]
+) -> dict[int, float]:
     """Add, swap and drop terms until nothing changes."""
     current = dict(accepted)
     seen: set[frozenset[int]] = set()
@@ -193,9 +203,16 @@ def _refit(
     while True:
         terms = [replace(cat.candidates[i], spread=spread) for i, spread in current.items()]
         known = {e.label: e.amplitudes for e in fit.fitted_effects()}
-        start = np.concatenate([fit.p[: len(machine.parameters)], *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms]])
+        start = np.concatenate(
+            [
+                fit.p[: len(machine.parameters)],
+                *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms],
+            ]
+        )
         result = estimate(machine, recording, terms, start=start, exclude=exclude, damping=1e-9)
-        outside = [i for i, term in zip(current, result.fitted_effects(), strict=True) if _outside(term, result)]
+        outside = [
+            i for i, term in zip(current, result.fitted_effects(), strict=True) if _outside(term, result)
+        ]
         if not outside:
             return result, current
         banned.update(outside)

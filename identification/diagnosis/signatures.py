@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -55,7 +56,7 @@ class Signatures:
         self._shifts = _ShiftFunction(machine, recording, self.candidates)
         sizes = [len(c.coefficients) for c in self.candidates]
         ends = np.cumsum([0, *sizes])
-        self.columns = tuple(slice(int(a), int(b)) for a, b in zip(ends, ends[1:], strict=False))
+        self.columns = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
         self.width = int(ends[-1])
 
     def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
@@ -72,9 +73,13 @@ class Signatures:
         labels = [c.label for c in self.candidates]
         for effect in fit.fitted_effects():
             at = self.columns[labels.index(effect.label)]
-            departure[n + at.start : n + at.stop] = np.array(effect.amplitudes) / [c.scale for c in effect.coefficients]
+            departure[n + at.start : n + at.stop] = np.array(effect.amplitudes) / [
+                c.scale for c in effect.coefficients
+            ]
         parts = tuple(fit.prior.parts[k] for k in geometry)
-        return Linearisation(gram, n, self.columns, readings, departure, fit.prior_weight[:n], parts, self.candidates)
+        return Linearisation(
+            gram, n, self.columns, readings, departure, fit.prior_weight[:n], parts, self.candidates
+        )
 
     def _geometry(self, fit: Estimate) -> NDArray[np.intp]:
         """Indices of the free parameters, without effect coefficients."""
@@ -89,10 +94,14 @@ class Signatures:
             keep = np.flatnonzero(fit.used[rows])
             root = np.sqrt(fit.weights[rows])[keep, None, None]
             jacobian = block.jacobian[keep][:, :, free] * scale
-            stacked = np.concatenate([jacobian, signature[keep], block.residual[keep][..., None]], axis=2) * root
+            stacked = (
+                np.concatenate([jacobian, signature[keep], block.residual[keep][..., None]], axis=2) * root
+            )
             yield stacked.reshape(-1, stacked.shape[2])
 
-    def rows(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Iterator[tuple[slice, Block, Array]]:
+    def rows(
+        self, fit: Estimate, *, order: NDArray[np.intp] | None = None
+    ) -> Iterator[tuple[slice, Block, Array]]:
         """Row ranges with their block and signatures (n, m, width)."""
         predictor = Predictor(self.machine, self.recording, fit.effects, ports=True)
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
@@ -112,7 +121,11 @@ class Signatures:
         out = np.zeros((*jacobian.shape[:2], self.width))
         for columns, (ports, at) in zip(self.columns, self._shifts.layout, strict=True):
             where = [place[port] for port in ports]
-            local = shifts[:, at].reshape(len(shifts), columns.stop - columns.start, len(ports)).transpose(0, 2, 1)
+            local = (
+                shifts[:, at]
+                .reshape(len(shifts), columns.stop - columns.start, len(ports))
+                .transpose(0, 2, 1)
+            )
             out[:, :, columns] = jacobian[:, :, where] @ local
         return out
 
@@ -154,5 +167,9 @@ class _ShiftFunction:
         for k, name in enumerate(self._drivers):
             recorded = rec.driver(name)
             z[:, k] = driver_default(self._machine, name) if recorded is None else recorded
-        force = np.column_stack([loads[name] for name in self._loads]) if self._loads else np.zeros((len(rec.q), 0))
+        force = (
+            np.column_stack([loads[name] for name in self._loads])
+            if self._loads
+            else np.zeros((len(rec.q), 0))
+        )
         return self._function(rec.q, z, p[which], force)[0][..., 0]

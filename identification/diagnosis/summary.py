@@ -23,7 +23,11 @@ def rms_by_kind(residual: Array, channels: Sequence[Channel]) -> dict[str, float
             at = [k for k, c in enumerate(channels) if c.kind == kind and c.point == point]
             squares.append(np.sum((residual[:, at] * [channels[k].sigma for k in at]) ** 2, axis=1))
         values = np.concatenate(squares)
-        out[kind] = float(np.sqrt(np.mean(values[np.isfinite(values)]))) if np.isfinite(values).any() else float("nan")
+        out[kind] = (
+            float(np.sqrt(np.mean(values[np.isfinite(values)])))
+            if np.isfinite(values).any()
+            else float("nan")
+        )
     return out
 
 

@@ -32,7 +32,11 @@ class Unnamed(Effect):
         rows = ~recording.validation
         columns = {name: recording.q[rows, k] for k, name in enumerate(recording.joints)}
         self._joints = len(columns)
-        for name in ("payload", "time", *sorted(n for n in recording.drivers if n.startswith("temperature."))):
+        for name in (
+            "payload",
+            "time",
+            *sorted(n for n in recording.drivers if n.startswith("temperature.")),
+        ):
             values = recording.driver(name)
             if values is not None:
                 columns[name] = values[rows]
@@ -49,7 +53,9 @@ class Unnamed(Effect):
         """Curves in every source, products of two joints."""
         joints = [k for k, n in enumerate(self.sources) if n in machine.mechanism.readings]
         curves: list[Settings] = [{"a": float(k)} for k in range(len(self.sources))]
-        products: list[Settings] = [{"a": float(i), "b": float(j)} for i, j in itertools.combinations(joints, 2)]
+        products: list[Settings] = [
+            {"a": float(i), "b": float(j)} for i, j in itertools.combinations(joints, 2)
+        ]
         return [*curves, *products]
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
@@ -73,7 +79,9 @@ class Unnamed(Effect):
         powers = [ca.SX(1), t[0]]
         for _ in range(2, CURVE + 1):
             powers.append(2 * t[0] * powers[-1] - powers[-2])
-        return {site.port(site.place[0]): sum((c * powers[int(name[1:])] for name, c in site.c.items()), ca.SX(0))}
+        return {
+            site.port(site.place[0]): sum((c * powers[int(name[1:])] for name, c in site.c.items()), ca.SX(0))
+        }
 
     def describe(self, settings: Settings) -> tuple[str, str]:
         """Driver and form in words."""

@@ -22,14 +22,16 @@ class ActuatorScale(Effect):
     source = "positioning tests of linear and rotary axes, ISO 230-2"
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        # where the drawing leaves the gain open it is a constant of the machine: see wrong-constant
-        open_gain = {p.name for p in machine.mechanism.parameters if p.part == "gain" and p.free}
-        actuators = [a for a in machine.mechanism.actuators if a.gain not in open_gain]
-        places = singly(a.reading for a in actuators)
+        places = singly(machine.mechanism.readings)
         for unit in ("mm", "rad"):
-            alike = [a.reading for a in actuators if a.unit == unit]
+            alike = [a.reading for a in machine.mechanism.actuators if a.unit == unit]
             places += singly_and_together(alike)[len(alike) :]
         return places
+
+    def screened(self, machine: Machine, place: Place) -> bool:
+        # where the drawing leaves the gain open it is a constant of the machine: see wrong-constant
+        open_gain = {p.name for p in machine.mechanism.parameters if p.part == "gain" and p.free}
+        return not any(actuator_at(machine, name).gain in open_gain for name in place)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         return (Coefficient("s", "1", scale=0.1, lower=-0.1, upper=0.1),)

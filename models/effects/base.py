@@ -133,6 +133,10 @@ class Effect(ABC):
         """Constants the formula is not linear in (order of a harmonic, lag): one candidate each."""
         return ({},)
 
+    def screened(self, machine: Machine, place: Place) -> bool:
+        """Whether a diagnosis should look for it there; where not, a user may still state it."""
+        return True
+
     def weight(self, settings: Settings) -> float:
         """How likely settings are among those of a place, relative to each other."""
         return 1.0

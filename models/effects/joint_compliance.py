@@ -56,10 +56,10 @@ class JointCompliance(Effect):
 
 
 def _position(machine: Machine, place: Place) -> int:
-    """First load case that the joint carries: the body it moves, then those beyond."""
+    """First load case that pulls at the joint: the origin of the body it moves lies on its own axis."""
     drives = actuator_at(machine, place[0]).drives
     names = [joint.name for joint in machine.mechanism.tree]
-    return max(0, names.index(drives) - 1)
+    return names.index(drives)
 
 
 def _case(machine: Machine, settings: Settings) -> str:

@@ -38,9 +38,11 @@ class PlatformDeformation(Effect):
     source = "Gayral and Daney 2012, INRIA RR-8096, equations 1 to 4"
 
     def places(self, machine: Machine) -> Sequence[Place]:
+        return [("platform",)] if len(_limbs(machine)) > 1 else []
+
+    def screened(self, machine: Machine, place: Place) -> bool:
         # ball joints pass no moment on; flexures bend what they are fixed to
-        bends = machine.mechanism.flexure_length is not None and len(_limbs(machine)) > 1
-        return [("platform",)] if bends else []
+        return machine.mechanism.flexure_length is not None
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         names = dict.fromkeys(_entries(machine, settings).values())
