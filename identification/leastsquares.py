@@ -57,18 +57,22 @@ def triangular(blocks: Iterable[Array], columns: int) -> Array:
     """Upper triangular factor (columns, columns) of rows that arrive in blocks.
 
     Wide problems go through the Gram matrix (a fifth of the time); it squares the condition number, so that
-    they should carry priors and scaled columns, and falls back to QR when its Cholesky factor does not exist.
+    they should carry priors and scaled columns.
     """
     if columns <= WIDE_PROBLEM:
         return _by_qr(blocks, columns)
     gram = np.zeros((columns, columns))
-    kept = list(blocks)
-    for block in kept:
+    for block in blocks:
         gram += block.T @ block
-    try:
-        return np.asarray(np.linalg.cholesky(gram).T, dtype=float, order="C")
-    except np.linalg.LinAlgError:
-        return _by_qr(kept, columns)
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram / np.outer(size, size)
+    for lift in (0.0, 1e-15, 1e-13, 1e-11):  # rounding may leave it a hair short of positive
+        try:
+            factor: Array = np.linalg.cholesky(scaled + lift * np.eye(columns)).T * size
+        except np.linalg.LinAlgError:
+            continue
+        return factor
+    return np.full((columns, columns), np.nan)
 
 
 def _by_qr(blocks: Iterable[Array], columns: int) -> Array:

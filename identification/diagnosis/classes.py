@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from truepose.identification.diagnosis.candidates import Catalogue
@@ -19,6 +21,7 @@ INDISTINCT = 3.0
 """Expected log Bayes factor below which two explanations are one class."""
 CLASS_LIMIT = 8
 SMALL_AGAINST_REMAINDER = 0.1
+WIDENINGS = (1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 100.0)
 
 
 @dataclass(frozen=True)
@@ -111,25 +114,20 @@ def missed_chi2(
     inside = np.concatenate([np.arange(n), n + np.array(lin.indices(list(rest)), dtype=int)]).astype(int)
     sizes = [lin.columns[i].stop - lin.columns[i].start for i in rest]
     weight = np.concatenate([lin.weight, 1.0 / np.repeat(list(rest.values()), sizes)])
-    gram = lin.gram / noise**2
-    a = (
-        gram[np.ix_(inside, inside)]
-        + np.diag(weight**2)
-        + 1e-12 * np.max(np.diag(gram)[inside]) * np.eye(len(inside))
-    )
-    at = n + np.arange(lin.columns[term].start, lin.columns[term].stop)
+    every = n + np.array(lin.indices(wanted), dtype=int)
+    a = lin.gram[np.ix_(inside, inside)] / noise**2 + np.diag(weight**2)
+    factor = np.linalg.cholesky(a + 1e-12 * np.max(np.diag(a)) * np.eye(len(a)))
+    half = solve_triangular(factor, lin.gram[np.ix_(inside, every)] / noise, lower=True) / noise
+    # what each column has that geometry and the other terms cannot adapt to
+    left = lin.gram[np.ix_(every, every)] / noise**2 - half.T @ half
+    ends = np.cumsum([0, *(lin.columns[i].stop - lin.columns[i].start for i in wanted)])
+    blocks = [slice(int(b), int(e)) for b, e in pairwise(ends)]
+    at = blocks[list(wanted).index(term)]
     amplitude = ranking.evidence.amplitude[list(wanted).index(term)]
-    own = gram[:, at] @ amplitude
-    solved = np.linalg.solve(a, own[inside])
-    total = float(amplitude @ own[at] - own[inside] @ solved)
-    out = np.empty(len(wanted))
-    for j, i in enumerate(wanted):
-        cols = n + np.arange(lin.columns[i].start, lin.columns[i].stop)
-        cross = gram[np.ix_(inside, cols)]
-        score = own[cols] - cross.T @ solved
-        information = gram[np.ix_(cols, cols)] - cross.T @ np.linalg.solve(a, cross)
-        out[j] = total - float(score @ np.linalg.lstsq(information, score, rcond=1e-10)[0])
-    return total, np.maximum(out, 0.0)
+    own = left[:, at] @ amplitude
+    total = float(amplitude @ own[at])
+    caught = [float(own[b] @ np.linalg.lstsq(left[b, b], own[b], rcond=1e-10)[0]) for b in blocks]
+    return total, np.maximum(total - np.array(caught), 0.0)
 
 
 def flip_inflation(
@@ -137,8 +135,11 @@ def flip_inflation(
 ) -> float | None:
     """How many times wider every tolerance would have to be for the term not to be needed; None when none would do."""
     rest = {i: v for i, v in accepted.items() if i != term}
-    for factor in (1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 100.0):
+
+    def needed(factor: float) -> bool:
         fixed = Grid(grid.noise, ((factor,) * len(grid.classes),), grid.classes)
-        if rank(lin, cat, fixed, rest, [term]).odds[0] < threshold:
-            return factor
-    return None
+        return bool(rank(lin, cat, fixed, rest, [term]).odds[0] >= threshold)
+
+    if needed(WIDENINGS[-1]):
+        return None
+    return next(factor for factor in WIDENINGS if factor == WIDENINGS[-1] or not needed(factor))

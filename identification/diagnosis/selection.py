@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.evidence import Evidence, Grid, evidence, grid_for, log_positive
+from truepose.identification.diagnosis.evidence import MANY_READINGS, Evidence, Grid, evidence, grid_for, log_positive
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.estimate import Estimate, estimate
 from truepose.identification.recording import Recording
@@ -102,6 +102,8 @@ def select(
             break
         fit, accepted = _refit(machine, recording, cat, accepted, fit, exclude, banned)
         lin = signatures.linearise(fit)
+        if lin.readings > MANY_READINGS:  # the noise is known well by now, and each point of the grid costs
+            grid = grid_for(lin, float(np.sqrt(fit.chi2_per_dof)))
     return Selection(accepted, fit, lin, grid)
 
 
