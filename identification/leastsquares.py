@@ -151,7 +151,7 @@ def _step(factor: Array, n: int, mu: float) -> Array:
         return wide
     u, s, vt = np.linalg.svd(factor[:, :n] / norms, full_matrices=False)
     keep = s > 1e-13 * max(s[0], 1e-300)
-    gain = np.where(keep, s / (s**2 + mu), 0.0)
+    gain = np.divide(s, s**2 + mu, out=np.zeros_like(s), where=keep)
     step: Array = -(vt.T @ (gain * (u.T @ factor[:, n]))) / norms
     return step
 

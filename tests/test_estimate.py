@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -259,7 +258,8 @@ def test_freedom_fits_better_and_strays_further(machines: Mapping[str, Machine],
     recording = simulated(machine, manufactured(machine, rng), rng)
     fits = [estimate(machine, recording, widen=factor) for factor in (1.0, 10.0, 100.0)]
     for tight, loose in pairwise(fits):
-        assert loose.chi2 <= tight.chi2 + 2 * FREE_TOLERANCE
+        # the free fit stops when half the sum of squares has less than that share of the readings to gain
+        assert loose.chi2 <= tight.chi2 + 2 * FREE_TOLERANCE * loose.readings
         assert loose.effective_parameters >= tight.effective_parameters
         assert np.all(loose.std >= tight.std * (1 - 1e-6))
 
@@ -329,7 +329,9 @@ def test_a_fit_that_does_not_converge_names_what_still_moves(
     truth = nominal(machine)
     truth[[p.name for p in machine.parameters].index("tool.x")] += 20.0
     recording = simulated(machine, truth, rng)
-    monkeypatch.setattr("truepose.identification.estimate.minimise", partial(minimise, limit=1))
+    monkeypatch.setattr(
+        "truepose.identification.estimate.minimise", lambda *a, **k: minimise(*a, **(k | {"limit": 1}))
+    )
     with pytest.raises(ConvergenceError, match=r"iteration limit.*responsible: .*tool\.x"):
         estimate(machine, recording)
 

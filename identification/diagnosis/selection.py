@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.evidence import MANY_READINGS, Evidence, Grid, evidence, grid_for, log_positive
+from truepose.identification.diagnosis.evidence import (
+    MANY_READINGS,
+    Evidence,
+    Grid,
+    evidence,
+    grid_for,
+    log_positive,
+)
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.estimate import Estimate, estimate
 from truepose.identification.recording import Recording
