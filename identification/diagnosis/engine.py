@@ -231,12 +231,13 @@ def _candidates(cat: Catalogue, ranking: Ranking) -> tuple[Alternative, ...]:
 
 
 def _map(cat: Catalogue, ranking: Ranking) -> dict[str, float]:
-    """Largest log Bayes factor at each single place."""
+    """Largest log Bayes factor at each single place; constants count for the part they belong to."""
     out: dict[str, float] = {}
     for i, gain in zip(ranking.indices, ranking.gain, strict=True):
         place = cat.candidates[i].place
         if len(place) == 1 and cat.named(i):
-            out[place[0]] = max(out.get(place[0], -np.inf), float(gain))
+            part = place[0].partition(".")[0]
+            out[part] = max(out.get(part, -np.inf), float(gain))
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 

@@ -36,6 +36,8 @@ class PlatformDeformation(Effect):
         "gauge the travel of one actuator to exclude its scale; turn the machine over to see gravity's part"
     )
     source = "Gayral and Daney 2012, INRIA RR-8096, equations 1 to 4"
+    # the entries add up: a symmetric part and what departs from it may stand together
+    settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return [("platform",)] if len(_limbs(machine)) > 1 else []
