@@ -160,31 +160,31 @@ def _compare(effects: dict[str, Sequence[PlacedEffect]], recordings: dict[str, R
 
 
 def _carry(machine_file: Path, effects: Sequence[PlacedEffect], target: Recording, label: str) -> None:
-    """Periodic terms of one file, fixed; geometry, base and tool fitted to the other; position rms of its held-out rows."""
+    """Periodic terms of one file, fixed; the rest fitted to the other; position rms of its held-out rows."""
     machine = load_machine(machine_file)
-    periodic = [
-        replace(e, spread=0.0)
-        for e in effects
-        if e.effect.slug in ("transmission-error", "encoder-eccentricity")
+    gear = [e for e in effects if e.effect.slug == "transmission-error" and "orders" in e.settings_map]
+    whole = [replace(e, spread=0.0) for e in gear]
+    high = [
+        e.with_values([v if int(n[1:]) > LOW_ORDERS else 0.0 for n, v in e.values.items()]) for e in whole
     ]
-    others = [e for e in effects if e.effect.slug not in ("transmission-error", "encoder-eccentricity")]
-    low = [
-        PlacedEffect.at(e.effect, machine, e.place, {"orders": float(LOW_ORDERS)})
-        for e in periodic
-        if "orders" in e.settings_map
-    ]
-    for extra, what in (
-        ([], "geometry"),
-        (others, "geometry, compliance"),
-        ([*others, *low], "geometry, compliance, orders 1-3"),
+    low = [PlacedEffect.at(e.effect, machine, e.place, {"orders": float(LOW_ORDERS)}) for e in gear]
+    compliance = [e for e in effects if e.effect.slug == "joint-compliance"]
+    for carried, refitted, what in (
+        (whole, [], "all orders carried, geometry refitted"),
+        (high, low, "orders 4 and above carried, geometry and orders 1-3 refitted"),
+        (
+            high,
+            [*low, *compliance],
+            "orders 4 and above carried, geometry, orders 1-3 and compliance refitted",
+        ),
     ):
-        terms = [*periodic, *extra]
+        terms = [*carried, *refitted]
         predictor = Predictor(machine, target, terms)
         start = predictor.model.p_home.copy()
         start[: len(machine.parameters)] = aligned_start(Predictor(machine, target))
         fit = estimate(machine, target, terms, start=start, predictor=predictor, loss="huber")
         rms = rms_by_kind(fit.residual[target.validation], predictor.channels)["position"]
-        say(f"{label}: {1000 * rms:.0f} um held out with the other file's periodic terms and {what} refitted")
+        say(f"{label}: {1000 * rms:.0f} um held out, {what}")
 
 
 if __name__ == "__main__":

@@ -378,7 +378,7 @@ def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
     assert found == [[0, 1, 2], [1, 2], [2]]  # a body's origin lies on its own joint's axis
     last = with_effect(unweighed, "joint-compliance", ("q2",))  # as a user may write it
     assert [c.name for c in last.coefficients] == ["c_kg"]
-    named = with_effect(unweighed, "joint-compliance", ("q2",), {"carries": 1.0})
+    named = with_effect(unweighed, "joint-compliance", ("q2",), {"carries": 2.0})
     slopes = [shift_slopes(unweighed, placed)["q2.displacement"] for placed in (last, named)]
     np.testing.assert_array_equal(slopes[0], slopes[1])
     with pytest.raises(InputError, match="found carries = 5, expected 0 to 1"):
