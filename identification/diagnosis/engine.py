@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.errors import ConvergenceError
 from truepose.identification.align import aligned_start
 from truepose.identification.diagnosis import alarms, classes, outliers, remainder, summary
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
@@ -75,16 +76,24 @@ def _null_fits(machine: Machine, recording: Recording) -> _Fits:
     rough = estimate(machine, recording, known, start=start, loss="huber", predictor=predictor)
     far = outliers.outlying_rows(rough, ~recording.validation)
     before = estimate(machine, recording, known, start=rough.p, exclude=far, predictor=predictor)
-    free = estimate(
-        machine, recording, known, start=before.p, widen=FREE_WIDENING, exclude=far, predictor=predictor
-    )
+    free = _free(machine, recording, before, far, before.p)
     return _Fits(free, before, far)
+
+
+def _free(machine: Machine, recording: Recording, before: Estimate, far: Mask, start: Array) -> Estimate:
+    """The ordinary fit beside it; where its valley has no bottom, with tolerances less wide."""
+    for factor in (FREE_WIDENING, FREE_WIDENING / 3, FREE_WIDENING / 10):
+        try:
+            return estimate(machine, recording, before.effects, start=start, widen=factor, exclude=far)
+        except ConvergenceError:
+            start = before.p
+    return before
 
 
 def _refit_null(machine: Machine, recording: Recording, fits: _Fits, far: Mask) -> _Fits:
     known = machine.effects
     before = estimate(machine, recording, known, start=fits.before.p, exclude=far)
-    free = estimate(machine, recording, known, start=fits.free.p, widen=FREE_WIDENING, exclude=far)
+    free = _free(machine, recording, before, far, fits.free.p)
     return _Fits(free, before, far)
 
 

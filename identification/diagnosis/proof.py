@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import INDISTINCT
 from truepose.identification.diagnosis.evidence import Grid
@@ -58,9 +59,25 @@ def held_out(
         return name, np.sum(before.residual[rows] ** 2, axis=1), np.sum(after.residual[rows] ** 2, axis=1)
     squares: tuple[list[Array], list[Array]] = ([], [])
     for block in blocks:
-        for fit, out in zip((before, after), squares, strict=True):
-            part = estimate(fit.machine, recording, fit.effects, start=fit.p, exclude=outliers | block)
+        try:
+            parts = [
+                estimate(
+                    fit.machine,
+                    recording,
+                    fit.effects,
+                    start=fit.p,
+                    exclude=outliers | block,
+                    prior=fit.prior,
+                )
+                for fit in (before, after)
+            ]
+        except (ConvergenceError, InputError):  # too little is left to fit without this block
+            continue
+        for part, out in zip(parts, squares, strict=True):
             out.append(np.sum(part.residual[block] ** 2, axis=1))
+    if not squares[0]:
+        used = before.used
+        return "none", np.sum(before.residual[used] ** 2, axis=1), np.sum(after.residual[used] ** 2, axis=1)
     return name, np.concatenate(squares[0]), np.concatenate(squares[1])
 
 
@@ -91,6 +108,8 @@ def prove(
 ) -> Proof:
     """All four proofs of the accepted terms."""
     name, b, a = held_out(before, after, recording, outliers)
+    seen = np.isfinite(b) & np.isfinite(a)
+    b, a = b[seen], a[seen]
     ratio, interval = ratio_interval(b, a)
     main = next(i for i in accepted if i not in cat.stated)
     return Proof(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.evidence import (
     MANY_READINGS,
@@ -207,7 +208,11 @@ def _refit(
     exclude: NDArray[np.bool_],
     banned: set[int],
 ) -> tuple[Estimate, dict[int, float]]:
-    """Nonlinear fit with the accepted terms; a term that leaves its physical bounds is banned and the fit repeated."""
+    """Nonlinear fit with the accepted terms.
+
+    A term that leaves its physical bounds, or the newest one where no minimum is found, is banned and the fit
+    repeated without it.
+    """
     current = dict(accepted)
     while True:
         terms = [replace(cat.candidates[i], spread=spread) for i, spread in current.items()]
@@ -218,7 +223,15 @@ def _refit(
                 *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms],
             ]
         )
-        result = estimate(machine, recording, terms, start=start, exclude=exclude, damping=1e-9)
+        try:
+            result = estimate(machine, recording, terms, start=start, exclude=exclude, damping=1e-9)
+        except ConvergenceError:
+            added = [i for i in current if i not in cat.stated]
+            if not added:
+                raise
+            banned.add(added[-1])
+            del current[added[-1]]
+            continue
         outside = [
             i for i, term in zip(current, result.fitted_effects(), strict=True) if _outside(term, result)
         ]
