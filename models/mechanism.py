@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from truepose.errors import InputError
 from truepose.models.parameters import Parameter
 
 JointKind = Literal["revolute", "prismatic", "universal", "spherical", "free", "fixed"]
@@ -170,5 +171,8 @@ class Mechanism:
         return (BASE, *(joint.child for joint in self.tree))
 
     def actuator(self, reading: str) -> Actuator:
-        """The actuator of a reading."""
-        return next(a for a in self.actuators if a.reading == reading)
+        """The actuator of a reading; InputError where there is none."""
+        for actuator in self.actuators:
+            if actuator.reading == reading:
+                return actuator
+        raise InputError(f"found no joint {reading!r}, expected one of {', '.join(self.readings)}")

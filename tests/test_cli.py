@@ -18,6 +18,7 @@ from typer.testing import CliRunner, Result
 import truepose
 from truepose.cli import app
 from truepose.errors import ConvergenceError
+from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 
 MACHINES = Path(__file__).parent / "machines"
@@ -320,6 +321,7 @@ def test_a_plugin_brings_an_effect_of_its_own(poses: Path, tmp_path: Path) -> No
     assert run("simulate", SERIAL, poses, "-o", tmp_path / "x.csv", *options).exit_code == 0
     plugin.write_text("1 / 0", encoding="utf-8")
     refused(run("effects", "--plugin", plugin), 2, "ZeroDivisionError")
+    effects.discard("my-creep")
 
 
 PLUGIN = """

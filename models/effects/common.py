@@ -76,9 +76,13 @@ def sine_coefficients(unit: str, scale: float) -> tuple[Coefficient, ...]:
     return (Coefficient("a", unit, scale), Coefficient("b", unit, scale))
 
 
-def series_coefficients(unit: str, scale: float, orders: int, decay: float) -> tuple[Coefficient, ...]:
-    """A periodic function as a Fourier series whose amplitudes are expected to fall as order^-decay."""
-    names = [(f"{letter}{k}", scale / k**decay) for k in range(1, orders + 1) for letter in "ab"]
+def series_coefficients(
+    unit: str, scale: float, orders: int, decay: float, largest: float
+) -> tuple[Coefficient, ...]:
+    """A periodic function as a Fourier series whose amplitudes are expected to fall as order^-decay from ``largest``."""
+    names = [
+        (f"{letter}{k}", min(largest, scale / k**decay)) for k in range(1, orders + 1) for letter in "ab"
+    ]
     return tuple(Coefficient(name, unit, size) for name, size in names)
 
 

@@ -19,6 +19,8 @@ from truepose.models.machine import Machine
 HIGHEST_ORDER = 30
 SERIES = 60.0
 ARCSEC = 206264.8
+LARGEST = 6e-4
+"""2 arcmin, what the catalogue states for strain wave gears: where a joint was not moved, no more is made up."""
 DECAY = 1.5
 """Amplitudes of a smooth gear error fall about as order^-1.5; the size is weighed against the data."""
 
@@ -46,7 +48,7 @@ class TransmissionError(Effect):
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         if "orders" in settings:
-            return series_coefficients("rad", 5e-3, round(settings["orders"]), DECAY)
+            return series_coefficients("rad", 5e-3, round(settings["orders"]), DECAY, LARGEST)
         return sine_coefficients("rad", 3e-3)
 
     def shifts(self, site: Site) -> Shifts:
