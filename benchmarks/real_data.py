@@ -126,7 +126,9 @@ def ur10(data: Path, work: Path) -> None:
     recordings = {name: load_recording(improved[name], [work / f"{name}.csv"]) for name in FILES}
     _compare({name: improved[name].effects for name in FILES}, recordings)
     for source, target in (FILES, FILES[::-1]):
-        _carry(machine, improved[source].effects, recordings[target], f"{source} -> {target}")
+        _carry(
+            machine, improved[source].effects, recordings[source], recordings[target], f"{source} -> {target}"
+        )
 
 
 def _curve(effects: Sequence[PlacedEffect], joint: str, angle: np.ndarray) -> np.ndarray:
@@ -159,7 +161,9 @@ def _compare(effects: dict[str, Sequence[PlacedEffect]], recordings: dict[str, R
         )
 
 
-def _carry(machine_file: Path, effects: Sequence[PlacedEffect], target: Recording, label: str) -> None:
+def _carry(
+    machine_file: Path, effects: Sequence[PlacedEffect], source: Recording, target: Recording, label: str
+) -> None:
     """Periodic terms of one file, fixed; the rest fitted to the other; position rms of its held-out rows."""
     machine = load_machine(machine_file)
     gear = [e for e in effects if e.effect.slug == "transmission-error" and "orders" in e.settings_map]
@@ -183,8 +187,19 @@ def _carry(machine_file: Path, effects: Sequence[PlacedEffect], target: Recordin
         start = predictor.model.p_home.copy()
         start[: len(machine.parameters)] = aligned_start(Predictor(machine, target))
         fit = estimate(machine, target, terms, start=start, predictor=predictor, loss="huber")
-        rms = rms_by_kind(fit.residual[target.validation], predictor.channels)["position"]
-        say(f"{label}: {1000 * rms:.0f} um held out, {what}")
+        rows = target.validation, target.validation & _visited(source, target)
+        rms = [1000 * rms_by_kind(fit.residual[part], predictor.channels)["position"] for part in rows]
+        say(f"{label}: {rms[0]:.0f} um held out, {rms[1]:.0f} um of it where the other file has data; {what}")
+
+
+def _visited(source: Recording, target: Recording) -> np.ndarray:
+    """Rows of ``target`` whose first five joints stand within a degree that ``source`` visited three times or more."""
+    edges = np.deg2rad(np.arange(-361, 362))
+    out = np.ones(len(target), dtype=bool)
+    for k in range(5):
+        counts = np.histogram(source.q[:, k], edges)[0]
+        out &= counts[np.clip(np.digitize(target.q[:, k], edges) - 1, 0, len(counts) - 1)] >= 3
+    return out
 
 
 if __name__ == "__main__":
