@@ -108,7 +108,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "table": lambda values: "\n".join(f"    {lit(v)}," for v in values),
         "layout": layout,
         "nx": nx,
-        "nc": model.closure.numel(),
+        "nc": model.equations.numel(),
         "forces": forces,
         "max_iter": MAX_ITER,
         **_LIMITS,
@@ -140,13 +140,13 @@ def _example(layout: Layout, single: bool) -> dict[str, Any]:
 
 def _expressions(model: SymbolicModel, real: Real) -> dict[str, Any]:
     """C functions of the model: what p and z fix, the pose, the loops, and all of it with derivatives."""
-    nq, nx, nc = len(model.readings), len(model.home), model.closure.numel()
+    nq, nx, nc = len(model.readings), len(model.home), model.equations.numel()
     y = ca.vertcat(model.q, model.x)
     pose = ca.vec(model.pose[:3, :].T)  # row by row
-    derivative = ca.vertcat(_twists(model.pose, y), ca.jacobian(model.closure, y))
+    derivative = ca.vertcat(_twists(model.pose, y), ca.jacobian(model.equations, y))
     graph = Graph(fixed=("p", "z"))
     inputs = {"p": model.p, "z": model.z, "q": model.q, "x": model.x}
-    T, c, J = graph.add(inputs, [pose, model.closure, ca.vec(derivative.T)])
+    T, c, J = graph.add(inputs, [pose, model.equations, ca.vec(derivative.T)])
     to_pose: _Targets = [(f"T[{k}]", node) for k, node in enumerate(T)]
     to_loops: _Targets = [(f"r[{6 + k}]", node) for k, node in enumerate(_negated(graph, c))]
     places: _Targets = [(f"J[{k}]", node) for k, node in enumerate(J)]

@@ -166,7 +166,7 @@ def _bounded(model: SymbolicModel) -> tuple[int, ...]:
 def _weights(model: SymbolicModel, unknown: Array, forces: int, reach: float) -> Array:
     """Pose rows, loop rows (mm as they are), then the balance of forces, by the coordinate it belongs to."""
     nq = len(model.readings)
-    loops = model.closure.numel() - forces
+    loops = model.equations.numel() - forces
     balance = unknown[nq : nq + forces] * reach / _weight_of(model.machine)
     return np.concatenate([np.ones(3), np.full(3, reach), np.ones(loops), balance])
 

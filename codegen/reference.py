@@ -27,8 +27,8 @@ class Reference:
         inputs = [model.q, model.z, model.p, model.x]
         self.model = model
         self._pose = ca.Function("pose", inputs, [ca.densify(model.pose)])
-        derivatives = [ca.densify(ca.jacobian(model.closure, v)) for v in (model.x, model.q)]
-        self._closure = ca.Function("closure", inputs, [ca.densify(model.closure), *derivatives])
+        derivatives = [ca.densify(ca.jacobian(model.equations, v)) for v in (model.x, model.q)]
+        self._closure = ca.Function("closure", inputs, [ca.densify(model.equations), *derivatives])
 
     def home_readings(self, start: Array) -> Array:
         """Readings (nq,) at which the loops come closest to closing at the home assembly, from ``start``."""

@@ -19,18 +19,16 @@ from truepose.errors import InputError
 from truepose.identification.recording import Recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.kinematics import load_scale, symbolic_model
+from truepose.models.home import coordinate_scale
+from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
-from truepose.models.mechanism import COORDINATES
 from truepose.models.sensors.base import Channel, Sensor
+from truepose.models.statics import load_scale
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _MAX_NEWTON = 40
 _BLOCK = 1024
-STRAINED = 1e-3
-"""Loops with more equations than unknowns close by least squares, when no gap exceeds this part of the
-machine's size: as built they are strained a little."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +69,14 @@ class Predictor:
             self.z[:, k] = self.model.z_home[k] if recorded is None else recorded
         m = self.model
         inputs, flat, twist = [m.x, m.q, m.z, m.p], ca.vec(m.world[:3, :]), _twist_rows(m.world)
-        self._closure = BatchFunction("closure", inputs, [m.closure, ca.jacobian(m.closure, m.x)])
+        self._closure = BatchFunction("closure", inputs, [m.equations, ca.jacobian(m.equations, m.x), m.gap])
         self._pose = BatchFunction("pose", inputs, [m.world])
         outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
         outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
         self._kinematics = BatchFunction("kinematics", inputs, outputs)
         self._sensors = [_SensorFunctions(sensor, m.names) for sensor in machine.sensors]
         self.origin = _origin(recording) if any(s.differs_from_row for s in machine.sensors) else None
-        self._scale, self._limit = _coordinate_scales(machine, len(m.home))
-        square = m.closure.numel() == len(m.home)
-        self._gap = np.inf if square else STRAINED * float(np.max(self._scale))
+        self._scale = coordinate_scale(machine, len(m.home), m.gap.numel())
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -105,16 +101,15 @@ class Predictor:
 
     def _newton(self, x: Array, q: Array, z: Array, p: Array) -> tuple[Array, Mask]:
         """Newton's method on every row at once, with short steps: the assembly must stay the same one."""
-        scale, limit = self._scale, self._limit
         good = np.zeros(len(x), dtype=bool)
         active = np.arange(len(x))
         for _ in range(_MAX_NEWTON):
-            g, gx = self._closure(x[active], q[active], z[active], p)
+            g, gx, gap = self._closure(x[active], q[active], z[active], p)
             step = _solve(gx, g)[..., 0]
-            step /= np.maximum(1.0, np.max(np.abs(step) / limit, axis=1))[:, None]
+            step /= np.maximum(1.0, np.max(np.abs(step) / self._scale.limit, axis=1))[:, None]
             x[active] -= step
-            size = np.max(np.abs(step) / np.maximum(scale, 1e-3 * np.abs(x[active])), axis=1)
-            done = (size < 1e-11) & (np.max(np.abs(g), axis=(1, 2)) < self._gap)
+            size = np.max(np.abs(step) / np.maximum(self._scale.size, 1e-3 * np.abs(x[active])), axis=1)
+            done = (size < 1e-11) & (np.max(np.abs(gap), axis=(1, 2)) < self._scale.gap)
             good[active[done]] = True
             active = active[~done & np.isfinite(size)]
             if not len(active):
@@ -124,10 +119,10 @@ class Predictor:
     def _continue(
         self, x: Array, good: Mask, p: Array, origin: NDArray[np.intp] | None, steps: int = 8
     ) -> None:
-        """Follow the rows that are not good from the row ``origin`` names, or from zero readings."""
+        """Follow the rows that are not good from the row ``origin`` names, or from home."""
         rows = np.flatnonzero(~good)
         here = np.tile(self.model.home, (len(rows), 1)) if origin is None else x[origin]
-        first = np.zeros_like(self.q[rows]) if origin is None else self.q[origin]
+        first = np.tile(self.model.q_home, (len(rows), 1)) if origin is None else self.q[origin]
         reached = np.zeros(len(rows), dtype=bool)
         for fraction in np.linspace(0.0, 1.0, steps + 1):
             q = first + fraction * (self.q[rows] - first)
@@ -210,18 +205,6 @@ def _nearest(q: Array, good: Mask) -> NDArray[np.intp]:
     span = np.ptp(q, axis=0)
     scaled = q / np.where(span > 0, span, 1.0)
     return np.flatnonzero(good)[cKDTree(scaled[good]).query(scaled[~good])[1]]
-
-
-def _coordinate_scales(machine: Machine, size: int) -> tuple[Array, Array]:
-    """Natural size of each unknown of the closed loops (mm, rad, N) and the largest step Newton may take."""
-    mechanism = machine.mechanism
-    lengths = [abs(p.nominal) for p in mechanism.parameters if p.unit == "mm"]
-    reach = max([1.0, *lengths, *(abs(v) for joint in mechanism.passive for v in joint.home)])
-    slides = {"prismatic": [True], "free": 3 * [True] + 3 * [False]}
-    kinds = [slide for j in mechanism.passive for slide in slides.get(j.kind, COORDINATES[j.kind] * [False])]
-    forces = size - len(kinds)
-    scale = np.array([reach if slide else 1.0 for slide in kinds] + forces * [1.0])
-    return scale, np.concatenate([0.2 * scale[: len(kinds)], np.full(forces, np.inf)])
 
 
 def _origin(recording: Recording) -> NDArray[np.intp]:

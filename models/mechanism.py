@@ -84,7 +84,8 @@ class Actuator:
     """What a reading drives: displacement = offset + gain * reading of joint (or rod) ``drives``.
 
     ``unit`` is that of the displacement (mm or rad), ``reading_unit`` that of the column (mm, rad, turn).
-    ``range`` limits readings; gear ratio and pitch (mm) tell effects what turns inside.
+    ``range`` limits readings; gear ratio and pitch (mm) tell effects what turns inside; ``home`` is the reading
+    from which the assembly of closed loops is followed.
     """
 
     reading: str
@@ -96,6 +97,7 @@ class Actuator:
     range: tuple[float, float] | None = None
     gear_ratio: float | None = None
     screw_pitch: float | None = None
+    home: float | None = None
 
     @property
     def displacement(self) -> str:

@@ -23,7 +23,8 @@ from truepose.models.effects.base import (
     Site,
     effects,
 )
-from truepose.models.kinematics import SymbolicModel, load_scale, symbolic_model
+from truepose.models.kinematics import SymbolicModel, symbolic_model
+from truepose.models.statics import load_scale
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine, Mass
 from truepose.models.units import parse_unit

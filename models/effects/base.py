@@ -63,7 +63,7 @@ class Site:
 
     def displacement(self, reading: str) -> ca.SX:
         """Displacement of a joint before the effect, mm or rad."""
-        from truepose.models.kinematics import displacement_of
+        from truepose.models.assembly import displacement_of
 
         return displacement_of(self.machine, reading, self.values, self.q)
 

@@ -1,0 +1,197 @@
+"""Bodies placed for given parameters and readings: poses, loop closure, potential energy of gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from truepose.models import lie
+from truepose.models.machine import PAYLOAD, Machine
+from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Step
+
+MM_PER_M = 1000.0
+_TURNS = {"rx": lie.rot_x, "ry": lie.rot_y, "rz": lie.rot_z}
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Bodies placed for given port values: poses, closure residual, potential energy of load cases (N mm)."""
+
+    bodies: Mapping[str, ca.SX]
+    closure: ca.SX
+    gap: ca.SX
+    tool: ca.SX
+    energies: Mapping[str, ca.SX]
+
+
+def assemble(
+    machine: Machine, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX], z: Mapping[str, ca.SX], x: ca.SX
+) -> Assembly:
+    """Place every body: ``values`` of parameters and ports, readings ``q``, drivers ``z``, passive ``x``."""
+    mechanism = machine.mechanism
+    displacement = {a.drives: displacement_of(machine, a.reading, values, q) for a in mechanism.actuators}
+    passive, offset = {}, 0
+    for joint in mechanism.passive:
+        size = COORDINATES[joint.kind]
+        passive[joint.name] = x[offset : offset + size]
+        offset += size
+    bodies = {BASE: _motion(values, "base")}
+    for joint in mechanism.tree:
+        bodies[joint.child] = bodies[joint.parent] @ _joint(joint, values, displacement, passive)
+    closure = [_closing(joint, bodies, values, displacement) for joint in mechanism.closing]
+    for rod in mechanism.rods:
+        a, b = _end(bodies[rod.body_a], rod.point_a, values), _end(bodies[rod.body_b], rod.point_b, values)
+        length = displacement[rod.name] if rod.length is None else values[rod.length]
+        # (|d|^2 - l^2) / 2l: its derivative by l is -1 at closure, so its multiplier is the rod's tension
+        closure.append((ca.sumsqr(b - a) - length**2) / (2 * length))
+    tool = ca.mtimes([bodies[mechanism.flange], _motion(values, "tool"), frame_of(values, "tool")])
+    gap = ca.vertcat(*closure) if closure else ca.SX(0, 1)
+    square = _least_squares(gap, x) if gap.numel() > x.numel() else gap
+    return Assembly(bodies, square, gap, tool, _energies(machine, bodies, tool, z))
+
+
+def _least_squares(gap: ca.SX, x: ca.SX) -> ca.SX:
+    """(nx,) zero where overconstrained loops close best: the gap across each column of its Jacobian, mm."""
+    by_x = ca.jacobian(gap, x)
+    columns = [by_x[:, k] for k in range(x.numel())]
+    return ca.vertcat(*(ca.dot(column, gap) / ca.norm_2(column) for column in columns))
+
+
+def displacement_of(
+    machine: Machine, reading: str, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX]
+) -> ca.SX:
+    """offset + gain * reading + what effects add, in mm or rad."""
+    actuator = machine.mechanism.actuator(reading)
+    gain = values[actuator.gain] if actuator.gain else 1
+    offset = values[actuator.offset] if actuator.offset else 0
+    return offset + gain * q[reading] + values[actuator.displacement]
+
+
+def _energies(
+    machine: Machine, bodies: Mapping[str, ca.SX], tool: ca.SX, z: Mapping[str, ca.SX]
+) -> dict[str, ca.SX]:
+    """Potential energy of gravity for each load case, N mm (only differences matter)."""
+    if machine.gravity is None:
+        return {}
+    gravity = ca.DM(machine.gravity)
+    out = {}
+    for case in machine.load_cases:
+        if case:  # 1 kg at the origin of a body
+            frame = tool if case == "tool|" else bodies[case.removesuffix("|")]
+            out[case] = -ca.dot(gravity, frame[:3, 3])
+            continue
+        out[case] = ca.SX(0)
+        for mass in machine.masses:
+            frame = tool if mass.body == "tool" else bodies[mass.body]
+            kg = z[PAYLOAD] if mass.name == PAYLOAD and PAYLOAD in z else mass.kg
+            out[case] -= kg * ca.dot(gravity, _point(frame, list(mass.com)))
+    return out
+
+
+def _joint(
+    joint: Joint, values: Mapping[str, ca.SX], displacement: Mapping[str, ca.SX], passive: Mapping[str, ca.SX]
+) -> ca.SX:
+    """Parent to child: placement, motion, error motion."""
+    out = ca.SX.eye(4)
+    for step in joint.placement:
+        out = out @ _step(step, values[step.parameter])
+    if joint.name in displacement:
+        return ca.mtimes([out, _moved(joint, displacement[joint.name], values), _motion(values, joint.name)])
+    if joint.name in passive:
+        return out @ _moved(joint, passive[joint.name], values)
+    return out
+
+
+def _moved(joint: Joint, coordinate: ca.SX, values: Mapping[str, ca.SX]) -> ca.SX:
+    if joint.kind == "universal":
+        return lie.rot_x(coordinate[0]) @ lie.rot_y(coordinate[1])
+    if joint.kind == "spherical":
+        return lie.transform(lie.mrp_rotation(coordinate), ca.SX.zeros(3, 1))
+    if joint.kind == "free":
+        return lie.transform(lie.mrp_rotation(coordinate[3:]), coordinate[:3])
+    axis = _axis(joint, values)
+    if joint.kind == "prismatic":
+        return lie.transform(ca.SX.eye(3), axis * coordinate)
+    if joint.axis == (0.0, 0.0, 1.0):
+        return lie.rot_z(coordinate)
+    return lie.transform(lie.axis_rotation(axis, coordinate), ca.SX.zeros(3, 1))
+
+
+def _axis(joint: Joint, values: Mapping[str, ca.SX]) -> ca.SX:
+    if not isinstance(joint.axis, Direction):
+        return ca.SX(ca.DM(joint.axis))
+    known = [values[name] for name in joint.axis.components if name is not None]
+    third = joint.axis.sign * ca.sqrt(1 - sum(v**2 for v in known))
+    return ca.vertcat(*(third if name is None else values[name] for name in joint.axis.components))
+
+
+def _closing(
+    joint: Joint, bodies: Mapping[str, ca.SX], values: Mapping[str, ca.SX], displacement: Mapping[str, ca.SX]
+) -> ca.SX:
+    """Closure residual of a joint that closes a loop: what of the relative pose its kind forbids."""
+    frame = bodies[joint.parent]
+    for step in joint.placement:
+        frame = frame @ _step(step, values[step.parameter])
+    if joint.name in displacement:
+        frame = frame @ _moved(joint, displacement[joint.name], values)
+    child = bodies[joint.child]
+    gap = frame[:3, :3].T @ (child[:3, 3] - frame[:3, 3])
+    turn = frame[:3, :3].T @ child[:3, :3]
+    if joint.kind == "spherical":
+        return gap
+    if joint.kind == "universal":
+        return ca.vertcat(gap, MM_PER_M * turn[0, 1])  # the cross's axes stay perpendicular
+    if joint.kind == "fixed" or joint.name in displacement:
+        return ca.vertcat(gap, MM_PER_M * lie.vee(turn))
+    axis, across = _axis(joint, values), _across(joint)
+    if joint.kind == "revolute":
+        return ca.vertcat(gap, MM_PER_M * (across @ ca.cross(axis, turn @ axis)))
+    return ca.vertcat(across @ ca.cross(axis, gap), MM_PER_M * lie.vee(turn))
+
+
+def _across(joint: Joint) -> ca.SX:
+    """Two rows (2, 3) across the joint's nominal axis, or across its largest component where it may turn."""
+    if isinstance(joint.axis, Direction):
+        axis = [float(name is None) for name in joint.axis.components]
+    else:
+        axis = list(joint.axis)
+    return ca.SX(ca.DM(np.linalg.svd(np.reshape(axis, (1, 3)))[2][1:]))
+
+
+def _step(step: Step, value: ca.SX) -> ca.SX:
+    if step.kind in _TURNS:
+        return _TURNS[step.kind](value)
+    at = "xyz".index(step.kind[1])
+    return lie.translation(*(value if k == at else ca.SX(0) for k in range(3)))
+
+
+def _motion(values: Mapping[str, ca.SX], frame: str) -> ca.SX:
+    """Small error motion of a frame; smooth at zero, where it is the identity."""
+    if f"{frame}.motion.x" not in values:
+        return ca.SX.eye(4)
+    return lie.rpy_transform(
+        [values[f"{frame}.motion.{a}"] for a in AXES[:3]], [values[f"{frame}.motion.{a}"] for a in AXES[3:]]
+    )
+
+
+def frame_of(values: Mapping[str, ca.SX], frame: str) -> ca.SX:
+    """Pose of ``base`` or ``tool`` in the frame it stands in (rpy angles)."""
+    return lie.rpy_transform(
+        [values[f"{frame}.{a}"] for a in AXES[:3]], [values[f"{frame}.{a}"] for a in AXES[3:]]
+    )
+
+
+def _point(frame: ca.SX, point: Sequence[ca.SX | float]) -> ca.SX:
+    return frame[:3, :3] @ ca.vertcat(*(ca.SX(v) for v in point)) + frame[:3, 3]
+
+
+def _end(frame: ca.SX, point: tuple[str, str, str] | None, values: Mapping[str, ca.SX]) -> ca.SX:
+    return frame[:3, 3] if point is None else _point(frame, [values[name] for name in point])
+
+
+def symbols(prefix: str, names: Sequence[str]) -> dict[str, ca.SX]:
+    """One scalar symbol a name."""
+    return {name: ca.SX.sym(f"{prefix}{name}") for name in names}

@@ -1,0 +1,101 @@
+"""Where the solution of closed loops starts: the assembly nearest to the home that the machine file gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.models.machine import Machine
+from truepose.models.mechanism import COORDINATES, Mechanism
+
+Array = NDArray[np.float64]
+STRAINED = 1e-3
+"""Loops with more equations than unknowns close by least squares, when no gap exceeds this part of the
+machine's size: as built they are strained a little."""
+_NEWTON = 200
+_STARTS = 60
+_SPREAD = 0.3
+"""rad, and parts of the reach, by which further starts leave the given home: it may be a singular pose."""
+
+
+@dataclass(frozen=True)
+class CoordinateScale:
+    """Natural size (nx,) of each unknown of the closed loops (mm, rad, N) and the longest step towards it.
+
+    ``gap`` is the largest closure residual (mm) at which loops count as closed.
+    """
+
+    size: Array
+    limit: Array
+    gap: float
+
+
+def coordinate_scale(machine: Machine, unknowns: int, equations: int) -> CoordinateScale:
+    """Scales for ``unknowns`` (the passive coordinates, then forces) of loops with so many ``equations``."""
+    mechanism = machine.mechanism
+    lengths = [abs(p.nominal) for p in mechanism.parameters if p.unit == "mm"]
+    reach = max([1.0, *lengths, *(abs(v) for joint in mechanism.passive for v in joint.home)])
+    slides = {"prismatic": [True], "free": 3 * [True] + 3 * [False]}
+    kinds = [slide for j in mechanism.passive for slide in slides.get(j.kind, COORDINATES[j.kind] * [False])]
+    forces = unknowns - len(kinds)
+    size = np.array([reach if slide else 1.0 for slide in kinds] + forces * [1.0])
+    limit = np.concatenate([0.2 * size[: len(kinds)], np.full(forces, np.inf)])
+    strained = equations > len(kinds)
+    return CoordinateScale(size, limit, STRAINED * reach if strained else np.inf)
+
+
+def home_readings(mechanism: Mechanism) -> Array:
+    """(nq,) readings at home: what the file says, else zero, or mid-range where zero is out of range."""
+    out = []
+    for actuator in mechanism.actuators:
+        low, high = actuator.range or (-np.inf, np.inf)
+        inside = 0.0 if low <= 0.0 <= high else (low + high) / 2
+        out.append(inside if actuator.home is None else actuator.home)
+    return np.array(out, dtype=float)
+
+
+def closed_home(closure: ca.Function, given: Array, scale: CoordinateScale) -> Array | None:
+    """(nx,) an assembly near ``given``; ``closure`` maps x to (equations, their Jacobian, gaps).
+
+    Starts further and further from home follow where Newton's method finds none, the same ones every time;
+    of those that close, the one nearest to home counts. None when none closes.
+    """
+    found = _newton(closure, given, scale)
+    if found is not None or not len(given):
+        return given if found is None else found
+    rng = np.random.default_rng(0)
+    best: tuple[float, Array] | None = None
+    moved = np.isfinite(scale.limit)
+    for k in range(_STARTS):
+        spread = _SPREAD * (1 + 3 * k / _STARTS)
+        start = given + np.where(moved, spread * scale.size * rng.uniform(-1, 1, len(given)), 0.0)
+        found = _newton(closure, start, scale)
+        if found is None:
+            continue
+        away = float(np.linalg.norm(((found - given) / scale.size)[moved]))
+        if best is None or away < best[0]:
+            best = (away, found)
+    return None if best is None else best[1]
+
+
+def _newton(closure: ca.Function, start: Array, scale: CoordinateScale) -> Array | None:
+    x = start.astype(float)
+    for _ in range(_NEWTON):
+        g, gx, gap = (np.asarray(v, dtype=float) for v in closure(x))
+        if not np.isfinite(gx).all() or np.linalg.matrix_rank(gx) < len(x):
+            return None
+        step = np.linalg.lstsq(gx, g[:, 0], rcond=None)[0]
+        longest = np.max(np.abs(step) / scale.limit, initial=0.0)
+        x = x - step / max(1.0, float(longest))
+        size = np.max(np.abs(step) / np.maximum(scale.size, 1e-3 * np.abs(x)), initial=0.0)
+        if not np.isfinite(size):
+            return None
+        if size < 1e-11:
+            return x if np.max(np.abs(gap), initial=0.0) < scale.gap else None
+    return None
+
+
+__all__ = ["STRAINED", "CoordinateScale", "closed_home", "coordinate_scale", "home_readings"]

@@ -1,0 +1,77 @@
+"""Gravity's loads at ports: minus the derivative of the potential energy, through closed loops too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+
+from truepose.models.assembly import MM_PER_M, assemble, symbols
+from truepose.models.machine import Machine
+
+
+@dataclass(frozen=True)
+class Statics:
+    """Gravity's potential (N mm) as a function of the ports, which are symbols of their own.
+
+    In closed loops ``forces`` are the closure's multipliers, unknowns that ``balance`` determines.
+    """
+
+    machine: Machine
+    ports: Mapping[str, ca.SX]
+    x: ca.SX
+    forces: ca.SX
+    potentials: Mapping[str, ca.SX]
+
+    @classmethod
+    def of(
+        cls,
+        machine: Machine,
+        names: Iterable[str],
+        q: Mapping[str, ca.SX],
+        z: Mapping[str, ca.SX],
+        x: ca.SX,
+    ) -> Statics:
+        """Potential of a machine whose ports are ``names``."""
+        ports = symbols("u", list(names))
+        raw = assemble(machine, ports, q, z, x)
+        count = raw.closure.numel()
+        forces = ca.SX.sym("force", count) if count else ca.SX(0, 1)
+        work = ca.dot(forces, raw.closure)
+        return cls(machine, ports, x, forces, {case: energy + work for case, energy in raw.energies.items()})
+
+    def loads(self, values: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        """Conjugate gravity load of every port, by load case and name: N along lengths, N m about angles."""
+        out: dict[str, ca.SX] = {}
+        for case, potential in self.potentials.items():
+            force = self._at(values, -ca.gradient(potential, ca.vertcat(*self.ports.values())))
+            out |= {
+                f"{case}{name}": force[k] / load_scale(self.machine, name)
+                for k, name in enumerate(self.ports)
+            }
+        return out
+
+    def balance(self, values: Mapping[str, ca.SX]) -> ca.SX:
+        """(nx,) zero when the forces hold the passive coordinates where they are."""
+        if not self.forces.numel():
+            return self.forces
+        return self._at(values, ca.gradient(self.potentials[""], self.x))
+
+    def _at(self, values: Mapping[str, ca.SX], expression: ca.SX) -> ca.SX:
+        symbols = ca.vertcat(*self.ports.values())
+        out: ca.SX = ca.substitute(expression, symbols, ca.vertcat(*(values[name] for name in self.ports)))
+        return out
+
+
+def load_scale(machine: Machine, port: str) -> float:
+    """N mm a unit of the port, by the unit a load is told in: N along lengths, N m about angles."""
+    return 1.0 if _is_length(machine, port) else MM_PER_M
+
+
+def _is_length(machine: Machine, port: str) -> bool:
+    if port in machine.geometry:
+        return machine.geometry[port].unit != "rad"
+    if port.endswith(".displacement"):
+        return machine.mechanism.actuator(port.rsplit(".", 1)[0]).unit == "mm"
+    return not port.rsplit(".", 1)[-1].startswith("r")
