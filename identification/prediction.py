@@ -7,7 +7,6 @@ follow from the implicit function theorem, dx/dp = -(dg/dx)^-1 dg/dp, never from
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -16,37 +15,20 @@ from scipy.spatial import cKDTree
 
 from truepose.codegen.batch import BatchFunction
 from truepose.errors import InputError
+from truepose.identification.readings import Block, SensorFunctions, joined
 from truepose.identification.recording import Recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
-from truepose.models.sensors.base import Channel, Sensor
+from truepose.models.sensors.base import Channel, Comparison, Rows
 from truepose.models.statics import load_scale
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _MAX_NEWTON = 40
 _BLOCK = 1024
-
-
-@dataclass(frozen=True)
-class Block:
-    """Some rows: residuals whitened by sigma (n, m) and their derivative (n, m, np) by p at the row itself.
-
-    Where a sensor reads the change since another row, ``before`` is the derivative by p at that row.
-    """
-
-    rows: slice
-    residual: Array
-    here: Array
-    before: Array | None
-
-    @property
-    def jacobian(self) -> Array:
-        """(n, m, np) derivative of the residual by p."""
-        return self.here if self.before is None else self.here - self.before
 
 
 class Predictor:
@@ -74,7 +56,7 @@ class Predictor:
         outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
         outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
         self._kinematics = BatchFunction("kinematics", inputs, outputs)
-        self._sensors = [_SensorFunctions(sensor, m.names) for sensor in machine.sensors]
+        self._sensors = [SensorFunctions(sensor, m.names) for sensor in machine.sensors]
         self.origin = _origin(recording) if any(s.differs_from_row for s in machine.sensors) else None
         self._scale = coordinate_scale(machine, len(m.home), m.gap.numel())
 
@@ -136,23 +118,32 @@ class Predictor:
             x, good = self.assemble(p)
         return self._pose(x, self.q, self.z, p)[0], good
 
-    def blocks(self, p: Array, x: Array) -> Iterator[Block]:
-        """Whitened residuals and exact Jacobians, some rows at a time, so that memory stays flat."""
-        step = len(self.q) if any(s.differs_from_row for s in self.machine.sensors) else _BLOCK
+    def blocks(self, p: Array, x: Array, counted: Mask | None = None) -> Iterator[Block]:
+        """Whitened residuals and exact Jacobians, some rows at a time, so that memory stays flat.
+
+        ``counted`` are the rows that set a level which compared rows share; by default those not for validation.
+        """
+        comparisons = self.comparisons(counted)
+        step = _BLOCK if all(c is None for c in comparisons) else len(self.q)
         for start in range(0, len(self.q), max(step, 1)):
             rows = slice(start, min(start + step, len(self.q)))
             pose, twist = self._total(rows, p, x)
-            parts = [f.residual(pose, twist, p, self.recording, rows, self.origin) for f in self._sensors]
-            here = np.concatenate([part[1] for part in parts], axis=1)
-            earlier = [np.zeros_like(part[1]) if part[2] is None else part[2] for part in parts]
-            before = np.concatenate(earlier, axis=1) if any(part[2] is not None for part in parts) else None
-            yield Block(rows, np.concatenate([part[0] for part in parts], axis=1), here, before)
+            pairs = zip(self._sensors, comparisons, strict=True)
+            yield joined(rows, [f.block(pose, twist, p, self.recording, rows, c) for f, c in pairs])
+
+    def comparisons(self, counted: Mask | None = None) -> list[Comparison | None]:
+        """How each sensor compares rows; None where each reading depends on its own row alone."""
+        rows = Rows(
+            self.origin, self.recording.labels, ~self.recording.validation if counted is None else counted
+        )
+        return [sensor.comparison(rows) for sensor in self.machine.sensors]
 
     def columns(self, p: Array, x: Array) -> tuple[list[str], Array, Array, Array]:
         """Column names, predicted values (n, k), their Jacobian (n, k, np) and poses (n, 4, 4)."""
         pose, twist = self._total(slice(0, len(self.q)), p, x)
         names = [name for s in self.machine.sensors for name in s.columns]
-        parts = [f.prediction(pose, twist, p, self.origin) for f in self._sensors]
+        pairs = zip(self._sensors, self.comparisons(), strict=True)
+        parts = [f.prediction(pose, twist, p, c) for f, c in pairs]
         return names, np.hstack([v for v, _ in parts]), np.concatenate([j for _, j in parts], axis=1), pose
 
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
@@ -221,75 +212,6 @@ def _origin(recording: Recording) -> NDArray[np.intp]:
             f"{lost}: column 'from': found a row that was left out, expected it among the rows used"
         )
     return origin
-
-
-class _SensorFunctions:
-    """One sensor as functions of the pose: residuals whitened by sigma, predictions, and their Jacobians."""
-
-    def __init__(self, sensor: Sensor, names: Sequence[str]) -> None:
-        self.sensor = sensor
-        own = [parameter.name for parameter in sensor.parameters]
-        self._own = np.array([names.index(name) for name in own], dtype=int)
-        self._sigma = np.array([channel.sigma for channel in sensor.channels])
-        world, small = ca.SX.sym("world", 4, 4), ca.SX.sym("twist", 6)
-        s, y = {name: ca.SX.sym(name) for name in own}, ca.SX.sym("y", len(sensor.columns))
-        moved = lie.transform(world[:3, :3] + lie.skew(small[3:]) @ world[:3, :3], world[:3, 3] + small[:3])
-        constants = ca.vertcat(*s.values()) if s else ca.SX(0, 1)
-        predicted, residual = sensor.predict(moved, s), sensor.residual(moved, s, y)
-        self._predict = self._function("predict", predicted, world, constants, y, small)
-        self._residual = self._function("residual", residual, world, constants, y, small)
-
-    @staticmethod
-    def _function(
-        name: str, value: ca.SX, world: ca.SX, constants: ca.SX, y: ca.SX, small: ca.SX
-    ) -> BatchFunction:
-        outputs = [value, ca.jacobian(value, small), ca.jacobian(value, constants)]
-        still = [ca.substitute(output, small, ca.SX.zeros(6)) for output in outputs]
-        return BatchFunction(name, [ca.vec(world), constants, y], still)
-
-    def residual(
-        self,
-        pose: Array,
-        twist: Array,
-        p: Array,
-        recording: Recording,
-        rows: slice,
-        origin: NDArray[np.intp] | None,
-    ) -> tuple[Array, Array, Array | None]:
-        """(n, m) whitened residuals, their (n, m, np) Jacobian at the row and for a change at its origin."""
-        y = np.column_stack([recording.readings[c][rows] for c in self.sensor.columns])
-        value, jacobian = self._evaluate(self._residual, pose, twist, p, y)
-        if not self.sensor.differs_from_row or origin is None:
-            return value / self._sigma, jacobian / self._sigma[:, None], None
-        before, by_p = self._reference(pose, twist, p, origin)
-        return (value - before) / self._sigma, jacobian / self._sigma[:, None], by_p / self._sigma[:, None]
-
-    def prediction(
-        self, pose: Array, twist: Array, p: Array, origin: NDArray[np.intp] | None
-    ) -> tuple[Array, Array]:
-        """(n, k) column values and their (n, k, np) Jacobian."""
-        y = np.zeros((len(pose), len(self.sensor.columns)))
-        value, jacobian = self._evaluate(self._predict, pose, twist, p, y)
-        if self.sensor.differs_from_row and origin is not None:
-            before, by_p = self._reference(pose, twist, p, origin)
-            return value - before, jacobian - by_p
-        return self.sensor.values(pose, value), jacobian
-
-    def _reference(
-        self, pose: Array, twist: Array, p: Array, origin: NDArray[np.intp]
-    ) -> tuple[Array, Array]:
-        y = np.zeros((len(pose), len(self.sensor.columns)))
-        value, jacobian = self._evaluate(self._predict, pose, twist, p, y)
-        return value[origin], jacobian[origin]
-
-    def _evaluate(
-        self, function: BatchFunction, pose: Array, twist: Array, p: Array, y: Array
-    ) -> tuple[Array, Array]:
-        flat = pose.transpose(0, 2, 1).reshape(len(pose), 16)
-        value, by_twist, by_own = function(flat, p[self._own], y)
-        jacobian = by_twist @ twist
-        jacobian[:, :, self._own] += by_own
-        return value[..., 0], jacobian
 
 
 def _twist_rows(world: ca.SX) -> ca.SX:

@@ -20,7 +20,7 @@ from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 from truepose.models.machine_file import write_machine
-from truepose.models.mechanism import Direction
+from truepose.models.mechanism import AXES, Direction
 from truepose.models.parameters import Parameter
 from truepose.models.units import UnitSystem
 
@@ -41,6 +41,8 @@ def calibrated_document(estimate: Estimate, recording: Recording) -> dict[str, A
     if machine.file is None:
         raise InputError(f"{machine.name}: found a machine without a file, expected one read by load_machine")
     document: dict[str, Any] = _unshared(machine.file.raw)
+    if machine.mechanism.expanded is not None:
+        _expand(document, machine)
     values = dict(zip(estimate.prior.names, estimate.p.tolist(), strict=True))
     free = [parameter for parameter in machine.parameters if parameter.free]
     for parameter in free:
@@ -56,6 +58,23 @@ def calibrated_document(estimate: Estimate, recording: Recording) -> dict[str, A
     document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
     document["sessions"] = list(recording.sessions)
     return document
+
+
+def _expand(document: dict[str, Any], machine: Machine) -> None:
+    """The mechanism as the graph that its form is short for; a tool frame that the form implies is written out."""
+    assert machine.file is not None
+    document["mechanism"] = _unshared(machine.mechanism.expanded)
+    if machine.file.frames.tool.present or not machine.mechanism.tool_length:
+        return
+    frames = document.setdefault("frames", {})
+    geometry = machine.geometry
+    tool: dict[str, Any] = {"in": "flange", "xyz": [0.0] * 3, "rpy": [0.0] * 3}
+    tolerance: dict[str, list[float]] = {"xyz": [0.0] * 3, "rpy": [0.0] * 3}
+    for k, axis in enumerate(AXES):
+        part, parameter = "xyz" if k < 3 else "rpy", geometry[f"tool.{axis}"]
+        tool[part][k % 3] = in_file_units(parameter, parameter.nominal, machine.file.units)
+        tolerance[part][k % 3] = in_file_units(parameter, parameter.tolerance, machine.file.units)
+    frames["tool"] = {**tool, "tolerance": tolerance}
 
 
 def in_file_units(parameter: Parameter, value: float, units: UnitSystem) -> float:

@@ -11,7 +11,14 @@ from truepose.models.builders.base import builders
 from truepose.models.context import BuildContext
 from truepose.models.effects.base import Place, PlacedEffect, effects
 from truepose.models.machine import FRAMES, Machine, Mass, body_of
-from truepose.models.machine_file import EffectSpec, MachineFile, MassSpec, read_machine
+from truepose.models.machine_file import (
+    EffectSpec,
+    FrameSpec,
+    FrameTolerance,
+    MachineFile,
+    MassSpec,
+    read_machine,
+)
 from truepose.models.mechanism import Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Sensor, sensors
@@ -32,7 +39,7 @@ def build_machine(file: MachineFile) -> Machine:
     machine = Machine(
         name=file.name,
         mechanism=mechanism,
-        frames=_frames(file),
+        frames=_frames(file, mechanism),
         sensors=_sensors(file),
         gravity=file.gravity,
         masses=tuple(_mass(mechanism, mass, file) for mass in file.masses),
@@ -40,7 +47,6 @@ def build_machine(file: MachineFile) -> Machine:
         file=file,
     )
     _check_names(machine, file)
-    _check_flange(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]
     return replace(machine, effects=tuple(placed))
 
@@ -70,6 +76,7 @@ def resolve_place(machine: Machine, place: Place, known: Sequence[Place]) -> Pla
     """
     other = {limb.name: limb.reading for limb in machine.mechanism.limbs}
     other |= {reading: limb for limb, reading in other.items()}
+    other |= {f"leg{k}": limb.name for k, limb in enumerate(machine.mechanism.limbs, start=1)}
     names = {name for each in known for name in each}
     return tuple(name if name in names else other.get(name, name) for name in place)
 
@@ -90,10 +97,12 @@ def _mass(mechanism: Mechanism, mass: MassSpec, file: MachineFile) -> Mass:
     return Mass(mass.name, mass.kg, mass.com, body)
 
 
-def _frames(file: MachineFile) -> tuple[Parameter, ...]:
+def _frames(file: MachineFile, mechanism: Mechanism) -> tuple[Parameter, ...]:
     out = []
     for frame in FRAMES:
         spec = file.frames.base if frame == "base" else file.frames.tool
+        if frame == "tool" and not spec.present and mechanism.tool_length:
+            spec = _own_tool(file, mechanism.tool_length)
         parts = (
             ("", "mm", "xyz", spec.xyz, spec.tolerance.xyz),
             ("r", "rad", "rpy", spec.rpy, spec.tolerance.rpy),
@@ -105,6 +114,12 @@ def _frames(file: MachineFile) -> tuple[Parameter, ...]:
                 tolerance = tolerances[k] if override is None else override
                 out.append(Parameter(name, unit, values[k], tolerance, "frame", ("frames", frame, part, k)))
     return tuple(out)
+
+
+def _own_tool(file: MachineFile, length: float) -> FrameSpec:
+    """The tool frame that a mechanism's form implies: as well known as its other lengths and angles."""
+    tolerance = FrameTolerance((file.tolerances.length,) * 3, (file.tolerances.angle,) * 3)
+    return FrameSpec("flange", (0.0, 0.0, length), tolerance=tolerance)
 
 
 def _sensors(file: MachineFile) -> tuple[Sensor, ...]:
@@ -125,15 +140,3 @@ def _check_names(machine: Machine, file: MachineFile) -> None:
             "expected every joint, leg and target to have its own name"
         )
     file.tolerances.check(names)
-
-
-def _check_flange(machine: Machine, file: MachineFile) -> None:
-    """A sensor sees the tool frame: one that is fixed to the flange needs the two to be the same."""
-    tool = [p for p in machine.frames if p.name.startswith("tool.")]
-    apart = next((p for p in tool if p.nominal != 0.0 or p.free), None)
-    on_flange = next((sensor for sensor in machine.sensors if sensor.on_flange), None)
-    if apart and on_flange:
-        raise InputError(
-            f"{file.path}: sensor: found {on_flange.type} with its mirror in the flange, and {apart.name} "
-            "that is not exactly 0; expected `mirror: {in: tool}`, or no frames.tool"
-        )

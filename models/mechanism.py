@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from truepose.errors import InputError
 from truepose.models.parameters import Parameter
@@ -123,6 +123,9 @@ class Mechanism:
     ``lengths`` says which ports heat up together at a place (``base``, ``link2``, ``leg1``, ``platform``).
     ``limbs`` are the legs, for effects on legs and platform. ``flange`` is the body that carries the tool.
     ``flexure_length`` (mm) is given where joints are flexures: they bend what they are fixed to.
+    ``expanded`` is the section of the same mechanism as a graph, in the file's units, where the file's own
+    form has no field for every parameter; ``tool_length`` (mm) is how far along the flange's z the tool frame
+    stands where the file gives none.
     """
 
     parameters: tuple[Parameter, ...]
@@ -134,6 +137,8 @@ class Mechanism:
     lengths: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     platform: str | None = None
     flexure_length: float | None = None
+    expanded: Mapping[str, Any] | None = None
+    tool_length: float = 0.0
 
     @property
     def tree(self) -> tuple[Joint, ...]:

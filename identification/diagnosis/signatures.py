@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from truepose.codegen.batch import BatchFunction
 from truepose.identification.estimate import Estimate
-from truepose.identification.prediction import Block, Predictor
+from truepose.identification.prediction import Predictor
+from truepose.identification.readings import Block
 from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
@@ -111,11 +112,8 @@ class Signatures:
         if order is not None:
             shifts = shifts[order]
         place = {name: k for k, name in enumerate(predictor.model.names)}
-        for block in predictor.blocks(p, x):
-            signature = self._apply(block.here, shifts[block.rows], place)
-            if block.before is not None and predictor.origin is not None:
-                signature -= self._apply(block.before, shifts[predictor.origin[block.rows]], place)
-            yield block.rows, block, signature
+        for block in predictor.blocks(p, x, fit.used):
+            yield block.rows, block, block.changes(self._apply(block.here, shifts[block.rows], place))
 
     def _apply(self, jacobian: Array, shifts: Array, place: dict[str, int]) -> Array:
         out = np.zeros((*jacobian.shape[:2], self.width))

@@ -15,7 +15,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.models import lie
 from truepose.models.context import BuildContext
+from truepose.models.mechanism import AXES
 from truepose.models.parameters import Parameter
 from truepose.models.registry import Registry
 
@@ -34,14 +36,71 @@ class Channel:
     point: str
 
 
+@dataclass(frozen=True)
+class Rows:
+    """What a reading that compares rows may know of them.
+
+    origin (n,): the row that each row's ``from`` names; labels: text columns; counted (n,): rows that are
+    fitted (a level that several rows share comes from these, where there are any).
+    """
+
+    origin: NDArray[np.intp] | None
+    labels: Mapping[str, tuple[str, ...]]
+    counted: NDArray[np.bool_]
+
+
+class Comparison(ABC):
+    """How the predictions of several rows make one reading, with its derivative."""
+
+    unknowns: int = 0
+    """Levels that the rows themselves determine: degrees of freedom that they cost."""
+
+    @abstractmethod
+    def values(self, raw: Array) -> Array:
+        """(n, m) what is compared with the readings, from (n, k) predictions of the single rows."""
+
+    @abstractmethod
+    def changes(self, raw: Array, change: Array) -> Array:
+        """(n, m, w) derivative of ``values`` along (n, k, w) changes of the predictions."""
+
+
+@dataclass(frozen=True)
+class Difference(Comparison):
+    """The prediction here less the one at the row of origin."""
+
+    origin: NDArray[np.intp]
+
+    def values(self, raw: Array) -> Array:
+        """Change since the row of origin."""
+        return raw - raw[self.origin]
+
+    def changes(self, raw: Array, change: Array) -> Array:
+        """Linear: the same difference."""
+        return change - change[self.origin]
+
+
 class Sensor(ABC):
     """An instrument. ``world`` is the 4x4 sensor-frame pose of the tool, ``s`` its parameters in order."""
 
     type: ClassVar[str]
     differs_from_row: ClassVar[bool] = False
     """Whether a reading is the change since the row that ``from`` names."""
-    on_flange: bool = False
-    """Whether the instrument is fixed to the flange, so that the tool frame must coincide with it."""
+    label_columns: ClassVar[tuple[str, ...]] = ()
+    """Text columns that the recording must have for this sensor."""
+
+    @property
+    def compares(self) -> bool:
+        """Whether readings follow from several rows (see ``comparison``)."""
+        return self.differs_from_row
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Further parameters of the machine that ``predict`` reads: ``tool.x`` where it is fixed to the flange."""
+        return ()
+
+    def comparison(self, rows: Rows) -> Comparison | None:
+        """How rows are compared; None where each reading depends on its own row alone."""
+        return Difference(rows.origin) if self.differs_from_row and rows.origin is not None else None
 
     @classmethod
     @abstractmethod
@@ -79,6 +138,16 @@ class Sensor(ABC):
         """(n, n_columns) readings with the instrument's noise."""
         sigma = np.array([channel.sigma for channel in self.channels])
         return values + sigma * rng.standard_normal(values.shape)
+
+
+TOOL = tuple(f"tool.{axis}" for axis in AXES)
+
+
+def flange_of(world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
+    """Pose of the flange from that of the tool, for sensors that read the parameters of ``TOOL``."""
+    tool = lie.rpy_transform([s[name] for name in TOOL[:3]], [s[name] for name in TOOL[3:]])
+    turn = tool[:3, :3].T
+    return world @ lie.transform(turn, -turn @ tool[:3, 3])
 
 
 sensors: Registry[type[Sensor]] = Registry("sensor type", "truepose.models.sensors")

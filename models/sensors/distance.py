@@ -12,7 +12,7 @@ from pydantic import Field
 from truepose.models import lie
 from truepose.models.context import BuildContext
 from truepose.models.parameters import Parameter
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.sensors.base import TOOL, Channel, Sensor, flange_of, sensors
 from truepose.models.units import (
     Angle,
     AngleTolerance,
@@ -106,11 +106,23 @@ class Distance(Sensor):
         """One length."""
         return (Channel("dL", "mm", self.sigma, "distance", "dL"),)
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """The tool frame, where the mirror is fixed to the flange that carries it."""
+        return TOOL if self.on_flange else ()
+
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """Length along the beam's z axis to the mirror's plane, mm."""
         origin = ca.vertcat(s["beam.x"], s["beam.y"], s["beam.z"])
         light = (lie.rot_x(s["beam.rx"]) @ lie.rot_z(s["beam.rz"]))[:3, 2]
         shift = lie.translation(ca.SX(0), ca.SX(0), s["mirror.z"])
-        mirror = ca.mtimes([world, shift, lie.rot_x(s["mirror.rx"]), lie.rot_y(s["mirror.ry"])])
+        mirror = ca.mtimes(
+            [
+                flange_of(world, s) if self.on_flange else world,
+                shift,
+                lie.rot_x(s["mirror.rx"]),
+                lie.rot_y(s["mirror.ry"]),
+            ]
+        )
         normal = mirror[:3, 2]
         return ca.dot(normal, mirror[:3, 3] - origin) / ca.dot(normal, light)

@@ -1,0 +1,127 @@
+"""Sensors over many rows at once: whitened residuals, predicted columns, and their exact derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.codegen.batch import BatchFunction
+from truepose.identification.recording import Recording
+from truepose.models import lie
+from truepose.models.sensors.base import Comparison, Sensor
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some rows: residuals whitened by sigma (n, m) and (n, k, np) the derivative by p of each row's prediction.
+
+    Where a reading compares rows, ``compare`` turns changes (n, k, w) of the rows' predictions into changes
+    (n, m, w) of the residuals; elsewhere the two are the same.
+    """
+
+    rows: slice
+    residual: Array
+    here: Array
+    compare: Callable[[Array], Array] | None = None
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """(n, m, np) derivative of the residual by p."""
+        return self.changes(self.here)
+
+    def changes(self, change: Array) -> Array:
+        """(n, m, w) what changes (n, k, w) of the rows' predictions do to the residuals."""
+        return change if self.compare is None else self.compare(change)
+
+
+def joined(rows: slice, parts: Sequence[Block]) -> Block:
+    """The blocks of several sensors side by side."""
+    residual = np.concatenate([part.residual for part in parts], axis=1)
+    here = np.concatenate([part.here for part in parts], axis=1)
+    if all(part.compare is None for part in parts):
+        return Block(rows, residual, here)
+    ends = np.cumsum([part.here.shape[1] for part in parts])[:-1]
+
+    def compare(change: Array) -> Array:
+        pieces = zip(parts, np.split(change, ends, axis=1), strict=True)
+        return np.concatenate([part.changes(piece) for part, piece in pieces], axis=1)
+
+    return Block(rows, residual, here, compare)
+
+
+class SensorFunctions:
+    """One sensor as functions of the pose of the tool; ``names`` are the entries of p."""
+
+    def __init__(self, sensor: Sensor, names: Sequence[str]) -> None:
+        self.sensor = sensor
+        own = [*(parameter.name for parameter in sensor.parameters), *sensor.reads]
+        self._own = np.array([names.index(name) for name in own], dtype=int)
+        self._sigma = np.array([channel.sigma for channel in sensor.channels])
+        world, small = ca.SX.sym("world", 4, 4), ca.SX.sym("twist", 6)
+        s, y = {name: ca.SX.sym(name) for name in own}, ca.SX.sym("y", len(sensor.columns))
+        moved = lie.transform(world[:3, :3] + lie.skew(small[3:]) @ world[:3, :3], world[:3, 3] + small[:3])
+        inputs = [ca.vec(world), ca.vertcat(*s.values()) if s else ca.SX(0, 1), y]
+        self._predict = _differentiated("predict", sensor.predict(moved, s), inputs, small)
+        if not sensor.compares:
+            self._residual = _differentiated("residual", sensor.residual(moved, s, y), inputs, small)
+
+    def block(
+        self,
+        pose: Array,
+        twist: Array,
+        p: Array,
+        recording: Recording,
+        rows: slice,
+        comparison: Comparison | None,
+    ) -> Block:
+        """Residuals whitened by sigma, with their derivatives; poses (n, 4, 4), twists (n, 6, np) of ``rows``."""
+        columns = [recording.readings[c][rows] for c in self.sensor.columns]
+        y = np.column_stack(columns) if columns else np.zeros((len(pose), 0))
+        if comparison is None:
+            value, jacobian = self._evaluate(self._residual, pose, twist, p, y)
+            return Block(rows, value / self._sigma, jacobian / self._sigma[:, None])
+        raw, jacobian = self._evaluate(self._predict, pose, twist, p, y)
+        values = comparison.values(raw)
+
+        def compare(change: Array) -> Array:
+            return comparison.changes(raw, change) / self._sigma[:, None]
+
+        return Block(rows, (values - y if columns else values) / self._sigma, jacobian, compare)
+
+    def prediction(
+        self, pose: Array, twist: Array, p: Array, comparison: Comparison | None
+    ) -> tuple[Array, Array]:
+        """(n, k) values of the sensor's columns and their (n, k, np) Jacobian."""
+        y = np.zeros((len(pose), len(self.sensor.columns)))
+        value, jacobian = self._evaluate(self._predict, pose, twist, p, y)
+        if not self.sensor.columns:
+            return y, np.zeros((len(pose), 0, len(p)))
+        if comparison is not None:
+            return comparison.values(value), comparison.changes(value, jacobian)
+        return self.sensor.values(pose, value), jacobian
+
+    def _evaluate(
+        self, function: BatchFunction, pose: Array, twist: Array, p: Array, y: Array
+    ) -> tuple[Array, Array]:
+        flat = pose.transpose(0, 2, 1).reshape(len(pose), 16)
+        value, by_twist, by_own = function(flat, p[self._own], y)
+        jacobian = by_twist @ twist
+        jacobian[:, :, self._own] += by_own
+        return value[..., 0], jacobian
+
+
+def _differentiated(name: str, value: ca.SX, inputs: list[ca.SX], small: ca.SX) -> BatchFunction:
+    """The value with its derivatives by a small twist of the pose and by the sensor's constants."""
+    outputs = [value, ca.jacobian(value, small), ca.jacobian(value, inputs[1])]
+    still = [ca.substitute(output, small, ca.SX.zeros(6)) for output in outputs]
+    return BatchFunction(name, inputs, still)
+
+
+__all__ = ["Block", "SensorFunctions", "joined"]

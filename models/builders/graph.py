@@ -1,0 +1,208 @@
+"""Any mechanism, open or closed: bodies and joints; a joint whose child already has a parent closes a loop.
+
+Every joint's frame has six parameters (``J.x ... J.rz``), so that the error model is complete whatever the
+mechanism; many of them are redundant, and tolerances decide how they share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from truepose.errors import InputError
+from truepose.models.builders.base import builders
+from truepose.models.builders.limbs import limbs_of, thermal_lengths
+from truepose.models.context import BuildContext
+from truepose.models.mechanism import BASE, COORDINATES, Actuator, Joint, Mechanism, Step
+from truepose.models.parameters import Parameter
+from truepose.models.units import (
+    AngleVector,
+    Length,
+    LengthVector,
+    Number,
+    Section,
+    Vector,
+    bad_value,
+    close_matches,
+)
+
+_PLACEMENT = (("tx", "x"), ("ty", "y"), ("tz", "z"), ("rz", "rz"), ("ry", "ry"), ("rx", "rx"))
+"""Steps of a joint's frame: Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll)."""
+_ONE_AXIS = ("revolute", "prismatic")
+FLANGE = "flange"
+PLATFORM = "platform"
+
+Home = Annotated[float | tuple[float, ...], Field()]
+
+
+class GraphJoint(Section):
+    """A joint: its frame in the parent (``xyz``, ``rpy``), then its motion about or along ``axis``."""
+
+    name: str = Field(min_length=1)
+    kind: Literal["revolute", "prismatic", "universal", "spherical", "fixed"]
+    parent: str
+    child: str
+    xyz: LengthVector = (0.0, 0.0, 0.0)
+    rpy: AngleVector = (0.0, 0.0, 0.0)
+    axis: Vector = (0.0, 0.0, 1.0)
+    actuated: bool = False
+    offset: Number = 0.0
+    range: tuple[Number, Number] | None = None
+    gear_ratio: Number | None = None
+    screw_pitch: Length | None = None
+
+    @model_validator(mode="after")
+    def _sound(self) -> GraphJoint:
+        if self.range and self.range[0] >= self.range[1]:
+            raise bad_value("range: [low, high] with low < high", self.range)
+        if self.actuated and self.kind not in _ONE_AXIS:
+            raise bad_value("actuated: true on a revolute or prismatic joint only", self.kind)
+        if not any(self.axis):
+            raise bad_value("axis: a direction", self.axis)
+        return self
+
+    @property
+    def dimension(self) -> str:
+        """Dimension of the displacement: ``length`` or ``angle``."""
+        return "length" if self.kind == "prismatic" else "angle"
+
+
+class Graph(Section):
+    """The section ``mechanism`` of a graph; ``limbs`` may name the limb of an actuated joint."""
+
+    type: Literal["graph"]
+    bodies: tuple[str, ...]
+    joints: tuple[GraphJoint, ...]
+    home: dict[str, Home] = Field(default_factory=dict)
+    limbs: dict[str, str] = Field(default_factory=dict)
+
+
+@builders.add("graph")
+def graph(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
+    """Mechanism of bodies and joints; the base is the first body, the flange the one called so, else the last."""
+    return mechanism_of(context.parse(Graph, section), context)
+
+
+def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
+    """The mechanism of a checked graph. Raises InputError naming joint and body."""
+    _check(parsed, context)
+    base = parsed.bodies[0]
+    home = _homes(parsed, context)
+    parameters, joints, actuators = [], [], []
+    for k, joint in enumerate(parsed.joints):
+        parameters += _parameters(k, joint, context)
+        placement = tuple(Step(kind, f"{joint.name}.{axis}") for kind, axis in _PLACEMENT)
+        parent, child = (BASE if end == base else end for end in (joint.parent, joint.child))
+        axis = (np.array(joint.axis) / np.linalg.norm(joint.axis)).tolist()
+        start = () if joint.actuated else home.get(joint.name, ())
+        joints.append(Joint(joint.name, joint.kind, parent, child, placement, tuple(axis), start))
+        if joint.actuated:
+            actuators.append(_actuator(joint, home.get(joint.name), context))
+    mechanism = Mechanism(
+        tuple(parameters),
+        tuple(joints),
+        tuple(actuators),
+        FLANGE if FLANGE in parsed.bodies else parsed.bodies[-1],
+        platform=PLATFORM if PLATFORM in parsed.bodies else None,
+    )
+    _check_reach(mechanism, parsed, context)
+    named = {joint: limb for limb, joint in parsed.limbs.items()}
+    return thermal_lengths(limbs_of(mechanism, named))
+
+
+def _parameters(place: int, joint: GraphJoint, context: BuildContext) -> list[Parameter]:
+    values = (*joint.xyz, *joint.rpy)
+    out = []
+    for k, axis in enumerate(("x", "y", "z", "rx", "ry", "rz")):
+        unit, part = ("mm", "xyz") if k < 3 else ("rad", "rpy")
+        field = ("joints", place, part, k % 3)
+        out.append(context.parameter(f"{joint.name}.{axis}", unit, values[k], field))
+    if joint.actuated:
+        unit = "mm" if joint.dimension == "length" else "rad"
+        offset = context.file.units.to_internal(joint.offset, joint.dimension)
+        out.append(context.parameter(f"{joint.name}.offset", unit, offset, ("joints", place, "offset")))
+    return out
+
+
+def _actuator(joint: GraphJoint, home: tuple[float, ...] | None, context: BuildContext) -> Actuator:
+    units = context.file.units
+    unit = "mm" if joint.dimension == "length" else "rad"
+    low_high = joint.range and tuple(units.to_internal(v, joint.dimension) for v in joint.range)
+    return Actuator(
+        joint.name,
+        joint.name,
+        unit,
+        unit,
+        offset=f"{joint.name}.offset",
+        range=(low_high[0], low_high[1]) if low_high else None,
+        gear_ratio=joint.gear_ratio,
+        screw_pitch=joint.screw_pitch,
+        home=home[0] if home else None,
+    )
+
+
+def _homes(parsed: Graph, context: BuildContext) -> dict[str, tuple[float, ...]]:
+    """Home of each joint that has one, in internal units; angles of a spherical joint as roll pitch yaw."""
+    joints = {joint.name: joint for joint in parsed.joints}
+    out = {}
+    for name, value in parsed.home.items():
+        if name not in joints:
+            raise InputError(f"{context.where}.home: found joint {name!r}; {close_matches(name, joints)}")
+        values = value if isinstance(value, tuple) else (value,)
+        size = COORDINATES[joints[name].kind]
+        if len(values) != size:
+            raise InputError(
+                f"{context.where}.home.{name}: found {len(values)} numbers, expected {size} of a "
+                f"{joints[name].kind} joint"
+            )
+        turned = tuple(context.file.units.to_internal(v, joints[name].dimension) for v in values)
+        out[name] = _mrp(turned) if joints[name].kind == "spherical" else turned
+    return out
+
+
+def _mrp(rpy: Sequence[float]) -> tuple[float, ...]:
+    from scipy.spatial.transform import Rotation
+
+    return tuple(Rotation.from_euler("xyz", rpy).as_mrp().tolist())
+
+
+def _check(parsed: Graph, context: BuildContext) -> None:
+    where = context.where
+    for what, names in (("bodies", parsed.bodies), ("joints", [j.name for j in parsed.joints])):
+        twice = sorted({n for n in names if list(names).count(n) > 1})
+        if twice or not names:
+            found = f"{twice[0]!r} twice" if twice else "none"
+            raise InputError(f"{where}.{what}: found {found}, expected at least one, each with its own name")
+    if BASE in parsed.bodies[1:]:
+        raise InputError(f"{where}.bodies: found {BASE!r} after {parsed.bodies[0]!r}, expected it first")
+    for k, joint in enumerate(parsed.joints):
+        for end in ("parent", "child"):
+            body = getattr(joint, end)
+            if body not in parsed.bodies:
+                hint = close_matches(body, parsed.bodies)
+                raise InputError(f"{where}.joints[{k}].{end}: found {body!r}, expected a body; {hint}")
+        if joint.parent == joint.child:
+            raise InputError(f"{where}.joints[{k}]: found {joint.name!r} between {joint.parent!r} and itself")
+    for limb, joint_name in parsed.limbs.items():
+        if joint_name not in {j.name for j in parsed.joints if j.actuated}:
+            raise InputError(f"{where}.limbs.{limb}: found {joint_name!r}, expected an actuated joint")
+
+
+def _check_reach(mechanism: Mechanism, parsed: Graph, context: BuildContext) -> None:
+    """Every body must hang on the base, and something must move."""
+    lost = [b for b in parsed.bodies[1:] if b not in mechanism.bodies]
+    if lost:
+        raise InputError(
+            f"{context.where}.joints: found no joints from {parsed.bodies[0]!r} to body {lost[0]!r}, "
+            "expected parents before children, starting at the base"
+        )
+    if not mechanism.actuators:
+        raise InputError(
+            f"{context.where}.joints: found no joint with `actuated: true`, expected at least one"
+        )
+
+
+__all__ = ["Graph", "GraphJoint", "graph", "mechanism_of"]
