@@ -22,15 +22,29 @@ from truepose.commands.identify import write_diagnosis
 from truepose.commands.words import diagnosis_lines, diagnosis_summary
 from truepose.errors import InputError
 
-DEMOS = ("telescope",)
-NameArg = Annotated[str, typer.Argument(metavar="[telescope]", help="Which machine.")]
+FIRST = "telescope"
+MACHINE, RECORDING, TRUTH = "machine.yaml", "recording.csv", "truth.json"
+
+
+def bundled() -> tuple[str, ...]:
+    """Names of the machines that come with a recording."""
+    folder = resources.files("truepose.models") / "machines"
+    complete = [
+        entry.name
+        for entry in folder.iterdir()
+        if all((entry / name).is_file() for name in (MACHINE, RECORDING))
+    ]
+    return tuple(sorted(complete, key=lambda name: (name != FIRST, name)))
+
+
+NameArg = Annotated[str, typer.Argument(metavar=f"[{'|'.join(bundled())}]", help="Which machine.")]
 OutputOption = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Directory for the results.")
 ]
 
 
 def demo(
-    name: NameArg = "telescope",
+    name: NameArg = FIRST,
     output: OutputOption = Path("truepose-demo"),
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -44,16 +58,16 @@ def demo(
         from truepose.identification.load import load_recording
         from truepose.models.load import load_machine
 
-        if name not in DEMOS:
-            raise InputError(f"demo: found {name!r}, expected one of {', '.join(DEMOS)}")
+        if name not in bundled():
+            raise InputError(f"demo: found {name!r}, expected one of {', '.join(bundled())}")
         check_directory(output)
         with (
             resources.as_file(resources.files("truepose.models") / "machines" / name) as bundle,
             progress("diagnosing") as say,
         ):
-            machine = load_machine(bundle / "machine.yaml")
-            result = diagnose(machine, load_recording(machine, [bundle / "recording.csv"]), progress=say)
-            names = write_diagnosis(result, output, truth=_truth(bundle / "truth.json"))
+            machine = load_machine(bundle / MACHINE)
+            result = diagnose(machine, load_recording(machine, [bundle / RECORDING]), progress=say)
+            names = write_diagnosis(result, output, truth=_truth(bundle / TRUTH))
         summary = diagnosis_summary(result, "demo", written(output, names))
         finish(summary, diagnosis_lines(result, output), result.notes, as_json=as_json)
 
