@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 COLOURS = ("#1f5fa8", "#c2452d", "#2f8f4e", "#8a5bb5", "#b8860b", "#444444")
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 640, 340, 66, 14, 30, 46
+RIGHT_LEGEND = 480
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,14 @@ class Series:
 
 
 def write_chart(
-    path: Path, title: str, x_label: str, y_label: str, series: Sequence[Series], *, log_y: bool = False
+    path: Path,
+    title: str,
+    x_label: str,
+    y_label: str,
+    series: Sequence[Series],
+    *,
+    log_y: bool = False,
+    legend_right: bool = False,
 ) -> None:
     """Draw the series on common linear axes (ordinates logarithmic on request) and write the SVG."""
     frame = _Frame.around(series, log_y)
@@ -36,16 +44,22 @@ def write_chart(
     for k, one in enumerate(series):
         body.append(_curve(frame, one, COLOURS[k % len(COLOURS)]))
     if len(series) > 1 or series[0].name:
-        body.append(_legend([one.name for one in series]))
+        body.append(_legend([one.name for one in series], RIGHT_LEGEND if legend_right else LEFT))
     _write(path, body)
 
 
 def write_bars(
-    path: Path, title: str, y_label: str, groups: Sequence[str], series: Sequence[tuple[str, Sequence[float]]]
+    path: Path,
+    title: str,
+    y_label: str,
+    groups: Sequence[str],
+    series: Sequence[tuple[str, Sequence[float]]],
+    *,
+    room: float = 1.08,
 ) -> None:
-    """Grouped bars: ``series`` holds a name and one value a group."""
+    """Grouped bars: ``series`` holds a name and one value a group; the axis reaches ``room`` times the highest."""
     top = max(max(values) for _, values in series)
-    frame = _Frame(0.0, float(len(groups)), 0.0, 1.08 * top, False)
+    frame = _Frame(0.0, float(len(groups)), 0.0, room * top, False)
     body = [_axes(frame, title, "", y_label, x_ticks=False)]
     wide = 0.8 / len(series)
     for k, (_, values) in enumerate(series):
@@ -142,14 +156,14 @@ def _curve(frame: _Frame, one: Series, colour: str) -> str:
     return "\n".join(out)
 
 
-def _legend(names: Sequence[str]) -> str:
+def _legend(names: Sequence[str], left: float = LEFT) -> str:
     out = []
     for k, name in enumerate(names):
         y = TOP + 16 + 16 * k
         out.append(
-            f'<rect x="{LEFT + 10}" y="{y - 8}" width="14" height="4" fill="{COLOURS[k % len(COLOURS)]}"/>'
+            f'<rect x="{left + 10}" y="{y - 8}" width="14" height="4" fill="{COLOURS[k % len(COLOURS)]}"/>'
         )
-        out.append(_text(LEFT + 30, y, name))
+        out.append(_text(left + 30, y, name))
     return "\n".join(out)
 
 

@@ -144,7 +144,7 @@ def _unknowns(model: SymbolicModel, reach: float) -> Array:
         "spherical": 3 * quarter,
         "free": [1.0] * 3 + 3 * quarter,
     }
-    for joint in machine.mechanism.passive:
+    for joint in machine.mechanism.unknown:
         out += of_kind[joint.kind]
     forces = len(machine.mechanism.actuators) + len(model.home) - len(out)
     return np.array(out + [_weight_of(machine) / reach] * forces)
@@ -154,7 +154,7 @@ def _bounded(model: SymbolicModel) -> tuple[int, ...]:
     """What each unknown is to the limit of a step: 2 an angle, 1 a length, 0 a force."""
     mechanism = model.machine.mechanism
     out = [2 if a.unit == "rad" else 1 for a in mechanism.actuators]
-    for joint in mechanism.passive:
+    for joint in mechanism.unknown:
         out += (
             [1, 1, 1, 2, 2, 2]
             if joint.kind == "free"
@@ -166,7 +166,7 @@ def _bounded(model: SymbolicModel) -> tuple[int, ...]:
 def _weights(model: SymbolicModel, unknown: Array, forces: int, reach: float) -> Array:
     """Pose rows, loop rows (mm as they are), then the balance of forces, by the coordinate it belongs to."""
     nq = len(model.readings)
-    loops = model.equations.numel() - forces
+    loops = model.closure.numel() - forces
     balance = unknown[nq : nq + forces] * reach / _weight_of(model.machine)
     return np.concatenate([np.ones(3), np.full(3, reach), np.ones(loops), balance])
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from truepose.models import lie
+from truepose.models import flexure, lie
 from truepose.models.machine import PAYLOAD, Machine
-from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Step
+from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Rod, Step
 
 MM_PER_M = 1000.0
 _TURNS = {"rx": lie.rot_x, "ry": lie.rot_y, "rz": lie.rot_z}
@@ -42,15 +42,28 @@ def assemble(
     for joint in mechanism.tree:
         bodies[joint.child] = bodies[joint.parent] @ _joint(joint, values, displacement, passive)
     closure = [_closing(joint, bodies, values, displacement) for joint in mechanism.closing]
-    for rod in mechanism.rods:
-        a, b = _end(bodies[rod.body_a], rod.point_a, values), _end(bodies[rod.body_b], rod.point_b, values)
-        length = displacement[rod.name] if rod.length is None else values[rod.length]
-        # (|d|^2 - l^2) / 2l: its derivative by l is -1 at closure, so its multiplier is the rod's tension
-        closure.append((ca.sumsqr(b - a) - length**2) / (2 * length))
+    closure += [_rod(rod, bodies, values, displacement) for rod in mechanism.rods]
     tool = ca.mtimes([bodies[mechanism.flange], _motion(values, "tool"), frame_of(values, "tool")])
     gap = ca.vertcat(*closure) if closure else ca.SX(0, 1)
     square = _least_squares(gap, x) if gap.numel() > x.numel() else gap
     return Assembly(bodies, square, gap, tool, _energies(machine, bodies, tool, z))
+
+
+def rod_ends(rod: Rod, bodies: Mapping[str, ca.SX], values: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """Ball centres (3,) of a rod in the base frame, mm."""
+    return _end(bodies[rod.body_a], rod.point_a, values), _end(bodies[rod.body_b], rod.point_b, values)
+
+
+def _rod(
+    rod: Rod, bodies: Mapping[str, ca.SX], values: Mapping[str, ca.SX], displacement: Mapping[str, ca.SX]
+) -> ca.SX:
+    """Closure residual of a rod: how much its ends are too far apart, mm."""
+    a, b = rod_ends(rod, bodies, values)
+    length = displacement[rod.name] if rod.length is None else values[rod.length]
+    if rod.flexures is not None:
+        length = length + flexure.gains(rod.flexures, b - a, bodies[rod.body_a], bodies[rod.body_b], values)
+    # (|d|^2 - l^2) / 2l: its derivative by l is -1 at closure, so its multiplier is the rod's tension
+    return (ca.sumsqr(b - a) - length**2) / (2 * length)
 
 
 def _least_squares(gap: ca.SX, x: ca.SX) -> ca.SX:
@@ -73,12 +86,12 @@ def displacement_of(
 def _energies(
     machine: Machine, bodies: Mapping[str, ca.SX], tool: ca.SX, z: Mapping[str, ca.SX]
 ) -> dict[str, ca.SX]:
-    """Potential energy of gravity for each load case, N mm (only differences matter)."""
+    """Potential energy of gravity for each load case and of all stated masses, N mm (only differences matter)."""
     if machine.gravity is None:
         return {}
     gravity = ca.DM(machine.gravity)
     out = {}
-    for case in machine.load_cases:
+    for case in ("",) if machine.weighs else machine.load_cases:
         if case:  # 1 kg at the origin of a body
             frame = tool if case == "tool|" else bodies[case.removesuffix("|")]
             out[case] = -ca.dot(gravity, frame[:3, 3])

@@ -12,7 +12,7 @@ from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 
 Array = NDArray[np.float64]
-STRAINED = 1e-3
+STRAINED = 2e-2
 """Loops with more equations than unknowns close by least squares, when no gap exceeds this part of the
 machine's size: as built they are strained a little."""
 _NEWTON = 200
@@ -34,12 +34,12 @@ class CoordinateScale:
 
 
 def coordinate_scale(machine: Machine, unknowns: int, equations: int) -> CoordinateScale:
-    """Scales for ``unknowns`` (the passive coordinates, then forces) of loops with so many ``equations``."""
+    """Scales for ``unknowns`` (coordinates of the mechanism's unknown joints, then forces) of ``equations``."""
     mechanism = machine.mechanism
     lengths = [abs(p.nominal) for p in mechanism.parameters if p.unit == "mm"]
-    reach = max([1.0, *lengths, *(abs(v) for joint in mechanism.passive for v in joint.home)])
+    reach = max([1.0, *lengths, *(abs(v) for joint in mechanism.unknown for v in joint.home)])
     slides = {"prismatic": [True], "free": 3 * [True] + 3 * [False]}
-    kinds = [slide for j in mechanism.passive for slide in slides.get(j.kind, COORDINATES[j.kind] * [False])]
+    kinds = [slide for j in mechanism.unknown for slide in slides.get(j.kind, COORDINATES[j.kind] * [False])]
     forces = unknowns - len(kinds)
     size = np.array([reach if slide else 1.0 for slide in kinds] + forces * [1.0])
     limit = np.concatenate([0.2 * size[: len(kinds)], np.full(forces, np.inf)])

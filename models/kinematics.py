@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.models.assembly import assemble, frame_of, symbols
+from truepose.models.assembly import frame_of, symbols
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.home import closed_home, coordinate_scale, home_readings
 from truepose.models.machine import PAYLOAD, Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
+from truepose.models.near_home import Stance, near_home
 from truepose.models.statics import Statics
 
 
@@ -32,7 +33,8 @@ class SymbolicModel:
     readings, q (nq,)       joint readings
     drivers, z (nz,)        payload, temperatures, time, approach ... with defaults ``z_home``
     names, p (np,)          parameters, then effect coefficients (then bare ports, when asked for)
-    x (nx,), home (nx,)     unknowns of the closed loops and where their solution starts
+    x (nx,), home (nx,)     unknowns of the closed loops and where their solution starts: passive coordinates, those
+                            at home where loops close about home only, leg forces where an effect asks for them
     closure (nx,)           zero when the loops close (and statics hold, where an effect needs leg forces)
     gap (ng,)               what the loops lack, mm; more than nx entries where they are overconstrained
     q_home (nq,)            readings at home
@@ -64,7 +66,10 @@ class SymbolicModel:
 
         Both have the same solution; Gauss-Newton on the gaps finds it from further away.
         """
-        return self.gap if self.gap.numel() > len(self.home) else self.closure
+        coordinates = sum(COORDINATES[joint.kind] for joint in self.machine.mechanism.unknown)
+        if self.gap.numel() <= coordinates:
+            return self.closure
+        return ca.vertcat(self.gap, self.closure[coordinates:])  # the balance of forces stays
 
 
 def symbolic_model(
@@ -82,14 +87,16 @@ def symbolic_model(
     bare = symbols("", machine.ports) if ports else dict[str, ca.SX]()
     c = [symbols(f"c{k}_", list(effect.values)) for k, effect in enumerate(effects)]
     values = {**theta, **{name: bare.get(name, ca.SX(0)) for name in machine.ports}}
-    statics = Statics.of(machine, values, q, z, x) if any(e.needs_load for e in effects) else None
+    passive, x_home = _now_and_home(machine, x)
+    statics = _statics(machine, effects, values, q, z, passive)
     loads = statics.loads(values) if statics else {}
     sites = [
         Site(machine, effect.place, effect.settings_map, own, q, z, values, loads)
         for effect, own in zip(effects, c, strict=True)
     ]
     shifted = _shifted(values, effects, sites)
-    assembly = assemble(machine, shifted, q, z, x)
+    stance = Stance(shifted, q, passive)
+    assembly = near_home(machine, stance, x_home, z) if x_home.numel() else stance.assembled(machine, z)
     names, p_home = _constants(machine, effects, tuple(bare))
     model = SymbolicModel(
         machine=machine,
@@ -135,7 +142,8 @@ def _assembled(model: SymbolicModel) -> NDArray[np.float64]:
 def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bool = False) -> list[str]:
     """Drivers that the model of these effects reads, each once, in a fixed order."""
     carries = any(m.name == PAYLOAD for m in machine.masses)
-    names = [PAYLOAD] if carries and (loads or any(e.needs_load for e in effects)) else []
+    elastic = machine.mechanism.loops == "elastic"
+    names = [PAYLOAD] if carries and (loads or elastic or any(e.needs_load for e in effects)) else []
     for effect in effects:
         names += [name for name in effect.drivers if name not in names]
     return names
@@ -174,9 +182,35 @@ def _constants(
 
 
 def _passive_symbols(mechanism: Mechanism) -> tuple[ca.SX, NDArray[np.float64]]:
-    size = sum(COORDINATES[j.kind] for j in mechanism.passive)
-    home = [v for j in mechanism.passive for v in (j.home or (0.0,) * COORDINATES[j.kind])]
+    size = sum(COORDINATES[j.kind] for j in mechanism.unknown)
+    home = [v for j in mechanism.unknown for v in (j.home or (0.0,) * COORDINATES[j.kind])]
     return (ca.SX.sym("x", size) if size else ca.SX(0, 1)), np.array(home, dtype=float)
+
+
+def _now_and_home(machine: Machine, x: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Passive coordinates, and those of the assembly at home where the closure refers to it (else none)."""
+    n = sum(COORDINATES[j.kind] for j in machine.mechanism.passive)
+    return x[:n], x[n:]
+
+
+def _statics(
+    machine: Machine,
+    effects: Sequence[PlacedEffect],
+    values: Mapping[str, ca.SX],
+    q: Mapping[str, ca.SX],
+    z: Mapping[str, ca.SX],
+    x: ca.SX,
+) -> Statics | None:
+    """Gravity's loads where an effect asks for them; those of ball joints where the closure is linear."""
+    asking = [effect for effect in effects if effect.needs_load]
+    if not asking:
+        return None
+    if machine.mechanism.loops == "elastic":
+        raise InputError(
+            f"effect {asking[0]}: found a machine whose legs are elastic (model: stiffness), which balances its "
+            "weight already; expected model: spherical, linear or beam for an effect of loads"
+        )
+    return Statics.of(machine, values, q, z, x)
 
 
 __all__ = ["SymbolicModel", "driver_default", "driver_names", "symbolic_model"]

@@ -74,9 +74,14 @@ class Machine:
         return tuple(names)
 
     @property
-    def loaded(self) -> bool:
-        """Whether gravity loads can be computed: gravity and at least one mass are known."""
+    def weighs(self) -> bool:
+        """Whether gravity and at least one mass are known."""
         return self.gravity is not None and any(self.gravity) and bool(self.masses)
+
+    @property
+    def loaded(self) -> bool:
+        """Whether effects may ask for gravity loads: elastic legs balance the weight themselves."""
+        return self.weighs and self.mechanism.loops != "elastic"
 
     @property
     def load_cases(self) -> tuple[str, ...]:

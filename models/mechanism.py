@@ -24,6 +24,8 @@ COORDINATES: Mapping[str, int] = {
 }
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 BASE = "base"
+Loops = Literal["exact", "linear", "elastic"]
+"""How loops close away from home: as geometry says, to first order about home, or where elastic rods balance."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +65,42 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Flexures:
+    """The two flexures that a rod has in place of ball joints, as beam theory bends them.
+
+    ``length`` (mm) and ``shape`` (beta of ``truepose.models.flexure``) are parameters; ``axis_a`` and ``axis_b`` are
+    the unit vector along the straight rod, in the frames of its two bodies.
+    """
+
+    length: str
+    shape: str
+    axis_a: tuple[float, float, float]
+    axis_b: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ElasticChain:
+    """A rod as flexure, bar, flexure, clamped to its bodies: the parameters of ``truepose.models.elastic``.
+
+    ``flexure`` and ``bar`` name bending EI (N mm^2), tension EA (N) and torsion GJ (N mm^2) of a section;
+    ``stiffness`` (N/mm) is the rod's nominal one in tension; ``follows`` says that the rod stretches along the
+    direction it has, not the one at home.
+    """
+
+    flexure_length: str
+    flexure: tuple[str, str, str]
+    bar: tuple[str, str, str]
+    stiffness: float
+    follows: bool = False
+
+
+@dataclass(frozen=True)
 class Rod:
     """A link between ball centres on two bodies: one closure equation, distance = length.
 
     Points are given by three parameters each, in their body's frame (None: its origin); ``length`` is a
-    parameter, or None when an actuator sets it.
+    parameter, or None when an actuator sets it. ``flexures`` bend in place of ball joints; an ``elastic`` rod
+    has its length at home, where nothing is strained.
     """
 
     name: str
@@ -77,6 +110,8 @@ class Rod:
     point_b: tuple[str, str, str] | None
     length: str | None
     nominal_length: float
+    flexures: Flexures | None = None
+    elastic: ElasticChain | None = None
 
 
 @dataclass(frozen=True)
@@ -125,7 +160,7 @@ class Mechanism:
     ``flexure_length`` (mm) is given where joints are flexures: they bend what they are fixed to.
     ``expanded`` is the section of the same mechanism as a graph, in the file's units, where the file's own
     form has no field for every parameter; ``tool_length`` (mm) is how far along the flange's z the tool frame
-    stands where the file gives none.
+    stands where the file gives none. ``loops`` says how loops close away from home; ``elastic`` needs every rod to be.
     """
 
     parameters: tuple[Parameter, ...]
@@ -139,6 +174,7 @@ class Mechanism:
     flexure_length: float | None = None
     expanded: Mapping[str, Any] | None = None
     tool_length: float = 0.0
+    loops: Loops = "exact"
 
     @property
     def tree(self) -> tuple[Joint, ...]:
@@ -168,9 +204,14 @@ class Mechanism:
 
     @property
     def passive(self) -> tuple[Joint, ...]:
-        """Joints of the tree that no actuator drives and that can move: the unknowns of the closure."""
+        """Joints of the tree that no actuator drives and that can move."""
         driven = {actuator.drives for actuator in self.actuators}
         return tuple(j for j in self.tree if j.name not in driven and COORDINATES[j.kind])
+
+    @property
+    def unknown(self) -> tuple[Joint, ...]:
+        """Joints whose coordinates the closure determines, in order: passive ones, again as they are at home."""
+        return self.passive if self.loops == "exact" else (*self.passive, *self.passive)
 
     @property
     def bodies(self) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ universal and spherical joints leave it free to turn about itself, so only the d
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +14,7 @@ from pydantic import model_validator
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
+from truepose.models.builders.flexures import Bar, Flexure, Model, flexed
 from truepose.models.context import BuildContext
 from truepose.models.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
 from truepose.models.parameters import Parameter
@@ -48,12 +48,8 @@ class PusLeg(_Leg):
 
     u: Vector = (0.0, 0.0, 1.0)
     length: Length
-
-
-class Flexure(Section):
-    """Flexures in place of joints: their length."""
-
-    length: Length
+    flexure: Length | None = None
+    beta: Number | None = None
 
 
 class Pus(Section):
@@ -61,7 +57,9 @@ class Pus(Section):
 
     type: Literal["6-pus"]
     legs: tuple[PusLeg, ...]
+    model: Model = "spherical"
     flexure: Flexure | None = None
+    rod: Bar | None = None
     home: tuple[Number, Number, Number, Number, Number, Number]
 
 
@@ -75,7 +73,10 @@ class Ups(Section):
 
 @builders.add("6-pus")
 def pus(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
-    """Lower joint centre a + (rho + offset) u, upper b, distance ``length`` (telescope report, eq. 5)."""
+    """Lower joint centre a + (rho + offset) u, upper b, distance ``length`` (telescope report, eq. 5).
+
+    ``model`` says what stands for the joints: see ``truepose.models.builders.flexures``.
+    """
     hexapod = context.parse(Pus, section)
     _check([leg.name for leg in hexapod.legs], [leg.joint for leg in hexapod.legs], context)
     parameters: list[Parameter] = []
@@ -94,7 +95,7 @@ def pus(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
             Limb(leg.name, leg.joint, _names(leg.name, "a"), _names(leg.name, "b"), f"{leg.name}.length")
         )
     mechanism = _mechanism(parameters, joints, rods, actuators, limbs)
-    return replace(mechanism, flexure_length=hexapod.flexure.length if hexapod.flexure else None)
+    return flexed(mechanism, hexapod.model, hexapod.legs, hexapod.flexure, hexapod.rod, context)
 
 
 @builders.add("6-ups")

@@ -40,7 +40,8 @@ class PlatformDeformation(Effect):
     settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        return [("platform",)] if len(_limbs(machine)) > 1 else []
+        limbs = machine.mechanism.limbs
+        return [("platform",)] if len(_limbs(machine)) == len(limbs) > 1 else []
 
     def screened(self, machine: Machine, place: Place) -> bool:
         # ball joints pass no moment on; flexures bend what they are fixed to
