@@ -1,0 +1,1 @@
+"""Poses of bodies from measured points."""

@@ -1,0 +1,1 @@
+"""Which poses calibrate a machine best: ``plan``."""

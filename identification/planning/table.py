@@ -1,0 +1,74 @@
+"""Planned poses as the rows of a file: joints in the units of the machine file, rounded inside their ranges."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from truepose.models.machine import Machine
+from truepose.models.mechanism import Actuator
+from truepose.models.units import UnitSystem, compatible, convert
+
+if TYPE_CHECKING:
+    from truepose.identification.planning.plan import Plan
+
+Array = NDArray[np.float64]
+_FINEST = 1e-12
+
+
+def plan_table(plan: Plan) -> pd.DataFrame:
+    """``pose``, ``from`` where readings are changes, and the joints, in the units of the machine file.
+
+    Rows of the same joint values share a ``pose`` number: they are repeats.
+    """
+    n = len(plan.q)
+    data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    if plan.origin is None:
+        data["pose"] = _numbered(plan.q)
+    else:  # the number says which row a change counts from
+        data["pose"], data["from"] = np.arange(1, n + 1), plan.origin.astype(np.int64) + 1
+    for k, actuator in enumerate(plan.machine.mechanism.actuators):
+        written = convert(plan.q[:, k], actuator.reading_unit, _unit(actuator, plan.machine))
+        # what is left of the conversion's rounding would make long numbers of short ones
+        data[actuator.reading] = np.round(written, _decimals(written, _FINEST)) + 0.0
+    return pd.DataFrame(data)
+
+
+def rounded(q: Array, machine: Machine, step: float) -> Array:
+    """Joint values (n, nq) rounded to about ``step`` of their range in the file's units, never out of it."""
+    out = q.copy()
+    for k, actuator in enumerate(machine.mechanism.actuators):
+        if actuator.range is None:
+            continue
+        unit = _unit(actuator, machine)
+        low, high = (convert(end, actuator.reading_unit, unit) for end in actuator.range)
+        decimals = _decimals(np.array([high - low]), step)
+        values = np.round(convert(q[:, k], actuator.reading_unit, unit), decimals)
+        out[:, k] = np.clip(convert(values, unit, actuator.reading_unit), *actuator.range)
+    return out
+
+
+def _decimals(values: Array, step: float) -> int:
+    """Decimals that resolve ``step`` of the largest value."""
+    return int(np.ceil(-np.log10(step * max(float(np.max(np.abs(values))), 1e-300))))
+
+
+def _unit(actuator: Actuator, machine: Machine) -> str:
+    """The unit of a joint's column: as recordings of this machine are read."""
+    units = machine.file.units if machine.file else UnitSystem()
+    if units.joint is not None and compatible(units.joint, actuator.reading_unit):
+        return units.joint
+    return {"mm": units.length, "rad": units.angle}.get(actuator.reading_unit, actuator.reading_unit)
+
+
+def _numbered(q: Array) -> NDArray[np.int64]:
+    """(n,) numbers from 1 in order of appearance, the same for the same joint values."""
+    _, first, group = np.unique(q, axis=0, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return np.asarray(1 + rank[group.reshape(-1)], dtype=np.int64)
+
+
+__all__ = ["plan_table", "rounded"]

@@ -1,0 +1,171 @@
+"""``plan``: measurement poses that calibrate a machine best."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.commands.common import (
+    FileOption,
+    JsonOption,
+    MachineArg,
+    PluginOption,
+    check_file,
+    finish,
+    progress,
+    reported,
+)
+from truepose.commands.tables import write_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from truepose.identification.planning.plan import Plan
+
+CountOption = Annotated[
+    int, typer.Option("-n", "--poses", metavar="N", min=2, help="How many poses.", show_default=False)
+]
+MethodOption = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        metavar="continuous|exchange|random",
+        help="Move all poses at once, only exchange them, or draw them (default: continuous; with candidates, exchange).",
+        show_default=False,
+    ),
+]
+CriterionOption = Annotated[
+    str,
+    typer.Option(
+        "--criterion",
+        metavar="d|a|o1|o2|o3|o4|o5",
+        help="d, a: with the tolerances; o1 to o5: observability indices of the readings alone.",
+    ),
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random candidates.")]
+CandidatesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--candidates",
+        metavar="FILE",
+        help="Choose among these joint values (free of collisions, say), by exchange.",
+        show_default=False,
+    ),
+]
+CROWDED = 0.02
+"""Poses closer than this, in shares of the ranges, are as good as repeats."""
+
+
+def plan(
+    machine: MachineArg,
+    n: CountOption,
+    output: FileOption,
+    method: MethodOption = "",
+    criterion: CriterionOption = "d",
+    seed: SeedOption = 0,
+    candidates: CandidatesOption = None,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """Measurement poses that calibrate best: joint values inside their ranges, before anything is measured.
+
+    The constants are those of the machine file that have a tolerance, its effects included. Collisions and
+    lines of sight are not known: give --candidates where they matter.
+
+    Example: truepose plan machine.yaml -n 40 -o poses.csv
+    """
+    with reported(plugin):
+        from truepose.identification.load import load_recording
+        from truepose.identification.planning.plan import plan as run
+        from truepose.identification.planning.table import plan_table
+        from truepose.models.load import load_machine
+
+        check_file(output)
+        with progress("planning") as say:
+            loaded = load_machine(machine)
+            given = (
+                None if candidates is None else load_recording(loaded, [candidates], need_readings=False).q
+            )
+            chosen = method or ("continuous" if given is None else "exchange")
+            found = run(
+                loaded, n, method=chosen, criterion=criterion, seed=seed, candidates=given, progress=say
+            )
+            frame = plan_table(found)
+        lines = _lines(found)
+        _write(output, frame, [f"poses of {loaded.name} for calibration: {n}, {chosen}, seed {seed}", *lines])
+        finish(
+            _summary(found, frame, output), [f"{output}: {n} poses", *lines], _notes(found), as_json=as_json
+        )
+
+
+def _write(path: Path, frame: pd.DataFrame, comments: list[str]) -> None:
+    """CSV with comments above the header, or Parquet, which has no place for them."""
+    from truepose.files import atomic_write_text
+
+    if path.suffix.lower() in {".parquet", ".pq"}:
+        write_table(path, frame)
+        return
+    head = "".join(f"# {line}\n" for line in comments)
+    atomic_write_text(path, head + frame.to_csv(index=False, lineterminator="\n"))
+
+
+def _lines(found: Plan) -> list[str]:
+    """What was reached, against random poses."""
+    by_chance = (
+        "leave a direction open" if found.by_chance is None else "{:.4f} +- {:.4f}".format(*found.by_chance)
+    )
+    by_exchange = "" if found.by_exchange is None else f"; by exchange {found.by_exchange:.4f}"
+    lines = [
+        f"criterion {found.criterion.name}: {found.criterion.title} = {found.value:.4f}; random poses "
+        f"{by_chance} ({len(found.random)} sets){by_exchange}"
+    ]
+    if found.shrinkage is not None:
+        lines.append(
+            f"1-sigma of the {found.determined} determined directions: {found.shrinkage:.3f} of what random poses "
+            "leave (geometric mean)"
+        )
+    return lines
+
+
+def _notes(found: Plan) -> list[str]:
+    notes = []
+    unplanned = dict.fromkeys(
+        name.split("~")[0] for effect in found.machine.effects for name in effect.drivers
+    )
+    notes += [
+        f"{name!r} is not planned: effects that depend on it count at its default" for name in unplanned
+    ]
+    if found.left_out:
+        notes.append(f"{found.left_out} candidates were left out: not assembled, or next to a singularity")
+    alike = found.repeats(CROWDED)
+    if 2 * alike >= len(found.q):
+        notes.append(
+            f"{alike} of {len(found.q)} poses repeat others within {CROWDED:.0%} of the ranges: best for the constants "
+            "of this file, but blind to physics that it lacks; --method exchange spreads them"
+        )
+    return notes
+
+
+def _summary(found: Plan, frame: pd.DataFrame, output: Path) -> dict[str, object]:
+    mean, std = found.by_chance or (None, None)
+    random = {"mean": mean, "std": std, "sets": len(found.random)}
+    indices = {f"O{k}": float(getattr(found.indices, f"o{k}")) for k in range(1, 6)}
+    return {
+        "command": "plan",
+        "machine": found.machine.name,
+        "method": found.method,
+        "criterion": found.criterion.name,
+        "seed": found.seed,
+        "poses": len(frame),
+        "columns": [str(c) for c in frame.columns],
+        "value": found.value,
+        "random": random,
+        "exchange": found.by_exchange,
+        "repeats": found.repeats(CROWDED),
+        "determined": found.determined,
+        "shrinkage": found.shrinkage,
+        "observability": indices,
+        "files": [str(output)],
+    }
