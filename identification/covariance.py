@@ -18,8 +18,6 @@ from truepose.errors import InputError
 from truepose.identification.estimate import Estimate
 
 Array = NDArray[np.float64]
-UNDETERMINED = 1e-10
-"""Singular values below this share of the largest are no information (parameters in their own scale)."""
 UNSEEN = 1e-6
 """A reading sees an unknown direction that moves it by more than this share of what single parameters do."""
 
@@ -39,14 +37,10 @@ class Covariance:
         names, scale = tuple(estimate.prior.names[k] for k in free), estimate.prior.scale[free]
         if not len(free):
             return cls(names, np.zeros((0, 0)), np.zeros((0, 0)))
-        rows = np.vstack([estimate.factor[:, : len(free)], np.diag(estimate.prior_weight)])
-        _, s, vt = np.linalg.svd(rows, full_matrices=False)
-        known = s > UNDETERMINED * max(float(s[0]), 1e-300)
-        root = (vt[known].T / s[known]) * scale[:, None]
-        triangle = np.asarray(np.linalg.qr(root.T, mode="r")).T
+        triangle = np.asarray(np.linalg.qr(estimate.known.root.T * scale, mode="r")).T
         factor = np.zeros((len(free), len(free)))
         factor[:, : triangle.shape[1]] = triangle
-        return cls(names, factor, vt[~known] * scale)
+        return cls(names, factor, estimate.known.unknown * scale)
 
     @classmethod
     def of_tolerances(cls, names: Sequence[str], sigma: Array) -> Covariance:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.align import aligned_start
 from truepose.identification.diagnosis.summary import worst_allowed
-from truepose.identification.estimate import FREE_TOLERANCE, Estimate, estimate
+from truepose.identification.estimate import FREE_TOLERANCE, FREE_WIDENING, Estimate, estimate, prior_of
 from truepose.identification.leastsquares import minimise
 from truepose.identification.load import load_recording
 from truepose.identification.prediction import Predictor
@@ -257,11 +257,34 @@ def test_freedom_fits_better_and_strays_further(machines: Mapping[str, Machine],
     machine, rng = machines[name], np.random.default_rng(7)
     recording = simulated(machine, manufactured(machine, rng), rng)
     fits = [estimate(machine, recording, widen=factor) for factor in (1.0, 10.0, 100.0)]
+    stated = prior_of(machine).sigma
     for tight, loose in pairwise(fits):
         # the free fit stops when half the sum of squares has less than that share of the readings to gain
         assert loose.chi2 <= tight.chi2 + 2 * FREE_TOLERANCE * loose.readings
         assert loose.effective_parameters >= tight.effective_parameters
-        assert np.all(loose.std >= tight.std * (1 - 1e-6))
+        # only an independent set of tolerances is widened, a larger one where more of it shows
+        assert np.sum(loose.prior.sigma > stated) >= np.sum(tight.prior.sigma > stated)
+    assert np.any(fits[1].prior.sigma > stated)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_widening_an_independent_set_is_as_free_as_widening_all(
+    machines: Mapping[str, Machine], name: str
+) -> None:
+    machine, rng = machines[name], np.random.default_rng(7)
+    recording = simulated(machine, manufactured(machine, rng), rng)
+    fit = estimate(machine, recording, widen=FREE_WIDENING)
+    h = fit.factor[:, : len(fit.prior.free)]
+    stated = prior_of(machine)
+    wide = np.array([1.0 if part == "frame" else FREE_WIDENING for part in stated.parts]) * stated.sigma
+    gains = []
+    for sigma in (fit.prior.sigma, wide):
+        weight = np.diag(stated.scale[fit.prior.free] / sigma[fit.prior.free])
+        stacked = np.vstack([h, weight])
+        gains.append(np.trace(np.linalg.lstsq(stacked.T @ stacked, h.T @ h, rcond=None)[0]))
+    # effective parameters: what is left out moves the readings by a tenth of a sigma at most, each
+    assert gains[0] <= gains[1] + 1e-6
+    assert gains[0] == pytest.approx(gains[1], abs=0.5)
 
 
 def test_huber_resists_outliers_that_draw_least_squares_away(machines: Mapping[str, Machine]) -> None:

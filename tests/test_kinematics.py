@@ -570,10 +570,9 @@ def test_a_mirror_in_the_flange_does_not_see_the_tool(tmp_path: Path) -> None:
     for machine in (bare, tooled):
         base = {f"base.{axis}": bare.geometry[f"base.{axis}"].nominal for axis in AXES}
         predictor = Predictor(machine, record(machine, q, read, from_row=np.zeros(4, dtype=int)))
-        p = np.array(
-            [base.get(name, value) for name, value in zip(predictor.model.names, predictor.model.p_home)]
-        )
-        names, values, jacobian, _ = predictor.columns(p, predictor.assemble(p)[0])
+        pairs = zip(predictor.model.names, predictor.model.p_home, strict=True)
+        p = np.array([base.get(name, value) for name, value in pairs])
+        _, values, jacobian, _ = predictor.columns(p, predictor.assemble(p)[0])
         at = [predictor.model.names.index(f"tool.{axis}") for axis in AXES]
         np.testing.assert_allclose(jacobian[..., at], 0.0, atol=1e-9)
         seen.append(values)

@@ -8,8 +8,12 @@ from typing import Annotated
 import typer
 
 from truepose.commands.catalogue import effects
+from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
+from truepose.commands.drift import drift
+from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
+from truepose.commands.plan import plan
 from truepose.commands.tables import predict, simulate
 from truepose.demo import demo
 
@@ -22,7 +26,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (demo, calibrate, diagnose, predict, simulate, codegen, effects):
+for _command in (
+    demo,
+    calibrate,
+    diagnose,
+    identifiability,
+    drift,
+    plan,
+    predict,
+    simulate,
+    compensate,
+    codegen,
+    effects,
+):
     app.command()(_command)
 
 

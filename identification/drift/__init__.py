@@ -1,0 +1,1 @@
+"""Which constants move between recordings, and when to recalibrate: ``drift``."""

@@ -1,0 +1,201 @@
+"""Which parameters move between recordings, how fast, and how long an older calibration lasts.
+
+All sessions are one least-squares problem. Every parameter is common to all sessions unless the evidence asks
+for copies of its own (``drift_selection``); sizes and rates come from the joint covariance, in which what no
+recording can tell stays uncertain. See docs/identifiability.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import ConvergenceError, InputError
+from truepose.identification.align import aligned_start
+from truepose.identification.decomposition import Decomposition
+from truepose.identification.drift.durability import Durability, durability
+from truepose.identification.drift.evidence import Point, Stack, grid, state
+from truepose.identification.drift.selection import Selection, candidates_of, select
+from truepose.identification.drift.sessions import Session, bounded, linearised, sessions_of
+from truepose.identification.drift.sizes import Movement, joint_parameters, movements
+from truepose.identification.estimate import Estimate, estimate
+from truepose.identification.identifiability.patterns import Blind
+from truepose.identification.observability import Knowledge, units_of
+from truepose.identification.problem import Prior, prior_of
+from truepose.identification.recording import Recording
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+ROUNDS = 4
+ABOUT_STEPS = 3
+NOISY = 1.5
+"""Noise, in stated sigmas, above which physics that the model lacks may show as movement."""
+_CARE = (
+    "either it is stated too small or the model lacks physics, which differs between sets of poses and may "
+    "show as movement (truepose diagnose looks for it)"
+)
+SETTLED = 0.1
+"""Linearised again until the readings of no session change by more than this many sigmas in all."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What moved between sessions.
+
+    labels, times (s, None where not recorded), movements of every free parameter, noise in stated sigmas,
+    log_bayes_factor of what moves against nothing, unseen: directions that no recording sees; durability:
+    how long calibrations last.
+    """
+
+    machine: str
+    labels: tuple[str, ...]
+    times: tuple[float, ...] | None
+    readings: tuple[int, ...]
+    movements: tuple[Movement, ...]
+    noise: float
+    log_bayes_factor: float
+    unseen: Blind
+    durability: Durability
+    notes: tuple[str, ...]
+
+    @property
+    def moved(self) -> tuple[Movement, ...]:
+        """Those that move with a probability above 0.95."""
+        return tuple(m for m in self.movements if m.status == "moved")
+
+
+def drift(
+    machine: Machine,
+    recording: Recording,
+    *,
+    accuracy: Mapping[str, float] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Drift:
+    """Compare the sessions of ``recording``, with the effects of the machine's file.
+
+    ``accuracy``: rms residual by kind (``position``, ``distance``: mm; ``rotation``: rad) that is good enough for
+    an older calibration to be kept; without it, what was carried over must not show in the residuals.
+    Raises InputError for fewer than two sessions and without a free parameter, ConvergenceError naming the
+    parameters responsible.
+    """
+    prior = prior_of(machine, machine.effects)
+    if not len(prior.free):
+        raise InputError(
+            f"{machine.name}: found no free parameter, expected a tolerance above 0 for at least one"
+        )
+    sessions, notes = sessions_of(machine, recording)
+    fits = []
+    for session in sessions:
+        progress(f"fitting {session.label}")
+        fits.append(_fit(session, bounded(prior)))
+    found, stack, settled = _joint(machine, sessions, fits, prior, progress)
+    progress("checking older calibrations")
+    timed = [s.time for s in sessions if s.time is not None]
+    times = tuple(timed) if len(timed) == len(sessions) else None
+    return Drift(
+        machine=machine.name,
+        labels=tuple(s.label for s in sessions),
+        times=times,
+        readings=tuple(fit.readings for fit in fits),
+        movements=movements(stack, found, prior, units_of(machine, machine.effects), times),
+        noise=found.noise,
+        log_bayes_factor=found.log_bayes_factor,
+        unseen=_unseen(machine, stack, prior, joint_parameters(stack, found, prior)),
+        durability=durability(sessions, fits, prior, found.extrinsic, accuracy),
+        notes=(*recording.notes, *notes, *_lost(sessions, fits), *_cautions(found, settled)),
+    )
+
+
+def _cautions(found: Selection, settled: bool) -> list[str]:
+    """What a reader must know before the result."""
+    out = []
+    if found.noise > NOISY:
+        out.append(f"residuals are {found.noise:.2g} times the stated noise: {_CARE}")
+    if not settled:
+        out.append(f"the joint fit still moved after {ROUNDS} rounds; sizes are approximate")
+    return out
+
+
+def _fit(session: Session, prior: Prior) -> Estimate:
+    """The session alone."""
+    machine, predictor = session.predictor.machine, session.predictor
+    try:
+        return estimate(
+            machine,
+            session.recording,
+            machine.effects,
+            prior=prior,
+            start=aligned_start(predictor),
+            predictor=predictor,
+        )
+    except ConvergenceError as exc:
+        raise ConvergenceError(f"{session.label}: {exc}") from None
+
+
+def _joint(
+    machine: Machine,
+    sessions: Sequence[Session],
+    fits: Sequence[Estimate],
+    prior: Prior,
+    progress: Callable[[str], None],
+) -> tuple[Selection, Stack, bool]:
+    """Selection and sizes about parameters that agree with them.
+
+    The first linearisation of each session is its fit about that of the session with most readings: what a
+    session hardly sees is then the same in all.
+    """
+    reference = max(fits, key=lambda fit: fit.readings)
+    places = [_about(s, prior, fit.p, reference.p) for s, fit in zip(sessions, fits, strict=True)]
+    candidates = candidates_of(machine, prior)
+    for _ in range(ROUNDS):
+        stack = Stack.of([linearised(s, prior, p) for s, p in zip(sessions, places, strict=True)], prior)
+        found = select(stack, candidates, _points(stack), progress)
+        there = joint_parameters(stack, found, prior)
+        steps = (there - np.array(places))[:, prior.free] / prior.scale[prior.free]
+        change = np.linalg.norm(np.einsum("kij,kj->ki", stack.jacobian, steps), axis=1)
+        places = list(there)
+        if np.max(change) < SETTLED * found.noise:
+            return found, stack, True
+    return found, stack, False
+
+
+def _about(session: Session, prior: Prior, start: Array, p: Array) -> Array:
+    """The session's parameters (np,) if what its readings leave open is as in ``p``; from ``start``."""
+    free, scale = prior.free, prior.scale[prior.free]
+    weight = scale / bounded(prior).sigma[free]
+    centre = weight * (p - prior.mean)[free] / scale
+    for _ in range(ABOUT_STEPS):
+        there = linearised(session, prior, start)
+        rows = np.vstack([there.jacobian, np.diag(weight)])
+        tau = np.linalg.lstsq(rows, np.concatenate([-there.offset, centre]), rcond=1e-14)[0]
+        start = p.copy()
+        start[free] = prior.mean[free] + scale * tau
+    return start
+
+
+def _points(stack: Stack) -> tuple[Point, ...]:
+    """Noise up to what is left when nothing may move."""
+    nothing = state(stack, {}, Point(1.0, 1.0, 0.0))
+    return grid(stack, float(np.linalg.norm(nothing.residual)) / np.sqrt(stack.readings))
+
+
+def _unseen(machine: Machine, stack: Stack, prior: Prior, places: Array) -> Blind:
+    """What no session sees, not even the one that sees most: whether it moved cannot be told."""
+    parts = [Decomposition.of(jacobian, stack.weight) for jacobian in stack.jacobian]
+    k = max(range(len(parts)), key=lambda k: parts[k].rank)
+    known = Knowledge.at(prior, units_of(machine, machine.effects), places[k], parts[k])
+    return Blind.of(known, parts[k].null_space, machine, places[k])
+
+
+def _lost(sessions: Sequence[Session], fits: Sequence[Estimate]) -> list[str]:
+    return [
+        f"{session.recording.where(k)}: the mechanism cannot be assembled there; the row was left out"
+        for session, fit in zip(sessions, fits, strict=True)
+        for k in fit.unassembled
+    ]
+
+
+__all__ = ["Drift", "drift"]

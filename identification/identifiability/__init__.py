@@ -1,0 +1,1 @@
+"""What poses can and cannot tell of a machine, in words: ``identifiability``."""

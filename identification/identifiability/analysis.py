@@ -1,0 +1,232 @@
+"""What poses can and cannot tell about a machine, before or after it is measured: readings are not needed.
+
+Jacobians are exact, at the drawing and at machines drawn from the tolerances. The first alone would mislead
+where the drawing is special: neighbouring axes that are exactly parallel hide an offset that shows as soon as
+they are not. A direction counts as unseen only when it stays unseen on every machine drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.align import aligned_start
+from truepose.identification.decomposition import Decomposition, Observability
+from truepose.identification.identifiability.patterns import Blind
+from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_readings
+from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
+from truepose.identification.observability import (
+    Direction,
+    Knowledge,
+    determined,
+    nearly_unseen,
+    units_of,
+    unseen,
+)
+from truepose.identification.prediction import Predictor
+from truepose.identification.problem import Prior, prior_of
+from truepose.identification.recording import Recording
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+DRAWN_POSES = 100
+DRAWN_MACHINES = 4
+UNTOUCHED = 0.9
+"""Above this share of the tolerance the readings have said next to nothing."""
+SAME = 0.999
+"""Cosine above which a direction unseen at the drawing is one unseen on a machine as built."""
+WELL_SEEN = 3.0
+"""Sigmas a tolerance from which a direction unseen at the drawing counts as seen on a machine as built."""
+UNBOUNDED_SPREAD = 0.1
+"""How far parameters of infinite tolerance are drawn, in steps (100 mm, 1 rad)."""
+
+
+@dataclass(frozen=True)
+class ParameterSight:
+    """One free parameter: unit (mm, rad or an effect's own), tolerance, the 1-sigma to expect after the
+    measurement (at the drawing, and rms over machines as built), a status and who it trades with.
+
+    status: ``determined`` (the readings at least halve its variance, and no unseen direction moves it),
+    ``tolerance decides`` (over nine tenths of the tolerance are left), ``nothing decides`` (no tolerance either),
+    ``partly`` (what is between).
+    """
+
+    name: str
+    unit: str
+    tolerance: float
+    std_at_drawing: float
+    std: float
+    status: str
+    partners: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What a set of poses can tell.
+
+    files: recordings, or none where poses were drawn (then ``seed`` says how); poses and readings used. rank:
+    directions seen on machines as built, rank_at_drawing: at the drawing. indices: O1 to O5 at the drawing.
+    unseen: never seen, and what they mean together; unseen_at_drawing: seen on machines as built only,
+    where the readings see the best of them to ``as_built_size`` sigmas a tolerance; nearly: seen worse than the
+    tolerances say; subset: parameters that can be told apart.
+    """
+
+    machine: str
+    files: tuple[str, ...]
+    seed: int | None
+    poses: int
+    readings: int
+    free: int
+    rank: int
+    rank_at_drawing: int
+    indices: Observability
+    parameters: tuple[ParameterSight, ...]
+    unseen: Blind
+    unseen_at_drawing: tuple[Direction, ...]
+    as_built_size: float
+    nearly: tuple[Direction, ...]
+    subset: Subset
+    known: Knowledge
+    notes: tuple[str, ...] = ()
+
+
+def identifiability(
+    machine: Machine,
+    recording: Recording | None = None,
+    *,
+    poses: int = DRAWN_POSES,
+    machines: int = DRAWN_MACHINES,
+    seed: int = SEED,
+) -> Identifiability:
+    """What the poses of ``recording`` tell, or ``poses`` drawn over the ranges of the joints.
+
+    Rows for validation do not count. Readings may be missing; where they are there they only say where a base
+    of wide tolerance stands. Raises InputError where a joint has no range to draw from, and when no row can
+    be assembled.
+    """
+    rows = drawn_poses(machine, poses, seed) if recording is None else recording
+    predictor = with_readings(machine, rows)
+    prior = prior_of(machine, machine.effects)
+    if not len(prior.free):
+        raise InputError(
+            f"{machine.name}: found no free parameter, expected a tolerance above 0 for at least one"
+        )
+    home = aligned_start(predictor) if measured(machine, rows) else predictor.model.p_home.copy()
+    seen = Seen.at(predictor, prior, home)
+    if not seen.used.any():
+        raise InputError(f"{', '.join(rows.files)}: found no row in which {machine.name} can be assembled")
+    weight = np.where(np.isinf(prior.sigma), 0.0, prior.scale / np.where(prior.sigma > 0, prior.sigma, 1.0))
+    weight = weight[prior.free]
+    known = Knowledge.at(
+        prior, units_of(machine, machine.effects), home, Decomposition.of(seen.factor, weight)
+    )
+    built = [
+        Decomposition.of(Seen.at(predictor, prior, p).factor, weight)
+        for p in _as_built(prior, home, machines, np.random.default_rng(seed))
+    ]
+    return _judged(predictor, rows, seed if recording is None else None, home, known, built, seen)
+
+
+def _as_built(prior: Prior, home: Array, count: int, rng: np.random.Generator) -> Iterator[Array]:
+    """Parameters drawn from the tolerances about ``home``."""
+    spread = np.where(np.isinf(prior.sigma), UNBOUNDED_SPREAD * prior.scale, prior.sigma)
+    effects = np.array([part == "effect" for part in prior.parts])
+    spread[effects] = 0.0  # their spread allows for any effect; the machine has those of its file
+    for _ in range(count):
+        yield home + spread * rng.standard_normal(len(home))
+
+
+def _judged(
+    predictor: Predictor,
+    recording: Recording,
+    seed: int | None,
+    home: Array,
+    known: Knowledge,
+    built: list[Decomposition],
+    seen: Seen,
+) -> Identifiability:
+    here = known.decomposition
+    best = max([here, *built], key=lambda parts: parts.rank)
+    lasting, hidden = _parted(here.null_space, best.null_space)
+    never = Blind.of(known, lasting, predictor.machine, home)
+    size = float(best.singular[here.rank]) if best.rank > here.rank else 0.0
+    blind = lasting if size >= WELL_SEEN else here.null_space
+    std = np.sqrt(np.mean([(parts.std * known.scale) ** 2 for parts in built or [here]], axis=0))
+    lost = np.flatnonzero(~seen.used & ~recording.validation)
+    return Identifiability(
+        machine=predictor.machine.name,
+        files=recording.files if seed is None else (),
+        seed=seed,
+        poses=int(seen.used.sum()),
+        readings=seen.readings,
+        free=len(known.names),
+        rank=best.rank,
+        rank_at_drawing=here.rank,
+        indices=here.observability(seen.readings),
+        parameters=_sights(known, std, never.directions, blind),
+        unseen=never,
+        unseen_at_drawing=unseen(known, hidden),
+        as_built_size=size,
+        nearly=nearly_unseen(known),
+        subset=independent_subset(Columns(known.names, seen.factor, known.scale)),
+        known=known,
+        notes=tuple(
+            f"{recording.where(int(k))}: the mechanism cannot be assembled there; the row was left out"
+            for k in lost
+        ),
+    )
+
+
+def _parted(here: Array, built: Array) -> tuple[Array, Array]:
+    """Directions unseen at the drawing in two: those that a machine as built hides too, and the others.
+
+    Unseen directions turn with the parameters, so that as many as remain are matched by the angle between
+    the two null spaces.
+    """
+    if len(here) <= len(built):
+        return here, here[:0]
+    turn, _, _ = np.linalg.svd(here @ built.T)
+    matched = turn.T @ here
+    return matched[: len(built)], matched[len(built) :]
+
+
+def _sights(
+    known: Knowledge, std: Array, never: tuple[Direction, ...], blind: Array
+) -> tuple[ParameterSight, ...]:
+    seen = determined(known, std, blind)
+    out = []
+    for k, name in enumerate(known.names):
+        partners = dict.fromkeys(n for d in never if name in d.parts for n in d.parts if n != name)
+        out.append(
+            ParameterSight(
+                name=name,
+                unit=known.units[k],
+                tolerance=float(known.sigma[k]),
+                std_at_drawing=float(known.std[k]),
+                std=float(std[k]),
+                status=_status(bool(seen[k]), float(std[k]), float(known.sigma[k])),
+                partners=tuple(partners),
+            )
+        )
+    return tuple(out)
+
+
+def _status(seen: bool, std: float, tolerance: float) -> str:
+    if np.isinf(std):
+        return "nothing decides"
+    if seen:
+        return "determined"
+    return "tolerance decides" if std > UNTOUCHED * tolerance else "partly"
+
+
+__all__ = [
+    "DRAWN_POSES",
+    "Identifiability",
+    "ParameterSight",
+    "drawn_poses",
+    "identifiability",
+]

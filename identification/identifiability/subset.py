@@ -1,0 +1,170 @@
+"""A set of parameters that the readings can tell apart, found from the Jacobian and not listed by hand.
+
+* ``independent_subset``: pivoted QR; what shows most within its tolerance is kept first. The set to estimate.
+* ``sequential_subset``: column by column in a given order; what adds nothing new is left out (T. Huang et al.,
+  hybrid polishing robot, section 4.1, second way). For a set that keeps chosen parameters first.
+* ``spectral_reduction``: combinations along the eigenvectors of H'H (same section, first way). Irreducible
+  too, but a combination is no part of the machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.decomposition import ROUNDING, Decomposition
+from truepose.identification.estimate import Estimate
+from truepose.models.units import close_matches
+
+Array = NDArray[np.float64]
+TIE = 1e-6
+"""Columns whose lengths agree to this share are equal: the first in order is taken, whatever rounding says."""
+NEW_SHARE = 1e-8
+"""Share of a column's own length that must stand out of the columns kept, to count as new."""
+SMALLEST_TERM = 1e-6
+"""Terms of a relation below this share of its largest, in steps, are rounding."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Jacobian H of the readings (in sigmas) by named parameters: a triangular factor (k, n) or all rows,
+    each column for a step ``scale`` (n,) of its parameter."""
+
+    names: tuple[str, ...]
+    factor: Array
+    scale: Array
+
+    @classmethod
+    def of(cls, fit: Estimate) -> Columns:
+        """Of a fit, at its parameters."""
+        free = fit.prior.free
+        names = tuple(fit.prior.names[k] for k in free)
+        return cls(names, fit.factor[:, : len(free)], fit.prior.scale[free])
+
+    @property
+    def rank(self) -> int:
+        """How many columns can be independent."""
+        return Decomposition.of(self.factor, np.zeros(len(self.names))).rank
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Parameters kept, in the order they were taken; for each one left out the kept ones that show like it.
+
+    ``relations[left][kept]``: so many units of ``kept`` show in the readings as one unit of ``left`` does.
+    ``condition``: of the kept columns, in steps.
+    """
+
+    kept: tuple[str, ...]
+    relations: Mapping[str, Mapping[str, float]]
+    condition: float
+
+
+@dataclass(frozen=True)
+class SpectralReduction:
+    """Combinations that the readings see: eigenvalues (r,) of H'H, largest first, directions (r, n) in steps.
+
+    The reduced Jacobian is H directions' (n readings, r), of full column rank.
+    """
+
+    names: tuple[str, ...]
+    eigenvalues: Array
+    directions: Array
+
+
+def independent_subset(columns: Columns, *, least: float = 0.0) -> Subset:
+    """A maximal set of independent columns: each time the one whose new part is longest.
+
+    With ``least`` > 0 the new part must be so many sigmas for one step: 1 leaves out what its tolerance tells
+    better than the readings would.
+    """
+    left, kept = columns.factor.astype(float), list[int]()
+    basis = np.zeros((len(left), 0))
+    for _ in range(columns.rank):
+        lengths = np.linalg.norm(left, axis=0)
+        lengths[kept] = -1.0
+        longest = float(np.max(lengths))
+        if longest <= least:
+            break
+        chosen = int(np.flatnonzero(lengths >= (1.0 - TIE) * longest)[0])
+        basis = _extended(basis, columns.factor[:, chosen])
+        kept.append(chosen)
+        left = columns.factor - basis @ (basis.T @ columns.factor)
+    return _subset(columns, kept)
+
+
+def sequential_subset(
+    columns: Columns,
+    first: Sequence[str] = (),
+    *,
+    order: Iterable[str] | None = None,
+    tolerance: float = NEW_SHARE,
+) -> Subset:
+    """Columns in order (those of ``first`` before all), each kept when it raises the rank.
+
+    A column raises it when its part outside the span of the kept ones exceeds ``tolerance`` of its own length.
+    ``order`` defaults to that of the columns; what it does not name is left out. Raises InputError for an
+    unknown name.
+    """
+    wanted = list(dict.fromkeys([*first, *(columns.names if order is None else order)]))
+    for name in wanted:
+        if name not in columns.names:
+            raise InputError(f"found no free parameter {name!r}; {close_matches(name, columns.names)}")
+    largest = float(np.max(np.linalg.norm(columns.factor, axis=0), initial=0.0))
+    basis, kept = np.zeros((len(columns.factor), 0)), list[int]()
+    for name in wanted:
+        k = columns.names.index(name)
+        column = columns.factor[:, k]
+        new = column - basis @ (basis.T @ column)
+        length = float(np.linalg.norm(column))
+        if length > ROUNDING * largest and np.linalg.norm(new) > tolerance * length:
+            basis = _extended(basis, column)
+            kept.append(k)
+    return _subset(columns, kept)
+
+
+def spectral_reduction(columns: Columns) -> SpectralReduction:
+    """Eigenvectors of H'H whose eigenvalues are not zero."""
+    parts = Decomposition.of(columns.factor, np.zeros(len(columns.names)))
+    return SpectralReduction(columns.names, parts.singular[: parts.rank] ** 2, parts.seen)
+
+
+def _extended(basis: Array, column: Array) -> Array:
+    """One more orthonormal vector; projected twice, which is enough against rounding."""
+    for _ in range(2):
+        column = column - basis @ (basis.T @ column)
+    return np.column_stack([basis, column / np.linalg.norm(column)])
+
+
+def _subset(columns: Columns, kept: Sequence[int]) -> Subset:
+    matrix = columns.factor[:, kept]
+    others = [k for k in range(len(columns.names)) if k not in set(kept)]
+    shown = np.linalg.norm(columns.factor, axis=0)
+    terms = np.zeros((len(kept), len(others)))
+    if len(kept):
+        terms = np.asarray(np.linalg.lstsq(matrix, columns.factor[:, others], rcond=None)[0], dtype=float)
+    relations = {}
+    for term, k in zip(terms.T, others, strict=True):
+        size = float(np.max(np.abs(term), initial=0.0)) if shown[k] > ROUNDING * np.max(shown) else np.inf
+        relations[columns.names[k]] = {
+            columns.names[i]: float(value * columns.scale[i] / columns.scale[k])
+            for value, i in zip(term, kept, strict=True)
+            if abs(value) > SMALLEST_TERM * size
+        }
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    condition = float(singular[0] / singular[-1]) if len(singular) else 0.0
+    return Subset(tuple(columns.names[k] for k in kept), relations, condition)
+
+
+__all__ = [
+    "Columns",
+    "SpectralReduction",
+    "Subset",
+    "independent_subset",
+    "sequential_subset",
+    "spectral_reduction",
+]

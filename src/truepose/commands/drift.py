@@ -1,0 +1,107 @@
+"""``drift``: which parameters move between recordings, and when to recalibrate."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.commands.common import (
+    JsonOption,
+    MachineArg,
+    PluginOption,
+    RecordingsArg,
+    check_directory,
+    finish,
+    progress,
+    reported,
+    written,
+)
+from truepose.errors import InputError
+
+if TYPE_CHECKING:
+    from truepose.identification.drift.analysis import Drift
+
+OutputOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--output", metavar="DIR", help="Directory for drift.json and report.html.", show_default=False
+    ),
+]
+AccuracyOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="LENGTH|ANGLE",
+        help='Residuals that are good enough, such as "50 nm" or "0.01 deg"; repeatable.',
+    ),
+]
+_QUANTITY = re.compile(r"^\s*(?P<value>\d*\.?\d+(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)$")
+
+
+def drift(
+    machine: MachineArg,
+    recordings: RecordingsArg,
+    output: OutputOption = None,
+    accuracy: AccuracyOption = None,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """Which parameters move between recordings, how fast, and when to recalibrate.
+
+    A file is a session of its own unless a column 'session' says otherwise; sessions are in the order of
+    'time' where it is recorded. An older calibration suffices while its residuals do not show that something
+    moved, or are within --accuracy.
+
+    Example: truepose drift machine.yaml day0.csv day1.csv day8.csv
+    """
+    with reported(plugin):
+        from truepose.identification.drift.analysis import drift as run
+        from truepose.identification.drift.words import drift_json, drift_lines
+        from truepose.identification.load import load_recording
+        from truepose.models.load import load_machine
+
+        if output is not None:
+            check_directory(output)
+        wanted = _wanted(accuracy or ())
+        with progress("comparing recordings") as say:
+            loaded = load_machine(machine)
+            recording = load_recording(loaded, recordings)
+            found = run(loaded, recording, accuracy=wanted, progress=say)
+            files = [] if output is None else _write(found, output)
+        summary = {"command": "drift", **drift_json(found), "files": files}
+        finish(summary, [*drift_lines(found), *files], found.notes, as_json=as_json)
+
+
+def _wanted(texts: Sequence[str]) -> dict[str, float]:
+    """Residuals by kind (mm, rad) that are good enough."""
+    from truepose.models.units import compatible, convert, parse_unit
+
+    out: dict[str, float] = {}
+    for text in texts:
+        match = _QUANTITY.match(text)
+        if match is None:
+            raise InputError(f"--accuracy: found {text!r}, expected a length or an angle such as '50 nm'")
+        unit = parse_unit(match["unit"], "any", f"--accuracy {text}")
+        if compatible(unit, "mm"):
+            out |= dict.fromkeys(("position", "distance"), convert(float(match["value"]), unit, "mm"))
+        elif compatible(unit, "rad"):
+            out["rotation"] = convert(float(match["value"]), unit, "rad")
+        else:
+            raise InputError(f"--accuracy: found {text!r}, expected a length or an angle such as '50 nm'")
+    return out
+
+
+def _write(found: Drift, output: Path) -> list[str]:
+    """drift.json and report.html, both or none."""
+    from truepose.files import atomic_directory, atomic_write_text
+    from truepose.identification.drift.report import drift_html
+    from truepose.identification.drift.words import drift_json
+    from truepose.identification.export import json_text
+
+    with atomic_directory(output) as partial:
+        atomic_write_text(partial / "drift.json", json_text(drift_json(found)))
+        atomic_write_text(partial / "report.html", drift_html(found))
+    return written(output, ("drift.json", "report.html"))
