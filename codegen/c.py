@@ -23,7 +23,7 @@ from truepose.codegen.expressions import Graph
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.names import check_machine_name, comment, identifiers
 from truepose.codegen.printer import Printer, Real, literal
-from truepose.codegen.reference import slopes_of
+from truepose.codegen.reference import slopes_of, strain_of
 from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.models import lie
@@ -108,7 +108,9 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "table": lambda values: "\n".join(f"    {lit(v)}," for v in values),
         "layout": layout,
         "nx": nx,
-        "nc": model.equations.numel(),
+        "nc": model.closure.numel(),
+        "ng": model.gap.numel(),
+        "strain": strain_of(model),
         "forces": forces,
         "max_iter": MAX_ITER,
         **_LIMITS,
@@ -140,18 +142,19 @@ def _example(layout: Layout, single: bool) -> dict[str, Any]:
 
 def _expressions(model: SymbolicModel, real: Real) -> dict[str, Any]:
     """C functions of the model: what p and z fix, the pose, the loops, and all of it with derivatives."""
-    nq, nx, nc = len(model.readings), len(model.home), model.equations.numel()
+    nq, nx, nc = len(model.readings), len(model.home), model.closure.numel()
     y = ca.vertcat(model.q, model.x)
     pose = ca.vec(model.pose[:3, :].T)  # row by row
-    derivative = ca.vertcat(_twists(model.pose, y), ca.jacobian(model.equations, y))
+    derivative = ca.vertcat(_twists(model.pose, y), ca.jacobian(model.closure, y))
     graph = Graph(fixed=("p", "z"))
     inputs = {"p": model.p, "z": model.z, "q": model.q, "x": model.x}
-    T, c, J = graph.add(inputs, [pose, model.equations, ca.vec(derivative.T)])
+    strained = np.isfinite(strain_of(model))
+    T, c, J, gap = graph.add(inputs, [pose, model.closure, ca.vec(derivative.T), model.gap])
     to_pose: _Targets = [(f"T[{k}]", node) for k, node in enumerate(T)]
     to_loops: _Targets = [(f"r[{6 + k}]", node) for k, node in enumerate(_negated(graph, c))]
     places: _Targets = [(f"J[{k}]", node) for k, node in enumerate(J)]
     of_loops = [places[(6 + i) * (nq + nx) + nq + j] for i in range(nc) for j in range(nx)]
-    kept = graph.kept([*T, *c, *J])
+    kept = graph.kept([*T, *c, *J, *(gap if strained else ())])
     given = {node: f"k[{k}]" for k, node in enumerate(kept)}
     reading = Printer(graph, real, given)
     arguments = "const model *m, const real *q, const real *x"
@@ -174,6 +177,10 @@ def _expressions(model: SymbolicModel, real: Real) -> dict[str, Any]:
                 statements,
             )
         )
+    if strained:
+        to_gap: _Targets = [(f"g[{k}]", node) for k, node in enumerate(gap)]
+        title = "What loops with more equations than unknowns lack to close, at best as little as the parts are strained."
+        blocks.append(_function(title, "strain_of", f"{arguments}, real *g", reading.statements(to_gap)))
     statements = reading.statements(to_pose + to_loops + places)
     comment_of_all = "Pose, what the loops lack to close, and the derivative [twist; closure] by (q, x)."
     blocks.append(_function(comment_of_all, "all_of", f"{arguments}, real *T, real *r, real *J", statements))

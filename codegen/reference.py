@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 
 Array = NDArray[np.float64]
@@ -27,8 +28,9 @@ class Reference:
         inputs = [model.q, model.z, model.p, model.x]
         self.model = model
         self._pose = ca.Function("pose", inputs, [ca.densify(model.pose)])
-        derivatives = [ca.densify(ca.jacobian(model.equations, v)) for v in (model.x, model.q)]
-        self._closure = ca.Function("closure", inputs, [ca.densify(model.equations), *derivatives])
+        derivatives = [ca.densify(ca.jacobian(model.closure, v)) for v in (model.x, model.q)]
+        self._closure = ca.Function("closure", inputs, [ca.densify(model.closure), *derivatives])
+        self._gap, self._strain = ca.Function("gap", inputs, [ca.densify(model.gap)]), strain_of(model)
 
     def home_readings(self, start: Array) -> Array:
         """Readings (nq,) at which the loops come closest to closing at the home assembly, from ``start``."""
@@ -90,8 +92,14 @@ class Reference:
             size = float(np.max(np.abs(step)))
             x = x + step * min(1.0, 0.2 * reach / max(size, 1e-300))
             if size < 1e-12 * reach:
-                return x if np.max(np.abs(residual)) < 1e-8 * reach else None
+                lacks = np.max(np.abs(np.array(self._gap(q, z, p, x))), initial=0.0)
+                return x if np.max(np.abs(residual)) < 1e-8 * reach and lacks < self._strain else None
         return x if len(x) == 0 else None
+
+
+def strain_of(model: SymbolicModel) -> float:
+    """Largest gap (mm) at which overconstrained loops count as closed; inf where loops close without strain."""
+    return coordinate_scale(model.machine, len(model.home), model.gap.numel()).gap
 
 
 def spread(size: int, count: int) -> Iterator[Array]:

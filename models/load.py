@@ -72,13 +72,20 @@ def place_effect(machine: Machine, spec: EffectSpec, where: str) -> PlacedEffect
 def resolve_place(machine: Machine, place: Place, known: Sequence[Place]) -> Place:
     """A place as the catalogue's ``known`` places name it.
 
-    A limb and its actuator understand each other's name; what means nothing stays as it is.
+    A limb and its actuator understand each other's name, and ``legN``; what means nothing stays as it is.
     """
-    other = {limb.name: limb.reading for limb in machine.mechanism.limbs}
-    other |= {reading: limb for limb, reading in other.items()}
-    other |= {f"leg{k}": limb.name for k, limb in enumerate(machine.mechanism.limbs, start=1)}
+    limbs = machine.mechanism.limbs
+    called = {f"leg{k}": limb for k, limb in enumerate(limbs, start=1)}
+    called |= {name: limb for limb in limbs for name in (limb.name, limb.reading)}
     names = {name for each in known for name in each}
-    return tuple(name if name in names else other.get(name, name) for name in place)
+
+    def meant(name: str) -> str:
+        if name in names or name not in called:
+            return name
+        limb = called[name]
+        return next((alias for alias in (limb.name, limb.reading) if alias in names), name)
+
+    return tuple(meant(name) for name in place)
 
 
 def _fits(place: Place, known: Sequence[Place]) -> bool:

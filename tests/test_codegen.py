@@ -128,6 +128,31 @@ SEVEN_AXES = """  type: serial
     - {name: q6, kind: revolute, alpha: 90, range: [-1, 215]}
     - {name: q7, kind: revolute, alpha: 90, d: 88, r: 107, range: [-166, 166]}
 """
+HYBRID = """  {type: 3ups-up-3r, base_radius: 340, platform_radius: 165, platform_offset: 127.5, wrist_offset: 120,
+    head: 90, limb_range: [600, 880], wrist_range: [-60, 60], screw_pitch: 5}
+drivers: [temperature.leg2]
+effects:
+  - {effect: actuator-scale, place: [leg3], parameters: {s: {value: 8.0e-4, unit: "1"}}}
+  - {effect: thermal-expansion, place: [leg2], parameters: {alpha: {value: 1.2e-5, unit: 1/K}}}
+"""
+PLANAR = """  type: graph
+  bodies: [ground, crank1, crank2, crank3, rod1, rod2, rod3, corner1, corner2, corner3, platform]
+  joints:
+    - {name: a1, kind: revolute, parent: ground, child: crank1, xyz: [-141, -255, 0], actuated: true, range: [15, 45]}
+    - {name: b1, kind: revolute, parent: crank1, child: rod1, xyz: [100, 0, 0.2], rpy: [0.1, 0, 0]}
+    - {name: p1, kind: revolute, parent: rod1, child: corner1, xyz: [150, 0, 0]}
+    - {name: mount1, kind: fixed, parent: corner1, child: platform, xyz: [130, 75, 0]}
+    - {name: a2, kind: revolute, parent: ground, child: crank2, xyz: [291, 5, 0], actuated: true, range: [136, 166]}
+    - {name: b2, kind: revolute, parent: crank2, child: rod2, xyz: [103, 0, 0]}
+    - {name: mount2, kind: fixed, parent: platform, child: corner2, xyz: [130, -74, 0]}
+    - {name: p2, kind: revolute, parent: rod2, child: corner2, xyz: [147, 0, 0]}
+    - {name: a3, kind: revolute, parent: ground, child: crank3, xyz: [-150, 250, 0.1], actuated: true, range: [-106, -76]}
+    - {name: b3, kind: revolute, parent: crank3, child: rod3, xyz: [98, 0, 0]}
+    - {name: mount3, kind: fixed, parent: platform, child: corner3, xyz: [1, 150, 0]}
+    - {name: p3, kind: revolute, parent: rod3, child: corner3, xyz: [152, 0, 0], rpy: [0, 0.05, 0]}
+  home: {a1: 30, a2: 151, a3: -91, b1: 90, b2: 90, b3: 90, p1: -120}
+frames: {tool: {in: flange, xyz: [10, 5, 30], rpy: [0, 0, 20]}}
+"""
 BODIES = {
     "arm": ARM,
     "nano": NANO,
@@ -135,9 +160,11 @@ BODIES = {
     "rails": RAILS,
     "scara": FOUR_AXES,
     "redundant": SEVEN_AXES,
+    "hybrid": HYBRID,
+    "planar": PLANAR,
 }
 CASES: list[tuple[str, Real]] = [(name, real) for real in ("double", "float") for name in BODIES]
-CLOSED = ("turns", "rails")
+CLOSED = ("turns", "rails", "hybrid", "planar")
 
 
 @dataclass(frozen=True)

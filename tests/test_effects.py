@@ -24,9 +24,9 @@ from truepose.models.effects.base import (
     effects,
 )
 from truepose.models.kinematics import SymbolicModel, symbolic_model
-from truepose.models.statics import load_scale
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine, Mass
+from truepose.models.statics import load_scale
 from truepose.models.units import parse_unit
 
 Array = NDArray[np.float64]
@@ -88,17 +88,58 @@ def _legs(row: str, joint: str) -> str:
 
 TELESCOPE = HEXAPOD + _legs(_PUS, "rho") + "  flexure: {length: 30}\n" + CARRIED
 GOUGH = "units: {joint: turn}" + HEXAPOD.replace("6-pus", "6-ups") + _legs(_UPS, "m") + CARRIED
+GRAPH = """
+gravity: [0, 0, -9.80665]
+mechanism:
+  type: graph
+  bodies: [pedestal, trunk, arm, carriage, hand]
+  joints:
+    - {name: waist, kind: revolute, parent: pedestal, child: trunk, xyz: [0, 10, 300], actuated: true,
+       range: [-170, 170], gear_ratio: 121}
+    - {name: shoulder, kind: revolute, parent: trunk, child: arm, xyz: [40, 0, 100], rpy: [-90, 0, 0],
+       axis: [0, 0.6, 0.8], actuated: true, range: [-90, 90], gear_ratio: 100}
+    - {name: boom, kind: prismatic, parent: arm, child: carriage, xyz: [250, 0, 0], axis: [1, 0, 0], actuated: true,
+       range: [-200, 200], screw_pitch: 10}
+    - {name: bracket, kind: fixed, parent: carriage, child: hand, xyz: [60, 5, -20], rpy: [0, 30, 0]}
+frames: {tool: {in: flange, xyz: [10, 20, 80], rpy: [5, 0, 0], tolerance: {xyz: 1, rpy: 1}}}
+sensor: {type: pose, sigma: {xyz: 0.001, rot: 0.001}}
+masses:
+  arm: {kg: 9, com: [100, 10, 5], in: arm}
+  payload: {kg: 3, com: [0, 20, 10], in: tool}
+"""
 TOLERANCES = "tolerances: {length: 0.1, angle: 0.1}\n"
+HEAD = ("schema:", "name:", "tolerances:")
+
+
+def _machine(name: str) -> str:
+    """A machine of the tests, without what ``_read`` writes itself."""
+    lines = (Path(__file__).parent / "machines" / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
+    return "".join(f"{line}\n" for line in lines if not line.startswith(HEAD))
+
+
 UNWEIGHED = ARM.split("masses:", maxsplit=1)[0]
-TEXTS = {"arm": ARM, "stage": STAGE, "telescope": TELESCOPE, "gough": GOUGH, "unweighed": UNWEIGHED}
-LOADED = ("arm", "telescope", "gough")
+TEXTS = {
+    "arm": ARM,
+    "stage": STAGE,
+    "telescope": TELESCOPE,
+    "gough": GOUGH,
+    "unweighed": UNWEIGHED,
+    "hybrid": _machine("hybrid"),
+    "planar": _machine("planar"),
+    "graph": GRAPH,
+}
+LOADED = ("arm", "telescope", "gough", "hybrid", "planar", "graph")
 READINGS = {
     "arm": [0.5, -0.4, 0.8],
     "stage": [60.0, 13.0, 0.03],
     "unweighed": [0.5, -0.4, 0.8],
     "telescope": [0.9, -0.5, 0.3, 1.1, -0.8, 0.2],
     "gough": [2.0, -3.0, 1.0, 4.0, 0.5, -2.0],
+    "hybrid": [700.0, 760.0, 730.0, 0.3, -0.4, 0.5],
+    "planar": [0.55, 2.7, -1.5],
+    "graph": [0.5, -0.4, 80.0],
 }
+STRAIGHT = {"hybrid": [730.0, 730.0, 730.0, 0.0, 0.0, 0.0]}
 DRIVERS = {"time": 5000.0, "payload": 4.0, "temperature": 27.0, "approach": -1.0, "session": 1.0}
 EFFECTS = list(effects)
 
@@ -403,7 +444,7 @@ def test_closed_loops_and_weightless_machines_have_no_probes(
 # -- closed loops -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["telescope", "gough"])
+@pytest.mark.parametrize("name", ["telescope", "gough", "hybrid"])
 def test_legs_shorten_under_a_platform_they_carry_and_grow_where_it_hangs(
     machines: Mapping[str, Machine], name: str
 ) -> None:
@@ -412,7 +453,7 @@ def test_legs_shorten_under_a_platform_they_carry_and_grow_where_it_hangs(
     legs = tuple(limb.name for limb in standing.mechanism.limbs)
     for machine, sign in ((standing, -1), (hanging, 1)):
         soft = with_effect(machine, "leg-compliance", legs, c=1e-3)
-        before, after = (_position(machine, [0.0] * 6, *e) for e in ((), (soft,)))
+        before, after = (_position(machine, STRAIGHT.get(name, [0.0] * 6), *e) for e in ((), (soft,)))
         assert sign * (after - before)[2] > 0
         assert sign * sum(float(slope[0]) for slope in shift_slopes(machine, soft).values()) > 0
 
@@ -430,6 +471,66 @@ def test_leg_forces_balance_the_weight(machines: Mapping[str, Machine]) -> None:
         leg = pose[:3, 3] + top - foot
         up -= reference.load[limb.length] * leg[2] / np.linalg.norm(leg)
     assert up == pytest.approx(9.80665 * (8 + 4), rel=1e-9)
+
+
+def test_limbs_of_the_hybrid_share_a_centred_weight(machines: Mapping[str, Machine]) -> None:
+    weighed = replace(machines["hybrid"], masses=(Mass("ring", 12.0, (0.0, 0.0, 30.0), "platform"),))
+    solved = Solved(symbolic_model(weighed, ports=True), STRAIGHT["hybrid"])
+    lean = np.sqrt(730.0**2 - (340.0 - 165.0) ** 2) / 730.0  # cosine: the limbs lean inwards
+    for k in (1, 2, 3):
+        assert solved.load[f"q{k}.displacement"] == pytest.approx(-12 * 9.80665 / 3 / lean, rel=1e-9)
+
+
+def test_a_wrist_on_a_parallel_machine_carries_what_it_holds(machines: Mapping[str, Machine]) -> None:
+    """4 kg, 50 mm aside along x and 20 mm along -y of the wrist that stands straight: only gravity's levers count."""
+    hybrid = machines["hybrid"]
+    solved = Solved(symbolic_model(hybrid, ports=True), STRAIGHT["hybrid"])
+    torques = [solved.load[f"q{k}.displacement"] / 1000 for k in (4, 5, 6)]
+    np.testing.assert_allclose(torques, np.array([0.0, 50.0, 20.0]) * 4 * 9.80665 / 1000, atol=1e-9)
+    soft = with_effect(hybrid, "joint-compliance", ("q5",), c=1e-3)
+    bent = _position(hybrid, STRAIGHT["hybrid"], soft) - _position(hybrid, STRAIGHT["hybrid"])
+    assert bent[0] == pytest.approx(
+        1e-3 * torques[1] * 210, rel=1e-2
+    )  # the tool, 210 mm up, tips with the load
+
+
+def test_a_limb_that_is_a_slide_gives_way_in_one_place(machines: Mapping[str, Machine]) -> None:
+    """Joint and leg are the same port there: a diagnosis looks for one of the two."""
+    hybrid, effect = machines["hybrid"], effects.get("joint-compliance", "test")()
+    joint = shift_slopes(hybrid, with_effect(hybrid, "joint-compliance", ("q1",)))
+    leg = shift_slopes(hybrid, with_effect(hybrid, "leg-compliance", ("leg1",)))
+    np.testing.assert_allclose(joint["q1.displacement"], leg["q1.displacement"])
+    assert [effect.screened(hybrid, place) for place in effect.places(hybrid)] == 3 * [False] + 3 * [True]
+
+
+def test_parts_of_a_graph_heat_up_together(machines: Mapping[str, Machine]) -> None:
+    def parts(name: str) -> dict[str, set[str]]:
+        lengths = machines[name].mechanism.lengths
+        return {part: {port.rsplit(".", 1)[0] for port in ports} for part, ports in lengths.items()}
+
+    assert parts("hybrid")["platform"] == {"mount1", "mount2", "mount3", "q4"}
+    assert parts("hybrid")["leg2"] == {"u2b", "q2", "s2"}  # its base point belongs to the base
+    crank = {f"a{k}": {f"b{k}", f"p{k}"} for k in (1, 2, 3)}
+    # the corner told from the limb's side is part of the platform all the same
+    assert parts("planar") == {
+        **crank,
+        "base": {"a1", "a2", "a3"},
+        "platform": {"mount1", "mount2", "mount3"},
+    }
+    assert parts("graph") == {
+        "base": {"waist"},
+        "trunk": {"shoulder"},
+        "arm": {"boom"},
+        "carriage": {"bracket"},
+    }
+    assert machines["hybrid"].mechanism.limbs[1].platform_point == ("mount2.x", "mount2.y", "mount2.z")
+
+
+def test_a_slide_in_a_loop_only_bends_aside(machines: Mapping[str, Machine]) -> None:
+    limb = with_effect(machines["hybrid"], "axis-straightness", ("q1",))
+    assert [c.name for c in limb.coefficients] == ["x2", "y2"]
+    boom = with_effect(machines["graph"], "axis-straightness", ("boom",))
+    assert [c.name for c in boom.coefficients] == ["x2", "y2", "z2", "rx1", "ry1", "rz1"]
 
 
 def test_a_scale_multiplies_the_reading_before_the_offset(machines: Mapping[str, Machine]) -> None:

@@ -15,13 +15,14 @@ import pytest
 
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.estimate import estimate
 from truepose.identification.load import load_recording
 from truepose.models.load import load_machine
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared"
 sys.path.insert(0, str(ROOT / "benchmarks"))
-from real_data import leg_errors  # noqa: E402
+from real_data import SENSORS, leg_errors, panda_files, panda_scatter  # noqa: E402
 
 needs_data = pytest.mark.skipif(
     not (SHARED / "data").is_dir(), reason="no recordings by others beside the checkout"
@@ -82,6 +83,24 @@ def test_the_arms_periodic_errors_are_named(tmp_path: Path) -> None:
     assert before is not None and after is not None
     assert before["position"] < 0.445
     assert after["position"] <= 0.12
+
+
+@needs_data
+@pytest.mark.parametrize("sets", [tuple(SENSORS), *((name,) for name in SENSORS)], ids=["all", *SENSORS])
+def test_an_arm_is_calibrated_by_a_ball_in_sockets(tmp_path: Path, sets: tuple[str, ...]) -> None:
+    """Joint readings alone; what is left of the first set is the arm's physics, so that its limit is wider."""
+    machine = load_machine(panda_files(SHARED / "data", tmp_path, sets)[0])
+    recording = load_recording(machine, [tmp_path / "panda.csv"])
+    fit = estimate(machine, recording)
+    scatter = panda_scatter(recording, fit)
+    own, seat = (np.concatenate([part[k] for part in scatter.values()]) for k in (0, 1))
+    limit = {2: 0.5, 1: 0.6 if sets == ("panda_1",) else 0.25}[len(sets)]
+    assert np.sqrt(np.mean(own**2)) <= limit
+    assert np.sqrt(np.mean(seat**2)) <= limit
+    assert fit.worst_parameter_sigma < 8
+    assert {name: len(part[0]) for name, part in scatter.items()} == {
+        name: {"panda_1": 36, "panda_1_with_sensor": 24}[name] for name in sets
+    }
 
 
 @needs_cases

@@ -71,18 +71,23 @@ class GraphJoint(Section):
 
 
 class Graph(Section):
-    """The section ``mechanism`` of a graph; ``limbs`` may name the limb of an actuated joint."""
+    """The section ``mechanism`` of a graph.
+
+    ``limbs`` may name the limb of an actuated joint; ``flange`` the body that carries the tool, where it is neither
+    called so nor the last one.
+    """
 
     type: Literal["graph"]
     bodies: tuple[str, ...]
     joints: tuple[GraphJoint, ...]
+    flange: str | None = None
     home: dict[str, Home] = Field(default_factory=dict)
     limbs: dict[str, str] = Field(default_factory=dict)
 
 
 @builders.add("graph")
 def graph(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
-    """Mechanism of bodies and joints; the base is the first body, the flange the one called so, else the last."""
+    """Mechanism of bodies and joints; the base is the first body, the flange the one named or called so, else the last."""
     return mechanism_of(context.parse(Graph, section), context)
 
 
@@ -105,12 +110,12 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
         tuple(parameters),
         tuple(joints),
         tuple(actuators),
-        FLANGE if FLANGE in parsed.bodies else parsed.bodies[-1],
+        parsed.flange or (FLANGE if FLANGE in parsed.bodies else parsed.bodies[-1]),
         platform=PLATFORM if PLATFORM in parsed.bodies else None,
     )
     _check_reach(mechanism, parsed, context)
     named = {joint: limb for limb, joint in parsed.limbs.items()}
-    return thermal_lengths(limbs_of(mechanism, named))
+    return thermal_lengths(limbs_of(mechanism, named), named)
 
 
 def _parameters(place: int, joint: GraphJoint, context: BuildContext) -> list[Parameter]:
@@ -176,6 +181,9 @@ def _check(parsed: Graph, context: BuildContext) -> None:
         if twice or not names:
             found = f"{twice[0]!r} twice" if twice else "none"
             raise InputError(f"{where}.{what}: found {found}, expected at least one, each with its own name")
+    if parsed.flange is not None and parsed.flange not in parsed.bodies:
+        hint = close_matches(parsed.flange, parsed.bodies)
+        raise InputError(f"{where}.flange: found {parsed.flange!r}, expected a body; {hint}")
     if BASE in parsed.bodies[1:]:
         raise InputError(f"{where}.bodies: found {BASE!r} after {parsed.bodies[0]!r}, expected it first")
     for k, joint in enumerate(parsed.joints):

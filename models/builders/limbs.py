@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from truepose.models.mechanism import BASE, Joint, Limb, Mechanism
+from truepose.models.loops import Part, around, looped, serial_part
+from truepose.models.mechanism import Joint, Limb, Mechanism
 
 _XYZ = ("x", "y", "z")
+_HUB = 3
+"""From so many joints on a body is where limbs meet."""
 
 
 def limbs_of(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
@@ -17,78 +20,71 @@ def limbs_of(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     other names than their joint's.
     """
     joints = {joint.name: joint for joint in mechanism.joints}
-    looped = _looped(mechanism)
     limbs = []
     for actuator in mechanism.actuators:
         joint = joints[actuator.drives]
-        if joint.kind != "prismatic" or joint.name not in looped:
-            continue
-        lower, upper = (_chain(mechanism, joint, body)[-1] for body in (joint.parent, joint.child))
-        name = names.get(joint.name, joint.name)
-        limbs.append(Limb(name, actuator.reading, _point(lower), _point(upper), actuator.displacement))
+        if joint.kind == "prismatic" and joint.name in looped(mechanism):
+            ends = [_end(part) for part in serial_part(mechanism, joint)]
+            name = names.get(joint.name, joint.name)
+            limbs.append(Limb(name, actuator.reading, ends[0], ends[1], actuator.displacement))
     return replace(mechanism, limbs=tuple(limbs))
 
 
-def thermal_lengths(mechanism: Mechanism) -> Mechanism:
+def thermal_lengths(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     """The mechanism with the ports that heat up together: those of a body's joints; a limb's own length.
 
-    A body heats up what lies between the joints that stand in it; a limb, under its name, what lies inside it.
+    A body heats up what lies between the joints that stand in it; a limb, named as in ``limbs_of``, what lies
+    inside it.
     """
-    inside = {limb.name: _inside(mechanism, limb) for limb in mechanism.limbs}
-    taken = {name for names in inside.values() for name in names}
+    inside = _inside(mechanism)
+    taken = {joint for own in inside.values() for joint in own}
+    lengths = {limb.reading: limb.length for limb in mechanism.limbs}
     out: dict[str, tuple[str, ...]] = {}
     for body in mechanism.bodies:
-        own = [j for j in mechanism.joints if j.parent == body and j.name not in taken]
-        ports = tuple(f"{joint.name}.{axis}" for joint in own for axis in _XYZ)
-        if ports:
-            out[body] = ports
-    for limb in mechanism.limbs:
-        within = tuple(f"{name}.{axis}" for name in inside[limb.name] for axis in _XYZ)
-        out[limb.name] = (limb.length, *within)
-    return replace(mechanism, lengths=out)
+        own = [j.name for j in mechanism.joints if _stands_in(mechanism, j) == body and j.name not in taken]
+        out[body] = tuple(port for joint in own for port in _point(joint))
+    for reading, own in inside.items():
+        length = (lengths[reading],) if reading in lengths else ()
+        limb = names.get(reading, reading)
+        out[limb] = (*out.get(limb, ()), *length, *(port for joint in own for port in _point(joint)))
+    return replace(mechanism, lengths={place: ports for place, ports in out.items() if ports})
 
 
-def _chain(mechanism: Mechanism, start: Joint, body: str) -> list[Joint]:
-    """Joints of the serial part that leaves ``start`` through ``body``, ``start`` first."""
-    chain = [start]
-    while body not in {BASE, mechanism.flange}:
-        around = [j for j in mechanism.joints if body in {j.parent, j.child}]
-        if len(around) != 2:
-            break
-        chain.append(next(j for j in around if j.name != chain[-1].name))
-        body = chain[-1].child if chain[-1].parent == body else chain[-1].parent
-    return chain
+def _inside(mechanism: Mechanism) -> dict[str, list[str]]:
+    """Joints whose frames stand in the bodies of each actuated limb, by reading; of two actuators the first's."""
+    joints, out = {joint.name: joint for joint in mechanism.joints}, dict[str, list[str]]()
+    closed, taken = looped(mechanism), set[str]()
+    for actuator in mechanism.actuators:
+        joint = joints[actuator.drives]
+        if joint.name not in closed:
+            continue
+        parts = serial_part(mechanism, joint)
+        ends = {part.end for part in parts}
+        row = dict.fromkeys(j.name for part in parts for j in part.joints)
+        own = [n for n in row if n not in taken and _stands_in(mechanism, joints[n]) not in ends]
+        taken |= set(own)
+        out[actuator.reading] = own
+    return out
 
 
-def _point(joint: Joint) -> tuple[str, ...]:
-    return tuple(f"{joint.name}.{axis}" for axis in _XYZ)
+def _stands_in(mechanism: Mechanism, joint: Joint) -> str:
+    """The body that a joint's frame is part of: its parent.
+
+    The end piece of a limb, fixed to the body where limbs meet, is part of that body, whichever way it is told.
+    """
+    if joint.kind != "fixed":
+        return joint.parent
+    piece = len(around(mechanism, joint.parent)) == 2 and len(around(mechanism, joint.child)) >= _HUB
+    return joint.child if piece else joint.parent
 
 
-def _inside(mechanism: Mechanism, limb: Limb) -> list[str]:
-    """Joints of a limb whose frames stand in its own bodies: all but those that fix its two ends."""
-    joint = {j.name: j for j in mechanism.joints}[mechanism.actuator(limb.reading).drives]
-    chain = [j for body in (joint.parent, joint.child) for j in _chain(mechanism, joint, body)]
-    ends = {limb.base_point[0].rsplit(".", 1)[0], limb.platform_point[0].rsplit(".", 1)[0]}
-    return list(dict.fromkeys(j.name for j in chain if j.name not in ends))
+def _end(part: Part) -> tuple[str, ...]:
+    """Coordinates of a limb's end where they are told in the frame of the body that it ends at, else none."""
+    return _point(part.joints[-1].name) if part.joints[-1].parent == part.end else ()
 
 
-def _looped(mechanism: Mechanism) -> set[str]:
-    """Joints that are part of a loop: those on the paths from both ends of a closing joint to their common body."""
-    above = {joint.child: joint for joint in mechanism.tree}
-
-    def path(body: str) -> list[Joint]:
-        out = []
-        while body in above:
-            out.append(above[body])
-            body = above[body].parent
-        return out
-
-    looped: set[str] = set()
-    for closing in mechanism.closing:
-        one, two = path(closing.parent), path(closing.child)
-        shared = {j.name for j in one} & {j.name for j in two}
-        looped |= {j.name for j in (*one, *two) if j.name not in shared} | {closing.name}
-    return looped
+def _point(joint: str) -> tuple[str, ...]:
+    return tuple(f"{joint}.{axis}" for axis in _XYZ)
 
 
 __all__ = ["limbs_of", "thermal_lengths"]

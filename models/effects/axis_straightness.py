@@ -18,6 +18,7 @@ from truepose.models.effects.common import (
     rails,
     singly,
 )
+from truepose.models.loops import looped
 from truepose.models.machine import Machine
 
 LETTERS = "xyz"
@@ -62,7 +63,7 @@ class AxisStraightness(Effect):
         for rank, (move, turn) in enumerate(_shapes(settings), start=1):
             size = rank**-DECAY
             out += [Coefficient(f"{d}{move}", "mm", size * length) for d in _directions(machine, place)]
-            if _carries_arm(machine):
+            if _carries_arm(machine, place):
                 out += [Coefficient(f"r{axis}{turn}", "rad", size * LARGEST_RAD) for axis in LETTERS]
         return tuple(out)
 
@@ -102,15 +103,15 @@ def _value(shape: str, t: ca.SX) -> ca.SX:
     return t ** int(shape)
 
 
-def _carries_arm(machine: Machine) -> bool:
-    """Whether turns of a slide reach the tool as they are (no loop, no ball joint after it)."""
-    return not machine.mechanism.passive
+def _carries_arm(machine: Machine, place: Place) -> bool:
+    """Whether turns of a slide reach the tool as they are: it stands in no loop, whose joints would take them up."""
+    return actuator_at(machine, place[0]).drives not in looped(machine.mechanism)
 
 
 def _directions(machine: Machine, place: Place) -> dict[str, NDArray[np.float64]]:
     """Unit vectors of displacements in the joint's frame: all for an arm, one for a leg, else two across."""
     eye = np.eye(3)
-    if _carries_arm(machine):
+    if _carries_arm(machine, place):
         return dict(zip(LETTERS, eye, strict=True))
     actuator = actuator_at(machine, place[0])
     for rail in rails(machine):

@@ -33,6 +33,11 @@ class JointCompliance(Effect):
             return []
         return singly(a.reading for a in machine.mechanism.actuators if drives_joint(machine, a))
 
+    def screened(self, machine: Machine, place: Place) -> bool:
+        # a slide that is a limb's length gives way as the limb does: leg-compliance looks there
+        ports = {limb.length for limb in machine.mechanism.limbs}
+        return actuator_at(machine, place[0]).displacement not in ports
+
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         """With unknown masses, one candidate for each body beyond the joint that may carry them."""
         if machine.loaded:

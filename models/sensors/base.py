@@ -40,20 +40,24 @@ class Channel:
 class Rows:
     """What a reading that compares rows may know of them.
 
-    origin (n,): the row that each row's ``from`` names; labels: text columns; counted (n,): rows that are
-    fitted (a level that several rows share comes from these, where there are any).
+    origin (n,): the row that each row's ``from`` names; labels: text columns; weight (n,): how much each row
+    counts in the fit, 0 where it is not fitted (a level that several rows share comes from those that are, where
+    there are any); files: to name in messages.
     """
 
     origin: NDArray[np.intp] | None
     labels: Mapping[str, tuple[str, ...]]
-    counted: NDArray[np.bool_]
+    weight: Array
+    files: tuple[str, ...] = ()
 
 
 class Comparison(ABC):
     """How the predictions of several rows make one reading, with its derivative."""
 
-    unknowns: int = 0
-    """Levels that the rows themselves determine: degrees of freedom that they cost."""
+    @property
+    def unknowns(self) -> int:
+        """Levels that the rows themselves determine: degrees of freedom that they cost."""
+        return 0
 
     @abstractmethod
     def values(self, raw: Array) -> Array:
@@ -87,6 +91,8 @@ class Sensor(ABC):
     """Whether a reading is the change since the row that ``from`` names."""
     label_columns: ClassVar[tuple[str, ...]] = ()
     """Text columns that the recording must have for this sensor."""
+    optional_labels: ClassVar[tuple[str, ...]] = ()
+    """Text columns that it reads where they are."""
 
     @property
     def compares(self) -> bool:

@@ -51,12 +51,17 @@ class _Tolerance(Section):
     model_config = Section.model_config | {"alias_generator": lambda name: name.replace("_", ".")}
 
 
-class _DistanceSection(Section):
-    type: Literal["distance"]
+class CavitySection(Section):
+    """What every sensor of a cavity's length says of its geometry."""
+
     beam: _Beam
     mirror: _Mirror
     sigma: _Sigma
     tolerance: _Tolerance = _Tolerance()
+
+
+class _DistanceSection(CavitySection):
+    type: Literal["distance"]
     wavelength: Length | None = None
 
 
@@ -75,21 +80,7 @@ class Distance(Sensor):
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Distance:
         """From ``beam``, ``mirror``, ``sigma: {distance}`` and ``tolerance``."""
         parsed = context.parse(_DistanceSection, section)
-        beam, mirror, tol = parsed.beam, parsed.mirror, parsed.tolerance
-
-        def own(name: str, unit: str, value: float, tolerance: float, *field: str | int) -> Parameter:
-            return context.parameter(name, unit, value, field, "sensor", tolerance)
-
-        point = [
-            own(f"beam.{a}", "mm", beam.xyz[k], tol.beam_xyz[k], "beam", "xyz", k)
-            for k, a in enumerate("xyz")
-        ]
-        turns = (("beam", "rx", beam.rx), ("beam", "rz", beam.rz))
-        light = [own(f"{at}.{a}", "rad", v, tol.beam_angle, at, a) for at, a, v in turns]
-        height = own("mirror.z", "mm", mirror.z, tol.mirror_z, "mirror", "z")
-        tilts = (("mirror", "rx", mirror.rx), ("mirror", "ry", mirror.ry))
-        plane = [own(f"{at}.{a}", "rad", v, tol.mirror_angle, at, a) for at, a, v in tilts]
-        return cls((*point, *light, height, *plane), parsed.sigma.distance, mirror.in_ == "flange")
+        return cls(cavity_parameters(parsed, context), parsed.sigma.distance, parsed.mirror.in_ == "flange")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -126,3 +117,21 @@ class Distance(Sensor):
         )
         normal = mirror[:3, 2]
         return ca.dot(normal, mirror[:3, 3] - origin) / ca.dot(normal, light)
+
+
+def cavity_parameters(section: CavitySection, context: BuildContext) -> tuple[Parameter, ...]:
+    """beam.x beam.y beam.z beam.rx beam.rz mirror.z mirror.rx mirror.ry, with their tolerances."""
+    beam, mirror, tol = section.beam, section.mirror, section.tolerance
+
+    def own(name: str, unit: str, value: float, tolerance: float, *field: str | int) -> Parameter:
+        return context.parameter(name, unit, value, field, "sensor", tolerance)
+
+    point = [
+        own(f"beam.{a}", "mm", beam.xyz[k], tol.beam_xyz[k], "beam", "xyz", k) for k, a in enumerate("xyz")
+    ]
+    turns = (("beam", "rx", beam.rx), ("beam", "rz", beam.rz))
+    light = [own(f"{at}.{a}", "rad", v, tol.beam_angle, at, a) for at, a, v in turns]
+    height = own("mirror.z", "mm", mirror.z, tol.mirror_z, "mirror", "z")
+    tilts = (("mirror", "rx", mirror.rx), ("mirror", "ry", mirror.ry))
+    plane = [own(f"{at}.{a}", "rad", v, tol.mirror_angle, at, a) for at, a, v in tilts]
+    return (*point, *light, height, *plane)

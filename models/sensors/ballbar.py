@@ -1,0 +1,86 @@
+"""A ball bar: the distance between a ball on the base and a ball on the tool (ISO 230-4 and like it, any pose)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import casadi as ca
+
+from truepose.models.context import BuildContext
+from truepose.models.parameters import Parameter
+from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.units import LengthTolerance, LengthToleranceVector, LengthVector, Section
+
+_XYZ = ("x", "y", "z")
+_NOWHERE = (0.0, 0.0, 0.0)
+
+
+class _Sigma(Section):
+    distance: LengthTolerance
+
+
+class _Tolerance(Section):
+    centre: LengthToleranceVector = _NOWHERE
+    ball: LengthToleranceVector = _NOWHERE
+
+
+class _BallBarSection(Section):
+    type: Literal["ballbar"]
+    name: str | None = None
+    centre: LengthVector
+    ball: LengthVector = _NOWHERE
+    sigma: _Sigma
+    tolerance: _Tolerance = _Tolerance()
+
+
+@sensors.add("ballbar")
+@dataclass(frozen=True)
+class BallBar(Sensor):
+    """length: from the ball ``centre`` (sensor frame) to the ball ``ball`` (tool frame).
+
+    ``prefix`` tells several bars apart: it opens the names of the column and of the parameters.
+    """
+
+    own: tuple[Parameter, ...]
+    sigma: float
+    prefix: str = ""
+    type = "ballbar"
+
+    @classmethod
+    def build(cls, section: Mapping[str, Any], context: BuildContext) -> BallBar:
+        """From ``centre``, ``ball``, ``sigma: {distance}``, ``tolerance: {centre, ball}`` and an optional ``name``."""
+        parsed = context.parse(_BallBarSection, section)
+        prefix = f"{parsed.name}." if parsed.name else ""
+        ends = (
+            ("centre", parsed.centre, parsed.tolerance.centre),
+            ("ball", parsed.ball, parsed.tolerance.ball),
+        )
+        own = tuple(
+            context.parameter(f"{prefix}{end}.{axis}", "mm", at[k], (end, k), "sensor", tolerance[k])
+            for end, at, tolerance in ends
+            for k, axis in enumerate(_XYZ)
+        )
+        return cls(own, parsed.sigma.distance, prefix)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """centre.x centre.y centre.z ball.x ball.y ball.z, mm."""
+        return self.own
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """length, mm."""
+        return {f"{self.prefix}length": "mm"}
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """One length."""
+        name = f"{self.prefix}length"
+        return (Channel(name, "mm", self.sigma, "distance", name),)
+
+    def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
+        """|world * ball - centre|, mm."""
+        centre, ball = (ca.vertcat(*(s[p.name] for p in part)) for part in (self.own[:3], self.own[3:]))
+        return ca.norm_2(world[:3, :3] @ ball + world[:3, 3] - centre)
