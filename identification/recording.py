@@ -19,7 +19,7 @@ import numpy.typing as npt
 from truepose.errors import InputError
 from truepose.identification.history import direction_of_travel, exponential_lag, order_in_time
 from truepose.identification.recording_file import JointColumn, RecordingPart, read_part
-from truepose.identification.table import Column
+from truepose.identification.table import Column, Table
 from truepose.models.units import FloatArray, UnitSystem
 
 IntArray = npt.NDArray[np.int64]
@@ -193,7 +193,7 @@ def frozen(array: A) -> A:
 
 
 def read_recording(
-    paths: Sequence[Path | str],
+    paths: Sequence[Path | str | Table],
     joints: Sequence[JointColumn],
     sensor_columns: Mapping[str, str],
     units: UnitSystem,

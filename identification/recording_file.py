@@ -52,14 +52,14 @@ class RecordingPart:
 
 
 def read_part(
-    path: Path | str,
+    path: Path | str | Table,
     joints: Sequence[JointColumn],
     sensor_columns: Mapping[str, str],
     units: UnitSystem,
     needed: Sequence[str],
 ) -> RecordingPart:
-    """Read and check one file. `needed` names the columns it must have beside the joints."""
-    table = read_table(path)
+    """Read and check one file (or its table). `needed` names the columns it must have beside the joints."""
+    table = path if isinstance(path, Table) else read_table(path)
     for name in (*(joint.name for joint in joints), *needed):
         _require(table, name)
     present = {name: unit for name, unit in sensor_columns.items() if name in table}
@@ -97,7 +97,7 @@ def _default_unit(internal: str, units: UnitSystem) -> str:
     return {"mm": units.length, "rad": units.angle}.get(internal, internal)
 
 
-def _joint_unit(joint: JointColumn, units: UnitSystem) -> str:
+def joint_unit(joint: JointColumn, units: UnitSystem) -> str:
     """The unit a joint's column is in unless its header says otherwise."""
     if units.joint is not None and compatible(units.joint, joint.unit):
         return units.joint
@@ -105,7 +105,7 @@ def _joint_unit(joint: JointColumn, units: UnitSystem) -> str:
 
 
 def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
-    unit = table.unit(joint.name, _joint_unit(joint, units), joint.unit)
+    unit = table.unit(joint.name, joint_unit(joint, units), joint.unit)
     recorded = table.numbers(joint.name)
     readings = convert(recorded, unit, joint.unit)
     if joint.range is None:
@@ -137,7 +137,7 @@ def _drivers(table: Table, joints: Sequence[JointColumn], units: UnitSystem) -> 
         if approach in table:
             drivers[approach] = _approach(table, approach)
         if velocity in table:
-            default, internal = f"{_joint_unit(joint, units)}/s", f"{joint.unit}/s"
+            default, internal = f"{joint_unit(joint, units)}/s", f"{joint.unit}/s"
             drivers[velocity] = _converted(table, velocity, default, internal)
     return drivers
 
