@@ -50,7 +50,7 @@ def _points(
 ) -> tuple[Array, Array]:
     """Predicted and measured points (k, 3) of every point that has three position channels."""
     predicted, measured = [], []
-    channels = [c.name for c in predictor.channels if c.kind == "position"]
+    channels = [c.name for c in predictor.channels if c.kind == "position" and c.name in names]
     for k in range(0, len(channels), 3):
         triple = channels[k : k + 3]
         predicted.append(values[rows][:, [names.index(c) for c in triple]])

@@ -6,72 +6,43 @@ against outliers. Parameters are scaled by their tolerance, readings by sigma, b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.errors import ConvergenceError, InputError
-from truepose.identification.leastsquares import Solution, Status, minimise
+from truepose.errors import ConvergenceError
+from truepose.identification.decomposition import Decomposition
+from truepose.identification.leastsquares import Solution, Status, minimise, triangular
 from truepose.identification.prediction import Predictor
+from truepose.identification.problem import Prior, Problem, prior_of
 from truepose.identification.recording import Recording
+from truepose.identification.relinearised import Shrunk
+from truepose.identification.widening import widened
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
+Solver = Callable[[Problem, Array], Solution]
+"""A problem and where it starts, scaled steps (n_free,), to its minimum."""
 FREE_WIDENING = 100.0
 """The free fit's tolerances, in drawing tolerances: they decide nothing, and the fit stays solvable.
 
 Frames keep theirs: moving the whole chain between base and tool changes no reading, so widening them too
 would only add a long curved valley to walk down.
 """
+TOLERANCE = 1e-9
+"""A fit ends when half the sum of squares has less to gain; a step is then 1e-4 of a 1-sigma at most."""
 FREE_TOLERANCE = 1e-4
 """The free fit ends when what is left to gain is below this share of the readings; it serves to show chi2."""
 FREE_LIMIT = 400
-ROUNDING = 1e-8
-"""Components of undetermined directions below this are rounding."""
+UNKNOWN = 1e15
+"""1-sigma, in steps, of a direction that nothing determines."""
 HUBER = 1.345
 REWEIGHTINGS = 12
 SETTLED = 3e-3
-
-
-@dataclass(frozen=True)
-class Prior:
-    """Gaussian prior of every entry of p: mean, 1-sigma (0 fixed, inf none), scale of step, class of part."""
-
-    names: tuple[str, ...]
-    mean: Array
-    sigma: Array
-    scale: Array
-    parts: tuple[str, ...]
-
-    @property
-    def free(self) -> NDArray[np.intp]:
-        """Indices of what is estimated."""
-        return np.flatnonzero(self.sigma > 0)
-
-    def widened(self, factor: float) -> Prior:
-        """Every tolerance multiplied, but those of frames."""
-        wide = np.array([1.0 if part == "frame" else factor for part in self.parts])
-        return replace(self, sigma=self.sigma * wide)
-
-
-def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
-    """Tolerances for geometry; for effects their spread, by default 100 times their largest size."""
-    parameters = machine.parameters
-    names = [p.name for p in parameters]
-    mean, sigma = [p.nominal for p in parameters], [p.tolerance for p in parameters]
-    scale, parts = [p.scale for p in parameters], [p.part for p in parameters]
-    for effect in effects:
-        for c in effect.coefficients:
-            names.append(f"{effect.label}:{c.name}")
-            mean.append(0.0)
-            sigma.append(effect.spread * c.scale)
-            scale.append(c.scale)
-            parts.append("effect")
-    return Prior(tuple(names), np.array(mean), np.array(sigma), np.array(scale), tuple(parts))
 
 
 @dataclass(frozen=True)
@@ -95,6 +66,10 @@ class Estimate:
     factor: Array
     solution: Solution
     unassembled: tuple[int, ...]
+    shrunk: Shrunk | None = None
+    """What a linear (biased) estimator knows of itself; it has no prior, and its variance is not J'J's."""
+    levels: int = 0
+    """Unknowns that compared rows share; they cost readings."""
 
     @property
     def prior_weight(self) -> Array:
@@ -105,17 +80,20 @@ class Estimate:
         )
 
     @cached_property
+    def decomposition(self) -> Decomposition:
+        """What readings and prior know of the free entries, in steps of ``prior.scale``: one SVD."""
+        return Decomposition.of(self.factor[:, : len(self.prior.free)], self.prior_weight)
+
+    @property
+    def known(self) -> Decomposition | Shrunk:
+        """Whose root and unknown directions are this estimate's: readings and prior, or a biased estimator."""
+        return self.decomposition if self.shrunk is None else self.shrunk
+
+    @cached_property
     def covariance(self) -> Array:
         """(n_free, n_free) posterior covariance; directions nothing determines have a variance of 1e30."""
-        free = self.prior.free
-        rows = np.vstack([self.factor[:, : len(free)], np.diag(self.prior_weight)])
-        _, s, vt = np.linalg.svd(rows, full_matrices=False)
-        known = s > 1e-12 * np.max(s, initial=1e-300)
-        vt = np.where(
-            ~known[:, None] & (np.abs(vt) < ROUNDING), 0.0, vt
-        )  # else rounding times 1e15 drowns all
-        inverse = np.where(known, 1.0 / np.maximum(s, 1e-300), 1e15)
-        root = (vt.T * inverse) * self.prior.scale[free][:, None]
+        known = self.known
+        root = np.hstack([known.root, UNKNOWN * known.unknown.T]) * self.prior.scale[self.prior.free][:, None]
         out: Array = root @ root.T
         return out
 
@@ -126,30 +104,25 @@ class Estimate:
         out[self.prior.free] = np.sqrt(np.diag(self.covariance))
         return out
 
-    @cached_property
+    @property
     def null_space(self) -> Array:
-        """(k, n_free) directions, in tolerances, that the readings alone cannot see."""
-        _, s, vt = np.linalg.svd(self.factor[:, : len(self.prior.free)])
-        out: Array = vt[s <= 1e-9 * max(float(s[0]), 1e-300)]
-        return out
+        """(k, n_free) directions, in steps of ``prior.scale``, that the readings alone cannot see."""
+        return self.decomposition.null_space
 
     @property
     def rank(self) -> int:
         """How many directions of the free parameters the readings determine."""
-        return len(self.prior.free) - len(self.null_space)
+        return self.decomposition.rank
 
     @property
     def effective_parameters(self) -> float:
         """Trace of the readings' share of the information: degrees of freedom that were really used."""
-        n = len(self.prior.free)
-        h = self.factor[:, :n].T @ self.factor[:, :n]
-        total = h + np.diag(self.prior_weight**2)
-        return float(np.trace(np.linalg.lstsq(total, h, rcond=1e-14)[0]))
+        return self.known.effective
 
     @property
     def readings(self) -> int:
-        """Number of fitted readings."""
-        return int(np.sum(self.residual[self.used] != 0.0))
+        """Number of fitted readings, less the levels that compared rows share."""
+        return int(np.sum(self.residual[self.used] != 0.0)) - self.levels
 
     @property
     def chi2(self) -> float:
@@ -198,96 +171,55 @@ def estimate(
     prior: Prior | None = None,
     predictor: Predictor | None = None,
     damping: float | None = None,
+    tolerance: float = TOLERANCE,
+    solver: Solver | None = None,
 ) -> Estimate:
     """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording``.
 
-    ``exclude`` leaves rows out; rows that cannot be assembled are left out and listed. Raises InputError for
-    too few rows, ConvergenceError naming the parameters responsible when no minimum is reached.
+    ``exclude`` leaves rows out; rows that cannot be assembled are left out and listed. A fit that is not
+    widened ends when half the sum of squares has less than ``tolerance`` left to gain. ``solver`` takes the
+    place of damped Gauss-Newton. Raises InputError for too few rows, ConvergenceError naming the parameters
+    responsible when no minimum is reached.
     """
     predictor = predictor or Predictor(machine, recording, effects)
-    prior = (prior or prior_of(machine, effects)).widened(widen)
+    prior = prior or prior_of(machine, effects)
     p = predictor.model.p_home.copy() if start is None else start.astype(float)
     used = ~recording.validation if exclude is None else ~recording.validation & ~exclude
-    problem = _Problem(predictor, prior, p, used)
-    _check_size(problem, recording)
-    tolerance, limit = (1e-9, 100) if widen == 1.0 else (FREE_TOLERANCE * problem.readings, FREE_LIMIT)
+    problem = Problem(predictor, prior, p, used)
+    if widen != 1.0:
+        prior = widened(problem, widen)
+        problem = Problem(predictor, prior, p, used)
+    tolerance, limit = (tolerance, 100) if widen == 1.0 else (FREE_TOLERANCE * problem.readings, FREE_LIMIT)
     # a fit under tolerances is well posed and takes full steps; the free fit walks down curved valleys
     damping = (0.0 if widen == 1.0 else 1e-4) if damping is None else damping
-    solution = _robust(
-        problem, loss, partial(minimise, problem.blocks, damping=damping, tolerance=tolerance, limit=limit)
-    )
+    descend = partial(minimise, problem.blocks, damping=damping, tolerance=tolerance, limit=limit)
+    solution = _robust(problem, loss, partial(solver, problem) if solver else descend)
     if not solution.status.ok:
-        raise ConvergenceError(_blame(solution, prior))
-    return problem.result(solution, tuple(effects))
+        raise ConvergenceError(blame(solution, prior))
+    return result(problem, solution, tuple(effects))
 
 
-class _Problem:
-    """The whitened least-squares problem in scaled steps t from p: readings, then prior."""
-
-    def __init__(self, predictor: Predictor, prior: Prior, p: Array, used: NDArray[np.bool_]) -> None:
-        self.predictor, self.prior, self.p, self.used = predictor, prior, p, used
-        self.weights = np.ones(len(used))
-        self.x, good = predictor.assemble(p)
-        self.unassembled = tuple(int(k) for k in np.flatnonzero(~good & used))
-        self.used = used & good
-        self.readings = int(self.used.sum()) * len(predictor.channels)
-
-    def at(self, t: Array) -> Array:
-        p = self.p.copy()
-        p[self.prior.free] += self.prior.scale[self.prior.free] * t
-        return p
-
-    def blocks(self, t: Array) -> Iterable[Array]:
-        p = self.at(t)
-        x, good = self.predictor.assemble(p, self.x)
-        if not good[self.used].all():
-            yield np.full((1, len(t) + 1), np.nan)
-            return
-        self.x = np.where(good[:, None], x, self.x) if x.shape[1] else x
-        yield from self.data(p, self.x)
-        yield self.prior_rows(p)
-
-    def data(self, p: Array, x: Array) -> Iterable[Array]:
-        free, root = self.prior.free, np.sqrt(self.weights)
-        for block in self.predictor.blocks(p, x):
-            rows = np.flatnonzero(self.used[block.rows])
-            w = root[block.rows][rows, None]
-            jacobian = block.jacobian[rows][:, :, free] * self.prior.scale[free] * w[..., None]
-            stacked = np.concatenate([jacobian, (block.residual[rows] * w)[..., None]], axis=2)
-            yield stacked.reshape(-1, len(free) + 1)
-
-    def prior_rows(self, p: Array) -> Array:
-        free = self.prior.free
-        sigma = self.prior.sigma[free]
-        weight = np.where(np.isinf(sigma), 0.0, self.prior.scale[free] / sigma)
-        pull = np.where(np.isinf(sigma), 0.0, (p[free] - self.prior.mean[free]) / sigma)
-        return np.column_stack([np.diag(weight), pull])
-
-    def residuals(self, p: Array, x: Array) -> Array:
-        return np.concatenate([block.residual for block in self.predictor.blocks(p, x)])
-
-    def result(self, solution: Solution, effects: tuple[PlacedEffect, ...]) -> Estimate:
-        from truepose.identification.leastsquares import triangular
-
-        p = self.at(solution.t)
-        x, _ = self.predictor.assemble(p, self.x)
-        factor = triangular(self.data(p, x), len(self.prior.free) + 1)
-        return Estimate(
-            self.predictor.machine,
-            effects,
-            self.prior,
-            p,
-            x,
-            self.residuals(p, x),
-            self.used,
-            self.weights,
-            factor,
-            solution,
-            self.unassembled,
-        )
+def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ...]) -> Estimate:
+    """What a solution says of the parameters, with the readings' factor and all residuals there."""
+    p = problem.at(solution.t)
+    x, _ = problem.predictor.assemble(p, problem.x)
+    return Estimate(
+        machine=problem.predictor.machine,
+        effects=effects,
+        prior=problem.prior,
+        p=p,
+        x=x,
+        residual=problem.residuals(p, x),
+        used=problem.used,
+        weights=problem.weights,
+        factor=triangular(problem.data(p, x), len(problem.prior.free) + 1),
+        solution=solution,
+        unassembled=problem.unassembled,
+        levels=problem.levels,
+    )
 
 
-def _robust(problem: _Problem, loss: str, solve: Callable[[Array], Solution]) -> Solution:
+def _robust(problem: Problem, loss: str, solve: Callable[[Array], Solution]) -> Solution:
     """Plain least squares, or Huber's loss on whole rows by reweighting until the weights settle."""
     solution = solve(np.zeros(len(problem.prior.free)))
     if loss == "gauss":
@@ -306,18 +238,7 @@ def _robust(problem: _Problem, loss: str, solve: Callable[[Array], Solution]) ->
     return solution
 
 
-def _check_size(problem: _Problem, recording: Recording) -> None:
-    known = int(np.sum(np.isfinite(problem.prior.sigma[problem.prior.free])))
-    free = len(problem.prior.free)
-    if problem.readings < free - known or problem.readings == 0:
-        raise InputError(
-            f"{', '.join(recording.files)}: found {int(problem.used.sum())} usable rows "
-            f"({problem.readings} readings), expected at least as many readings as the {free - known} "
-            "parameters without a finite tolerance"
-        )
-
-
-def _blame(solution: Solution, prior: Prior) -> str:
+def blame(solution: Solution, prior: Prior) -> str:
     """Name the parameters that still move most, in their own scale."""
     names = np.array(prior.names)[prior.free]
     moved = np.abs(solution.movement)
@@ -329,4 +250,4 @@ def _blame(solution: Solution, prior: Prior) -> str:
     )
 
 
-__all__ = ["Estimate", "Prior", "Status", "estimate", "prior_of"]
+__all__ = ["Estimate", "Prior", "Solver", "Status", "blame", "estimate", "prior_of", "result"]

@@ -23,6 +23,11 @@ LOST = 1e-12
 """Part of the sum of squares below which a predicted decrease is lost in rounding."""
 VANISHED = 1e-10
 """Part of its length at the start below which a column of J counts as lost."""
+SURE = 1e-6
+"""Predicted decrease below which a step is right without a trial."""
+POLISHING = 10
+UNSEEN = 1e-10
+"""Singular values below this share of the largest say nothing: the last step does not follow them."""
 
 
 class Status(Enum):
@@ -42,7 +47,8 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Solution:
-    """Minimum of half the sum of squares: t (n,), triangular factor of [J r] (n + 1, n + 1), the outcome."""
+    """Minimum of half the sum of squares: t (n,), triangular factor of [J r] (n + 1, n + 1) at or next to it,
+    the outcome, the decrease that was left to gain, and the last step."""
 
     t: Array
     factor: Array
@@ -101,7 +107,7 @@ def minimise(
     found = _descend(blocks, t, factor, limit, tolerance, damping)
     if found.status.ok and np.any(_influence(found.factor) < VANISHED * _influence(factor)):
         return replace(found, status=Status.ESCAPED)
-    return found
+    return _polished(blocks, found, tolerance) if found.status.ok and found.decrement < SURE else found
 
 
 def _descend(
@@ -113,7 +119,7 @@ def _descend(
         decrement = _decrement(factor, n)
         if decrement < tolerance + 1e-15 * cost:
             return Solution(t, factor, cost, Status.CONVERGED, iteration, decrement, movement)
-        step = _step(factor, n, mu)
+        step = newton_step(factor, n, mu)
         trial = triangular(blocks(t + step), n + 1)
         after = _cost(trial)
         predicted = cost - 0.5 * float(np.sum((factor[:, :n] @ step + factor[:, n]) ** 2))
@@ -132,6 +138,24 @@ def _descend(
     return Solution(t, factor, cost, Status.LIMIT, limit, decrement, movement)
 
 
+def _polished(blocks: Blocks, found: Solution, tolerance: float) -> Solution:
+    """Undamped steps where the sum of squares tells no more: as long as they leave less than half to gain.
+
+    The last one is not tried: what is left after it is of second order.
+    """
+    n = len(found.t)
+    for _ in range(POLISHING):
+        after = found.t + newton_step(found.factor, n, least=UNSEEN)
+        if found.decrement < tolerance:
+            return replace(found, t=after)
+        factor = triangular(blocks(after), n + 1)
+        left = _decrement(factor, n) if np.isfinite(factor).all() else np.inf
+        if left > 0.5 * found.decrement:
+            return found
+        found = replace(found, t=after, factor=factor, cost=_cost(factor), decrement=left)
+    return found
+
+
 def _cost(factor: Array) -> float:
     """Half the sum of squares."""
     return 0.5 * float(np.sum(factor[:, -1] ** 2))
@@ -142,15 +166,18 @@ def _influence(factor: Array) -> Array:
     return np.asarray(np.linalg.norm(factor[:, :-1], axis=0))
 
 
-def _step(factor: Array, n: int, mu: float) -> Array:
-    """Damped step, the damping scaled by the columns of J (Marquardt)."""
+def newton_step(factor: Array, n: int, mu: float = 0.0, *, least: float = 1e-13) -> Array:
+    """(n,) Gauss-Newton step of a triangular factor of [J r], damping ``mu`` scaled by J's columns (Marquardt).
+
+    Directions whose singular value is below the share ``least`` of the largest stay where they are.
+    """
     norms = np.linalg.norm(factor[:, :n], axis=0)
     norms[norms == 0] = 1.0
     if n >= WIDE_PROBLEM:
         wide: Array = -_normal(factor[:, :n] / norms, factor[:, n], mu)[0] / norms
         return wide
     u, s, vt = np.linalg.svd(factor[:, :n] / norms, full_matrices=False)
-    keep = s > 1e-13 * max(s[0], 1e-300)
+    keep = s > least * max(s[0], 1e-300)
     gain = np.divide(s, s**2 + mu, out=np.zeros_like(s), where=keep)
     step: Array = -(vt.T @ (gain * (u.T @ factor[:, n]))) / norms
     return step

@@ -50,7 +50,7 @@ class Predictor:
             recorded = recording.driver(name)
             self.z[:, k] = self.model.z_home[k] if recorded is None else recorded
         m = self.model
-        inputs, flat, twist = [m.x, m.q, m.z, m.p], ca.vec(m.world[:3, :]), _twist_rows(m.world)
+        inputs, flat, twist = [m.x, m.q, m.z, m.p], ca.vec(m.world[:3, :]), twist_rows(m.world)
         self._closure = BatchFunction("closure", inputs, [m.equations, ca.jacobian(m.equations, m.x), m.gap])
         self._pose = BatchFunction("pose", inputs, [m.world])
         outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
@@ -118,12 +118,12 @@ class Predictor:
             x, good = self.assemble(p)
         return self._pose(x, self.q, self.z, p)[0], good
 
-    def blocks(self, p: Array, x: Array, counted: Mask | None = None) -> Iterator[Block]:
+    def blocks(self, p: Array, x: Array, weight: Array | Mask | None = None) -> Iterator[Block]:
         """Whitened residuals and exact Jacobians, some rows at a time, so that memory stays flat.
 
-        ``counted`` are the rows that set a level which compared rows share; by default those not for validation.
+        ``weight`` (n,) is what rows count in a level that compared rows share; by default 1, for validation 0.
         """
-        comparisons = self.comparisons(counted)
+        comparisons = self.comparisons(weight)
         step = _BLOCK if all(c is None for c in comparisons) else len(self.q)
         for start in range(0, len(self.q), max(step, 1)):
             rows = slice(start, min(start + step, len(self.q)))
@@ -131,11 +131,10 @@ class Predictor:
             pairs = zip(self._sensors, comparisons, strict=True)
             yield joined(rows, [f.block(pose, twist, p, self.recording, rows, c) for f, c in pairs])
 
-    def comparisons(self, counted: Mask | None = None) -> list[Comparison | None]:
+    def comparisons(self, weight: Array | Mask | None = None) -> list[Comparison | None]:
         """How each sensor compares rows; None where each reading depends on its own row alone."""
-        rows = Rows(
-            self.origin, self.recording.labels, ~self.recording.validation if counted is None else counted
-        )
+        counts = np.asarray(~self.recording.validation if weight is None else weight, dtype=float)
+        rows = Rows(self.origin, self.recording.labels, counts, self.recording.files)
         return [sensor.comparison(rows) for sensor in self.machine.sensors]
 
     def columns(self, p: Array, x: Array) -> tuple[list[str], Array, Array, Array]:
@@ -214,7 +213,7 @@ def _origin(recording: Recording) -> NDArray[np.intp]:
     return origin
 
 
-def _twist_rows(world: ca.SX) -> ca.SX:
+def twist_rows(world: ca.SX) -> ca.SX:
     """(6, 12) map from the derivative of vec([R|p]) to the twist [dp; vee(dR R')]."""
     rows = ca.SX.zeros(6, 12)
     rows[:3, 9:] = ca.SX.eye(3)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.codegen.batch import BatchFunction
+from truepose.errors import InputError
 from truepose.identification.recording import Recording
 from truepose.models import lie
 from truepose.models.sensors.base import Comparison, Sensor
@@ -85,15 +86,24 @@ class SensorFunctions:
         columns = [recording.readings[c][rows] for c in self.sensor.columns]
         y = np.column_stack(columns) if columns else np.zeros((len(pose), 0))
         if comparison is None:
+            self._check_labels(recording)
             value, jacobian = self._evaluate(self._residual, pose, twist, p, y)
             return Block(rows, value / self._sigma, jacobian / self._sigma[:, None])
         raw, jacobian = self._evaluate(self._predict, pose, twist, p, y)
         values = comparison.values(raw)
 
         def compare(change: Array) -> Array:
-            return comparison.changes(raw, change) / self._sigma[:, None]
+            out: Array = comparison.changes(raw, change) / self._sigma[:, None]
+            return out
 
         return Block(rows, (values - y if columns else values) / self._sigma, jacobian, compare)
+
+    def _check_labels(self, recording: Recording) -> None:
+        missing = [name for name in self.sensor.label_columns if name not in recording.labels]
+        if missing:
+            raise InputError(
+                f"{', '.join(recording.files)}: missing column {missing[0]!r}, which the sensor {self.sensor.type} needs"
+            )
 
     def prediction(
         self, pose: Array, twist: Array, p: Array, comparison: Comparison | None

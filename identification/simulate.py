@@ -37,8 +37,9 @@ def simulate(
     """The sensor's columns for every row of ``poses``, in the machine file's units.
 
     Noise is the instrument's, drawn from ``seed``; None leaves it out. Raises InputError naming the first row
-    that cannot be assembled.
+    that cannot be assembled, and a column of labels that a sensor without readings needs.
     """
+    _check_labels(machine, poses)
     predictor = predictor_for(machine.with_effects((*machine.effects, *extra)), poses)
     found = predicted(predictor, with_std=False)
     if not found.good.all():
@@ -57,6 +58,15 @@ def simulate(
         for k, (name, unit) in enumerate(sensor.columns.items()):
             data[name] = from_internal(read[:, k], unit, units)
     return pd.DataFrame(data)
+
+
+def _check_labels(machine: Machine, poses: Recording) -> None:
+    for sensor in machine.sensors:
+        for name in sensor.label_columns:
+            if name not in poses.labels:
+                raise InputError(
+                    f"{', '.join(poses.files)}: missing column {name!r}, which the sensor {sensor.type} needs"
+                )
 
 
 def with_inputs(path: Path | str, readings: pd.DataFrame) -> pd.DataFrame:

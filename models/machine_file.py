@@ -115,6 +115,7 @@ class MachineFile:
     raw: Mapping[str, Any]
     nominal: Mapping[str, float] = field(default_factory=dict)  # drawing values of a calibrated file: mm, rad
     sessions: tuple[int, ...] = ()  # session numbers seen in its fit
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # as written, in the file's units
 
     def override_for(self, parameter: str, unit: str) -> float | None:
         """The tolerance that `tolerances:` states for a parameter, in its `unit`; None if none."""
@@ -174,8 +175,17 @@ def _numbers(value: object) -> tuple[float, ...]:
     return tuple(float(item) for item in items)
 
 
+def _interval(value: object) -> tuple[float, float]:
+    items = value if isinstance(value, list) else []
+    numbers = [v for v in items if isinstance(v, (int, float)) and not isinstance(v, bool)]
+    if len(items) != 2 or len(numbers) != 2 or not numbers[0] < numbers[1]:
+        raise bad_value("[low, high], two numbers with low < high (-.inf and .inf leave a side open)", value)
+    return float(numbers[0]), float(numbers[1])
+
+
 RawSection = Annotated[dict[str, Any], BeforeValidator(_typed_mapping)]
 _Override = Annotated[tuple[float, ...], BeforeValidator(_numbers)]
+_Interval = Annotated[tuple[float, float], BeforeValidator(_interval)]
 
 
 class _Defaults(Section):
@@ -198,6 +208,7 @@ class _Document(Section):
     covariance: dict[str, Any] | None = None
     nominal: dict[str, Number] = Field(default_factory=dict)
     sessions: tuple[int, ...] = ()
+    bounds: dict[str, _Interval] = Field(default_factory=dict)
 
 
 def read_machine(path: Path | str) -> MachineFile:
@@ -240,6 +251,7 @@ def read_machine(path: Path | str) -> MachineFile:
         raw=raw,
         nominal=document.nominal,
         sessions=document.sessions,
+        bounds=document.bounds,
     )
 
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from truepose.models import lie
@@ -150,3 +151,106 @@ def test_skew_is_the_cross_product_and_vee_undoes_it(a: Array, b: Array) -> None
     matrix = numeric(lie.skew(v), (v, a))
     np.testing.assert_allclose(matrix @ b, np.cross(a, b), atol=1e-9)
     np.testing.assert_allclose(numeric(lie.vee(m), (m, matrix))[:, 0], a, atol=1e-12)
+
+
+def _skew(w: Array) -> Array:
+    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+
+
+def _left_jacobian(w: Array) -> Array:
+    """How Exp(w) turns as w changes: Exp(w + dw) = Exp(J dw) Exp(w); the series of the exponential's average."""
+    out, term = np.eye(3), np.eye(3)
+    for k in range(1, 60):
+        term = term @ _skew(w) / (k + 1)
+        out = out + term
+    return out
+
+
+ANGLES = (0.0, 1e-12, 1e-9, 1e-7, 1e-4, 0.1, 1.0, 3.0, np.pi - 1e-3, np.pi - 1e-6, np.pi - 1e-9)
+
+
+@pytest.fixture
+def directions() -> Array:
+    rng = np.random.default_rng(5)
+    some = np.vstack([np.eye(3), -np.eye(3), rng.standard_normal((6, 3))])
+    return np.asarray(some / np.linalg.norm(some, axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_exponential_and_logarithm_undo_each_other_everywhere(angle: float, directions: Array) -> None:
+    w = angle * directions
+    np.testing.assert_allclose(lie.log_so3(lie.exp_so3(w)), w, atol=1e-14 * max(1.0, angle))
+    again = lie.exp_so3(lie.log_so3(lie.exp_so3(w)))
+    np.testing.assert_allclose(again, lie.exp_so3(w), atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", ANGLES[:9])
+def test_the_symbolic_logarithm_has_digits_to_near_half_a_turn(angle: float, directions: Array) -> None:
+    """Sine and cosine of the angle are known to 1e-16: near pi the direction is known to that over the sine."""
+    r = ca.SX.sym("r", 3, 3)
+    log = ca.Function("log", [r], [lie.log_so3_sx(r)])
+    for w in angle * directions:
+        atol = 1e-15 + 1e-14 * angle / max(np.sin(angle), 1e-3)
+        np.testing.assert_allclose(log(lie.exp_so3(w)).full()[:, 0], w, atol=atol)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_the_exponential_is_the_groups(angle: float, directions: Array) -> None:
+    """Exp(w) = expm(w x), and as its own adjoint: Exp(R w) = R Exp(w) R', Ad(Exp w) = exp(ad w)."""
+    turn = lie.exp_so3(np.array([0.4, -1.1, 0.7]))
+    for w in angle * directions:
+        rotation = lie.exp_so3(w)
+        np.testing.assert_allclose(rotation, expm(_skew(w)), atol=1e-14)
+        np.testing.assert_allclose(lie.exp_so3(turn @ w), turn @ rotation @ turn.T, atol=1e-14)
+        np.testing.assert_allclose(
+            rotation @ _skew(directions[0]) @ rotation.T, _skew(rotation @ directions[0]), atol=1e-14
+        )
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 1.0, 3.0])
+def test_twists_are_carried_by_the_adjoint(angle: float, directions: Array) -> None:
+    """Ad(exp X) = exp(ad X) in SE(3), twists [v; w]; and Ad carries twists as the pose carries points."""
+    for w, v in zip(angle * directions, 3.0 * directions[::-1], strict=True):
+        motion = np.zeros((4, 4))
+        motion[:3, :3], motion[:3, 3] = _skew(w), v
+        pose = expm(motion)
+        np.testing.assert_allclose(pose[:3, :3], lie.exp_so3(w), atol=1e-14)
+        np.testing.assert_allclose(pose[:3, 3], _left_jacobian(w) @ v, atol=1e-13)
+        small = np.block([[_skew(w), _skew(v)], [np.zeros((3, 3)), _skew(w)]])
+        rotation, shift = pose[:3, :3], _skew(pose[:3, 3])
+        adjoint = np.block([[rotation, shift @ rotation], [np.zeros((3, 3)), rotation]])
+        np.testing.assert_allclose(expm(small), adjoint, atol=1e-13)
+        carried = pose @ motion @ lie.inverse_pose(pose)  # a twist stays itself along its own screw
+        np.testing.assert_allclose(carried, motion, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [1e-8, 1e-3, 0.5, 2.0, 3.1])
+def test_jacobians_of_the_group(angle: float, directions: Array) -> None:
+    """Of the logarithm by a turn on the left, J^-1; of Rodrigues parameters and axis rotations by their own."""
+    r, small, s, a = ca.SX.sym("r", 3, 3), ca.SX.sym("small", 3), ca.SX.sym("s", 3), ca.SX.sym("a")
+    left = lie.log_so3_sx((ca.SX.eye(3) + lie.skew(small)) @ r)
+    log = ca.Function("log", [small, r], [ca.jacobian(left, small)])
+    turned = ca.Function("mrp", [s], [lie.mrp_rotation(s), ca.jacobian(ca.vec(lie.mrp_rotation(s)), s)])
+    rolled = lie.axis_rotation(s, a)
+    about = ca.Function("axis", [s, a], [rolled, ca.jacobian(ca.vec(rolled), a)])
+    for direction in directions:
+        w = angle * direction
+        rotation, jacobian = lie.exp_so3(w), _left_jacobian(w)
+        found = log(np.zeros(3), rotation).full()
+        # near half a turn the logarithm's direction is known to rounding over the sine
+        np.testing.assert_allclose(
+            found, np.linalg.inv(jacobian), atol=1e-12 / np.sin(angle) ** 2 if angle > 1 else 1e-9
+        )
+        mrp, slopes = turned(np.tan(angle / 4) * direction)
+        np.testing.assert_allclose(mrp.full(), rotation, atol=1e-14)
+        # d w / d s of w = 4 atan(|s|) s / |s|
+        size = np.tan(angle / 4)
+        outer = np.outer(direction, direction)
+        by_s = 4 / (1 + size**2) * outer + angle / size * (np.eye(3) - outer)
+        spins = jacobian @ by_s
+        for k in range(3):
+            derivative = slopes.full()[:, k].reshape(3, 3).T
+            np.testing.assert_allclose(derivative, _skew(spins[:, k]) @ rotation, atol=1e-12)
+        turn, slope = about(direction, angle)
+        np.testing.assert_allclose(turn.full(), rotation, atol=1e-14)
+        np.testing.assert_allclose(slope.full().reshape(3, 3).T, _skew(direction) @ rotation, atol=1e-14)

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from truepose.identification.estimate import estimate
+from truepose.identification.calibrate import calibrate
+from truepose.identification.estimate import Estimate, estimate
 from truepose.identification.load import load_recording
 from truepose.identification.prediction import Predictor
 from truepose.identification.simulate import parse_effect
@@ -230,3 +231,21 @@ def test_coarse_then_fine_calibration_brings_the_real_machine_onto_its_path() ->
     left = {name: layers.Left.of(real.errors(q, here.wanted)).position[1] for name, q in commands.items()}
     assert left["nominal"] > 1000 > left["coarse"] > 20
     assert left["exact"] < 5
+
+
+@pytest.mark.parametrize("estimator", ["ols", "liu"])
+def test_readings_alone_hold_what_they_cannot_tell_apart(estimator: str) -> None:
+    machine = load_machine(BUNDLE / "machine.yaml")
+    found = calibrate(machine, load_recording(machine, [BUNDLE / "recording.csv"]), estimator=estimator)
+    held = [p.name for p in machine.parameters if p.free and p.name not in _free_names(found.fit)]
+    assert any(f"{len(held)} of them were held" in note for note in found.notes)
+    nominal = {p.name: p.nominal for p in machine.parameters}
+    values = dict(zip(found.fit.prior.names, found.fit.p, strict=True))
+    assert all(values[name] == nominal[name] for name in held)
+    assert found.fit.rank == len(found.fit.prior.free)  # what is left is told apart
+    assert found.free is not None  # a full set of joint frames has a free fit, too
+    assert found.fit.chi2_per_dof == pytest.approx(found.free.chi2_per_dof, rel=0.05)
+
+
+def _free_names(fit: Estimate) -> set[str]:
+    return {fit.prior.names[k] for k in fit.prior.free}

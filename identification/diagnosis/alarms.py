@@ -218,7 +218,7 @@ def _projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     predictor = Predictor(fit.machine, recording, fit.effects)
     rows = [
         block.jacobian[fit.used[block.rows]][:, :, free] * fit.prior.scale[free]
-        for block in predictor.blocks(fit.p, fit.x)
+        for block in predictor.blocks(fit.p, fit.x, fit.used)
     ]
     jacobian = np.concatenate(rows).reshape(-1, len(free))
     q, _ = np.linalg.qr(np.vstack([jacobian, np.diag(fit.prior_weight)]))

@@ -178,7 +178,10 @@ def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers
     if before.residual.size * (len(free) + count) > 60_000_000:
         return None
     jacobian = np.concatenate(
-        [b.jacobian[:, :, free] * before.prior.scale[free] for b in predictor.blocks(before.p, before.x)]
+        [
+            b.jacobian[:, :, free] * before.prior.scale[free]
+            for b in predictor.blocks(before.p, before.x, before.used)
+        ]
     )
     rng = np.random.default_rng(13)
     t = (recording.q - recording.q.mean(axis=0)) / np.maximum(recording.q.std(axis=0), 1e-12)

@@ -65,7 +65,7 @@ class Signatures:
         geometry = self._geometry(fit)
         n = len(geometry)
         size = n + self.width + 1
-        gram, readings = np.zeros((size, size)), 0
+        gram, readings = np.zeros((size, size)), -fit.levels
         for block in self.blocks(fit, order=order):
             gram += block.T @ block
             readings += int(np.sum(np.any(block != 0.0, axis=1)))
@@ -112,7 +112,7 @@ class Signatures:
         if order is not None:
             shifts = shifts[order]
         place = {name: k for k, name in enumerate(predictor.model.names)}
-        for block in predictor.blocks(p, x, fit.used):
+        for block in predictor.blocks(p, x, fit.used * fit.weights):
             yield block.rows, block, block.changes(self._apply(block.here, shifts[block.rows], place))
 
     def _apply(self, jacobian: Array, shifts: Array, place: dict[str, int]) -> Array:

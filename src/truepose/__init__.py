@@ -11,10 +11,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from truepose.codegen.c import generate
     from truepose.identification.calibrate import calibrate
+    from truepose.identification.compensation import compensate
     from truepose.identification.diagnosis.engine import diagnose
+    from truepose.identification.drift.analysis import drift
     from truepose.identification.estimate import estimate
     from truepose.identification.export import diagnosis_json, fit_json
+    from truepose.identification.identifiability.analysis import identifiability
+    from truepose.identification.inverse import inverse
     from truepose.identification.load import load_recording
+    from truepose.identification.planning.plan import plan
     from truepose.identification.predict import predict
     from truepose.identification.simulate import parse_effect, simulate
     from truepose.identification.write_machine import write_calibrated
@@ -24,14 +29,19 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "calibrate": "truepose.identification.calibrate",
+    "compensate": "truepose.identification.compensation",
     "diagnose": "truepose.identification.diagnosis.engine",
     "diagnosis_json": "truepose.identification.export",
+    "drift": "truepose.identification.drift.analysis",
     "estimate": "truepose.identification.estimate",
     "fit_json": "truepose.identification.export",
     "generate": "truepose.codegen.c",
+    "identifiability": "truepose.identification.identifiability.analysis",
+    "inverse": "truepose.identification.inverse",
     "load_machine": "truepose.models.load",
     "load_recording": "truepose.identification.load",
     "parse_effect": "truepose.identification.simulate",
+    "plan": "truepose.identification.planning.plan",
     "predict": "truepose.identification.predict",
     "simulate": "truepose.identification.simulate",
     "write_calibrated": "truepose.identification.write_machine",
@@ -40,14 +50,19 @@ _HOMES = {
 __all__ = [
     "__version__",
     "calibrate",
+    "compensate",
     "diagnose",
     "diagnosis_json",
+    "drift",
     "estimate",
     "fit_json",
     "generate",
+    "identifiability",
+    "inverse",
     "load_machine",
     "load_recording",
     "parse_effect",
+    "plan",
     "predict",
     "simulate",
     "write_calibrated",

@@ -64,7 +64,7 @@ def calibration_lines(result: Calibration, output: Path) -> list[str]:
     fit, figures = result.fit, result.fit_json
     seen = f"{fit.rank} of {len(fit.prior.free)} directions"
     rms = ", ".join(f"{kind} {v['value']:.4g} {v['unit']}" for kind, v in figures["rms"].items())
-    flat = result.method["estimator"] == "ols"
+    flat = result.method["estimator"] in ("ols", "liu", "ridge", "pcr")
     held = "the others stay at the drawing" if flat else "tolerances decide the others"
     decided = f"; {held}" if fit.rank < len(fit.prior.free) else ""
     worst = f"{figures['worst_parameter']}, {fit.worst_parameter_sigma:.3g} tolerances"
