@@ -101,7 +101,14 @@ def calibrate(
         fit, notes = work.fitted(loss="huber" if estimator == "huber" else "gauss")
     progress("fitting without tolerances")
     free, more = work.free(fit.p)
-    notes = [*recording.notes, *_left_out(fit, recording), *notes, *work.at_bounds(fit), *more]
+    notes = [
+        *recording.notes,
+        *work.predictor.cautions,
+        *_left_out(fit, recording),
+        *notes,
+        *work.at_bounds(fit),
+        *more,
+    ]
     return Calibration(fit, free, recording, tuple(notes), method)
 
 

@@ -195,7 +195,7 @@ def estimate(
     descend = partial(minimise, problem.blocks, damping=damping, tolerance=tolerance, limit=limit)
     solution = _robust(problem, loss, partial(solver, problem) if solver else descend)
     if not solution.status.ok:
-        raise ConvergenceError(blame(solution, prior))
+        raise ConvergenceError("; ".join([blame(solution, prior), *predictor.cautions]))
     return result(problem, solution, tuple(effects))
 
 

@@ -65,6 +65,11 @@ class Predictor:
         """Residual components of every sensor, in order."""
         return tuple(channel for sensor in self.machine.sensors for channel in sensor.channels)
 
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What the sensors have to say of how they take this recording."""
+        return tuple(c for s in self.machine.sensors for c in s.cautions(self.recording.labels))
+
     def assemble(self, p: Array, start: Array | None = None) -> tuple[Array, Mask]:
         """Passive coordinates (n, nx) that close the loops, and which rows could be assembled.
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, root
 
 from truepose.errors import InputError
+from truepose.identification.calibrate import calibrate
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.summary import rms_by_kind
 from truepose.identification.estimate import Estimate, estimate
@@ -375,6 +376,16 @@ def test_sets_may_have_balls_of_their_own(tmp_path: Path) -> None:
     channels = [c for sensor in machine.sensors for c in sensor.channels]
     # each row has one ball: the two sensors share the rows, and the rms is that of 72 balls
     assert rms_by_kind(fit.residual, channels)["position"] == pytest.approx(0.05 * np.sqrt(3 * 0.75), rel=0.2)
+
+
+def test_one_ball_over_several_sets_is_told(tmp_path: Path) -> None:
+    rng = np.random.default_rng(23)
+    rows, ball = as_built(rng), np.array([5.0, -10.0, 80.0])
+    parts = [table(rng, rows, ball, 6).assign(set=name) for name in ("first", "second")]
+    machine = machine_of(tmp_path, SOCKET)
+    notes = calibrate(machine, read(tmp_path, machine, pd.concat(parts))).notes
+    assert any("sets first, second are taken to have one ball" in note for note in notes)
+    assert not any("one ball" in note for note in calibrate(machine, read(tmp_path, machine, parts[0])).notes)
 
 
 # -- several sensors, commands --------------------------------------------------------------------------

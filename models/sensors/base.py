@@ -99,6 +99,10 @@ class Sensor(ABC):
         """Whether readings follow from several rows (see ``comparison``)."""
         return self.differs_from_row
 
+    def cautions(self, labels: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+        """What a user should know of how this sensor takes a recording with such text columns."""
+        return ()
+
     @property
     def reads(self) -> tuple[str, ...]:
         """Further parameters of the machine that ``predict`` reads: ``tool.x`` where it is fixed to the flange."""

@@ -101,6 +101,16 @@ class Socket(Sensor):
         """Nothing is read, so that nothing is noisy."""
         return values
 
+    def cautions(self, labels: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+        """Several sets, one ball: right only if the tool stayed as it was."""
+        named = list(dict.fromkeys(labels.get(SET, ())))
+        if self.sets or len(named) < 2:
+            return ()
+        return (
+            f"the sets {', '.join(named)} are taken to have one ball; where the tool was mounted anew between them, "
+            f"give each ball a sensor of its own (`sets: [{named[0]}]`, and a `name` for all but one)",
+        )
+
     def comparison(self, rows: Rows) -> Comparison | None:
         """The sockets that the labels name; None where the columns are missing."""
         if any(name not in rows.labels for name in self.label_columns):
