@@ -42,19 +42,21 @@ def true_effects(truth: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...]]]:
 def _verdict(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> Text:
     real = true_effects(truth)
     found = {(f.effect, f.place) for f in diagnosis.findings}
-    said = (
-        words.joined(
-            [f"{words.effect_title(slug)} {words.place_words(place)}".strip() for slug, place in real]
-        )
-        or "nothing"
-    )
-    missed = [slug for slug, place in real if (slug, place) not in found]
     extra = [
         f"{slug} {words.place_words(place)}" for slug, place in sorted(found) if (slug, place) not in real
     ]
+    lead = "This recording was simulated, so the truth is known (the diagnosis never saw it)."
+    if not real:
+        named = f"named all the same: {words.joined(extra)}" if extra else "none was named"
+        return Text(
+            f"{lead} No physics was left out of the machine file; {named}.", "warn" if extra else "good"
+        )
+    said = words.joined(
+        [f"{words.effect_title(slug)} {words.place_words(place)}".strip() for slug, place in real]
+    )
+    missed = [slug for slug, place in real if (slug, place) not in found]
     outcome = "all of it was found" if not missed else f"not found under that name: {words.joined(missed)}"
     more = f"; found beyond it: {words.joined(extra)}" if extra else "; nothing else was named"
-    lead = "This recording was simulated, so the truth is known (the diagnosis never saw it)."
     return Text(
         f"{lead} Left out of the machine file: {said}; {outcome}{more}.",
         "good" if not missed and not extra else "warn",
