@@ -29,12 +29,27 @@ if TYPE_CHECKING:
 EstimatorOption = Annotated[
     str,
     typer.Option(
-        help="map: tolerances as the prior; ols: readings alone; huber: map that bends for outliers.",
-        metavar="map|ols|huber",
+        help="map: tolerances as the prior; ols: readings alone; liu, ridge, pcr: readings alone, biased "
+        "towards the drawing where columns are nearly dependent; huber: map that bends for outliers.",
+        metavar="map|ols|liu|ridge|pcr|huber",
     ),
 ]
 SolverOption = Annotated[
-    str, typer.Option(help="gn: Gauss-Newton; lm: Levenberg-Marquardt.", metavar="gn|lm")
+    str,
+    typer.Option(
+        help="gn: Gauss-Newton; lm: Levenberg-Marquardt; ipopt: keeps bounds, passive joints as unknowns.",
+        metavar="gn|lm|ipopt",
+    ),
+]
+
+IrradianceOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--irradiance",
+        metavar="FILE",
+        help="Photocurrent (CSV or Parquet: pose t I) of a recording without dL, counted in fringes; repeatable, "
+        "in the order of the recordings.",
+    ),
 ]
 
 
@@ -44,6 +59,7 @@ def calibrate(
     output: DirectoryOption,
     estimator: EstimatorOption = "map",
     solver: SolverOption = "gn",
+    irradiance: IrradianceOption = None,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -59,9 +75,8 @@ def calibrate(
         check_directory(output)
         with progress("calibrating") as say:
             loaded = load_machine(machine)
-            result = run(
-                loaded, load_recording(loaded, recordings), estimator=estimator, solver=solver, progress=say
-            )
+            rows = load_recording(loaded, recordings, irradiance=irradiance or (), progress=say)
+            result = run(loaded, rows, estimator=estimator, solver=solver, progress=say)
             names = write_calibration(result, output)
         fit = result.fit_json
         summary = {"command": "calibrate", **{k: fit[k] for k in _BRIEF}, "files": written(output, names)}
@@ -85,6 +100,7 @@ def diagnose(
     machine: MachineArg,
     recordings: RecordingsArg,
     output: DirectoryOption,
+    irradiance: IrradianceOption = None,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -102,7 +118,8 @@ def diagnose(
         check_directory(output)
         with progress("diagnosing") as say:
             loaded = load_machine(machine)
-            result = run(loaded, load_recording(loaded, recordings), progress=say)
+            rows = load_recording(loaded, recordings, irradiance=irradiance or (), progress=say)
+            result = run(loaded, rows, progress=say)
             names = write_diagnosis(result, output)
         finish(
             diagnosis_summary(result, "diagnose", written(output, names)),
