@@ -42,8 +42,9 @@ def round_trip_phase(length: Array | float, wavelength: Array | float) -> Array:
 def reflectance(phase: Array | float, reflectivities: Reflectivities) -> Array:
     """Share of the light that comes back at a round-trip phase (rad), in [0, 1]."""
     g = coupling(reflectivities)
-    lost = (1.0 - reflectivities[0]) * (1.0 - reflectivities[1])
-    return np.asarray(1.0 - lost / (1.0 + g * g - 2.0 * g * np.cos(phase)))
+    apart = (np.sqrt(reflectivities[0]) - np.sqrt(reflectivities[1])) ** 2
+    swing = 4.0 * g * np.sin(0.5 * np.asarray(phase)) ** 2  # a sum of squares: no cancellation at resonance
+    return np.asarray((apart + swing) / ((1.0 - g) ** 2 + swing))
 
 
 def irradiance(
