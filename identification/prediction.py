@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from truepose.codegen.batch import BatchFunction
 from truepose.errors import InputError
-from truepose.identification.readings import Block, SensorFunctions, joined
+from truepose.identification.readings import Block, Sight, joined, sights
 from truepose.identification.recording import Recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect
@@ -55,8 +55,9 @@ class Predictor:
         self._pose = BatchFunction("pose", inputs, [m.world])
         outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
         outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
+        outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
         self._kinematics = BatchFunction("kinematics", inputs, outputs)
-        self._sensors = [SensorFunctions(sensor, m.names) for sensor in machine.sensors]
+        self._sensors = sights(machine, m.names)
         self.origin = _origin(recording) if any(s.differs_from_row for s in machine.sensors) else None
         self._scale = coordinate_scale(machine, len(m.home), m.gap.numel())
 
@@ -132,9 +133,9 @@ class Predictor:
         step = _BLOCK if all(c is None for c in comparisons) else len(self.q)
         for start in range(0, len(self.q), max(step, 1)):
             rows = slice(start, min(start + step, len(self.q)))
-            pose, twist = self._total(rows, p, x)
+            sight = self._sight(rows, p, x)
             pairs = zip(self._sensors, comparisons, strict=True)
-            yield joined(rows, [f.block(pose, twist, p, self.recording, rows, c) for f, c in pairs])
+            yield joined(rows, [f.block(sight, p, self.recording, rows, c) for f, c in pairs])
 
     def comparisons(self, weight: Array | Mask | None = None) -> list[Comparison | None]:
         """How each sensor compares rows; None where each reading depends on its own row alone."""
@@ -144,15 +145,27 @@ class Predictor:
 
     def columns(self, p: Array, x: Array) -> tuple[list[str], Array, Array, Array]:
         """Column names, predicted values (n, k), their Jacobian (n, k, np) and poses (n, 4, 4)."""
-        pose, twist = self._total(slice(0, len(self.q)), p, x)
+        sight = self._sight(slice(0, len(self.q)), p, x)
         names = [name for s in self.machine.sensors for name in s.columns]
         pairs = zip(self._sensors, self.comparisons(), strict=True)
-        parts = [f.prediction(pose, twist, p, c) for f, c in pairs]
-        return names, np.hstack([v for v, _ in parts]), np.concatenate([j for _, j in parts], axis=1), pose
+        parts = [f.prediction(sight, p, c) for f, c in pairs]
+        values, slopes = np.hstack([v for v, _ in parts]), np.concatenate([j for _, j in parts], axis=1)
+        return names, values, slopes, sight.pose
 
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""
-        return self._total(slice(0, len(self.q)), p, x)
+        sight = self._sight(slice(0, len(self.q)), p, x)
+        return sight.pose, sight.twist
+
+    def states(self, p: Array, x: Array) -> dict[str, Array]:
+        """(n,) values of what effects may ask of the present state, by name."""
+        names = list(self.model.states)
+        if not names:
+            return {}
+        stacked = ca.vertcat(*self.model.states.values())
+        m = self.model
+        values = BatchFunction("states", [m.x, m.q, m.z, m.p], [stacked])(x, self.q, self.z, p)[0][..., 0]
+        return dict(zip(names, values.T, strict=True))
 
     def loads(self, p: Array, x: Array) -> dict[str, Array]:
         """Gravity's conjugate load (n,) at every port and parameter, by load case and name: N or N m."""
@@ -168,17 +181,19 @@ class Predictor:
             vx, vp = gradient(x, self.q, self.z, p)
             force = -vp[:, 0, :]
             if x.shape[1]:
-                _, _, _, gx, gp = self._kinematics(x, self.q, self.z, p)
+                gx, gp = self._kinematics(x, self.q, self.z, p)[3:5]
                 multipliers = _solve(gx.transpose(0, 2, 1), vx.transpose(0, 2, 1))[..., 0]
                 force += np.einsum("nk,nkp->np", multipliers, gp)
             out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
         return out
 
-    def _total(self, rows: slice, p: Array, x: Array) -> tuple[Array, Array]:
-        pose, tx, tp, gx, gp = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
+    def _sight(self, rows: slice, p: Array, x: Array) -> Sight:
+        """What the sensors have before them, with total derivatives by p."""
+        pose, tx, tp, gx, gp, shift, sx, sp = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
         if x.shape[1]:
-            tp = tp - tx @ _solve(gx, gp)
-        return pose, tp
+            by_p = _solve(gx, gp)
+            tp, sp = tp - tx @ by_p, sp - sx @ by_p
+        return Sight(pose, tp, shift[..., 0], sp)
 
 
 def _solve(a: Array, b: Array) -> Array:

@@ -16,7 +16,7 @@ from truepose.identification.bounds import directions
 from truepose.identification.leastsquares import triangular
 from truepose.identification.prediction import twist_rows
 from truepose.identification.problem import Problem
-from truepose.identification.readings import Block, SensorFunctions, joined
+from truepose.identification.readings import Block, Sight, joined, sights
 from truepose.models.home import coordinate_scale
 
 Array = NDArray[np.float64]
@@ -37,9 +37,10 @@ class Program:
         self.nx = len(model.home)
         flat, turn = ca.vec(model.world[:3, :]), twist_rows(model.world)
         outputs = [model.world, turn @ ca.jacobian(flat, model.p), turn @ ca.jacobian(flat, model.x)]
-        outputs += [model.closure, ca.jacobian(model.closure, model.p), ca.jacobian(model.closure, model.x)]
+        for value in (model.reading_shift, model.closure):
+            outputs += [value, ca.jacobian(value, model.p), ca.jacobian(value, model.x)]
         self._model = BatchFunction("simultaneous", [model.x, model.q, model.z, model.p], outputs)
-        self._sensors = [SensorFunctions(sensor, model.names) for sensor in machine.sensors]
+        self._sensors = sights(machine, model.names)
         self._comparisons = problem.predictor.comparisons(problem.used * problem.weights)
         self._compares = any(c is not None for c in self._comparisons)
         # rows that are not fitted matter where readings compare rows
@@ -137,15 +138,16 @@ class Program:
     def _readings(self, v: Array) -> Block:
         """Residuals of all rows, with derivatives by p and by each row's own coordinates side by side."""
         predictor, p = self.problem.predictor, self.problem.at(self.steps(v))
-        pose, by_p, by_x = self._evaluated(v)[:3]
+        pose, by_p, by_x, shift, shift_by_p, shift_by_x = self._evaluated(v)[:6]
         twist = np.concatenate([by_p, by_x], axis=2)
+        sight = Sight(pose, twist, shift[..., 0], np.concatenate([shift_by_p, shift_by_x], axis=2))
         every = slice(0, len(pose))
         pairs = zip(self._sensors, self._comparisons, strict=True)
-        return joined(every, [f.block(pose, twist, p, predictor.recording, every, c) for f, c in pairs])
+        return joined(every, [f.block(sight, p, predictor.recording, every, c) for f, c in pairs])
 
     def _closures(self, v: Array) -> tuple[Array, Array, Array]:
         """Of each row in play: closure (k, nx), and by steps (k, nx, n_free) and coordinates (k, nx, nx)."""
-        gap, by_p, by_x = (part[self._rows] for part in self._evaluated(v)[3:])
+        gap, by_p, by_x = (part[self._rows] for part in self._evaluated(v)[6:])
         return gap[..., 0], by_p[:, :, self.problem.prior.free] * self._by_step, by_x * self._stride
 
     def _evaluated(self, v: Array) -> tuple[Array, ...]:

@@ -14,6 +14,7 @@ from truepose.codegen.batch import BatchFunction
 from truepose.errors import InputError
 from truepose.identification.recording import Recording
 from truepose.models import lie
+from truepose.models.machine import Machine
 from truepose.models.sensors.base import Comparison, Sensor
 
 Array = NDArray[np.float64]
@@ -57,11 +58,37 @@ def joined(rows: slice, parts: Sequence[Block]) -> Block:
     return Block(rows, residual, here, compare)
 
 
-class SensorFunctions:
-    """One sensor as functions of the pose of the tool; ``names`` are the entries of p."""
+@dataclass(frozen=True)
+class Sight:
+    """What sensors have before them in some rows, with derivatives by w unknowns.
 
-    def __init__(self, sensor: Sensor, names: Sequence[str]) -> None:
-        self.sensor = sensor
+    pose (n, 4, 4) of the tool, twist (n, 6, w) its derivative; shift (n, k) of all sensors' columns by effects,
+    shift_by (n, k, w) its derivative.
+    """
+
+    pose: Array
+    twist: Array
+    shift: Array
+    shift_by: Array
+
+
+def sights(machine: Machine, names: Sequence[str]) -> list[SensorFunctions]:
+    """Functions of every sensor; ``names`` are the entries of p."""
+    out, first = [], 0
+    for sensor in machine.sensors:
+        out.append(SensorFunctions(sensor, names, slice(first, first + len(sensor.columns))))
+        first += len(sensor.columns)
+    return out
+
+
+class SensorFunctions:
+    """One sensor as functions of the pose of the tool; ``names`` are the entries of p.
+
+    ``columns`` are its own among those of all sensors.
+    """
+
+    def __init__(self, sensor: Sensor, names: Sequence[str], columns: slice) -> None:
+        self.sensor, self._columns = sensor, columns
         own = [*(parameter.name for parameter in sensor.parameters), *sensor.reads]
         self._own = np.array([names.index(name) for name in own], dtype=int)
         self._sigma = np.array([channel.sigma for channel in sensor.channels])
@@ -69,27 +96,30 @@ class SensorFunctions:
         s, y = {name: ca.SX.sym(name) for name in own}, ca.SX.sym("y", len(sensor.columns))
         moved = lie.transform(world[:3, :3] + lie.skew(small[3:]) @ world[:3, :3], world[:3, 3] + small[:3])
         inputs = [ca.vec(world), ca.vertcat(*s.values()) if s else ca.SX(0, 1), y]
-        self._predict = _differentiated("predict", sensor.predict(moved, s), inputs, small)
+        predicted = sensor.predict(moved, s)
+        self._predict = _differentiated(
+            "predict", predicted + y if sensor.columns else predicted, inputs, small
+        )
         if not sensor.compares:
+            # what an effect adds to a reading is taken off the reading: no sensor need know of it
             self._residual = _differentiated("residual", sensor.residual(moved, s, y), inputs, small)
 
     def block(
         self,
-        pose: Array,
-        twist: Array,
+        sight: Sight,
         p: Array,
         recording: Recording,
         rows: slice,
         comparison: Comparison | None,
     ) -> Block:
-        """Residuals whitened by sigma, with their derivatives; poses (n, 4, 4), twists (n, 6, np) of ``rows``."""
+        """Residuals whitened by sigma, with their derivatives, of what is seen in ``rows``."""
         columns = [recording.readings[c][rows] for c in self.sensor.columns]
-        y = np.column_stack(columns) if columns else np.zeros((len(pose), 0))
+        y = np.column_stack(columns) if columns else np.zeros((len(sight.pose), 0))
         if comparison is None:
             self._check_labels(recording)
-            value, jacobian = self._evaluate(self._residual, pose, twist, p, y)
+            value, jacobian = self._evaluate(self._residual, sight, p, y, -1.0)
             return Block(rows, value / self._sigma, jacobian / self._sigma[:, None])
-        raw, jacobian = self._evaluate(self._predict, pose, twist, p, y)
+        raw, jacobian = self._evaluate(self._predict, sight, p, np.zeros_like(y), 1.0)
         values = comparison.values(raw)
 
         def compare(change: Array) -> Array:
@@ -105,33 +135,35 @@ class SensorFunctions:
                 f"{', '.join(recording.files)}: missing column {missing[0]!r}, which the sensor {self.sensor.type} needs"
             )
 
-    def prediction(
-        self, pose: Array, twist: Array, p: Array, comparison: Comparison | None
-    ) -> tuple[Array, Array]:
+    def prediction(self, sight: Sight, p: Array, comparison: Comparison | None) -> tuple[Array, Array]:
         """(n, k) values of the sensor's columns and their (n, k, np) Jacobian."""
-        y = np.zeros((len(pose), len(self.sensor.columns)))
-        value, jacobian = self._evaluate(self._predict, pose, twist, p, y)
+        y = np.zeros((len(sight.pose), len(self.sensor.columns)))
+        value, jacobian = self._evaluate(self._predict, sight, p, y, 1.0)
         if not self.sensor.columns:
-            return y, np.zeros((len(pose), 0, len(p)))
+            return y, np.zeros((len(sight.pose), 0, len(p)))
         if comparison is not None:
             return comparison.values(value), comparison.changes(value, jacobian)
-        return self.sensor.values(pose, value), jacobian
+        shift = sight.shift[:, self._columns]
+        return self.sensor.values(sight.pose, value - shift) + shift, jacobian
 
     def _evaluate(
-        self, function: BatchFunction, pose: Array, twist: Array, p: Array, y: Array
+        self, function: BatchFunction, sight: Sight, p: Array, y: Array, sign: float
     ) -> tuple[Array, Array]:
-        flat = pose.transpose(0, 2, 1).reshape(len(pose), 16)
-        value, by_twist, by_own = function(flat, p[self._own], y)
-        jacobian = by_twist @ twist
+        """Values and derivatives at ``y`` plus ``sign`` times what effects add to the columns."""
+        flat = sight.pose.transpose(0, 2, 1).reshape(len(sight.pose), 16)
+        y = y + sign * sight.shift[:, self._columns]
+        value, by_twist, by_own, by_y = function(flat, p[self._own], y)
+        jacobian = by_twist @ sight.twist
         jacobian[:, :, self._own] += by_own
+        jacobian += sign * (by_y @ sight.shift_by[:, self._columns])
         return value[..., 0], jacobian
 
 
 def _differentiated(name: str, value: ca.SX, inputs: list[ca.SX], small: ca.SX) -> BatchFunction:
-    """The value with its derivatives by a small twist of the pose and by the sensor's constants."""
-    outputs = [value, ca.jacobian(value, small), ca.jacobian(value, inputs[1])]
+    """The value with its derivatives by a small twist of the pose, the sensor's constants and its columns."""
+    outputs = [value, *(ca.jacobian(value, by) for by in (small, inputs[1], inputs[2]))]
     still = [ca.substitute(output, small, ca.SX.zeros(6)) for output in outputs]
     return BatchFunction(name, inputs, still)
 
 
-__all__ = ["Block", "SensorFunctions", "joined"]
+__all__ = ["Block", "SensorFunctions", "Sight", "joined", "sights"]

@@ -141,13 +141,19 @@ def _axis(joint: Joint, values: Mapping[str, ca.SX]) -> ca.SX:
     return ca.vertcat(*(third if name is None else values[name] for name in joint.axis.components))
 
 
+def placed_frame(joint: Joint, bodies: Mapping[str, ca.SX], values: Mapping[str, ca.SX]) -> ca.SX:
+    """Pose (4, 4) of a joint's own frame, before its motion, in the base frame."""
+    frame = bodies[joint.parent]
+    for step in joint.placement:
+        frame = frame @ _step(step, values[step.parameter])
+    return frame
+
+
 def _closing(
     joint: Joint, bodies: Mapping[str, ca.SX], values: Mapping[str, ca.SX], displacement: Mapping[str, ca.SX]
 ) -> ca.SX:
     """Closure residual of a joint that closes a loop: what of the relative pose its kind forbids."""
-    frame = bodies[joint.parent]
-    for step in joint.placement:
-        frame = frame @ _step(step, values[step.parameter])
+    frame = placed_frame(joint, bodies, values)
     if joint.name in displacement:
         frame = frame @ _moved(joint, displacement[joint.name], values)
     child = bodies[joint.child]

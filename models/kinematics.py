@@ -17,12 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.models.assembly import frame_of, symbols
+from truepose.models.assembly import assemble, frame_of, symbols
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.home import closed_home, coordinate_scale, home_readings
 from truepose.models.machine import PAYLOAD, Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 from truepose.models.near_home import Stance, near_home
+from truepose.models.states import (
+    asked,
+    directions,
+    put_in_place,
+    reading_shifts,
+    refuse_sight,
+    state_names,
+)
 from truepose.models.statics import Statics
 
 
@@ -40,6 +48,8 @@ class SymbolicModel:
     q_home (nq,)            readings at home
     pose (4, 4)             nominal base frame to tool
     world (4, 4)            sensor frame to tool
+    reading_shift (k,)      what effects add to the columns of all sensors, mm or rad
+    states                  by name, what effects may ask of the present state (``truepose.models.states``)
     """
 
     machine: Machine
@@ -59,6 +69,8 @@ class SymbolicModel:
     pose: ca.SX
     world: ca.SX
     energies: Mapping[str, ca.SX]
+    reading_shift: ca.SX
+    states: Mapping[str, ca.SX]
 
     @property
     def equations(self) -> ca.SX:
@@ -90,14 +102,18 @@ def symbolic_model(
     passive, x_home = _now_and_home(machine, x)
     statics = _statics(machine, effects, values, q, z, passive)
     loads = statics.loads(values) if statics else {}
+    marks = symbols("state.", state_names(machine))
     sites = [
-        Site(machine, effect.place, effect.settings_map, own, q, z, values, loads)
+        Site(machine, effect.place, effect.settings_map, own, q, z, values, loads, marks)
         for effect, own in zip(effects, c, strict=True)
     ]
-    shifted = _shifted(values, effects, sites)
+    present = _Present(machine, values, q, z, passive, marks)
+    shifted = present.in_place(_shifted(values, effects, sites))
     stance = Stance(shifted, q, passive)
     assembly = near_home(machine, stance, x_home, z) if x_home.numel() else stance.assembled(machine, z)
     names, p_home = _constants(machine, effects, tuple(bare))
+    world = frame_of(shifted, "base") @ assembly.tool
+    shift, seen = reading_shifts(machine, world, values, shifted)
     model = SymbolicModel(
         machine=machine,
         readings=machine.mechanism.readings,
@@ -114,8 +130,10 @@ def symbolic_model(
         closure=ca.vertcat(assembly.closure, statics.balance(shifted)) if statics else assembly.closure,
         gap=assembly.gap,
         pose=assembly.tool,
-        world=frame_of(shifted, "base") @ assembly.tool,
+        world=world,
         energies=assembly.energies,
+        reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), marks, seen)) if seen else shift,
+        states=(present.directions() if ports else {}) | seen,
     )
     return replace(model, home=_assembled(model)) if len(model.home) else model
 
@@ -156,6 +174,39 @@ def driver_default(machine: Machine, name: str) -> float:
     if name.startswith("temperature"):
         return 20.0
     return 1.0 if name.startswith("session.") else 0.0
+
+
+@dataclass(frozen=True)
+class _Present:
+    """The state of the machine without effects, where they ask for it."""
+
+    machine: Machine
+    values: Mapping[str, ca.SX]
+    q: Mapping[str, ca.SX]
+    z: Mapping[str, ca.SX]
+    x: ca.SX
+    marks: Mapping[str, ca.SX]
+
+    def directions(self) -> dict[str, ca.SX]:
+        """The states ``axis.*``."""
+        placed = assemble(self.machine, self.values, self.q, self.z, self.x)
+        return directions(self.machine, placed.bodies, self.values)
+
+    def in_place(self, shifted: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        """Port values with the directions that they ask for in place; only readings may depend on what is seen."""
+        moving = {name: v for name, v in shifted.items() if not name.endswith(".reading")}
+        names = asked(list(moving.values()), self.marks)
+        if not names:
+            return dict(shifted)
+        refuse_sight(names, self.machine.name)
+        if self.machine.mechanism.loops != "exact":
+            raise InputError(
+                f"{self.machine.name}: found an effect of joint directions on loops that close about home only "
+                "(model: linear or stiffness), expected model: spherical or beam"
+            )
+        changed = [name for name, v in moving.items() if v is not self.values[name]]
+        placed = put_in_place([moving[n] for n in changed], self.marks, self.directions())
+        return dict(shifted) | dict(zip(changed, placed, strict=True))
 
 
 def _shifted(

@@ -65,12 +65,13 @@ class Machine:
 
     @property
     def ports(self) -> tuple[str, ...]:
-        """Where physics may act beside the parameters: displacements, error motions of joints, mounts."""
+        """Where physics may act beside the parameters: displacements, error motions of joints, mounts, readings."""
         names = [actuator.displacement for actuator in self.mechanism.actuators]
         driven = {actuator.drives for actuator in self.mechanism.actuators}
         joints = [j.name for j in self.mechanism.tree if j.name in driven]
         names += [f"{joint}.motion.{axis}" for joint in joints for axis in AXES]
         names += [f"{frame}.motion.{axis}" for frame in FRAMES for axis in AXES]
+        names += [f"{column}.reading" for sensor in self.sensors for column in sensor.shiftable]
         return tuple(names)
 
     @property

@@ -22,6 +22,7 @@ from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
+from truepose.models.states import state_names
 
 Array = NDArray[np.float64]
 
@@ -107,8 +108,7 @@ class Signatures:
         predictor = Predictor(self.machine, self.recording, fit.effects, ports=True)
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
         x = fit.x
-        loads = predictor.loads(p, x)
-        shifts = self._shifts(predictor.model.names, p, loads)
+        shifts = self._shifts(predictor.model.names, p, predictor.loads(p, x), predictor.states(p, x))
         if order is not None:
             shifts = shifts[order]
         place = {name: k for k, name in enumerate(predictor.model.names)}
@@ -140,10 +140,12 @@ class _ShiftFunction:
         values = {name: ca.SX.sym(name) for name in self._names}
         self._loads = [f"{case}{name}" for case in machine.load_cases for name in self._names]
         loads = {name: ca.SX.sym(f"load.{name}") for name in self._loads}
+        self._states = state_names(machine)
+        states = {name: ca.SX.sym(name) for name in self._states}
         outputs, layout, offset = [], [], 0
         for candidate in candidates:
             c = {item.name: ca.SX.sym(item.name) for item in candidate.coefficients}
-            site = Site(machine, candidate.place, candidate.settings_map, c, q, z, values, loads)
+            site = Site(machine, candidate.place, candidate.settings_map, c, q, z, values, loads, states)
             shifts = candidate.effect.shifts(site)
             stacked, symbols = ca.vertcat(*shifts.values()), ca.vertcat(*c.values())
             local = ca.substitute(ca.jacobian(stacked, symbols), symbols, ca.SX.zeros(len(c)))
@@ -153,10 +155,13 @@ class _ShiftFunction:
             layout.append(([site.checked(port, candidate) for port in shifts], slice(offset, offset + size)))
             offset += size
         self.layout: list[tuple[list[str], slice]] = layout
-        inputs = [ca.vertcat(*group.values()) if group else ca.SX(0, 1) for group in (q, z, values, loads)]
+        groups = (q, z, values, loads, states)
+        inputs = [ca.vertcat(*group.values()) if group else ca.SX(0, 1) for group in groups]
         self._function = BatchFunction("shifts", inputs, [ca.vertcat(*outputs) if outputs else ca.SX(0, 1)])
 
-    def __call__(self, names: Sequence[str], p: Array, loads: Mapping[str, Array]) -> Array:
+    def __call__(
+        self, names: Sequence[str], p: Array, loads: Mapping[str, Array], states: Mapping[str, Array]
+    ) -> Array:
         """(n, total) shift derivatives for every row."""
         at = {name: k for k, name in enumerate(names)}
         which = [at[name] for name in self._names]
@@ -165,9 +170,8 @@ class _ShiftFunction:
         for k, name in enumerate(self._drivers):
             recorded = rec.driver(name)
             z[:, k] = driver_default(self._machine, name) if recorded is None else recorded
-        force = (
-            np.column_stack([loads[name] for name in self._loads])
-            if self._loads
-            else np.zeros((len(rec.q), 0))
+        force, state = (
+            np.column_stack([group[name] for name in wanted]) if wanted else np.zeros((len(rec.q), 0))
+            for group, wanted in ((loads, self._loads), (states, self._states))
         )
-        return self._function(rec.q, z, p[which], force)[0][..., 0]
+        return self._function(rec.q, z, p[which], force, state)[0][..., 0]

@@ -60,6 +60,7 @@ class Site:
     z: Mapping[str, ca.SX]
     values: Mapping[str, ca.SX]
     loads: Mapping[str, ca.SX] = field(default_factory=dict)
+    states: Mapping[str, ca.SX] = field(default_factory=dict)
 
     def displacement(self, reading: str) -> ca.SX:
         """Displacement of a joint before the effect, mm or rad."""
@@ -89,6 +90,15 @@ class Site:
     def load(self, port: str, case: str = "") -> ca.SX:
         """Gravity's conjugate load at a port: N along lengths, N m about angles; a probe ``case`` is 1 kg."""
         return self.loads[f"{case}{port}"]
+
+    def direction(self, end: str) -> ca.SX:
+        """(3,) unit vector along a universal or spherical joint's child, or along a rod at its end ``R.a``, ``R.b``,
+        in the frame that the joint is fixed in (``truepose.models.states``)."""
+        return ca.vertcat(*(self.states[f"axis.{end}.{axis}"] for axis in "xyz"))
+
+    def seen(self, column: str) -> ca.SX:
+        """What a sensor's column should read, mm or rad (the whole length where readings are changes)."""
+        return self.states[f"seen.{column}"]
 
     def checked(self, port: str, who: object) -> str:
         """The port, if this machine has it."""

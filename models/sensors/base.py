@@ -128,6 +128,11 @@ class Sensor(ABC):
         """Recording columns and their internal unit."""
 
     @property
+    def shiftable(self) -> tuple[str, ...]:
+        """Columns that effects may add to (ports ``<column>.reading``): those that are lengths."""
+        return tuple(name for name, unit in self.columns.items() if unit == "mm")
+
+    @property
     @abstractmethod
     def channels(self) -> tuple[Channel, ...]:
         """Residual components, in order."""
