@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, FitSummary, Quantity
 from truepose.identification.diagnosis.summary import rms_by_kind, worst_allowed
 from truepose.identification.estimate import Estimate
@@ -75,6 +76,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "proof": proof
         and {
             "held_out": proof.held_out,
+            "blocks": [{"name": b.name, "rows": b.rows, "ratio": b.ratio} for b in proof.blocks],
             "ratio": proof.ratio,
             "ratio_interval": list(proof.ratio_interval),
             "placebo_gain": proof.placebo_gain,
@@ -196,29 +198,36 @@ def _finding(finding: Finding) -> Json:
 
 
 def _outliers(diagnosis: Diagnosis) -> list[Json]:
-    """Rows that were left out, as a finding of their own; it does not change the verdict."""
-    if not diagnosis.outlier_rows:
-        return []
+    """Rows that were left out, as findings of their own; they do not change the verdict."""
+    rows = fringes_by_row(diagnosis.after, diagnosis.recording, diagnosis.outlier_rows)
+    others = [row for row in diagnosis.outlier_rows if row not in rows]
+    told = ", ".join(f"row {row}: {count:+d}" for row, count in rows.items())
+    found = [_row_finding(diagnosis, "fringe-miscount", list(rows), f" Half wavelengths too many: {told}.")]
+    found.append(_row_finding(diagnosis, "outliers", others))
+    return [finding for finding in found if finding["place"]]
+
+
+def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str = "") -> Json:
+    """A finding of rows."""
     after, recording = diagnosis.after, diagnosis.recording
     left_out = ~after.used & ~recording.validation & np.isfinite(after.residual).all(axis=1)
+    left_out &= np.isin(recording.source_row, rows)
     far = after.residual[left_out] ** 2 / max(after.chi2_per_dof, 1.0)
-    effect, rows = effects.get("outliers", "outliers")(), tuple(str(row) for row in diagnosis.outlier_rows)
-    return [
-        {
-            "effect": "outliers",
-            "place": list(rows),
-            "probability": 0.999,
-            "certainty": 0.999,
-            "log_bayes_factor": 0.5 * float(np.sum(far - 1.0)),
-            "equivalents": [],
-            "parameters": {},
-            "settings": [],
-            "prior_dependent": False,
-            "flip_lambda": None,
-            "explanation": effect.explain(diagnosis.machine, rows),
-            "separating_experiment": effect.experiment,
-        }
-    ]
+    effect, place = effects.get(slug, slug)(), tuple(str(row) for row in rows)
+    return {
+        "effect": slug,
+        "place": list(place),
+        "probability": 0.999,
+        "certainty": 0.999,
+        "log_bayes_factor": 0.5 * float(np.sum(far - 1.0)),
+        "equivalents": [],
+        "parameters": {},
+        "settings": [],
+        "prior_dependent": False,
+        "flip_lambda": None,
+        "explanation": effect.explain(diagnosis.machine, place) + more,
+        "separating_experiment": effect.experiment,
+    }
 
 
 def _alternative(other: Alternative) -> Json:

@@ -107,6 +107,35 @@ masses:
   arm: {kg: 9, com: [100, 10, 5], in: arm}
   payload: {kg: 3, com: [0, 20, 10], in: tool}
 """
+CAMERA = """
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 400, d: 50, range: [-170, 170]}
+    - {name: q2, kind: revolute, alpha: 90, d: 150, range: [-90, 90]}
+frames:
+  base: {in: world, xyz: [150, -100, 900], rpy: [5, -3, 40], tolerance: {xyz: 1, rpy: 1}}
+  tool: {in: flange, xyz: [300, 0, 40], rpy: [0, 0, 0], tolerance: {xyz: 1, rpy: 1}}
+sensor:
+  type: targets
+  points: {A1: [30, 0, 10], A2: [-20, 40, 0], A3: [0, -50, 5]}
+  sigma: {xyz: 0.01}
+"""
+CAVITY = """
+mechanism:
+  type: serial
+  joints:
+    - {name: s1, kind: prismatic, alpha: 90, range: [-5, 5]}
+    - {name: s2, kind: prismatic, alpha: 90, range: [-5, 5]}
+    - {name: q3, kind: revolute, range: [-3, 3]}
+sensor:
+  type: distance
+  beam: {in: world, xyz: [0.1, 0.9, 0.1], rx: 90.7, rz: -0.5}
+  mirror: {in: flange, z: 0.2, rx: 88, ry: -0.6}
+  sigma: {distance: 0.00001}
+  tolerance: {beam.xyz: 2, beam.angle: 2, mirror.z: 1, mirror.angle: 2}
+  wavelength: 0.00155
+"""
 TOLERANCES = "tolerances: {length: 0.1, angle: 0.1}\n"
 HEAD = ("schema:", "name:", "tolerances:")
 
@@ -127,6 +156,8 @@ TEXTS = {
     "hybrid": _machine("hybrid"),
     "planar": _machine("planar"),
     "graph": GRAPH,
+    "camera": CAMERA,
+    "cavity": CAVITY,
 }
 LOADED = ("arm", "telescope", "gough", "hybrid", "planar", "graph")
 READINGS = {
@@ -138,9 +169,13 @@ READINGS = {
     "hybrid": [700.0, 760.0, 730.0, 0.3, -0.4, 0.5],
     "planar": [0.55, 2.7, -1.5],
     "graph": [0.5, -0.4, 80.0],
+    "camera": [0.5, -0.4],
+    "cavity": [1.5, -0.7, 0.03],
 }
 STRAIGHT = {"hybrid": [730.0, 730.0, 730.0, 0.0, 0.0, 0.0]}
 DRIVERS = {"time": 5000.0, "payload": 4.0, "temperature": 27.0, "approach": -1.0, "session": 1.0}
+DRIVERS |= {"stop": 0.1, "loop": -0.1, "creep": 0.2}
+DRIVERS |= {"velocity": 0.3, "pressure": 985.0}
 EFFECTS = list(effects)
 
 
@@ -148,7 +183,7 @@ EFFECTS = list(effects)
 class Campaign:
     """A recording as effects see it: two hours, three sessions, these columns."""
 
-    columns: tuple[str, ...] = ("time", "temperature", "approach", "session")
+    columns: tuple[str, ...] = ("time", "temperature", "approach", "session", "velocity", "pressure")
     n_sessions: int = 3
 
     def driver(self, name: str) -> object | None:
@@ -170,7 +205,11 @@ def _read(folder: Path, name: str, text: str) -> Machine:
 
 
 class Solved:
-    """A symbolic model at one configuration: pose, its derivative, loads by case; Newton closes the loops."""
+    """A symbolic model at one configuration; Newton closes the loops.
+
+    jacobian (12 + k, np): of the pose, row by row of its 3 x 4, and of the k columns of the sensors. Loads are by
+    case, states by name.
+    """
 
     def __init__(self, model: SymbolicModel, q: Sequence[float] | Array, **drivers: float) -> None:
         m, self.model = model, model
@@ -178,26 +217,43 @@ class Solved:
         z = [given.get(name, given.get(name.split(".")[0], 0.0)) for name in model.drivers]
         at = [np.array(q), np.array(z), model.p_home]
         x, inputs = model.home, [m.x, m.q, m.z, m.p]
-        flat = ca.vec(m.pose[:3, :])
+        flat = ca.vertcat(ca.vec(m.pose[:3, :]), _readings(model))
         g = ca.Function("g", inputs, [m.closure, ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)])
-        f = ca.Function("f", inputs, [m.pose, ca.jacobian(flat, m.x), ca.jacobian(flat, m.p)])
+        states = ca.vertcat(*m.states.values())
+        f = ca.Function(
+            "f", inputs, [m.pose, ca.jacobian(flat, m.x), ca.jacobian(flat, m.p), flat[12:], states]
+        )
         for _ in range(12 if len(x) else 0):
             residual, gx, _ = (np.array(v) for v in g(x, *at))
             x = x - np.linalg.solve(gx, residual)[:, 0]
         _, gx, gp = (np.array(v) for v in g(x, *at))
         xp = -np.linalg.solve(gx, gp) if len(x) else np.zeros((0, len(model.names)))
-        self.pose, fx, fp = (np.array(v) for v in f(x, *at))
+        self.pose, fx, fp, readings, seen = (np.array(v) for v in f(x, *at))
         self.jacobian: Array = fx @ xp + fp
+        self.readings: Array = readings[:, 0]
+        self.states = dict(zip(m.states, seen[:, 0].tolist(), strict=True))
         self.load: dict[str, float] = {}
         for case, energy in m.energies.items():
             e = ca.Function("e", inputs, [ca.jacobian(energy, m.x), ca.jacobian(energy, m.p)])
             ex, ep = (np.array(v) for v in e(x, *at))
             names = [f"{case}{name}" for name in model.names]
             self.load |= dict(zip(names, -(ex @ xp + ep)[0], strict=True))
+        states = ca.Function("states", inputs, [ca.vertcat(ca.SX(0, 1), *m.states.values())])
+        self.states = dict(zip(m.states, np.array(states(x, *at))[:, 0], strict=True))
 
     @property
     def position(self) -> Array:
         return np.asarray(self.pose[:3, 3])
+
+
+def _readings(model: SymbolicModel) -> ca.SX:
+    """(k,) what the columns of all sensors should read, with what effects add."""
+    p = dict(zip(model.names, ca.vertsplit(model.p), strict=True))
+    parts = [
+        sensor.predict(model.world, {n: p[n] for n in (*(q.name for q in sensor.parameters), *sensor.reads)})
+        for sensor in model.machine.sensors
+    ]
+    return ca.vertcat(*parts) + model.reading_shift
 
 
 def candidates(machine: Machine, slug: str) -> list[PlacedEffect]:
@@ -239,7 +295,8 @@ def shift_slopes(machine: Machine, placed: PlacedEffect) -> dict[str, Array]:
     c = {coefficient.name: ca.SX.sym(coefficient.name) for coefficient in placed.coefficients}
     z = {name: ca.SX(DRIVERS[name.split(".")[0]]) for name in placed.drivers}
     q = {name: ca.SX(value) for name, value in readings.items()}
-    site = Site(machine, placed.place, placed.settings_map, c, q, z, values, loads)
+    states = {name: ca.SX(value) for name, value in reference.states.items()}
+    site = Site(machine, placed.place, placed.settings_map, c, q, z, values, loads, states)
     symbols = ca.vertcat(*c.values())
     return {
         port: np.array(ca.evalf(ca.substitute(ca.jacobian(shift, symbols), symbols, 0 * symbols)))[0]
@@ -261,6 +318,7 @@ def test_zero_coefficients_leave_the_machine_and_slopes_follow_the_ports(
     reference = bare(machine)
     solved = Solved(symbolic_model(machine, placed), READINGS[name])
     np.testing.assert_allclose(solved.pose, reference.pose, atol=1e-10)
+    np.testing.assert_allclose(solved.readings, reference.readings, atol=1e-10)
     column = len(machine.parameters)
     place_of = {port: k for k, port in enumerate(reference.model.names)}
     for effect in placed:

@@ -15,6 +15,7 @@ from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.candidates import Untestable
 from truepose.identification.diagnosis.result import (
     Alternative,
+    BlockProof,
     Diagnosis,
     Finding,
     FitSummary,
@@ -178,7 +179,7 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
         before=before,
         after=fitted(machine, recording, (term,)),
         fits={"free": summary(1.02, 60.0), "before": summary(9.0, 12.0), "after": summary(1.01, 1.2)},
-        proof=Proof("role", 0.4, (0.3, 0.5), -0.5, 0.97, True),
+        proof=Proof("role", (BlockProof("outermost poses", 12, 0.5),), 0.4, (0.3, 0.5), -0.5, 0.97, True),
         terms=(term,),
         outlier_rows=(7, 19),
         notes=("column 'x' means nothing & is ignored",),
@@ -298,7 +299,7 @@ def test_adequate_verdict(machine: Machine) -> None:
 
 def test_doubts_are_said(machine: Machine) -> None:
     weak = replace(gear_finding(), parameters={"a": Quantity(1e-5, 1e-4, "rad")})
-    proof = Proof("blocks", 0.98, (0.9, 1.05), 8.0, 0.95, False)
+    proof = Proof("blocks", (), 0.98, (0.9, 1.05), 8.0, 0.95, False)
     said = report_text(synthetic(machine, proof=proof, findings=(weak,)))
     for doubt in (
         "twice its own uncertainty",
@@ -319,7 +320,7 @@ def test_missing_numbers_do_not_break_the_page(machine: Machine) -> None:
             plain,
             fits={"free": hollow, "before": hollow, "after": hollow},
             after=broken,
-            proof=Proof("role", NAN, (NAN, NAN), None, None, None),
+            proof=Proof("role", (), NAN, (NAN, NAN), None, None, None),
             evidence_map={},
             candidates=(),
             alarms={"residual": Alarm(NAN, NAN)},

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
+from truepose.identification.diagnosis.conflict import conflict_with_tolerances
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.estimate import Estimate
 from truepose.identification.prediction import Predictor
@@ -78,36 +79,12 @@ def residual_alarm(free: Estimate, recording: Recording) -> Alarm:
 
 
 def prior_conflict(lin: Linearisation, noise: float, inflation: Mapping[str, float] | None = None) -> Alarm:
-    """Smaller p of the prior-predictive test and of identifiable combinations against their tolerances, doubled.
+    """Conflict of identifiable combinations, and of the readings at the drawing, with tolerances.
 
     ``noise`` scales sigma; ``inflation`` widens tolerances by class of part.
     """
-    n, last = lin.free, len(lin.gram) - 1
-    # effects of the fit stay in the model: only geometry is taken back to the drawing
-    shift = np.append(np.where(np.arange(last) < n, lin.departure, 0.0), 0.0)
-    cross = (lin.gram[:, last] - lin.gram @ shift)[:n] / noise**2
-    square = float(lin.gram[last, last] - 2 * shift @ lin.gram[:, last] + shift @ lin.gram @ shift) / noise**2
-    widened = np.array([(inflation or {}).get(part, 1.0) for part in lin.parts])
-    weight = lin.weight / widened
-    known = np.flatnonzero(weight > 0)
-    unknown = np.flatnonzero(weight == 0)
-    h = lin.gram[:n, :n] / noise**2
-    if len(unknown):  # project out what no drawing speaks of
-        solve = np.linalg.pinv(h[np.ix_(unknown, unknown)], rcond=1e-12, hermitian=True)
-        square -= float(cross[unknown] @ solve @ cross[unknown])
-        reduced = h[np.ix_(known, known)] - h[np.ix_(known, unknown)] @ solve @ h[np.ix_(unknown, known)]
-        c = cross[known] - h[np.ix_(known, unknown)] @ solve @ cross[unknown]
-    else:
-        reduced, c = h[np.ix_(known, known)], cross[known]
-    scaled = reduced / np.outer(weight[known], weight[known])
-    values, vectors = np.linalg.eigh(scaled)
-    seen = values > max(1e-6, 1e-10 * float(values[-1]) if len(values) else 0.0)
-    z2 = (vectors.T @ (c / weight[known]))[seen] ** 2 / values[seen]
-    conflict = float(np.sum(z2 / (1.0 + values[seen])))
-    predictive = square - float(np.sum(z2 * values[seen] / (1.0 + values[seen])))
-    p_conflict = float(chi2.sf(conflict, max(int(seen.sum()), 1)))
-    p_predictive = float(chi2.sf(max(predictive, 0.0), max(lin.readings - len(unknown), 1)))
-    return Alarm(conflict, min(1.0, 2.0 * min(p_conflict, p_predictive)), "tolerances")
+    found = conflict_with_tolerances(lin, noise, inflation)
+    return Alarm(found.statistic, found.p, "tolerances")
 
 
 @dataclass(frozen=True)
@@ -129,8 +106,9 @@ def structure_alarm(fit: Estimate, recording: Recording, *, seed: int = 1) -> St
     observed = _tests(r, bases, order)
     rng = np.random.default_rng(seed)
     project = _projector(fit, recording)
+    back = np.argsort(order)  # noise is drawn in the order of acquisition: shuffled rows get the same draws
     draws = [
-        max(_tests(_standard(project(rng.standard_normal(r.shape))), bases, order).values())
+        max(_tests(_standard(project(rng.standard_normal(r.shape)[back])), bases, order).values())
         for _ in range(_draws(r))
     ]
     worst = max(observed, key=lambda name: observed[name])

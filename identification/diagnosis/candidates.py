@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from truepose.identification.diagnosis.unnamed import UNNAMED, Unnamed
+from truepose.identification.memory import column_behind
 from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import PAYLOAD, Machine
+
+SECOND_TERM = 0.3
+"""Prior probability that a cause which is there has a further term."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,18 @@ class Catalogue:
     untestable: tuple[Untestable, ...]
     stated: tuple[int, ...] = ()
 
+    def log_odds(self, index: int, accepted: Iterable[int]) -> float:
+        """Log prior of a candidate when others are part of the model already.
+
+        A cause that is there may well have a second term (another harmonic, another form): slug and place have been paid for.
+        """
+        here = self.candidates[index]
+        if not any(_same_cause(self.candidates[k], here) for k in accepted if k != index):
+            return self.log_prior[index]
+        alike = [k for k, c in enumerate(self.candidates) if _same_cause(c, here)]
+        weights = [c.effect.weight(c.settings_map) for c in (self.candidates[k] for k in alike)]
+        return float(np.log(SECOND_TERM * here.effect.weight(here.settings_map) / sum(weights)))
+
     def named(self, index: int) -> bool:
         """Whether a candidate is an effect of the catalogue."""
         return self.candidates[index].effect.slug != UNNAMED
@@ -52,9 +69,10 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
         for place in places:
             variants = effect.settings(machine, place, recording)
             if not variants:
-                reasons.append(
+                usual = (
                     "the recording holds one session only" if recording.n_sessions < 2 else "nothing to vary"
                 )
+                reasons.append(effect.unvaried or usual)
             for settings in variants:
                 placed = PlacedEffect.at(effect, machine, place, settings)
                 reason = _untestable(placed, recording)
@@ -70,11 +88,15 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     return Catalogue(tuple(found), _log_prior(found), tuple(missing), stated)
 
 
+def _same_cause(a: PlacedEffect, b: PlacedEffect) -> bool:
+    return (a.effect.slug, a.place) == (b.effect.slug, b.place) and a.effect.slug != UNNAMED
+
+
 def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:
     for name in placed.drivers:
         values = recording.driver(name)
         if values is None:
-            return f"no {name.split('~')[0]} column"
+            return f"no {column_behind(name)} column"
         if name != PAYLOAD and np.ptp(values[~recording.validation]) == 0.0 and not np.any(values):
             return f"{name} never differs from zero"
     return None

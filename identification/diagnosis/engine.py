@@ -250,6 +250,12 @@ def _map(cat: Catalogue, ranking: Ranking) -> dict[str, float]:
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 
+def _class_words(label: str) -> str:
+    """``length:leg.a``: the length (leg.a)."""
+    kind, _, group = label.partition(":")
+    return f"{kind} ({group})" if group else kind
+
+
 def _notes(
     recording: Recording, before: Estimate, screened: Ranking, inflation: Mapping[str, float]
 ) -> tuple[str, ...]:
@@ -263,8 +269,8 @@ def _notes(
             f"without effects the readings scatter {screened.evidence.noise:.2g} times the stated sigma"
         )
     notes += [
-        f"without effects, {part} tolerances look {value:.1f} times too small"
-        for part, value in inflation.items()
+        f"without effects, {_class_words(label)} tolerances look {value:.1f} times too small"
+        for label, value in inflation.items()
         if value > 1.5
     ]
     return tuple(notes)

@@ -8,7 +8,6 @@ amplitude q are marginalised on a grid: wrong sigmas and wrong tolerances are ri
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -17,13 +16,14 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import log_ndtr, logsumexp
 
+from truepose.identification.diagnosis.parts import INFLATED, inflations, kind_of
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.models.effects.base import SERIES
 
 Array = NDArray[np.float64]
 AMPLITUDES = np.geomspace(1e-4, 1.0, 17)
-INFLATIONS = (1.0, 3.0, 10.0)
-INFLATED = ("length", "angle")
+TOLERANCE_DOUBT = 0.6
+"""1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
 MANY_READINGS = 4000
 """Beyond so many readings tolerances decide little, and one inflation for all classes is enough."""
 
@@ -37,10 +37,17 @@ class Grid:
     classes: tuple[str, ...]
 
     def log_prior(self, noise: float, inflation: Sequence[float]) -> float:
-        """Stated sigmas are mostly right and sometimes far off; tolerances are rarely off by much."""
+        """Stated sigmas are mostly right and sometimes far off; tolerances are rarely off by much.
+
+        Classes of one kind are off together by one factor, at its cost, and each by what it differs from it.
+        """
         step = np.log(noise)
         stated = np.logaddexp(np.log(0.8 / 0.1) - 0.5 * (step / 0.1) ** 2, np.log(0.2) - 0.5 * step**2)
-        return float(stated - sum(0.5 * (np.log(value) / 0.6) ** 2 for value in inflation))
+        doubt = np.log(inflation) / TOLERANCE_DOUBT
+        for kind in dict.fromkeys(map(kind_of, self.classes)):
+            own = doubt[[kind_of(c) == kind for c in self.classes]]
+            stated -= min(0.5 * (base**2 + np.sum((own - base) ** 2)) for base in {0.0, *own})
+        return float(stated)
 
 
 def grid_for(lin: Linearisation, rms: float) -> Grid:
@@ -48,11 +55,11 @@ def grid_for(lin: Linearisation, rms: float) -> Grid:
     top = max(1.7, 1.2 * rms)
     above = np.geomspace(1.35, top, max(2, int(np.ceil(np.log(top / 1.35) / 0.6)) + 1))
     noise = tuple(float(v) for v in (0.8, 1.0, *above))
-    classes = tuple(c for c in INFLATED if c in lin.parts)
+    classes = tuple(dict.fromkeys(c for c in lin.parts if kind_of(c) in INFLATED))
     if lin.readings > MANY_READINGS:
         coarse = np.geomspace(1.0, top, max(3, int(np.ceil(np.log(top) / 0.55)) + 1))
         return Grid(tuple(float(v) for v in coarse), ((1.0,) * len(classes),), classes)
-    return Grid(noise, tuple(itertools.product(INFLATIONS, repeat=len(classes))), classes)
+    return Grid(noise, inflations(classes), classes)
 
 
 @dataclass(frozen=True)
@@ -92,9 +99,7 @@ def evidence(
     context, columns = _Context(lin, accepted), [lin.columns[i] for i in wanted]
     points = [(k, inflation) for k in grid.noise for inflation in grid.inflation]
     prior = np.array([grid.log_prior(*point) for point in points])
-    groups: dict[int, list[int]] = {}
-    for i, c in enumerate(columns):
-        groups.setdefault(c.stop - c.start, []).append(i)
+    groups = [context.group(columns, members) for members in _by_size(columns)]
     states = [
         context.null(noise, dict(zip(grid.classes, inflation, strict=True))) for noise, inflation in points
     ]
@@ -103,14 +108,13 @@ def evidence(
     best = [_Best() for _ in columns]
     likely = set(np.argsort(-(null + prior))[:2].tolist())
     for g, ((noise, inflation), (_, state)) in enumerate(zip(points, states, strict=True)):
-        for size, members in groups.items():
+        for group in groups:
             # a long series is weighed at the stated tolerances and at the likeliest points only
-            if size >= SERIES and g not in likely and max(inflation, default=1.0) > 1.0:
+            if group.size >= SERIES and g not in likely and max(inflation, default=1.0) > 1.0:
                 continue
-            which = np.array([np.arange(columns[i].start, columns[i].stop) for i in members])
-            logs, mean, std, spread = context.candidates(state, which, noise, size)
-            gain[g, members] = logs
-            for j, i in enumerate(members):
+            logs, mean, std, spread = context.candidates(state, group, noise)
+            gain[g, group.members] = logs
+            for j, i in enumerate(group.members):
                 total = float(null[g] + prior[g] + logs[j])
                 if total > best[i].total:
                     best[i] = _Best(total, mean[j], std[j], float(spread[j]), noise)
@@ -138,6 +142,24 @@ def _gather(
         inflation=tuple(float(v) for v in np.exp(weight @ inflations)),
         best_noise=np.array([b.noise for b in best]),
     )
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Candidates of one size: their rows (C * size,) of the Gram matrix, and its blocks with J and with themselves."""
+
+    members: list[int]
+    size: int
+    rows: NDArray[np.intp]
+    across: Array
+    own: Array
+
+
+def _by_size(columns: Sequence[slice]) -> list[list[int]]:
+    groups: dict[int, list[int]] = {}
+    for i, c in enumerate(columns):
+        groups.setdefault(c.stop - c.start, []).append(i)
+    return list(groups.values())
 
 
 class _Context:
@@ -174,18 +196,24 @@ class _Context:
             solved,
         )
 
+    def group(self, columns: Sequence[slice], members: list[int]) -> _Group:
+        """What the grid's points share of candidates of one size."""
+        which = self.offset + np.array([np.arange(columns[i].start, columns[i].stop) for i in members])
+        own = self.gram[which[:, :, None], which[:, None, :]]
+        return _Group(
+            members, which.shape[1], which.ravel(), self.gram[np.ix_(self.inside, which.ravel())], own
+        )
+
     def candidates(
-        self, state: tuple[object, Array, Array], which: NDArray[np.intp], noise: float, size: int
+        self, state: tuple[object, Array, Array], group: _Group, noise: float
     ) -> tuple[Array, Array, Array, Array]:
         """Log Bayes factors (C,), posterior means and stds (C, size), spreads (C,) of candidates of one size."""
         factor, _, solved = state
-        rows = self.offset + which.ravel()
-        jg = self.gram[np.ix_(self.inside, rows)] / noise**2
-        half = solve_triangular(factor[0], jg, lower=True)  # type: ignore[index]
-        score = (self.cross[rows] / noise**2 - jg.T @ solved).reshape(-1, size)
+        jg, size = group.across / noise**2, group.size
+        half = solve_triangular(factor[0], jg, lower=True, check_finite=False)  # type: ignore[index]
+        score = (self.cross[group.rows] / noise**2 - jg.T @ solved).reshape(-1, size)
         blocks = half.reshape(len(half), -1, size).transpose(1, 2, 0)
-        own = np.array([self.gram[np.ix_(self.offset + w, self.offset + w)] for w in which]) / noise**2
-        information = own - blocks @ blocks.transpose(0, 2, 1)
+        information = group.own / noise**2 - blocks @ blocks.transpose(0, 2, 1)
         values, vectors = np.linalg.eigh(information)
         values = np.maximum(values, 0.0)
         turned = np.einsum("ckl,ck->cl", vectors, -score)

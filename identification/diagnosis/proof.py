@@ -11,89 +11,19 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import INDISTINCT
 from truepose.identification.diagnosis.evidence import Grid
+from truepose.identification.diagnosis.holdout import ROLE, held_out, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.result import Proof
 from truepose.identification.diagnosis.selection import rank
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
-from truepose.identification.estimate import Estimate, estimate
+from truepose.identification.estimate import Estimate
 from truepose.identification.history import order_in_time
 from truepose.identification.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-FOLDS = 5
-BOOTSTRAP = 1000
-
-
-def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Mask]]:
-    """Rows to hold out: the validation rows at once, or blocks: four in time and the outermost poses."""
-    if recording.validation.sum() >= 3:
-        return "role", [recording.validation.copy()]
-    order = order_in_time(recording.time, recording.source_file, recording.source_row)
-    labels = recording.replicates()
-    centred = recording.q - recording.q[used].mean(axis=0)
-    reach = np.linalg.norm(centred / np.maximum(np.std(recording.q[used], axis=0), 1e-12), axis=1)
-    outer = used & (reach >= np.quantile(reach[used], 1 - 1 / FOLDS))
-    outer |= np.isin(labels, labels[outer]) & used
-    inner = [k for k in order if used[k] and not outer[k]]
-    blocks = [outer]
-    for part in np.array_split(np.array(inner, dtype=int), FOLDS - 1):
-        mask = np.zeros(len(used), dtype=bool)
-        mask[part] = True
-        blocks.append(mask)
-    return "blocks", [b for b in blocks if b.any() and not np.array_equal(b, used)]
-
-
-def held_out(
-    before: Estimate, after: Estimate, recording: Recording, outliers: Mask
-) -> tuple[str, Array, Array]:
-    """Name of the split and squared whitened residual of each held-out row, before and after."""
-    name, blocks = held_out_blocks(recording, before.used)
-    if name == "role":
-        rows = np.flatnonzero(
-            blocks[0] & np.isfinite(before.residual).all(axis=1) & np.isfinite(after.residual).all(axis=1)
-        )
-        return name, np.sum(before.residual[rows] ** 2, axis=1), np.sum(after.residual[rows] ** 2, axis=1)
-    squares: tuple[list[Array], list[Array]] = ([], [])
-    for block in blocks:
-        try:
-            parts = [
-                estimate(
-                    fit.machine,
-                    recording,
-                    fit.effects,
-                    start=fit.p,
-                    exclude=outliers | block,
-                    prior=fit.prior,
-                )
-                for fit in (before, after)
-            ]
-        except (ConvergenceError, InputError):  # too little is left to fit without this block
-            continue
-        for part, out in zip(parts, squares, strict=True):
-            out.append(np.sum(part.residual[block] ** 2, axis=1))
-    if not squares[0]:
-        used = before.used
-        return "none", np.sum(before.residual[used] ** 2, axis=1), np.sum(after.residual[used] ** 2, axis=1)
-    return name, np.concatenate(squares[0]), np.concatenate(squares[1])
-
-
-def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float, tuple[float, float]]:
-    """Root of the ratio of mean squares with its 95 % bootstrap interval over rows."""
-    ratio = float(np.sqrt(after.mean() / before.mean()))
-    rng = np.random.default_rng(seed)
-    picks = (
-        rng.integers(0, len(before), (BOOTSTRAP, len(before)))
-        if len(before) < 20_000
-        else np.zeros((0, 0), dtype=int)
-    )
-    if not len(picks):
-        return ratio, (ratio, ratio)
-    draws = np.sqrt(after[picks].mean(axis=1) / before[picks].mean(axis=1))
-    return ratio, (float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)))
 
 
 def prove(
@@ -107,13 +37,12 @@ def prove(
     accepted: Mapping[int, float],
 ) -> Proof:
     """All four proofs of the accepted terms."""
-    name, b, a = held_out(before, after, recording, outliers)
-    seen = np.isfinite(b) & np.isfinite(a)
-    b, a = b[seen], a[seen]
-    ratio, interval = ratio_interval(b, a)
+    held = held_out(before, after, recording, outliers)
+    ratio, interval = ratio_interval(held.before, held.after)
     main = next(i for i in accepted if i not in cat.stated)
     return Proof(
-        held_out=name,
+        held_out=held.split,
+        blocks=held.blocks,
         ratio=ratio,
         ratio_interval=interval,
         placebo_gain=_placebo(before, signatures, cat, grid, main),
@@ -124,11 +53,13 @@ def prove(
 
 def _placebo(before: Estimate, signatures: Signatures, cat: Catalogue, grid: Grid, term: int) -> float:
     """Log Bayes factor of the main term when every row is given another row's drivers (nothing should remain)."""
-    rng = np.random.default_rng(11)
+    recording = signatures.recording
     order = np.arange(len(before.used))
-    rows = np.flatnonzero(before.used)
-    order[rows] = rng.permutation(rows)
-    single = Signatures(signatures.machine, signatures.recording, [cat.candidates[term]])
+    # in the order of acquisition, so that shuffled rows get the same placebo
+    in_time = order_in_time(recording.time, recording.source_file, recording.source_row)
+    rows = in_time[before.used[in_time]]
+    order[rows] = np.random.default_rng(11).permutation(rows)
+    single = Signatures(signatures.machine, recording, [cat.candidates[term]])
     lin = single.linearise(before, order=order)
     one = Catalogue((cat.candidates[term],), (0.0,), ())
     return float(rank(lin, one, grid, {}, [0]).gain[0])
@@ -189,12 +120,14 @@ def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers
     channel = rng.integers(0, m, count)
     extra = np.zeros((len(t), m, count))
     extra[:, channel, np.arange(count)] = waves
-    _, blocks = held_out_blocks(recording, before.used)
+    split, blocks = held_out_blocks(recording, before.used)
+    if split == ROLE:
+        blocks = blocks[-1:]
     squares_before: list[Array] = []
     squares_box: list[Array] = []
     for block in blocks:
-        train = before.used & ~block & usable & ~outliers
-        test = block & usable
+        train = before.used & ~block.rows & usable & ~outliers
+        test = block.rows & usable & ~outliers
         for design, out in (
             (jacobian, squares_before),
             (np.concatenate([jacobian, extra], axis=2), squares_box),

@@ -62,10 +62,20 @@ class Remainder:
 
 
 @dataclass(frozen=True)
+class BlockProof:
+    """Rms after over before on rows held out together, and how many they are."""
+
+    name: str
+    rows: int
+    ratio: float
+
+
+@dataclass(frozen=True)
 class Proof:
     """How the extended model does where it was not fitted, and what stands against chance."""
 
     held_out: str
+    blocks: tuple[BlockProof, ...]
     ratio: float
     ratio_interval: tuple[float, float]
     placebo_gain: float | None

@@ -67,7 +67,7 @@ def rank(
     gain = result.gain.copy()
     for j, i in enumerate(wanted):
         gain[j] += physical(cat, i, result.amplitude[j], result.std[j])
-    odds = gain + np.array([cat.log_prior[i] for i in wanted]) if len(wanted) else gain
+    odds = gain + np.array([cat.log_odds(i, accepted) for i in wanted]) if len(wanted) else gain
     return Ranking(tuple(wanted), odds, gain, result)
 
 

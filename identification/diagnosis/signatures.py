@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.codegen.batch import BatchFunction
+from truepose.identification.diagnosis.parts import part_classes
 from truepose.identification.estimate import Estimate
 from truepose.identification.prediction import Predictor
 from truepose.identification.readings import Block
@@ -78,7 +79,7 @@ class Signatures:
             departure[n + at.start : n + at.stop] = np.array(effect.amplitudes) / [
                 c.scale for c in effect.coefficients
             ]
-        parts = tuple(fit.prior.parts[k] for k in geometry)
+        parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
             gram, n, self.columns, readings, departure, fit.prior_weight[:n], parts, self.candidates
         )

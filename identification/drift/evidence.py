@@ -22,7 +22,8 @@ from scipy.linalg import helmert, solve_triangular
 from scipy.special import logsumexp
 
 from truepose.identification.decomposition import ROUNDING
-from truepose.identification.diagnosis.evidence import INFLATED, INFLATIONS, Grid
+from truepose.identification.diagnosis.evidence import Grid
+from truepose.identification.diagnosis.parts import INFLATED, INFLATIONS
 from truepose.identification.drift.sessions import Linear
 from truepose.identification.problem import Prior
 
@@ -97,7 +98,7 @@ def grid(stack: Stack, rms: float) -> tuple[Point, ...]:
     top = max(1.7, 1.2 * rms)
     above = np.geomspace(1.35, top, max(2, int(np.ceil(np.log(top / 1.35) / 0.4)) + 1))
     inflations = INFLATIONS if stack.inflated.any() else (1.0,)
-    prior = Grid((), (), ()).log_prior
+    prior = Grid((), (), INFLATED[:1]).log_prior
     return tuple(
         Point(float(noise), inflation, prior(float(noise), (inflation,)))
         for noise in (0.8, 1.0, *above)

@@ -122,6 +122,8 @@ class Effect(ABC):
     needs_load: ClassVar[bool] = False
     settings_add: ClassVar[bool] = False
     """Whether terms of one place with different settings may stand together (orders) or exclude others."""
+    unvaried: ClassVar[str] = ""
+    """Why a recording cannot speak of the effect where ``settings`` offers nothing; empty for the usual reasons."""
 
     @abstractmethod
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -138,6 +140,10 @@ class Effect(ABC):
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
         """Columns beyond the joints that the formula reads."""
         return ()
+
+    def reads_load(self, settings: Settings) -> bool:
+        """Whether the formula reads gravity loads with these settings."""
+        return self.needs_load
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         """Constants the formula is not linear in (order of a harmonic, lag): one candidate each."""
@@ -210,7 +216,7 @@ class PlacedEffect:
     @property
     def needs_load(self) -> bool:
         """Whether the formula reads gravity loads."""
-        return self.effect.needs_load
+        return self.effect.reads_load(self.settings_map)
 
     @property
     def label(self) -> str:

@@ -11,7 +11,8 @@ from truepose.models.effects.common import SECONDS_PER_HOUR, clock, singly, twis
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.mechanism import AXES
 
-FRACTIONS = (0.1, 0.3, 1.0)
+FRACTIONS = (0.08, 0.15, 0.3, 0.6, 1.2)
+"""Time constants to try, in spans of the campaign: neighbours differ by a factor of two, which data hardly tell apart."""
 
 
 @effects.add("mount-drift")

@@ -1,4 +1,4 @@
-"""A platform that bends: the ends of the legs move along its normal as the actuators move."""
+"""A platform that bends: leg ends move along its normal as the actuators move, or under the legs' forces."""
 
 from __future__ import annotations
 
@@ -12,23 +12,30 @@ from truepose.models.effects.common import centre_and_half
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator, Limb
 
-COMMON, DIAGONAL, FULL, SYMMETRIC = 0, 1, 2, 3
+COMMON, DIAGONAL, FULL, SYMMETRIC, WEIGHT = 0, 1, 2, 3, 4
 LARGEST = 0.03
+SOFTEST = 1e-3
+"""mm/N: a leg end that gives way by 10 um under 10 N."""
 _SAME_ANGLE = 0.02
 Pair = tuple[int, int]
 
 
 @effects.add("platform-deformation")
 class PlatformDeformation(Effect):
-    """db_i = sum_j K[i,j] drho_j along the platform's normal z, drho the actuators' travel from home.
+    """db_i = sum_j K[i,j] drho_j along the platform's normal z, drho the actuators' travel from home, or
+    db_i = sum_j C[i,j] F_j, F the force of gravity at the leg ends along the normal.
 
     Setting ``form``: 0 one diagonal entry for all legs (kappa), 1 a diagonal entry a leg, 2 the full matrix,
-    3 the matrix of a platform as symmetric as its leg ends: as many entries as legs, those of the first row.
+    3 the matrix of a platform as symmetric as its leg ends: as many entries as legs, those of the first row;
+    4 the same symmetry under load (one compliance ``C`` for each leg's own end where there is none).
     """
 
     slug = "platform-deformation"
     title = "Platform that bends"
-    formula = "db_i,z = sum_j K[i,j] drho_j; K = kappa 1, diagonal, full, or with the platform's symmetry"
+    formula = (
+        "db_i,z = sum_j K[i,j] drho_j; K = kappa 1, diagonal, full, or with the platform's symmetry; "
+        "under load db_i,z = sum_j C[i,j] F_j,z"
+    )
     size = "K of 0.01 to 0.02: tens of micrometres at 1.3 mm of travel (telescope)"
     look_alikes = ("actuator-scale", "wrong-constant", "leg-compliance", "axis-coupling")
     experiment = (
@@ -49,24 +56,36 @@ class PlatformDeformation(Effect):
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         names = dict.fromkeys(_entries(machine, settings).values())
+        if self.reads_load(settings):
+            return tuple(
+                Coefficient(name, "mm/N", SOFTEST, 0.0 if name in ("C", "C[1,1]") else -float("inf"))
+                for name in names
+            )
         return tuple(Coefficient(name, "1", LARGEST) for name in names)
+
+    def reads_load(self, settings: Settings) -> bool:
+        return round(settings.get("form", COMMON)) == WEIGHT
 
     def shifts(self, site: Site) -> Shifts:
         limbs = _limbs(site.machine)
-        travel = [_travel(site, site.machine.mechanism.actuator(limb.reading)) for limb in limbs]
+        if self.reads_load(site.settings):
+            drive = [site.load(limb.platform_point[2]) for limb in limbs]
+        else:
+            drive = [_travel(site, site.machine.mechanism.actuator(limb.reading)) for limb in limbs]
         out = {limb.platform_point[2]: ca.SX(0) for limb in limbs}
         for (i, j), name in _entries(site.machine, site.settings).items():
-            out[limbs[i].platform_point[2]] += site.c[name] * travel[j]
+            out[limbs[i].platform_point[2]] += site.c[name] * drive[j]
         return out
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         forms = [COMMON, DIAGONAL, SYMMETRIC, FULL] if _symmetry(machine) else [COMMON, DIAGONAL, FULL]
+        forms += [WEIGHT] if machine.loaded else []
         return [{"form": float(form)} for form in forms]
 
     def explain(self, machine: Machine, place: Place) -> str:
         return (
             "The ring or plate that carries the leg ends bends: each end moves along the platform's normal "
-            "in proportion to the actuators' travel."
+            "in proportion to the actuators' travel, or to the forces of the legs."
         )
 
 
@@ -87,6 +106,9 @@ def _travel(site: Site, actuator: Actuator) -> ca.SX:
 def _entries(machine: Machine, settings: Settings) -> Mapping[Pair, str]:
     """Which coefficient stands at each entry (i, j) of K."""
     n, form = len(_limbs(machine)), round(settings.get("form", COMMON))
+    if form == WEIGHT:
+        classes = _symmetry(machine) or {(i, i): 0 for i in range(n)}
+        return {pair: f"C[1,{first + 1}]" if len(classes) > n else "C" for pair, first in classes.items()}
     if form == COMMON:
         return {(i, i): "kappa" for i in range(n)}
     if form == DIAGONAL:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.diagnosis.holdout import VALIDATION
 from truepose.identification.diagnosis.result import Diagnosis, Proof
 from truepose.identification.report.document import Block, Plot, Section, Table, Text
 from truepose.identification.report.figures import fit as fit_figures
@@ -77,6 +78,11 @@ def proof_blocks(proof: Proof) -> list[Block]:
             f"{significant(proof.ratio)} ({significant(low)} to {significant(high)})",
             "below 1",
         ],
+        *(
+            [f"of these, {b.name} ({b.rows} rows, fitted without them)", significant(b.ratio), "below 1"]
+            for b in proof.blocks
+            if b.name != VALIDATION
+        ),
         [
             "the same for an equally flexible black box",
             significant(proof.black_box_ratio),

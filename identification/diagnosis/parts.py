@@ -1,0 +1,69 @@
+"""Classes of parts whose tolerances were stated together, and may be wrong together.
+
+A class is written ``kind:class``: ``length:leg.a`` are all lower joint centres of legs, ``angle:q`` all angles of a
+chain's joints. What is wrong for one part of a class is wrong for all of it; all classes of a kind may be
+wrong alike (one drawing, one optimist), or one of them alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+INFLATED = ("length", "angle")
+INFLATIONS = (1.0, 3.0, 10.0)
+FEW = 4
+"""Parameters that a class needs to stand on its own; smaller ones share the rest of their kind."""
+_GROUPS = ("a", "b", "u", "length", "offset", "gain")
+_ELEMENT = re.compile(r"^(?P<element>.*?)\d*\.(?P<rest>.+)$")
+
+
+def part_classes(names: Sequence[str], kinds: Sequence[str]) -> tuple[str, ...]:
+    """Class of every parameter; kinds that are not inflated (frames, sensors) keep their own name."""
+    raw = [
+        f"{kind}:{_group(name)}" if kind in INFLATED else kind
+        for name, kind in zip(names, kinds, strict=True)
+    ]
+    count = Counter(raw)
+    return tuple(
+        f"{kind}:" if kind in INFLATED and count[label] < FEW else label
+        for label, kind in zip(raw, kinds, strict=True)
+    )
+
+
+def _group(name: str) -> str:
+    """``leg3.a.x``: leg.a; ``q4.beta``: q."""
+    match = _ELEMENT.match(name)
+    if match is None:
+        return name
+    head = match["rest"].split(".")[0]
+    return f"{match['element']}.{head}" if head in _GROUPS else match["element"]
+
+
+def kind_of(label: str) -> str:
+    """``length`` or ``angle`` of a class."""
+    return label.partition(":")[0]
+
+
+def inflations(classes: Sequence[str]) -> tuple[tuple[float, ...], ...]:
+    """Inflations of the classes to weigh: whole kinds together, and each class alone."""
+    kinds = [kind for kind in INFLATED if any(kind_of(c) == kind for c in classes)]
+    out = []
+    for factors in itertools.product(INFLATIONS, repeat=len(kinds)):
+        of = dict(zip(kinds, factors, strict=True))
+        out.append(tuple(of[kind_of(c)] for c in classes))
+    crowded = Counter(kind_of(c) for c in classes)
+    for k, c in enumerate(classes):
+        if crowded[kind_of(c)] > 1:
+            out += [tuple(f if j == k else 1.0 for j in range(len(classes))) for f in INFLATIONS[1:]]
+    return tuple(out)
+
+
+def widest(classes: Sequence[str], found: Sequence[float]) -> Mapping[str, float]:
+    """The largest inflation found in each kind, by kind."""
+    out: dict[str, float] = {}
+    for label, value in zip(classes, found, strict=True):
+        out[kind_of(label)] = max(out.get(kind_of(label), 0.0), value)
+    return out
