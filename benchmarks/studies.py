@@ -5,8 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
+from truepose.challenge.intervals import wilson
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.load import load_recording
@@ -23,8 +22,4 @@ def diagnose_texts(machine: str, recording: str) -> Diagnosis:
         return diagnose(loaded, load_recording(loaded, [at / "recording.csv"]))
 
 
-def wilson(hits: int, n: int, z: float = 1.96) -> tuple[float, float]:
-    """95 % Wilson interval of a share."""
-    p, d = hits / n, 1 + z * z / n
-    centre, half = (p + z * z / (2 * n)) / d, z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / d
-    return max(0.0, centre - half), min(1.0, centre + half)
+__all__ = ["diagnose_texts", "wilson"]

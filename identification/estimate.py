@@ -224,9 +224,7 @@ def _robust(problem: Problem, loss: str, solve: Callable[[Array], Solution]) -> 
     solution = solve(np.zeros(len(problem.prior.free)))
     if loss == "gauss":
         return solution
-    for _ in range(REWEIGHTINGS):
-        if not solution.status.ok:
-            break
+    for _ in range(REWEIGHTINGS):  # far rows may be why plain least squares found no rest
         size = np.sqrt(np.mean(problem.residuals(problem.at(solution.t), problem.x) ** 2, axis=1))
         scale = max(float(np.median(size[problem.used])), 1e-300)
         weights = np.minimum(1.0, HUBER * 1.2 * scale / np.maximum(size, 1e-300))

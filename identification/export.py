@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, FitSummary, Quantity
 from truepose.identification.diagnosis.summary import rms_by_kind, worst_allowed
@@ -57,10 +58,8 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "files": list(diagnosis.recording.files),
         "verdict": diagnosis.verdict,
         "concealed": diagnosis.concealed,
-        "alarms": {
-            name: {"statistic": a.statistic, "p": a.p, "raised": a.raised, "about": a.about}
-            for name, a in diagnosis.alarms.items()
-        },
+        "alarms": {name: _alarm(a) for name, a in diagnosis.alarms.items()},
+        "alarms_after": {name: _alarm(a) for name, a in diagnosis.alarms_after.items()},
         "findings": [*(_finding(f) for f in diagnosis.findings), *_outliers(diagnosis)],
         "remainder": left
         and {
@@ -178,6 +177,10 @@ def _effect(fit: Estimate, k: int) -> Json:
         "settings": dict(effect.settings),
         "parameters": parameters,
     }
+
+
+def _alarm(alarm: Alarm) -> Json:
+    return {"statistic": alarm.statistic, "p": alarm.p, "raised": alarm.raised, "about": alarm.about}
 
 
 def _finding(finding: Finding) -> Json:

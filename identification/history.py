@@ -1,4 +1,4 @@
-"""What the order of rows tells: lagged temperatures, the direction a joint came from, the row of `from`.
+"""What the order of rows tells: lagged temperatures, a joint's way and its direction, creep, the row of `from`.
 
 Plain functions of arrays; rows are ordered by time where it is known, else by their place in the files.
 """
@@ -48,6 +48,58 @@ def direction_of_travel(readings: FloatArray, piece: IntArray) -> FloatArray:
             change = np.sign(readings[k] - readings[k - 1])
             signs[k] = change if change else signs[k - 1]
     return signs
+
+
+def stop_operator(
+    readings: FloatArray, approach: FloatArray, piece: IntArray, half_width: float
+) -> FloatArray:
+    """How far ordered readings (n,) lead the play operator of a half width, (n,), between minus and plus that.
+
+    The stop operator of Prandtl: it follows every move until it slips. It starts at 0 in every piece. Where
+    ``approach`` (-1, 0, 1; 0 unknown) contradicts the last move, the joint overshot and came back by more than
+    the width: it then stands at its limit on that side.
+    """
+    out = np.zeros(len(readings))
+    state = 0.0
+    for k, side in enumerate(approach.tolist()):
+        if k == 0 or piece[k] != piece[k - 1]:
+            state = side * half_width
+        else:
+            step = float(readings[k] - readings[k - 1])
+            rested = step == 0.0 and side == approach[k - 1]
+            if side and side * step <= 0.0 and not rested:
+                state = side * half_width
+            else:
+                state = min(max(state + step, -half_width), half_width)
+        out[k] = state
+    return out
+
+
+def line_of_full_loop(readings: FloatArray, half_width: float, low: float, high: float) -> FloatArray:
+    """The straight line that fits the stop operator best over a full loop from low to high, at readings (n,).
+
+    Its slope is 3 t^2 - 2 t^3, t = half width / half range (least squares over both branches).
+    """
+    t = min(half_width / ((high - low) / 2), 1.0)
+    return t**2 * (3.0 - 2.0 * t) * (readings - (low + high) / 2)
+
+
+def creep_sum(time: FloatArray, readings: FloatArray, piece: IntArray, t0: float) -> FloatArray:
+    """Sum over past moves of step * log10(1 + age / t0) at ordered times (n,), unit of the readings.
+
+    A move ends at the time of the row that it leads to; moves of other pieces do not count.
+    """
+    steps = np.diff(readings, prepend=readings[:1])
+    fresh = np.flatnonzero(np.diff(piece, prepend=piece[:1] - 1))
+    steps[fresh] = 0.0
+    start = np.zeros(len(readings), dtype=np.int64)
+    start[fresh] = fresh
+    start = np.maximum.accumulate(start)
+    out = np.zeros(len(readings))
+    for k, first in enumerate(start.tolist()):
+        moved = first + np.flatnonzero(steps[first : k + 1])
+        out[k] = steps[moved] @ np.log10(1.0 + (time[k] - time[moved]) / t0)
+    return out
 
 
 def latest_earlier_row(pose: IntArray, origin: IntArray, time: FloatArray | None) -> IntArray:

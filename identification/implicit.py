@@ -65,7 +65,7 @@ class ClosurePredictor(Predictor):
         x = np.tile(self.model.home, (n, 1)) if start is None else start.copy()
         good = np.zeros(n, dtype=bool)
         for _ in range(_ROUNDS):
-            pose, by_x, _, gap_x, _ = self._kinematics(x, self.q, self.z, p)
+            pose, by_x, _, gap_x, *_ = self._kinematics(x, self.q, self.z, p)
             step = np.zeros_like(x)
             step[:, :k] = np.linalg.solve(by_x[:, :, :k], _towards(self._measured, pose))[..., 0]
             if x.shape[1] > k:
@@ -86,7 +86,7 @@ class ClosurePredictor(Predictor):
     def _gaps(self, p: Array, x: Array) -> tuple[Array, Array]:
         """(n, k, 1) gaps and (n, k, np) their derivative by p, measured poses kept."""
         k = self._count
-        _, by_x, by_p, gap_x, gap_p = self._kinematics(x, self.q, self.z, p)
+        _, by_x, by_p, gap_x, gap_p, *_ = self._kinematics(x, self.q, self.z, p)
         gap = self._closure(x, self.q, self.z, p)[0]
         moved = -np.linalg.solve(by_x[:, :, :k], by_p)
         slope = gap_p[:, :k] + gap_x[:, :k, :k] @ moved
@@ -98,7 +98,7 @@ class ClosurePredictor(Predictor):
         """(n, k, k) inverse roots of the gaps' covariance under the pose's noise, at the drawing."""
         p = self.model.p_home
         x, _ = self.assemble(p)
-        _, by_x, _, gap_x, _ = self._kinematics(x, self.q, self.z, p)
+        _, by_x, _, gap_x, *_ = self._kinematics(x, self.q, self.z, p)
         noise = np.diag([*3 * [self._sensor.sigma_xyz], *3 * [self._sensor.sigma_rot]])
         root = gap_x[:, : self._count, : self._count] @ np.linalg.solve(by_x[:, :, : self._count], noise)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(root @ root.transpose(0, 2, 1))))

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truepose.errors import InputError
-from truepose.identification.history import direction_of_travel, exponential_lag, order_in_time
+from truepose.identification.history import direction_of_travel, order_in_time
+from truepose.identification.memory import remembered
 from truepose.identification.recording_file import JointColumn, RecordingPart, read_part
 from truepose.identification.table import Column, Table
 from truepose.models.units import FloatArray, UnitSystem
@@ -29,7 +30,6 @@ A = TypeVar("A", bound=npt.NDArray[Any])
 
 __all__ = ["Column", "JointColumn", "Recording", "read_recording"]
 
-_LAG: Final = re.compile(r"^(?P<driver>.+)~(?P<seconds>\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)$")
 _AFTER: Final = re.compile(r"^session\.after\.(?P<rank>\d+)$")
 _AIR: Final = "temperature.air"
 
@@ -101,30 +101,21 @@ class Recording:
 
         `time` s, `payload` kg, `pressure` hPa, `humidity` percent, `approach.J`, `velocity.J` (unit of
         the joint per s), `temperature.PLACE` degC (else `temperature.air`); `temperature.PLACE~300` is
-        the same seen through a first-order lag of 300 s; `session.after.K` is 1 from the K-th session
+        the same seen through a first-order lag of 300 s, and `stop.J~r`, `creep.J~t0` what a joint's way leaves
+        behind (see `truepose.identification.memory`); `session.after.K` is 1 from the K-th session
         change on, 0 before, sessions ranked among `sessions` (see `session_rank`).
         """
         after = _AFTER.match(name)
         if after:
             return frozen((self.session_rank(sessions) >= int(after["rank"])).astype(np.float64))
-        lag = _LAG.match(name)
-        if lag:
-            return self._lagged(lag["driver"], float(lag["seconds"]))
+        if "~" in name:
+            values = remembered(self, name)
+            return None if values is None else frozen(values)
         if name == "time":
             return self.time
         if name.startswith("temperature.") and name not in self.drivers:
             name = _AIR
         return self.drivers.get(name)
-
-    def _lagged(self, name: str, seconds: float) -> FloatArray | None:
-        whole = self.whole
-        values = whole.driver(name)
-        if values is None or whole.time is None:
-            return None
-        order = order_in_time(whole.time, whole.source_file, whole.source_row)
-        lagged = np.empty_like(values)
-        lagged[order] = exponential_lag(whole.time[order], values[order], seconds)
-        return frozen(lagged[self.rows])
 
     def derived_approach(self, joint: str) -> FloatArray:
         """Sign of the joint's last change, from the order of the rows (n,); 0 before any change.

@@ -80,12 +80,13 @@ def with_inputs(path: Path | str, readings: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([pd.DataFrame(kept), readings], axis=1)
 
 
-def parse_effect(text: str, machine: Machine) -> PlacedEffect:
+def parse_effect(text: str, machine: Machine, option: str = "--effect") -> PlacedEffect:
     """One effect named on the command line: places joined by ``+``, settings among the coefficients.
 
-    Raises InputError for an unknown slug, place or name (with close matches) and for a bad unit.
+    Raises InputError, which names the ``option``, for an unknown slug, place or name (with close matches) and for
+    a bad unit.
     """
-    where = f"--effect {text}"
+    where = f"{option} {text}"
     head = _HEAD.match(text.strip())
     if head is None:
         raise InputError(

@@ -168,11 +168,13 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
 
 
 def driver_default(machine: Machine, name: str) -> float:
-    """Value of a driver where nothing is recorded: nominal payload, 20 degC, latest session, no motion."""
+    """Value of a driver where nothing is recorded: nominal payload, 20 degC, 1013.25 hPa, latest session, no motion."""
     if name == PAYLOAD:
         return next((m.kg for m in machine.masses if m.name == PAYLOAD), 0.0)
     if name.startswith("temperature"):
         return 20.0
+    if name == "pressure":
+        return 1013.25
     return 1.0 if name.startswith("session.") else 0.0
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 from truepose.errors import InputError
@@ -224,3 +225,10 @@ class Mechanism:
             if actuator.reading == reading:
                 return actuator
         raise InputError(f"found no joint {reading!r}, expected one of {', '.join(self.readings)}")
+
+    @cached_property
+    def home_directions(self) -> Mapping[str, tuple[float, float, float]]:
+        """Unit vectors along what joint ends carry, as drawn and at home (``truepose.models.home_directions``)."""
+        from truepose.models.home_directions import home_directions
+
+        return home_directions(self)

@@ -48,6 +48,7 @@ COMMANDS = (
     "compensate",
     "codegen",
     "effects",
+    "challenge",
 )
 
 

@@ -165,6 +165,7 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
             "prior_conflict": Alarm(214.0, 1e-9, "tolerances"),
             "structure": structure.alarm,
         },
+        alarms_after={"residual": Alarm(1.0, 0.5, "replicates")},
         structure=structure,
         findings=(gear_finding(),),
         remainder=None,

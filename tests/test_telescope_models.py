@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from truepose.challenge.simulator.telescope_ring import beams
 from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.estimate import estimate
@@ -49,7 +50,7 @@ def _benchmark(name: str) -> ModuleType:
     return importlib.import_module(name)
 
 
-simulator, beams = _benchmark("telescope_simulator"), _benchmark("telescope_simulator.beams")
+simulator = _benchmark("telescope_simulator")
 campaigns, fits = _benchmark("telescope_models.campaign"), _benchmark("telescope_models.fits")
 
 

@@ -23,10 +23,10 @@ from telescope_simulator import (
     recording_text,
     simulate,
 )
-from telescope_simulator.beams import Section
-from telescope_simulator.machine import TARGETS
-from telescope_simulator.simulation import PoseSensor, TargetsSensor
 
+from truepose.challenge.simulator.telescope_ring.beams import Section
+from truepose.challenge.simulator.telescope_ring.machine import TARGETS
+from truepose.challenge.simulator.telescope_ring.simulation import PoseSensor, TargetsSensor
 from truepose.identification.photogrammetry.pose_table import pose_table
 
 Array = NDArray[np.float64]

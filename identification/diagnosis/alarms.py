@@ -103,20 +103,20 @@ def structure_alarm(fit: Estimate, recording: Recording, *, seed: int = 1) -> St
     r = _standard(residual)
     bases = _bases(fit, recording)
     order = _order(fit, recording)
-    observed = _tests(r, bases, order)
+    observed = _tests(r[None], bases, order)
     rng = np.random.default_rng(seed)
     project = _projector(fit, recording)
     back = np.argsort(order)  # noise is drawn in the order of acquisition: shuffled rows get the same draws
-    draws = [
-        max(_tests(_standard(project(rng.standard_normal(r.shape)[back])), bases, order).values())
-        for _ in range(_draws(r))
-    ]
-    worst = max(observed, key=lambda name: observed[name])
-    p = (1 + sum(d >= observed[worst] for d in draws)) / (1 + len(draws))
+    drawn = (project(rng.standard_normal(r.shape)[back]) for _ in range(_draws(r)))
+    null = _tests(np.array([_standard(noise) for noise in drawn]), bases, order)
+    draws = np.max(list(null.values()), axis=0)
+    worst = max(observed, key=lambda name: float(observed[name][0]))
+    largest = float(observed[worst][0])
+    p = (1 + int(np.sum(draws >= largest))) / (1 + len(draws))
     if p <= 2.0 / (1 + len(draws)):  # beyond the draws: Bonferroni over the tests
-        p = min(p, 10 ** -observed[worst] * len(observed))
+        p = min(p, 10**-largest * len(observed))
     share = _share(r, bases[worst]) if worst in bases else 0.0
-    return Structure(Alarm(observed[worst], float(p), worst), worst, observed[worst], share)
+    return Structure(Alarm(largest, float(p), worst), worst, largest, share)
 
 
 def _standard(residual: Array) -> Array:
@@ -171,16 +171,17 @@ def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
     return out
 
 
-def _tests(r: Array, bases: Mapping[str, Array], order: NDArray[np.intp]) -> dict[str, float]:
-    """-log10 p of each test: each driver's functions, and neighbours in time."""
+def _tests(r: Array, bases: Mapping[str, Array], order: NDArray[np.intp]) -> dict[str, Array]:
+    """-log10 p (b,) of each test on residuals (b, n, m): each driver's functions, and neighbours in time."""
     out = {}
+    flat = r.transpose(1, 0, 2).reshape(r.shape[1], -1)
     for name, basis in bases.items():
-        statistic = float(np.sum((basis.T @ r) ** 2))
-        out[name] = -float(chi2.logsf(statistic, basis.shape[1] * r.shape[1])) / np.log(10)
-    ordered = r[order]
-    if len(ordered) > 10:
-        lag = float(np.sum(ordered[1:] * ordered[:-1])) / np.sqrt(ordered[1:].size)
-        out["order"] = -float(chi2.logsf(lag**2, 1)) / np.log(10)
+        squares = np.sum((basis.T @ flat) ** 2, axis=0).reshape(len(r), -1)
+        out[name] = -chi2.logsf(squares.sum(axis=1), basis.shape[1] * r.shape[2]) / np.log(10)
+    if r.shape[1] > 10:
+        ordered = r[:, order]
+        lag = np.sum(ordered[:, 1:] * ordered[:, :-1], axis=(1, 2)) / np.sqrt(ordered[0, 1:].size)
+        out["order"] = -chi2.logsf(lag**2, 1) / np.log(10)
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,8 @@ from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import PAYLOAD, Machine
 
+TOGETHER = 0.2
+"""Prior share of a slug's places that join several parts, where parts alone are places too."""
 SECOND_TERM = 0.3
 """Prior probability that a cause which is there has a further term."""
 
@@ -56,7 +58,7 @@ class Catalogue:
 
 
 def catalogue(machine: Machine, recording: Recording) -> Catalogue:
-    """All testable candidates; every slug is equally likely, and so is every place of a slug."""
+    """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
     found: list[PlacedEffect] = []
     missing: list[Untestable] = []
     kinds = [effects.get(slug, "catalogue")() for slug in effects]
@@ -108,15 +110,25 @@ def _summary(reasons: list[str]) -> str:
 
 
 def _log_prior(found: list[PlacedEffect]) -> tuple[float, ...]:
-    """Slugs share equally, places within a slug share equally, settings within a place by their weight."""
-    slugs = {e.effect.slug for e in found}
-    places = Counter(slug for slug, _ in {(e.effect.slug, e.place) for e in found})
+    """Slugs share equally, places within a slug as ``_place_shares`` says, settings within a place by their weight."""
+    slugs = dict.fromkeys(e.effect.slug for e in found)
+    shares = {slug: _place_shares({e.place for e in found if e.effect.slug == slug}) for slug in slugs}
     weights = [e.effect.weight(e.settings_map) for e in found]
-    total: dict[tuple[str, tuple[str, ...]], float] = {}
+    total: Counter[tuple[str, tuple[str, ...]]] = Counter()
     for e, weight in zip(found, weights, strict=True):
-        key = (e.effect.slug, e.place)
-        total[key] = total.get(key, 0.0) + weight
+        total[e.effect.slug, e.place] += weight
     return tuple(
-        float(np.log(weight / (total[e.effect.slug, e.place] * len(slugs) * places[e.effect.slug])))
+        float(np.log(weight * shares[e.effect.slug][e.place] / (total[e.effect.slug, e.place] * len(slugs))))
         for e, weight in zip(found, weights, strict=True)
+    )
+
+
+def _place_shares(places: Collection[tuple[str, ...]]) -> dict[tuple[str, ...], float]:
+    """Equal, but one part alone is likelier than several at once where both are places."""
+    fewest = min(len(place) for place in places)
+    simple = [place for place in places if len(place) == fewest]
+    joined = [place for place in places if len(place) > fewest]
+    beside = TOGETHER if joined else 0.0
+    return dict.fromkeys(simple, (1.0 - beside) / len(simple)) | dict.fromkeys(
+        joined, beside / max(len(joined), 1)
     )

@@ -35,13 +35,17 @@ class Member:
 
 @dataclass(frozen=True)
 class Named:
-    """An accepted term with its class; ``probability`` is the term's own, ``certainty`` the whole class's."""
+    """An accepted term with its class; ``probability`` is the term's own, ``certainty`` the whole class's.
+
+    ``doubt`` (k,), in units of the coefficients: how far other settings (a lag, a time constant) would move them.
+    """
 
     index: int
     probability: float
     certainty: float
     gain: float
     equivalents: tuple[Member, ...]
+    doubt: tuple[float, ...] = ()
 
 
 def name_term(
@@ -86,7 +90,28 @@ def name_term(
         min(certainty, 1.0),
         float(ranking.gain[own]),
         members[:CLASS_LIMIT],
+        _settings_doubt(cat, ranking, own),
     )
+
+
+def _settings_doubt(cat: Catalogue, ranking: Ranking, own: int) -> tuple[float, ...]:
+    """Rms distance of the coefficients from those at other settings of the same term, weighed by their odds."""
+    placed = cat.candidates[ranking.indices[own]]
+    names = [c.name for c in placed.coefficients]
+    like = [
+        j
+        for j, i in enumerate(ranking.indices)
+        if (c := cat.candidates[i]).effect.slug == placed.effect.slug
+        and c.place == placed.place
+        and not placed.effect.settings_add
+        and [k.name for k in c.coefficients] == names
+    ]
+    if len(like) < 2:
+        return (0.0,) * len(names)
+    amplitude = np.array([ranking.evidence.amplitude[j] for j in like])
+    away = _shares(ranking.odds[like]) @ (amplitude - ranking.evidence.amplitude[own]) ** 2
+    scale = np.array([c.scale for c in placed.coefficients])
+    return tuple(float(v) for v in np.sqrt(away) * scale)
 
 
 def _shares(odds: Array) -> Array:

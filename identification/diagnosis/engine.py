@@ -60,13 +60,14 @@ def diagnose(
     fits = _null_fits(machine, recording)
     cat = catalogue(machine, recording)
     progress(f"weighing {len(cat.candidates)} explanations")
-    selection = _select(machine, recording, cat, fits)
+    signatures = Signatures(machine, recording, cat.candidates)
+    selection = _select(signatures, cat, fits)
     again = outliers.outlying_rows(selection.fit, ~recording.validation)
     if not np.array_equal(again, fits.outliers):
         fits = _refit_null(machine, recording, fits, again)
-        selection = _select(machine, recording, cat, fits, selection)
+        selection = _select(signatures, cat, fits, selection)
     progress("naming and proving")
-    return _conclude(machine, recording, cat, fits, selection)
+    return _conclude(signatures, cat, fits, selection)
 
 
 def _null_fits(machine: Machine, recording: Recording) -> _Fits:
@@ -97,20 +98,16 @@ def _refit_null(machine: Machine, recording: Recording, fits: _Fits, far: Mask) 
     return _Fits(free, before, far)
 
 
-def _select(
-    machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, first: Selection | None = None
-) -> Selection:
+def _select(signatures: Signatures, cat: Catalogue, fits: _Fits, first: Selection | None = None) -> Selection:
     rms = float(np.sqrt(max(fits.before.chi2_per_dof, fits.free.chi2_per_dof)))
-    return select(machine, recording, cat, fits.before, fits.outliers, rms, first)
+    return select(signatures, cat, fits.before, fits.outliers, rms, first)
 
 
-def _conclude(
-    machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, found: Selection
-) -> Diagnosis:
+def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection) -> Diagnosis:
+    machine, recording = signatures.machine, signatures.recording
     free, before = fits.free, fits.before
-    selection, named_terms = _name(machine, recording, cat, fits, found)
+    selection, named_terms = _name(signatures, cat, fits, found)
     after = selection.fit
-    signatures = Signatures(machine, recording, cat.candidates)
     lin = signatures.linearise(before)
     stated = dict.fromkeys(cat.stated, WIDE)
     screened = rank(
@@ -130,6 +127,7 @@ def _conclude(
         verdict=verdict,
         concealed=verdict != "adequate" and free.chi2_per_dof < CONCEALED,
         alarms=raised,
+        alarms_after=_alarms_after(selection, recording, left) if named else raised,
         structure=left,
         findings=findings if named else (),
         remainder=_remainder(verdict, rival, after, recording, left),
@@ -167,13 +165,26 @@ def _alarms(
     return raised, structure
 
 
+def _alarms_after(
+    selection: Selection, recording: Recording, left: alarms.Structure
+) -> dict[str, alarms.Alarm]:
+    """The same three alarms with the effects found."""
+    fit = selection.fit
+    noise = float(np.sqrt(max(fit.chi2_per_dof, 1.0)))
+    return {
+        "residual": alarms.residual_alarm(fit, recording),
+        "prior_conflict": alarms.prior_conflict(selection.linearisation, noise),
+        "structure": left.alarm,
+    }
+
+
 def _name(
-    machine: Machine, recording: Recording, cat: Catalogue, fits: _Fits, found: Selection
+    signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection
 ) -> tuple[Selection, list[classes.Named]]:
     """Terms of the catalogue whose class is certain, fitted without the others; their classes."""
     kept = [i for i in found.accepted if cat.named(i)]
     while True:
-        selection = only(machine, recording, cat, found, fits.outliers, kept)
+        selection = only(signatures, cat, found, fits.outliers, kept)
         after = selection.fit
         excess = max(after.chi2 - (after.readings - after.effective_parameters), 0.0)
         unexplained = 0.5 * excess / max(after.chi2_per_dof, 1.0)

@@ -9,12 +9,12 @@ amplitude q are marginalised on a grid: wrong sigmas and wrong tolerances are ri
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr
 
 from truepose.identification.diagnosis.parts import INFLATED, inflations, kind_of
 from truepose.identification.diagnosis.signatures import Linearisation
@@ -81,15 +81,31 @@ class Evidence:
     best_noise: Array
 
 
-@dataclass
 class _Best:
-    """Grid point at which a candidate does best."""
+    """Where on the grid each candidate (C,) does best, and its amplitudes there."""
 
-    total: float = -np.inf
-    mean: Array = field(default_factory=lambda: np.zeros(0))
-    std: Array = field(default_factory=lambda: np.zeros(0))
-    spread: float = 1.0
-    noise: float = 1.0
+    def __init__(self, sizes: Sequence[int]) -> None:
+        self.total = np.full(len(sizes), -np.inf)
+        self.spread, self.noise = np.ones(len(sizes)), np.ones(len(sizes))
+        self.amplitude = [np.zeros(size) for size in sizes]
+        self.std = [np.zeros(size) for size in sizes]
+
+    def improve(self, members: NDArray[np.intp], total: Array, weighed: _Weighed, noise: float) -> None:
+        """Take a point where it is better."""
+        for j in np.flatnonzero(total > self.total[members]):
+            i = members[j]
+            self.total[i], self.spread[i], self.noise[i] = total[j], weighed.spread[j], noise
+            self.amplitude[i], self.std[i] = weighed.mean[j], weighed.std[j]
+
+
+@dataclass(frozen=True)
+class _Weighed:
+    """Candidates of one size at one point: log Bayes factors (C,), means and stds (C, size), spreads (C,)."""
+
+    logs: Array
+    mean: Array
+    std: Array
+    spread: Array
 
 
 def evidence(
@@ -105,19 +121,16 @@ def evidence(
     ]
     null = np.array([value for value, _ in states])
     gain = np.full((len(points), len(columns)), -np.inf)
-    best = [_Best() for _ in columns]
+    best = _Best([c.stop - c.start for c in columns])
     likely = set(np.argsort(-(null + prior))[:2].tolist())
     for g, ((noise, inflation), (_, state)) in enumerate(zip(points, states, strict=True)):
         for group in groups:
             # a long series is weighed at the stated tolerances and at the likeliest points only
             if group.size >= SERIES and g not in likely and max(inflation, default=1.0) > 1.0:
                 continue
-            logs, mean, std, spread = context.candidates(state, group, noise)
-            gain[g, group.members] = logs
-            for j, i in enumerate(group.members):
-                total = float(null[g] + prior[g] + logs[j])
-                if total > best[i].total:
-                    best[i] = _Best(total, mean[j], std[j], float(spread[j]), noise)
+            weighed = context.candidates(state, group, noise)
+            gain[g, group.members] = weighed.logs
+            best.improve(group.members, null[g] + prior[g] + weighed.logs, weighed, noise)
     return _gather(points, prior, null, gain, best)
 
 
@@ -126,29 +139,37 @@ def _gather(
     prior: Array,
     null: Array,
     gain: Array,
-    best: Sequence[_Best],
+    best: _Best,
 ) -> Evidence:
-    base = float(logsumexp(null + prior))
+    base = float(_log_sum(null + prior))
     weight = np.exp(null + prior - base)
-    total = logsumexp(gain + (null + prior)[:, None], axis=0) - base if len(best) else np.zeros(0)
+    total = _log_sum(gain + (null + prior)[:, None]) - base
     inflations = np.log([inflation for _, inflation in points]).reshape(len(points), -1)
     return Evidence(
         null=base,
         gain=total,
-        amplitude=tuple(b.mean for b in best),
-        std=tuple(b.std for b in best),
-        spread=np.array([b.spread for b in best]),
+        amplitude=tuple(best.amplitude),
+        std=tuple(best.std),
+        spread=best.spread,
         noise=float(np.exp(np.sum(weight * np.log([k for k, _ in points])))),
         inflation=tuple(float(v) for v in np.exp(weight @ inflations)),
-        best_noise=np.array([b.noise for b in best]),
+        best_noise=best.noise,
     )
+
+
+def _log_sum(logs: Array) -> Array:
+    """log sum exp along the first axis; scipy's takes ten times as long on small arrays."""
+    top = np.max(logs, axis=0)
+    safe = np.where(np.isfinite(top), top, 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(safe + np.log(np.sum(np.exp(logs - safe), axis=0)))
 
 
 @dataclass(frozen=True)
 class _Group:
     """Candidates of one size: their rows (C * size,) of the Gram matrix, and its blocks with J and with themselves."""
 
-    members: list[int]
+    members: NDArray[np.intp]
     size: int
     rows: NDArray[np.intp]
     across: Array
@@ -201,20 +222,25 @@ class _Context:
         which = self.offset + np.array([np.arange(columns[i].start, columns[i].stop) for i in members])
         own = self.gram[which[:, :, None], which[:, None, :]]
         return _Group(
-            members, which.shape[1], which.ravel(), self.gram[np.ix_(self.inside, which.ravel())], own
+            np.array(members),
+            which.shape[1],
+            which.ravel(),
+            self.gram[np.ix_(self.inside, which.ravel())],
+            own,
         )
 
-    def candidates(
-        self, state: tuple[object, Array, Array], group: _Group, noise: float
-    ) -> tuple[Array, Array, Array, Array]:
-        """Log Bayes factors (C,), posterior means and stds (C, size), spreads (C,) of candidates of one size."""
+    def candidates(self, state: tuple[object, Array, Array], group: _Group, noise: float) -> _Weighed:
+        """Candidates of one size against nothing more."""
         factor, _, solved = state
         jg, size = group.across / noise**2, group.size
         half = solve_triangular(factor[0], jg, lower=True, check_finite=False)  # type: ignore[index]
         score = (self.cross[group.rows] / noise**2 - jg.T @ solved).reshape(-1, size)
         blocks = half.reshape(len(half), -1, size).transpose(1, 2, 0)
         information = group.own / noise**2 - blocks @ blocks.transpose(0, 2, 1)
-        values, vectors = np.linalg.eigh(information)
+        # a single coefficient needs no turning
+        values, vectors = (
+            (information[:, :, 0], np.ones_like(information)) if size == 1 else np.linalg.eigh(information)
+        )
         values = np.maximum(values, 0.0)
         turned = np.einsum("ckl,ck->cl", vectors, -score)
         q2 = AMPLITUDES[:, None, None] ** 2
@@ -224,7 +250,7 @@ class _Context:
         at = AMPLITUDES[best, None] ** 2
         mean = np.einsum("ckl,cl->ck", vectors, at * turned / (1 + at * values))
         std = np.sqrt(np.einsum("ckl,cl->ck", vectors**2, at / (1 + at * values)))
-        return logsumexp(logs, axis=0) - np.log(len(AMPLITUDES)), mean, std, AMPLITUDES[best]
+        return _Weighed(_log_sum(logs) - np.log(len(AMPLITUDES)), mean, std, AMPLITUDES[best])
 
 
 def log_positive(mean: float, std: float) -> float:

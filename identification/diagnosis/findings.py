@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import Named
 from truepose.identification.diagnosis.result import Alternative, Finding, Quantity
@@ -124,7 +126,8 @@ def _parameters(cat: Catalogue, after: Estimate, items: Sequence[Named]) -> dict
     for item in items:
         placed = cat.candidates[item.index]
         tail = "".join(f"[{name}={value:g}]" for name, value in placed.settings) if len(items) > 1 else ""
-        for c in placed.coefficients:
+        doubts = item.doubt or (0.0,) * len(placed.coefficients)
+        for c, doubt in zip(placed.coefficients, doubts, strict=True):
             at = names.index(f"{placed.label}:{c.name}")
-            out[f"{c.name}{tail}"] = Quantity(float(after.p[at]), float(std[at]), c.unit)
+            out[f"{c.name}{tail}"] = Quantity(float(after.p[at]), float(np.hypot(std[at], doubt)), c.unit)
     return out

@@ -14,6 +14,7 @@ from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof
 from truepose.identification.estimate import Estimate, estimate
 from truepose.identification.history import order_in_time
+from truepose.identification.prediction import Predictor
 from truepose.identification.recording import Recording
 
 Array = NDArray[np.float64]
@@ -99,10 +100,11 @@ def held_out(before: Estimate, after: Estimate, recording: Recording, outliers: 
     """Fit without each block, before and after, and see what is left on it."""
     split, blocks = held_out_blocks(recording, before.used)
     squares: dict[str, tuple[Array, Array]] = {}
+    predictors = [Predictor(fit.machine, recording, fit.effects) for fit in (before, after)]
     for block in blocks:
         fits = (before, after)
         if block.name != VALIDATION:
-            fits = _without(fits, recording, outliers | block.rows)
+            fits = _without(fits, predictors, outliers | block.rows)
         if not fits:
             continue
         rows = block.rows & ~outliers
@@ -118,12 +120,20 @@ def held_out(before: Estimate, after: Estimate, recording: Recording, outliers: 
     return HeldOut(split, *(np.concatenate(side) for side in zip(*counted, strict=True)), blocks=proofs)
 
 
-def _without(fits: tuple[Estimate, ...], recording: Recording, exclude: Mask) -> tuple[Estimate, ...]:
+def _without(fits: tuple[Estimate, ...], predictors: list[Predictor], exclude: Mask) -> tuple[Estimate, ...]:
     """The fits without some rows; none where too little is left."""
     try:
         return tuple(
-            estimate(fit.machine, recording, fit.effects, start=fit.p, exclude=exclude, prior=fit.prior)
-            for fit in fits
+            estimate(
+                fit.machine,
+                predictor.recording,
+                fit.effects,
+                start=fit.p,
+                exclude=exclude,
+                prior=fit.prior,
+                predictor=predictor,
+            )
+            for fit, predictor in zip(fits, predictors, strict=True)
         )
     except (ConvergenceError, InputError):
         return ()

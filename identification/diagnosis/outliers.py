@@ -1,16 +1,29 @@
-"""Rows that no smooth physics explains: far beyond the spread of their neighbours, one by one."""
+"""Rows that no smooth physics explains: far beyond the spread of their neighbours, one by one.
+
+Some of an interferometer are off by whole half wavelengths: fringes that were miscounted.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from truepose.identification.estimate import Estimate
+from truepose.identification.prediction import Predictor
+from truepose.identification.recording import Recording
+from truepose.models.machine import Machine
+from truepose.models.sensors.distance import Distance
 
 Array = NDArray[np.float64]
 LIMIT = 0.05
 """Beyond this share of the rows, far residuals are no outliers but a model that is wrong."""
+NEAR = 3.0
+"""A whole number fits when what it leaves is within so many predictive sigma."""
+BY_CHANCE = 0.2
+"""Where so large a share of all residuals would fit a whole number by chance, none is named."""
 
 
 def row_scale(residual: Array) -> tuple[Array, float]:
@@ -41,4 +54,49 @@ def outlying_rows(
     far = rows[size > limit]
     if len(far) <= LIMIT * len(rows):
         out[far] = True
+    return out
+
+
+def fringes_by_row(fit: Estimate, recording: Recording, rows: Sequence[int]) -> dict[int, int]:
+    """``miscounted_fringes`` among the ``rows`` of data that were left out, by the number of the row."""
+    far = np.isin(recording.source_row, rows) & ~fit.used & ~recording.validation
+    return {int(recording.source_row[k]): n for k, n in miscounted_fringes(fit, recording, far).items()}
+
+
+def miscounted_fringes(fit: Estimate, recording: Recording, far: NDArray[np.bool_]) -> dict[int, int]:
+    """Rows among ``far`` whose reading is too long by k half wavelengths, with k (not 0): row index to k.
+
+    All other readings of the row must be as predicted. Where several interferometers miscounted, k is that of
+    the first. A reading is the change since its own row of origin: rows counted on from a miscounted one without
+    a new start share its k, and are found as long as they are few.
+    """
+    channels = _half_waves(fit.machine)
+    rows = np.flatnonzero(far & np.isfinite(fit.residual).all(axis=1))
+    if not len(rows) or not np.isfinite(channels).any():
+        return {}
+    step = channels / np.array([c.sigma for s in fit.machine.sensors for c in s.channels])
+    spread = _spread(fit, recording)[rows]
+    counts = np.where(np.isfinite(step), np.round(-fit.residual[rows] / step), 0.0)
+    rest = fit.residual[rows] + counts * np.where(np.isfinite(step), step, 0.0)
+    told = (2 * NEAR * spread < BY_CHANCE * step) | (counts == 0)
+    fits = (np.abs(rest) < NEAR * spread).all(axis=1) & told.all(axis=1) & counts.any(axis=1)
+    return {
+        int(row): int(count[np.flatnonzero(count)[0]])
+        for row, count in zip(rows[fits], counts[fits], strict=True)
+    }
+
+
+def _half_waves(machine: Machine) -> Array:
+    """(m,) half the wavelength of each channel, mm; infinite where it is no interferometer's."""
+    waves = [(s.wavelength if isinstance(s, Distance) else None, len(s.channels)) for s in machine.sensors]
+    return np.concatenate([np.full(count, wave / 2 if wave else np.inf) for wave, count in waves])
+
+
+def _spread(fit: Estimate, recording: Recording) -> Array:
+    """(n, m) 1-sigma of whitened residuals of rows that were not fitted: noise and what the fit does not know."""
+    predictor, out = Predictor(fit.machine, recording, fit.effects), np.empty(fit.residual.shape)
+    noise = max(fit.chi2_per_dof, 1.0)
+    for block in predictor.blocks(fit.p, fit.x, fit.used * fit.weights):
+        slopes = block.jacobian[:, :, fit.prior.free]
+        out[block.rows] = np.sqrt(noise + np.einsum("nmi,ij,nmj->nm", slopes, fit.covariance, slopes))
     return out

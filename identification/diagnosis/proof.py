@@ -47,7 +47,7 @@ def prove(
         ratio_interval=interval,
         placebo_gain=_placebo(before, signatures, cat, grid, main),
         black_box_ratio=_black_box(before, after, recording, outliers),
-        injected_recovered=_injected(before, after, signatures, cat, grid, main),
+        injected_recovered=_injected(before, after, signatures, cat, grid.classes, main),
     )
 
 
@@ -66,7 +66,12 @@ def _placebo(before: Estimate, signatures: Signatures, cat: Catalogue, grid: Gri
 
 
 def _injected(
-    before: Estimate, after: Estimate, signatures: Signatures, cat: Catalogue, grid: Grid, term: int
+    before: Estimate,
+    after: Estimate,
+    signatures: Signatures,
+    cat: Catalogue,
+    classes: tuple[str, ...],
+    term: int,
 ) -> bool:
     """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""
     label = cat.candidates[term].label
@@ -89,7 +94,8 @@ def _injected(
         gram, lin.free, lin.columns, lin.readings, np.zeros(last), lin.weight, lin.parts, lin.candidates
     )
     wanted = list(range(len(cat.candidates)))
-    ranking = rank(simulated, cat, grid, {}, wanted)
+    known = Grid((noise,), ((1.0,) * len(classes),), classes)  # what was simulated is known
+    ranking = rank(simulated, cat, known, {}, wanted)
     alike = [
         i
         for i, c in enumerate(cat.candidates)

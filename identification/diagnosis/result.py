@@ -104,6 +104,7 @@ class Diagnosis:
     verdict: str
     concealed: bool
     alarms: Mapping[str, Alarm]
+    alarms_after: Mapping[str, Alarm]
     structure: Structure
     findings: tuple[Finding, ...]
     remainder: Remainder | None

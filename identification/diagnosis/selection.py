@@ -24,9 +24,7 @@ from truepose.identification.diagnosis.evidence import (
 )
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.recording import Recording
 from truepose.models.effects.base import SERIES, PlacedEffect
-from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 THRESHOLD = 3.0
@@ -83,8 +81,7 @@ def physical(cat: Catalogue, index: int, amplitude: Array, spread: Array) -> flo
 
 
 def select(
-    machine: Machine,
-    recording: Recording,
+    signatures: Signatures,
     cat: Catalogue,
     null: Estimate,
     exclude: NDArray[np.bool_],
@@ -95,12 +92,11 @@ def select(
 
     ``rms`` of the whitened free fit bounds the noise scale.
     """
-    signatures = Signatures(machine, recording, cat.candidates)
     accepted: dict[int, float] = dict.fromkeys(cat.stated, WIDE)
     banned: set[int] = set()
     fit = null
     if first is not None and set(first.accepted) != set(accepted):
-        fit, accepted = _refit(machine, recording, cat, first.accepted, first.fit, exclude, banned)
+        fit, accepted = _refit(signatures, cat, first.accepted, first.fit, exclude, banned)
     lin = signatures.linearise(fit)
     grid = grid_for(lin, rms)
     for _ in range(MAX_REFITS):
@@ -108,7 +104,7 @@ def select(
         accepted = _search(lin, cat, grid, accepted, banned)
         if set(accepted) == before:
             break
-        fit, accepted = _refit(machine, recording, cat, accepted, fit, exclude, banned)
+        fit, accepted = _refit(signatures, cat, accepted, fit, exclude, banned)
         lin = signatures.linearise(fit)
         if lin.readings > MANY_READINGS:  # the noise is known well by now, and each point of the grid costs
             grid = grid_for(lin, float(np.sqrt(fit.chi2_per_dof)))
@@ -116,8 +112,7 @@ def select(
 
 
 def only(
-    machine: Machine,
-    recording: Recording,
+    signatures: Signatures,
     cat: Catalogue,
     selection: Selection,
     exclude: NDArray[np.bool_],
@@ -127,9 +122,8 @@ def only(
     accepted = {i: v for i, v in selection.accepted.items() if i in kept}
     if len(accepted) == len(selection.accepted):
         return selection
-    fit, accepted = _refit(machine, recording, cat, accepted, selection.fit, exclude, set())
-    lin = Signatures(machine, recording, cat.candidates).linearise(fit)
-    return Selection(accepted, fit, lin, selection.grid)
+    fit, accepted = _refit(signatures, cat, accepted, selection.fit, exclude, set())
+    return Selection(accepted, fit, signatures.linearise(fit), selection.grid)
 
 
 def _search(
@@ -200,8 +194,7 @@ def _swap_and_drop(
 
 
 def _refit(
-    machine: Machine,
-    recording: Recording,
+    signatures: Signatures,
     cat: Catalogue,
     accepted: Mapping[int, float],
     fit: Estimate,
@@ -213,6 +206,7 @@ def _refit(
     A term that leaves its physical bounds, or the newest one where no minimum is found, is banned and the fit
     repeated without it.
     """
+    machine, recording = signatures.machine, signatures.recording
     current = dict(accepted)
     while True:
         terms = [replace(cat.candidates[i], spread=spread) for i, spread in current.items()]

@@ -61,6 +61,7 @@ class Signatures:
         ends = np.cumsum([0, *sizes])
         self.columns = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
         self.width = int(ends[-1])
+        self._predictors: dict[tuple[str, ...], Predictor] = {}
 
     def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
         """Gram matrix at a fit, whose effects must be among the candidates."""
@@ -106,7 +107,7 @@ class Signatures:
         self, fit: Estimate, *, order: NDArray[np.intp] | None = None
     ) -> Iterator[tuple[slice, Block, Array]]:
         """Row ranges with their block and signatures (n, m, width)."""
-        predictor = Predictor(self.machine, self.recording, fit.effects, ports=True)
+        predictor = self._predictor(fit.effects)
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
         x = fit.x
         shifts = self._shifts(predictor.model.names, p, predictor.loads(p, x), predictor.states(p, x))
@@ -115,6 +116,13 @@ class Signatures:
         place = {name: k for k, name in enumerate(predictor.model.names)}
         for block in predictor.blocks(p, x, fit.used * fit.weights):
             yield block.rows, block, block.changes(self._apply(block.here, shifts[block.rows], place))
+
+    def _predictor(self, effects: Sequence[PlacedEffect]) -> Predictor:
+        """The machine with these effects and every port; expressions are built once."""
+        key = tuple(effect.label for effect in effects)
+        if key not in self._predictors:
+            self._predictors[key] = Predictor(self.machine, self.recording, effects, ports=True)
+        return self._predictors[key]
 
     def _apply(self, jacobian: Array, shifts: Array, place: dict[str, int]) -> Array:
         out = np.zeros((*jacobian.shape[:2], self.width))

@@ -13,10 +13,13 @@ from truepose.models.mechanism import Actuator
 from truepose.models.units import UnitSystem, compatible, convert
 
 if TYPE_CHECKING:
+    from truepose.identification.planning.discriminate_result import Experiment
     from truepose.identification.planning.plan import Plan
 
 Array = NDArray[np.float64]
 _FINEST = 1e-12
+BETWEEN = 30.0
+"""Seconds from one row to the next, where time is planned."""
 
 
 def plan_table(plan: Plan) -> pd.DataFrame:
@@ -30,11 +33,53 @@ def plan_table(plan: Plan) -> pd.DataFrame:
         data["pose"] = _numbered(plan.q)
     else:  # the number says which row a change counts from
         data["pose"], data["from"] = np.arange(1, n + 1), plan.origin.astype(np.int64) + 1
-    for k, actuator in enumerate(plan.machine.mechanism.actuators):
-        written = convert(plan.q[:, k], actuator.reading_unit, _unit(actuator, plan.machine))
+    return pd.DataFrame({**data, **_joints(plan.q, plan.machine)})
+
+
+def experiment_table(experiment: Experiment) -> pd.DataFrame:
+    """``pose``, ``from`` where readings are changes (all from the first row, a reference), ``session`` and ``time``
+    where they matter, the joints, then payload (kg), temperatures (degC), sides and other drivers.
+
+    Rows of one pose share a number when nothing but the side of approach differs: they are repeats.
+    """
+    rows, machine = experiment.rows, experiment.machine
+    q, drivers = rows.q, dict(rows.drivers)
+    data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    if experiment.reference is None:
+        held = [values for name, values in drivers.items() if not name.startswith(("approach.", "time"))]
+        data["pose"] = _numbered(np.column_stack([q, *held]))
+    else:
+        q = np.concatenate([experiment.reference[None], q])
+        drivers = {name: np.concatenate([values[:1], values]) for name, values in drivers.items()}
+        data["pose"], data["from"] = np.arange(1, len(q) + 1), np.ones(len(q), dtype=np.int64)
+    if "session" in drivers:
+        data["session"] = drivers.pop("session").astype(np.int64)
+    if "time" in drivers:
+        data["time"] = _one_by_one(drivers.pop("time"))
+    data |= _joints(q, machine)
+    for name, values in drivers.items():
+        kind, _, joint = name.partition(".")
+        actuator = machine.mechanism.actuator(joint) if kind == "velocity" else None
+        unit = None if actuator is None else (actuator.reading_unit, _unit(actuator, machine))
+        written = values if unit is None else convert(values, *unit)
+        data[name] = np.round(written, _decimals(written, _FINEST)) + 0.0
+    return pd.DataFrame(data)
+
+
+def _joints(q: Array, machine: Machine) -> dict[str, NDArray[np.float64] | NDArray[np.int64]]:
+    """Joint values (n, nq) by column, in the units of the machine file."""
+    data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    for k, actuator in enumerate(machine.mechanism.actuators):
+        written = convert(q[:, k], actuator.reading_unit, _unit(actuator, machine))
         # what is left of the conversion's rounding would make long numbers of short ones
         data[actuator.reading] = np.round(written, _decimals(written, _FINEST)) + 0.0
-    return pd.DataFrame(data)
+    return data
+
+
+def _one_by_one(time: Array) -> Array:
+    """Times (n,), ascending, of rows that are due at once: one after the other."""
+    first = np.searchsorted(time, time)
+    return np.asarray(time + BETWEEN * (np.arange(len(time)) - first))
 
 
 def rounded(q: Array, machine: Machine, step: float) -> Array:
@@ -52,8 +97,10 @@ def rounded(q: Array, machine: Machine, step: float) -> Array:
 
 
 def _decimals(values: Array, step: float) -> int:
-    """Decimals that resolve ``step`` of the largest value."""
-    return int(np.ceil(-np.log10(step * max(float(np.max(np.abs(values))), 1e-300))))
+    """Decimals that resolve ``step`` of the largest value; 0 where all are zero."""
+    if not np.any(values):
+        return 0
+    return int(np.ceil(-np.log10(step * float(np.max(np.abs(values))))))
 
 
 def _unit(actuator: Actuator, machine: Machine) -> str:
@@ -71,4 +118,4 @@ def _numbered(q: Array) -> NDArray[np.int64]:
     return np.asarray(1 + rank[group.reshape(-1)], dtype=np.int64)
 
 
-__all__ = ["plan_table", "rounded"]
+__all__ = ["experiment_table", "plan_table", "rounded"]

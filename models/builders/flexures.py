@@ -11,21 +11,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, Protocol
 
-import casadi as ca
-import numpy as np
 from pydantic import model_validator
 
 from truepose.errors import InputError
-from truepose.models.assembly import assemble, rod_ends
 from truepose.models.context import BuildContext
 from truepose.models.flexure import SHAPE
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import FRAMES, Machine
-from truepose.models.mechanism import AXES, ElasticChain, Flexures, Mechanism
+from truepose.models.home_directions import home_directions
+from truepose.models.mechanism import ElasticChain, Flexures, Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.units import Length, Number, Section, bad_value
 
-Axis = tuple[float, float, float]
 Model = Literal["spherical", "linear", "beam", "stiffness", "elastic"]
 SECTION = {"bending": "N*mm^2", "tension": "N", "torsion": "N*mm^2"}
 """Stiffness of a section, EI, EA and GJ, and its units, whatever units a file's lengths have."""
@@ -108,7 +103,8 @@ def _bent(
     mechanism: Mechanism, legs: Sequence[FlexedLeg], flexure: Flexure, context: BuildContext
 ) -> Mechanism:
     """Rods that grow as their flexures bend; flexures are straight in the assembly at home as drawn."""
-    home = _at_home(mechanism, context)
+    found = home_directions(mechanism, context.file)
+    home = [(found[f"{rod.name}.a"], found[f"{rod.name}.b"]) for rod in mechanism.rods]
     parameters, rods = list(mechanism.parameters), []
     for k, (leg, rod, (axis_a, axis_b)) in enumerate(zip(legs, mechanism.rods, home, strict=True)):
         shape = flexure.beta if leg.beta is None else leg.beta
@@ -180,24 +176,3 @@ def _check_lengths(legs: Sequence[FlexedLeg], flexure: Flexure, context: BuildCo
                 f"{context.where}.legs: {leg.name}: found flexures of {own:g} mm in a leg of {leg.length:g} mm, "
                 "expected them longer than 0 and shorter than the leg"
             )
-
-
-def _at_home(mechanism: Mechanism, context: BuildContext) -> list[tuple[Axis, Axis]]:
-    """Unit vector along each rod as drawn, in the frames of its two bodies, at the home readings."""
-    frames = tuple(Parameter(f"{frame}.{axis}", "mm", 0.0) for frame in FRAMES for axis in AXES)
-    machine = Machine(context.file.name, mechanism, frames, (), file=context.file)
-    model = symbolic_model(machine)
-    values = {p.name: ca.SX(p.nominal) for p in machine.parameters} | dict.fromkeys(machine.ports, ca.SX(0))
-    q = dict(zip(model.readings, ca.vertsplit(ca.SX(ca.DM(model.q_home))), strict=True))
-    bodies = assemble(machine, values, q, {}, ca.SX(ca.DM(model.home))).bodies
-    out = []
-    for rod in mechanism.rods:
-        a, b = rod_ends(rod, bodies, values)
-        along = (b - a) / ca.norm_2(b - a)
-        out.append((_in_frame(bodies[rod.body_a], along), _in_frame(bodies[rod.body_b], along)))
-    return out
-
-
-def _in_frame(frame: ca.SX, direction: ca.SX) -> Axis:
-    x, y, z = np.asarray(ca.evalf(frame[:3, :3].T @ direction), dtype=float).ravel()
-    return (float(x), float(y), float(z))

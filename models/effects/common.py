@@ -1,9 +1,9 @@
-"""What several effects share: places by joint and by leg, rails, periodic series, the recording's clock."""
+"""What several effects share: places by joint, leg and sensor, rails, periodic series, the recording's clock."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -15,8 +15,12 @@ from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Observed, Place, Settings, Site
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, Actuator, Direction, Limb
+from truepose.models.sensors.base import Sensor
 
 SECONDS_PER_HOUR = 3600.0
+ARCSEC = 206264.8
+PIEZO_RANGE = {"mm": 2.0, "rad": 0.1}
+"""Longest whole range of an actuator that may be a piezo."""
 
 
 def actuator_at(machine: Machine, name: str) -> Actuator:
@@ -35,6 +39,26 @@ def limb_at(machine: Machine, name: str) -> Limb:
         if name in (limb.name, limb.reading):
             return limb
     raise _unknown(machine, "leg", name, [limb.name for limb in machine.mechanism.limbs])
+
+
+def sensor_names(machine: Machine) -> tuple[str, ...]:
+    """Names of a machine's sensors as places: ``sensor``, or ``sensor1``, ``sensor2`` ... in the file's order."""
+    count = len(machine.sensors)
+    return ("sensor",) if count == 1 else tuple(f"sensor{k}" for k in range(1, count + 1))
+
+
+def sensor_at(machine: Machine, name: str) -> Sensor:
+    """Sensor of that name."""
+    names = sensor_names(machine)
+    if name not in names:
+        raise _unknown(machine, "sensor", name, names)
+    return machine.sensors[names.index(name)]
+
+
+def sensors_where(machine: Machine, fits: Callable[[Sensor], bool]) -> list[Place]:
+    """One place for each sensor that fits."""
+    pairs = zip(sensor_names(machine), machine.sensors, strict=True)
+    return [(name,) for name, sensor in pairs if fits(sensor)]
 
 
 def singly(names: Iterable[str]) -> list[Place]:
@@ -64,6 +88,19 @@ def centre_and_half(actuator: Actuator) -> tuple[float, float]:
         return 0.0, 1.0
     low, high = actuator.range
     return (low + high) / 2, (high - low) / 2
+
+
+def nominal_gain(machine: Machine, actuator: Actuator) -> float:
+    """Displacement (mm or rad) a unit of the reading, as the machine file has it."""
+    return machine.geometry[actuator.gain].nominal if actuator.gain else 1.0
+
+
+def piezo_like(actuator: Actuator) -> bool:
+    """Whether an actuator may be a piezo: neither screw nor gear, and a small range."""
+    if actuator.range is None or actuator.screw_pitch or actuator.gear_ratio:
+        return False
+    low, high = actuator.range
+    return actuator.reading_unit != "turn" and high - low <= PIEZO_RANGE[actuator.unit]
 
 
 def sine_pair(site: Site, phase: ca.SX) -> ca.SX:

@@ -51,8 +51,7 @@ class PlatformDeformation(Effect):
         return [("platform",)] if len(_limbs(machine)) == len(limbs) > 1 else []
 
     def screened(self, machine: Machine, place: Place) -> bool:
-        # ball joints pass no moment on; flexures bend what they are fixed to
-        return machine.mechanism.flexure_length is not None
+        return machine.mechanism.flexure_length is not None or machine.loaded
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         names = dict.fromkeys(_entries(machine, settings).values())
@@ -79,6 +78,8 @@ class PlatformDeformation(Effect):
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         forms = [COMMON, DIAGONAL, SYMMETRIC, FULL] if _symmetry(machine) else [COMMON, DIAGONAL, FULL]
+        if machine.mechanism.flexure_length is None:
+            forms = []  # ball joints pass no moment on; flexures bend what they are fixed to
         forms += [WEIGHT] if machine.loaded else []
         return [{"form": float(form)} for form in forms]
 

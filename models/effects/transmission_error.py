@@ -7,6 +7,7 @@ from math import hypot, pi, sqrt
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
+    ARCSEC,
     actuator_at,
     series,
     series_coefficients,
@@ -18,7 +19,6 @@ from truepose.models.machine import Machine
 
 HIGHEST_ORDER = 30
 SERIES = 60.0
-ARCSEC = 206264.8
 LARGEST = 6e-4
 """2 arcmin, what the catalogue states for strain wave gears: where a joint was not moved, no more is made up."""
 DECAY = 1.5

@@ -62,25 +62,34 @@ class CavitySection(Section):
 
 class _DistanceSection(CavitySection):
     type: Literal["distance"]
-    wavelength: Length | None = None
+    wavelength: Length | None = Field(default=None, gt=0.0)
 
 
 @sensors.add("distance")
 @dataclass(frozen=True)
 class Distance(Sensor):
-    """dL: cavity length now less at the row ``from`` (nanopositioner paper, eqs. 15-26)."""
+    """dL: cavity length now less at the row ``from`` (nanopositioner paper, eqs. 15-26).
+
+    ``wavelength`` of the light in mm, None where the machine file does not say it.
+    """
 
     own: tuple[Parameter, ...]
     sigma: float
     on_flange: bool
+    wavelength: float | None
     type = "distance"
     differs_from_row: ClassVar[bool] = True
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Distance:
-        """From ``beam``, ``mirror``, ``sigma: {distance}`` and ``tolerance``."""
+        """From ``beam``, ``mirror``, ``sigma: {distance}``, ``tolerance`` and ``wavelength``."""
         parsed = context.parse(_DistanceSection, section)
-        return cls(cavity_parameters(parsed, context), parsed.sigma.distance, parsed.mirror.in_ == "flange")
+        return cls(
+            cavity_parameters(parsed, context),
+            parsed.sigma.distance,
+            parsed.mirror.in_ == "flange",
+            parsed.wavelength,
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from truepose.commands.catalogue import effects
+from truepose.commands.challenge import challenge
 from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
 from truepose.commands.drift import drift
@@ -37,6 +38,7 @@ for _command in (
     simulate,
     compensate,
     codegen,
+    challenge,
     effects,
 ):
     app.command()(_command)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.report import words
 from truepose.identification.report.document import Block, Card, Items, Plot, Section, Table, Text
@@ -26,6 +27,9 @@ def findings_section(diagnosis: Diagnosis) -> Section:
     blocks += [finding_card(diagnosis, finding) for finding in diagnosis.findings]
     if diagnosis.outlier_rows:
         blocks.append(Text(outlier_words(diagnosis.outlier_rows)))
+        fringes = fringes_by_row(diagnosis.after, diagnosis.recording, diagnosis.outlier_rows)
+        if fringes:
+            blocks.append(Text(fringe_words(fringes)))
     blocks.append(_alarms(diagnosis))
     if diagnosis.untestable:
         rows = [[words.effect_title(u.effect), u.why] for u in diagnosis.untestable]
@@ -45,6 +49,12 @@ def outlier_words(rows: Sequence[int]) -> str:
         f"Outliers: {words.several(len(rows), 'row')} (first line of data is row 1) lie so far from all"
         f" others that chance would not put them there: {shown}. They were not fitted."
     )
+
+
+def fringe_words(rows: Mapping[int, int]) -> str:
+    """Rows whose reading is off by whole half wavelengths, and by how many."""
+    told = ", ".join(f"row {row} by {count:+d}" for row, count in rows.items())
+    return f"Miscounted fringes: among these rows some are off by whole half wavelengths: {told}."
 
 
 def _remainder(diagnosis: Diagnosis) -> Text:

@@ -17,7 +17,21 @@ from truepose.commands.common import (
     progress,
     reported,
 )
+from truepose.commands.discriminate import (
+    DiagnosisOption,
+    DiscriminateOption,
+    PayloadOption,
+    Request,
+    RivalOption,
+    TargetOption,
+    TemperatureOption,
+    VaryOption,
+    WithOption,
+    request,
+)
+from truepose.commands.discriminate import run as run_discriminate
 from truepose.commands.tables import write_table
+from truepose.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,17 +80,34 @@ def plan(
     criterion: CriterionOption = "d",
     seed: SeedOption = 0,
     candidates: CandidatesOption = None,
+    discriminate: DiscriminateOption = None,
+    rival: RivalOption = None,
+    diagnosis: DiagnosisOption = None,
+    payload: PayloadOption = "",
+    temperature: TemperatureOption = None,
+    vary: VaryOption = None,
+    recorded: WithOption = None,
+    target: TargetOption = None,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
     """Measurement poses that calibrate best: joint values inside their ranges, before anything is measured.
 
+    With --discriminate: rows (poses, payload, temperatures, sides) that tell explanations apart.
+
     The constants are those of the machine file that have a tolerance, its effects included. Collisions and
     lines of sight are not known: give --candidates where they matter.
 
     Example: truepose plan machine.yaml -n 40 -o poses.csv
+
+    Example: truepose plan machine.yaml -n 40 -o poses.csv --diagnosis result/diagnosis.json --payload 0,2.5,5
     """
     with reported(plugin):
+        asked = request(discriminate, rival, diagnosis, payload, temperature, vary, recorded, target)
+        if asked.wanted:
+            _check_calibration_options(method, criterion)
+            _discriminate(machine, n, output, asked, candidates, seed, as_json)
+            return
         from truepose.identification.load import load_recording
         from truepose.identification.planning.plan import plan as run
         from truepose.identification.planning.table import plan_table
@@ -98,6 +129,31 @@ def plan(
         finish(
             _summary(found, frame, output), [f"{output}: {n} poses", *lines], _notes(found), as_json=as_json
         )
+
+
+def _check_calibration_options(method: str, criterion: str) -> None:
+    if method not in ("", "exchange") or criterion != "d":
+        raise InputError(
+            "--method, --criterion: found with --discriminate, expected neither: rows are exchanged for the expected "
+            "log Bayes factor"
+        )
+
+
+def _discriminate(
+    machine: Path, n: int, output: Path, asked: Request, candidates: Path | None, seed: int, as_json: bool
+) -> None:
+    """The experiment that tells explanations apart, written and told."""
+    from truepose.models.load import load_machine
+
+    check_file(output)
+    with progress("planning") as say:
+        loaded = load_machine(machine)
+        found, frame, lines, told = run_discriminate(loaded, n, asked, candidates, seed, say)
+    names = " and ".join(e.name for e in found.explanations)
+    _write(output, frame, [f"rows of {loaded.name} to tell {names} apart: {n}, seed {seed}", *lines])
+    summary = {"command": "plan", "machine": loaded.name, "seed": seed, "rows": len(frame)}
+    summary |= {"columns": [str(c) for c in frame.columns], **told, "files": [str(output)]}
+    finish(summary, [f"{output}: {len(frame)} rows", *lines], found.notes, as_json=as_json)
 
 
 def _write(path: Path, frame: pd.DataFrame, comments: list[str]) -> None:

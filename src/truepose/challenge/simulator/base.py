@@ -90,10 +90,10 @@ class Plan:
     """What an experimenter varies; what is not varied stays at its nominal value.
 
     poses, repeats: how many different poses and how often each is visited. Flags say whether repeats come from both
-    sides, the payload is changed, the room and parts warm up, there are two sessions. ``extreme`` poses lie at the ends of the ranges, and loads
-    and temperatures beyond those of other plans: for hold-outs that extrapolate (all rows are validation then).
-    held_out: share of the poses whose rows are marked validation. ``moving``: rows are read on the move and
-    velocities logged.
+    sides, the payload is changed, the room and parts warm up, there are two sessions. ``extreme`` poses lie at the
+    ends of the ranges, and loads and temperatures beyond those of other plans: for hold-outs that extrapolate (all
+    rows are validation then). held_out: share of the poses whose rows are marked validation. ``moving``: rows are
+    read on the move and velocities logged.
     """
 
     poses: int = 40

@@ -50,18 +50,26 @@ class Poses:
 
 def rigid_poses(machine: Machine, travel: Array) -> Poses:
     """Platform poses with ideal spherical joints; travel (n, 6) in mm after any actuator scale."""
-    n = len(travel)
-    c, b = machine.lower_centres(travel), machine.upper_centres
-    gap = machine.lower_centres(np.zeros(6)) - b
+    gap = machine.lower_centres(np.zeros(6)) - machine.upper_centres
     height = float(np.sqrt(np.mean(machine.lengths**2 - np.sum(gap[:, :2] ** 2, axis=1))))
+    return closed(machine.lower_centres(travel), machine.upper_centres, machine.lengths, height)
+
+
+def closed(lower: Array, upper: Array, lengths: Array, height: float) -> Poses:
+    """Poses at which legs of `lengths` ((n,) 6) join `lower` (n, 6, 3), base frame, and `upper` ((n,) 6, 3), platform.
+
+    height: where the platform's origin is looked for first, mm above the base.
+    """
+    n = len(lower)
     R, p = np.tile(np.eye(3), (n, 1, 1)), np.tile([0.0, 0.0, height], (n, 1))
+    seats = np.broadcast_to(upper, lower.shape)
     for step in range(30):
-        arm = np.einsum("nij,kj->nki", R, b)
-        leg = p[:, None] + arm - c
+        arm = np.einsum("nij,nkj->nki", R, seats)
+        leg = p[:, None] + arm - lower
         length = np.linalg.norm(leg, axis=-1)
         unit = leg / length[..., None]
         J = np.concatenate([unit, np.cross(arm, unit)], axis=-1)  # (n, 6, 6): d length by [v, w] in base
-        move = np.linalg.solve(J, (machine.lengths - length)[..., None])[..., 0]
+        move = np.linalg.solve(J, (lengths - length)[..., None])[..., 0]
         p, R = p + move[:, :3], exp_so3(move[:, 3:]) @ R
         if np.max(np.abs(move)) < 1e-11:
             return Poses(R, p, np.zeros((n, 6, 3)), step + 1)

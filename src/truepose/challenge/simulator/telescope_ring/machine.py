@@ -22,7 +22,7 @@ TOOL_Z = 120.0  # mm
 TOLERANCES = {"leg": (0.1, np.radians(0.1)), "base": (5.0, np.radians(1.0)), "tool": (1.0, np.radians(0.5))}
 FRAME_KEYS = ("x", "y", "z", "rx", "ry", "rz")
 LEG_KEYS = ("a.x", "a.y", "a.z", "b.x", "b.y", "b.z", "u.x", "u.y", "length", "offset")
-DECIMALS = 9  # of every drawn parameter, mm and rad: what truth.json says is what was simulated
+DECIMALS = 9  # of every drawn parameter, mm and rad: what a truth file says is what was simulated
 
 
 def _targets() -> dict[str, tuple[float, float, float]]:

@@ -1,0 +1,69 @@
+"""Light that travels more slowly in dense air, read as a length that grew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import sensor_at, sensors_where
+from truepose.models.effects.sights import optical, stretched
+from truepose.models.machine import Machine
+
+REFRACTIVITY = 2.7e-4
+"""n - 1 of dry air at 20 degC and 1013.25 hPa: 2.72e-4 at 633 nm, 2.69e-4 at 1550 nm."""
+KELVIN, WARM, PRESSURE = 273.15, 20.0, 1013.25
+LOGGED = {"temperature": "temperature.air", "pressure": "pressure"}
+
+
+@effects.add("air-refraction")
+class AirRefraction(Effect):
+    """A share of the refraction of air that the sensor does not correct: 1 for an instrument that knows no weather.
+
+    Settings ``temperature`` and ``pressure``: 1 where that driver is left uncorrected, 0 where it is not. The path
+    is the whole length that is seen, dead path included; of points, their range from the sensor frame's origin.
+    """
+
+    slug = "air-refraction"
+    title = "Refraction of air that is not corrected"
+    formula = "reading + share (n - n0) L, n - 1 = 2.7e-4 p / 1013.25 hPa * 293.15 K / T, n0 at 20 degC and 1013.25 hPa"
+    size = "-0.92 ppm/K and +0.27 ppm/hPa of the whole path"
+    look_alikes = ("sensor-scale", "thermal-expansion", "mount-drift")
+    experiment = "watch a fixed target for a day with thermometer and barometer beside the beam"
+    source = "Ciddor 1996, Appl. Opt. 35, 1566 (standard air at 15 degC), with the density of an ideal gas"
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        return sensors_where(machine, optical)
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        # some room above 1: the thermometer is not in the beam
+        return (Coefficient("share", "1", 1.0, 0.0, 1.5),)
+
+    def shifts(self, site: Site) -> Shifts:
+        used = self.drivers(site.machine, site.place, site.settings)
+        air = {name: site.driver(name) for name in used}
+        density = air.get("pressure", ca.SX(PRESSURE)) / PRESSURE
+        density *= (WARM + KELVIN) / (air.get("temperature.air", ca.SX(WARM)) + KELVIN)
+        strain = site.c["share"] * REFRACTIVITY * (density - 1.0)
+        return stretched(site, sensor_at(site.machine, site.place[0]), strain)
+
+    def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
+        return tuple(driver for name, driver in LOGGED.items() if settings.get(name, 1.0))
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        """What was logged: all of it uncorrected, or one of the two."""
+        logged = [name for name, driver in LOGGED.items() if recording.driver(driver) is not None]
+        single = [{name: float(name == one) for name in LOGGED} for one in logged]
+        return single if len(logged) == 1 else [dict.fromkeys(LOGGED, 1.0), *single]
+
+    def weight(self, settings: Settings) -> float:
+        return 1.0 if all(settings.get(name, 1.0) for name in LOGGED) else 0.5
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        kind = sensor_at(machine, place[0]).type
+        return f"The sensor {kind} looks through air whose refraction changes with the weather and is not corrected."
+
+    def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
+        share, sigma = values["share"], std["share"]
+        return f"{100 * share:.0f} +- {100 * sigma:.0f} % of the air's refraction is left in the readings."

@@ -1,0 +1,71 @@
+"""A sensor and a controller that do not mean the same instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import actuator_at, sensor_names
+from truepose.models.machine import Machine
+
+LONGEST = 0.5
+
+
+@effects.add("latency")
+class Latency(Effect):
+    """What is seen at a row is where the joints stood tau earlier, for all sensors of the machine alike.
+
+    tau < 0 where the controller logs its joints late. Setting ``still.J``: joint J never moves, or its velocity
+    is not logged; it is left out.
+    """
+
+    slug = "latency"
+    title = "Latency between joints and sensor"
+    formula = "q - tau velocity"
+    size = "milliseconds; the error is tau times the velocity: 10 um for 1 ms at 10 mm/s"
+    look_alikes = ("backlash", "friction-hysteresis", "mount-drift")
+    experiment = "pass the same poses at two speeds, and at rest"
+    source = (
+        "time offsets in the range of milliseconds between a laser tracker and other sensors: "
+        "doi:10.1515/jag-2023-0084"
+    )
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        names = sensor_names(machine)
+        return [names] if names and machine.mechanism.readings else []
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        return (Coefficient("tau", "s", 0.01, -LONGEST, LONGEST),)
+
+    def shifts(self, site: Site) -> Shifts:
+        out = {}
+        for driver in self.drivers(site.machine, site.place, site.settings):
+            actuator = actuator_at(site.machine, driver.removeprefix("velocity."))
+            gain = site.values[actuator.gain] if actuator.gain else 1
+            out[actuator.displacement] = -site.c["tau"] * gain * site.driver(driver)
+        return out
+
+    def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
+        joints = machine.mechanism.readings
+        return tuple(f"velocity.{joint}" for joint in joints if not settings.get(f"still.{joint}"))
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        """All joints that move while they are read; all of them where no velocity is recorded."""
+        still = [joint for joint in machine.mechanism.readings if not _moves(recording, joint)]
+        some = len(still) < len(machine.mechanism.readings)
+        return ({f"still.{joint}": 1.0 for joint in still} if some else {},)
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        return "The sensor reads where the machine stood a time tau before its joints were logged."
+
+    def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
+        tau, sigma = 1e3 * values["tau"], 1e3 * std["tau"]
+        who = "The sensor lags the joints" if tau >= 0 else "The joints are logged late,"
+        return f"{who} by {abs(tau):.3g} +- {sigma:.1g} ms."
+
+
+def _moves(recording: Observed, joint: str) -> bool:
+    velocity = recording.driver(f"velocity.{joint}")
+    return velocity is not None and bool(np.any(np.asarray(velocity, dtype=float)))

@@ -1,0 +1,159 @@
+"""Links that bend under the weight they carry, as cantilevers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from truepose.errors import InputError
+from truepose.models.assembly import frame_of, placed_frame
+from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import drives_joint, singly
+from truepose.models.loops import looped
+from truepose.models.machine import PAYLOAD, Machine, Mass
+from truepose.models.mechanism import AXES, Joint
+from truepose.models.statics import load_scale
+
+SHORTEST = 1.0
+"""mm: shorter links do not bend."""
+
+
+@effects.add("link-bending")
+class LinkBending(Effect):
+    """A link clamped at its joint bends about both axes across it by c = 1 / (E I), from there to the next joint.
+
+    At its end act the force and the moment of all that lies beyond; its own masses act where their centres are
+    along it. Twist, tension and a section that is not round are left out. Links of an open chain only.
+    """
+
+    slug = "link-bending"
+    title = "Link that bends"
+    formula = (
+        "deflection c (F L^3 / 3 + M L^2 / 2) and slope c (F L^2 / 2 + M L) at the link's end, c = 1 / (E I), "
+        "F and M of the weight beyond; a mass of its own at a: c F a^2 (3 L - a) / 6 and c F a^2 / 2"
+    )
+    size = "10 to 30 % of an arm's total compliance (recalled); 1 / (E I) of 1e-12 to 1e-9 1/(N*mm^2)"
+    look_alikes = ("joint-compliance", "gravity-sag", "screw-windup")
+    experiment = "two targets on the link, at its joint and at its end, with and without a payload"
+    source = "Euler-Bernoulli cantilever; Klimchik et al. on stiffness of arms and their links (recalled)"
+    needs_load = True
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        return singly(_links(machine)) if machine.loaded else []
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        return (Coefficient("c", "1/(N*mm^2)", scale=1e-9, lower=0.0),)
+
+    def shifts(self, site: Site) -> Shifts:
+        link = _links(site.machine).get(site.place[0])
+        if link is None:
+            known = ", ".join(_links(site.machine)) or "a machine with open links"
+            raise InputError(f"{self.slug}: found link {site.place[0]!r}, expected one of {known}")
+        end, turn, move = _bent(site, link)
+        c = site.c["c"]
+        # the whole link turns at its joint instead: its end, and all beyond, goes where the bent link takes it
+        motion = ca.vertcat(move - ca.cross(turn, end), turn)
+        return {f"{link.joint.name}.motion.{axis}": c * motion[k] for k, axis in enumerate(AXES)}
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        return f"The link {place[0]} bends under the weight it carries, like a cantilever."
+
+
+@dataclass(frozen=True)
+class _Link:
+    """A body with what is fixed to it, up to the next driven joint or (None) to the tool."""
+
+    joint: Joint
+    rigid: tuple[Joint, ...]
+    after: Joint | None
+
+    def frames(self, site_values: dict[str, ca.SX]) -> dict[str, ca.SX]:
+        """Frame (4, 4) of each of its bodies in that of the first."""
+        frames = {self.joint.child: ca.SX.eye(4)}
+        for joint in self.rigid:
+            frames[joint.child] = placed_frame(joint, frames, site_values)
+        return frames
+
+    def end(self, values: dict[str, ca.SX]) -> ca.SX:
+        """(3,) where it ends, mm."""
+        frames = self.frames(values)
+        if self.after is not None:
+            return placed_frame(self.after, frames, values)[:3, 3]
+        return (frames[self.last] @ frame_of(values, "tool"))[:3, 3]
+
+    @property
+    def last(self) -> str:
+        """The body at its far end."""
+        return self.rigid[-1].child if self.rigid else self.joint.child
+
+
+def _links(machine: Machine) -> dict[str, _Link]:
+    """Links on the way from base to flange, outside loops and not too short, by the body that moves with the joint."""
+    mechanism, inside = machine.mechanism, looped(machine.mechanism)
+    above = {joint.child: joint for joint in mechanism.tree}
+    way: list[Joint] = []
+    body = mechanism.flange
+    while body in above:
+        way.insert(0, above[body])
+        body = above[body].parent
+    driven = {a.drives for a in mechanism.actuators if drives_joint(machine, a)}
+    nominal = {p.name: ca.SX(p.nominal) for p in machine.parameters}
+    out = {}
+    for k, joint in enumerate(way):
+        beyond = way[k + 1 :]
+        if joint.name not in driven or inside & {j.name for j in (joint, *beyond)}:
+            continue
+        stop = next((i for i, j in enumerate(beyond) if j.kind != "fixed"), len(beyond))
+        link = _Link(joint, tuple(beyond[:stop]), beyond[stop] if stop < len(beyond) else None)
+        if float(ca.norm_2(ca.evalf(link.end(nominal)))) > SHORTEST:
+            out[joint.child] = link
+    return out
+
+
+def _bent(site: Site, link: _Link) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """End of the link, and its slope and deflection for E I = 1 N mm^2; all (3,), in the frame of its joint's child."""
+    values, frames = dict(site.values), link.frames(dict(site.values))
+    end = link.end(values)
+    length = ca.norm_2(end)
+    along = end / length
+    force, moment = _loads(site, link.joint.name)
+    turn, move = ca.SX.zeros(3), ca.SX.zeros(3)
+    down = float(np.linalg.norm(site.machine.gravity or (0.0,))) * force / ca.norm_2(force)
+    for mass, lever in _own(site.machine, link, frames):
+        weight = mass.kg * down
+        a = ca.fmax(ca.dot(lever, along), 0.0)
+        across = weight - ca.dot(weight, along) * along
+        inner = ca.fmin(a, length)
+        turn += inner**2 / 2 * ca.cross(along, across)
+        move += inner**2 * (3 * length - inner) / 6 * across
+        outer = lever - inner * along
+        bending = ca.cross(outer, weight)
+        bending -= ca.dot(bending, along) * along
+        turn += inner * bending
+        move += inner * (length - inner / 2) * ca.cross(bending, along)
+        force, moment = force - weight, moment - ca.cross(lever, weight)
+    moment -= ca.cross(end, force)
+    across, bending = (v - ca.dot(v, along) * along for v in (force, moment))
+    turn += length**2 / 2 * ca.cross(along, across) + length * bending
+    move += length**3 / 3 * across + length**2 / 2 * ca.cross(bending, along)
+    return end, turn, move
+
+
+def _loads(site: Site, joint: str) -> tuple[ca.SX, ca.SX]:
+    """Force (N) and moment (N mm) of gravity on all that the joint carries, at its child's origin and in its frame."""
+    ports = [f"{joint}.motion.{axis}" for axis in AXES]
+    values = [site.load(port) * load_scale(site.machine, port) for port in ports]
+    return ca.vertcat(*values[:3]), ca.vertcat(*values[3:])
+
+
+def _own(machine: Machine, link: _Link, frames: dict[str, ca.SX]) -> list[tuple[Mass, ca.SX]]:
+    """Masses fixed to the link itself with their centres (3,); what is on the tool, or a payload, lies beyond."""
+    out = []
+    for mass in machine.masses:
+        if mass.body in frames and mass.kg and mass.name != PAYLOAD:
+            frame = frames[mass.body]
+            out.append((mass, frame[:3, :3] @ ca.DM(mass.com) + frame[:3, 3]))
+    return out

@@ -1,0 +1,66 @@
+"""What sensors see, for effects of the sensors themselves: points and lengths, and what stretches them."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from truepose.models.assembly import assemble, frame_of
+from truepose.models.effects.base import Site
+from truepose.models.home import home_readings
+from truepose.models.mechanism import AXES
+from truepose.models.sensors.base import Sensor
+
+XYZ = AXES[:3]
+TACTILE = ("ballbar", "socket")
+"""Sensors that touch what they measure: no light goes through the air."""
+
+
+def point_names(sensor: Sensor) -> list[str]:
+    """Points that a sensor sees, by the beginning of their columns: ``P1.`` of P1.x P1.y P1.z, empty of x y z."""
+    names = [column[:-1] for column in sensor.shiftable if column.rpartition(".")[2] == "x"]
+    return [name for name in names if all(f"{name}{axis}" in sensor.shiftable for axis in XYZ)]
+
+
+def length_names(sensor: Sensor) -> list[str]:
+    """Columns of a sensor that are lengths and no coordinates of a point."""
+    coordinates = {f"{name}{axis}" for name in point_names(sensor) for axis in XYZ}
+    return [column for column in sensor.shiftable if column not in coordinates]
+
+
+def optical(sensor: Sensor) -> bool:
+    """Whether a sensor looks at its target through air."""
+    return sensor.type not in TACTILE and bool(sensor.shiftable)
+
+
+def seen_point(site: Site, name: str) -> ca.SX:
+    """(3,) a point as it should be read, mm in the sensor's frame."""
+    return ca.vertcat(*(site.seen(f"{name}{axis}") for axis in XYZ))
+
+
+def from_home(site: Site, sensor: Sensor, column: str) -> ca.SX:
+    """How much longer a column should read than at home, mm; the whole length on machines with closed loops.
+
+    A phase counted from home stays where it is when a fit moves what only adds to every length alike.
+    """
+    mechanism, values = site.machine.mechanism, site.values
+    if mechanism.passive:
+        return site.seen(column)
+    q = dict(zip(mechanism.readings, map(ca.SX, home_readings(mechanism)), strict=True))
+    placed = assemble(site.machine, values, q, site.z, ca.SX(0, 1))
+    own = {name: values[name] for name in (*(p.name for p in sensor.parameters), *sensor.reads)}
+    home = sensor.predict(frame_of(values, "base") @ placed.tool, own)
+    return site.seen(column) - home[list(sensor.columns).index(column)]
+
+
+def moved_point(name: str, shift: ca.SX) -> dict[str, ca.SX]:
+    """A shift (3,) of the columns of a point, by port."""
+    return {f"{name}{axis}.reading": shift[k] for k, axis in enumerate(XYZ)}
+
+
+def stretched(site: Site, sensor: Sensor, strain: ca.SX) -> dict[str, ca.SX]:
+    """Shifts of a sensor whose every range and length reads ``strain`` of itself too long."""
+    columns = [*length_names(sensor), *(f"{name}{axis}" for name in point_names(sensor) for axis in XYZ)]
+    return {f"{column}.reading": strain * site.seen(column) for column in columns}
+
+
+__all__ = ["from_home", "length_names", "moved_point", "optical", "point_names", "seen_point", "stretched"]

@@ -1,0 +1,211 @@
+"""The examination: cases and keys are written, the engine sits each case in a process and a folder of its own.
+
+    DIR/challenge.json                 what was asked for
+    DIR/cases/caseNNN/                 machine.yaml, recording.csv, heldout.csv: all that the engine sees
+    DIR/answers/caseNNN.json           the key
+    DIR/results/caseNNN/               diagnosis.json, improved.yaml, heldout_prediction.csv, run.json
+
+A case that has a result is not sat again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+
+from truepose.challenge import solutions
+from truepose.challenge.cases import Case, draw_case
+from truepose.challenge.examinee import DIAGNOSIS, HELD_OUT, IMPROVED, MACHINE, PREDICTION, RECORDING
+from truepose.challenge.schedule import SHARES, Seat, schedule
+from truepose.challenge.simulator.base import SimulatedMachine
+from truepose.challenge.strata import UndrawnError
+from truepose.errors import InputError
+from truepose.files import atomic_directory, atomic_write_text
+from truepose.models.registry import load_plugin
+
+SETTINGS, RUN, UNDRAWN = "challenge.json", "run.json", "undrawn.txt"
+TIMEOUT = 900.0
+"""Seconds after which a diagnosis counts as failed."""
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Challenge:
+    """What is asked for: how many cases, drawn from which seed, at which machines and strata."""
+
+    folder: Path
+    n: int = 200
+    seed: int = 1
+    machines: tuple[str, ...] = ()
+    strata: tuple[str, ...] = ()
+    timeout: float = TIMEOUT
+    plugins: tuple[Path, ...] = ()
+
+    @property
+    def seats(self) -> tuple[Seat, ...]:
+        """The cases in order."""
+        return schedule(self.n, self.machines or tuple(machines()), self.strata or tuple(SHARES))
+
+
+def machines() -> Mapping[str, Callable[[], SimulatedMachine]]:
+    """How to build every simulated machine, by name."""
+    from truepose.challenge.simulator.registry import MACHINES
+
+    return MACHINES
+
+
+def challenge(
+    folder: Path,
+    n: int = 200,
+    *,
+    seed: int = 1,
+    only_machines: Sequence[str] = (),
+    strata: Sequence[str] = (),
+    timeout: float = TIMEOUT,
+    plugins: Sequence[Path] = (),
+) -> Challenge:
+    """A checked examination. Raises InputError for unknown machines or strata and for a folder of another one."""
+    for given, known, what in (
+        (only_machines, tuple(machines()), "machine"),
+        (strata, tuple(SHARES), "stratum"),
+    ):
+        for name in given:
+            if name not in known:
+                raise InputError(f"challenge: found {what} {name!r}, expected one of {', '.join(known)}")
+    out = Challenge(
+        folder, n, seed, tuple(only_machines), tuple(strata), timeout, tuple(p.resolve() for p in plugins)
+    )
+    asked = _settings(out)
+    if (folder / SETTINGS).is_file():
+        found = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))
+        if found != asked:
+            raise InputError(
+                f"{folder}: found an examination with {found}, expected {asked}: give another directory"
+            )
+    return out
+
+
+def _settings(asked: Challenge) -> dict[str, object]:
+    """What decides the cases; their number only says where to stop."""
+    return {
+        "seed": asked.seed,
+        "machines": list(asked.machines or machines()),
+        "strata": list(asked.strata or SHARES),
+    }
+
+
+def run(
+    asked: Challenge, *, jobs: int = 1, again: bool = False, progress: Progress = lambda *_: None
+) -> tuple[Seat, ...]:
+    """Write and sit every case; the seats that could be filled, in order.
+
+    ``progress`` hears how many cases are done, of how many, and the latest. ``again`` sits cases anew that have a
+    result; the cases themselves stay.
+    """
+    seats = asked.seats
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    atomic_write_text(asked.folder / SETTINGS, json.dumps(_settings(asked), indent=1) + "\n")
+    if jobs <= 1:
+        for done, seat in enumerate(seats, start=1):
+            one(asked, seat, again)
+            progress(done, len(seats), seat.name)
+    else:
+        with ProcessPoolExecutor(jobs, get_context("spawn"), _load, (asked.plugins,)) as pool:
+            waiting = {pool.submit(one, asked, seat, again): seat for seat in seats}
+            for done, future in enumerate(as_completed(waiting), start=1):
+                future.result()
+                progress(done, len(seats), waiting[future].name)
+    return tuple(seat for seat in seats if (asked.folder / "answers" / f"{seat.name}.json").is_file())
+
+
+def _load(plugins: Sequence[Path]) -> None:
+    for path in plugins:
+        load_plugin(path)
+
+
+def one(asked: Challenge, seat: Seat, again: bool) -> None:
+    """Write one case unless it is there, and sit it unless it has a result."""
+    folder = asked.folder
+    key, case = folder / "answers" / f"{seat.name}.json", folder / "cases" / seat.name
+    note = case.parent / f"{seat.name}.{UNDRAWN}"
+    if not key.is_file() or not (case / HELD_OUT).is_file():
+        try:
+            _write(asked, seat)
+        except Exception as exc:  # one case that cannot be made must not end the others; the table tells
+            case.parent.mkdir(parents=True, exist_ok=True)
+            said = str(exc) if isinstance(exc, UndrawnError) else f"{type(exc).__name__}: {exc}"
+            atomic_write_text(note, f"{said}\n")
+            return
+        note.unlink(missing_ok=True)
+    results = folder / "results" / seat.name
+    if again or not (results / RUN).is_file():
+        sit(case, results, asked.timeout, asked.plugins)
+
+
+def _drawn(asked: Challenge, seat: Seat) -> Case:
+    """The case of a seat; where its machine has nothing for the stratum, the next machine's."""
+    names = asked.machines or tuple(machines())
+    first = names.index(seat.machine)
+    said = []
+    for name in (*names[first:], *names[:first]):
+        try:
+            return draw_case(machines()[name](), replace(seat, machine=name), asked.seed)
+        except UndrawnError as exc:
+            said.append(str(exc))
+    raise UndrawnError("; ".join(said))
+
+
+def _write(asked: Challenge, seat: Seat) -> None:
+    folder = asked.folder
+    drawn = _drawn(asked, seat)
+    with atomic_directory(folder / "cases" / seat.name) as partial:
+        for name, text in (
+            (MACHINE, drawn.machine),
+            (RECORDING, drawn.recording),
+            (HELD_OUT, drawn.held_out),
+        ):
+            (partial / name).write_text(text, encoding="utf-8")
+    key = folder / "answers" / f"{seat.name}.json"
+    key.parent.mkdir(parents=True, exist_ok=True)
+    atomic_write_text(key, solutions.to_text(drawn.solution))
+
+
+def sit(case: Path, results: Path, timeout: float, plugins: Sequence[Path] = ()) -> None:
+    """Give the engine copies of the case's files in a folder that says nothing, and keep what it writes.
+
+    A crash, or more than ``timeout`` seconds, leaves a run.json with the message and no diagnosis.
+    """
+    start, message = time.perf_counter(), ""
+    threads = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
+    with tempfile.TemporaryDirectory() as room:
+        for name in (MACHINE, RECORDING, HELD_OUT):
+            shutil.copy(case / name, room)
+        command = [sys.executable, "-P", "-m", "truepose.challenge.examinee", *map(str, plugins)]
+        try:
+            done = subprocess.run(
+                command, cwd=room, env=os.environ | threads, capture_output=True, timeout=timeout, check=False
+            )
+            said = done.stderr.decode(errors="replace").strip().splitlines()
+            message = "" if done.returncode == 0 else (said or [f"exit code {done.returncode}"])[-1]
+        except subprocess.TimeoutExpired:
+            message = f"timeout after {timeout:g} s"
+        shutil.rmtree(results, ignore_errors=True)
+        with atomic_directory(results) as partial:
+            for name in (DIAGNOSIS, IMPROVED, PREDICTION):
+                if (Path(room) / name).is_file():
+                    shutil.copy(Path(room) / name, partial)
+            about = {"seconds": round(time.perf_counter() - start, 2), "message": message}
+            (partial / RUN).write_text(json.dumps(about) + "\n", encoding="utf-8")
+
+
+__all__ = ["Challenge", "challenge", "one", "run", "sit"]

@@ -1,0 +1,134 @@
+"""What a diagnosis said, as the scorer reads diagnosis.json, and when that is the same as what is true."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from truepose.challenge.solutions import Names, Solution, Truth
+from truepose.challenge.strata import OF_ROWS
+
+VERDICTS = ("adequate", "missing-physics", "unknown")
+
+
+@dataclass(frozen=True)
+class Said:
+    """One explanation with its probability."""
+
+    effect: str
+    place: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """A finding: what it names, the explanations it cannot tell from that, how sure the whole class is."""
+
+    name: Said
+    equivalents: tuple[Said, ...]
+    certainty: float
+    log_bayes_factor: float
+
+    @property
+    def members(self) -> tuple[Said, ...]:
+        """The whole class, the named one first."""
+        return (self.name, *self.equivalents)
+
+
+@dataclass(frozen=True)
+class Reply:
+    """A diagnosis: verdict, findings with the best supported first, constants by name (mm, rad)."""
+
+    verdict: str
+    concealed: bool
+    findings: tuple[Found, ...]
+    parameters: Mapping[str, float]
+
+    @property
+    def physics(self) -> tuple[Found, ...]:
+        """Findings that decide the verdict: not those on single rows."""
+        return tuple(f for f in self.findings if f.name.effect not in OF_ROWS)
+
+
+def read_reply(path: Path) -> Reply | None:
+    """The diagnosis of a file; None when there is none or it is not one."""
+    try:
+        return _reply(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _reply(document: Mapping[str, Any]) -> Reply | None:
+    if document["verdict"] not in VERDICTS:
+        return None
+    found = [_found(entry) for entry in document["findings"]]
+    values = {name: float(entry["value"]) for name, entry in document["parameters"].items()}
+    ordered = sorted(found, key=lambda f: -f.log_bayes_factor)
+    return Reply(document["verdict"], bool(document["concealed"]), tuple(ordered), values)
+
+
+def _found(entry: Mapping[str, Any]) -> Found:
+    name = _said(entry)
+    certainty = float(entry.get("certainty", entry["probability"]))
+    others = tuple(_said(other) for other in entry.get("equivalents", ()))
+    return Found(name, others, certainty, float(entry["log_bayes_factor"]))
+
+
+def _said(entry: Mapping[str, Any]) -> Said:
+    return Said(entry["effect"], tuple(entry["place"]), float(entry["probability"]))
+
+
+class Judge:
+    """Whether names mean the true effects of a case, or what its data cannot tell from them."""
+
+    def __init__(self, solution: Solution) -> None:
+        self._aliases = solution.aliases
+        self.truths: Sequence[Truth] = solution.truths
+
+    def place(self, place: Iterable[str]) -> frozenset[str]:
+        """A place with one name for each part: a leg is its reading, in a parameter's name too."""
+        parts = [name.partition(".") for name in place]
+        return frozenset(self._aliases.get(stem, stem) + dot + rest for stem, dot, rest in parts)
+
+    def true(self, said: Said | Names, truth: Truth) -> bool:
+        """Whether this names the very truth."""
+        effect, place = (said.effect, said.place) if isinstance(said, Said) else said
+        if effect != truth.effect or not truth.effect:
+            return False
+        return effect in OF_ROWS or self.place(place) == self.place(truth.place)
+
+    def right(self, said: Said, truth: Truth) -> bool:
+        """Whether this names the truth or what is as good."""
+        same = [(effect, self.place(place)) for effect, place in truth.equivalents]
+        return self.true(said, truth) or (said.effect, self.place(said.place)) in same
+
+    def right_effect(self, said: Said, truth: Truth) -> bool:
+        """The same, wherever it is."""
+        return said.effect in {truth.effect, *(effect for effect, _ in truth.equivalents)} - {""}
+
+    def right_place(self, said: Said, truth: Truth) -> bool:
+        """The parts where the truth is, or what is as good, whatever the effect; a constant stands for its part."""
+        places = [truth.place, *(place for _, place in truth.equivalents)]
+        return self._parts(said.place) in [self._parts(p) for p in places]
+
+    def _parts(self, place: Iterable[str]) -> frozenset[str]:
+        return frozenset(name.partition(".")[0] for name in self.place(place))
+
+    def wider(self, said: Said, truth: Truth) -> bool:
+        """Whether this names the truth at its places and at others."""
+        return said.effect == truth.effect and self.place(said.place) > self.place(truth.place)
+
+    def part(self, said: Said, truth: Truth) -> bool:
+        """Whether this names the truth at some of its several places."""
+        return said.effect == truth.effect and self.place(said.place) < self.place(truth.place)
+
+    def covers(self, found: Found, truth: Truth) -> bool:
+        """Whether a finding's class holds the truth, or what is as good, at its places, at some of them, or at more."""
+        tests = (self.right, self.part, self.wider)
+        return any(test(said, truth) for said in found.members for test in tests)
+
+
+__all__ = ["Found", "Judge", "Reply", "Said", "read_reply"]

@@ -1,0 +1,106 @@
+"""Fits to compare an engine with: ordinary ones without effects, and an oracle that is told effects and places."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.challenge.adaptation import Adaptation
+from truepose.challenge.measures import held_out_error, parameter_bias
+from truepose.challenge.rivals import INDISTINCT, rivals
+from truepose.challenge.solutions import Geometry, HeldOut, Reference
+from truepose.errors import TrueposeError
+from truepose.identification.align import aligned_start
+from truepose.identification.estimate import FREE_WIDENING, Estimate, estimate
+from truepose.identification.export import parameters_json
+from truepose.identification.load import load_recording
+from truepose.identification.predict import predict
+from truepose.identification.prediction import Predictor
+from truepose.identification.recording import Recording
+from truepose.identification.write_machine import write_calibrated
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+SETTLED = 1e-4
+"""Half chi2 that an oracle may leave to be gained."""
+MOST_TERMS = 4
+"""Terms (orders of a harmonic) that an oracle may take at one place."""
+
+
+def ordinary_fits(machine: Machine, recording: Recording) -> tuple[Estimate, Estimate]:
+    """The fit under tolerances, and the free fit beside it, both without effects. Raises ConvergenceError."""
+    predictor = Predictor(machine, recording)
+    before = estimate(machine, recording, start=aligned_start(predictor), predictor=predictor)
+    for factor in (FREE_WIDENING, FREE_WIDENING / 3, FREE_WIDENING / 10):
+        try:
+            return before, estimate(machine, recording, start=before.p, widen=factor)
+        except TrueposeError:
+            continue
+    return before, before
+
+
+def oracle_terms(
+    bench: Adaptation, effect: str, place: tuple[str, ...], change: Array, beside: Sequence[Array]
+) -> tuple[PlacedEffect, ...]:
+    """Terms of the catalogue for one true effect: the best settings, or orders as long as each adds something.
+
+    Empty when the catalogue does not have it there.
+    """
+    candidates = bench.catalogue.candidates
+    chosen: list[PlacedEffect] = []
+    taken: list[Array] = list(beside)
+    missed = bench.snr(change, taken) ** 2
+    for _ in range(MOST_TERMS):
+        ranked = rivals(bench, change, taken)
+        fitting = [
+            r
+            for r in ranked
+            if (p := candidates[r.signature.index]).effect.slug == effect
+            and p.place == place
+            and p not in chosen
+        ]
+        if not fitting or (chosen and missed - fitting[0].missed < INDISTINCT):
+            break
+        missed = fitting[0].missed
+        chosen.append(candidates[fitting[0].signature.index])
+        taken += list(fitting[0].signature.columns.T)
+        if not chosen[-1].effect.settings_add:
+            break
+    return tuple(chosen)
+
+
+def reference(
+    fit: Estimate, recording: Recording, held_text: str, held: HeldOut, geometry: Geometry
+) -> Reference:
+    """Errors of a fit, written and read back as a user would (see ``truepose predict``)."""
+    values = {name: float(entry["value"]) for name, entry in parameters_json(fit).items()}
+    with tempfile.TemporaryDirectory() as folder:
+        at = Path(folder)
+        write_calibrated(at / "fit.yaml", fit, recording)
+        (at / "heldout.csv").write_text(held_text, encoding="utf-8")
+        machine = load_machine(at / "fit.yaml")
+        rows = load_recording(machine, [at / "heldout.csv"], need_readings=False)
+        error = held_out_error(predict(machine, rows), held)
+    names = tuple(effect.label for effect in fit.effects)
+    return Reference(error, parameter_bias(values, geometry), names)
+
+
+def oracle(
+    machine: Machine, recording: Recording, terms: Sequence[PlacedEffect], start: Array
+) -> Estimate | None:
+    """The fit with the true effects; None where it does not converge."""
+    predictor = Predictor(machine, recording, terms)
+    full = np.append(start, np.zeros(len(predictor.model.names) - len(start)))
+    try:
+        return estimate(machine, recording, terms, start=full, predictor=predictor, tolerance=SETTLED)
+    except TrueposeError:
+        return None
+
+
+__all__ = ["oracle", "oracle_terms", "ordinary_fits", "reference"]

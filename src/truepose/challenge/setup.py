@@ -1,0 +1,113 @@
+"""A specimen in its campaign, as the examiner sees it: exact readings from the simulator, tolerances from the drawing."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.challenge.adaptation import Adaptation, with_readings
+from truepose.challenge.simulator.base import Campaign, Imperfection, Kind, Plan, SimulatedMachine, Specimen
+from truepose.challenge.simulator.campaigns import joined
+from truepose.challenge.simulator.writing import recording_text
+from truepose.identification.load import load_recording
+from truepose.identification.recording import Recording
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+HELD_OUT = Plan(poses=20, repeats=1, extreme=True)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One specimen measured by one plan: rows of ``campaign``, then the held-out rows, which have the same past."""
+
+    machine: SimulatedMachine
+    specimen: Specimen
+    campaign: Campaign
+    held: Campaign
+    whole: Campaign
+
+    @classmethod
+    def draw(
+        cls, machine: SimulatedMachine, specimen: Specimen, plan: Plan, rng: np.random.Generator
+    ) -> Setup:
+        """A campaign by the plan, and later rows at ends of ranges, beyond its loads and temperatures."""
+        campaign = machine.campaign(plan, rng)
+        whole = joined(campaign, machine.campaign(replace(HELD_OUT, moving=plan.moving), rng))
+        return cls(machine, specimen, campaign, _rest(whole, len(campaign)), whole)
+
+    def exact(self, imperfections: Sequence[Imperfection]) -> tuple[Array, Array]:
+        """Readings (n, k) of the campaign and (h, k) of the held-out rows, without noise, mm and rad."""
+        readings = self.machine.measure(self.specimen, tuple(imperfections), self.whole)
+        return readings[: len(self.campaign)], readings[len(self.campaign) :]
+
+    @cached_property
+    def clean(self) -> Array:
+        """(n, k) readings of the campaign without imperfection or noise."""
+        return self.exact(())[0]
+
+    @cached_property
+    def read(self) -> tuple[Machine, Recording]:
+        """The drawing and the clean recording, through the files that the engine would read."""
+        with tempfile.TemporaryDirectory() as folder:
+            at = Path(folder)
+            (at / "machine.yaml").write_text(self.machine.machine_text(), encoding="utf-8")
+            text = recording_text(self.machine, self.campaign, self.clean)
+            (at / "recording.csv").write_text(text, encoding="utf-8")
+            loaded = load_machine(at / "machine.yaml")
+            return loaded, load_recording(loaded, [at / "recording.csv"])
+
+    @cached_property
+    def bench(self) -> Adaptation:
+        """What geometry can make of changes of these readings."""
+        return Adaptation(*self.read, self.clean, self.specimen)
+
+    def recording(self, readings: Array) -> Recording:
+        """The recording with these readings (n, k)."""
+        return with_readings(self.read[1], readings)
+
+    def change(self, imperfection: Imperfection) -> Array:
+        """(N,) whitened change of the fitted readings that an imperfection makes."""
+        return self.bench.change(self.exact((imperfection,))[0])
+
+
+class Setups:
+    """The setups of one case: the same specimen, one campaign for each plan that kinds of imperfection ask for."""
+
+    def __init__(self, machine: SimulatedMachine, specimen: Specimen, seed: int, *, sessions: int) -> None:
+        self.machine, self._specimen, self._seed, self._sessions = machine, specimen, seed, sessions
+        self._known: dict[Plan, Setup] = {}
+
+    def of(self, kinds: Sequence[Kind]) -> Setup:
+        """Where all of these can be told: sessions and velocities where one of them needs these."""
+        needs = {need.partition(".")[0] for kind in kinds for need in kind.needs}
+        sessions = 2 if "session" in needs else self._sessions
+        plan = Plan(sessions=sessions, moving="velocity" in needs)
+        if plan not in self._known:
+            rng = np.random.default_rng([self._seed, plan.sessions, int(plan.moving)])
+            self._known[plan] = Setup.draw(self.machine, self._specimen, plan, rng)
+        return self._known[plan]
+
+
+def _rest(whole: Campaign, first: int) -> Campaign:
+    """The rows from ``first`` on, as a campaign of their own."""
+    arrays = ("q", "time", "pose", "approach", "session", "payload", "pressure", "validation")
+    part = {name: getattr(whole, name)[first:] for name in arrays}
+    return replace(
+        whole,
+        **part,
+        temperatures={place: values[first:] for place, values in whole.temperatures.items()},
+        origin=whole.origin[first:] - first,
+        velocity=None if whole.velocity is None else whole.velocity[first:],
+        dwell=None if whole.dwell is None else whole.dwell[first:],
+    )
+
+
+__all__ = ["Setup", "Setups"]

@@ -1,0 +1,153 @@
+"""What is put into a case, stratum by stratum: kinds and places at random, sizes in detection limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.challenge import schedule
+from truepose.challenge.setup import Setup, Setups
+from truepose.challenge.simulator.base import Imperfection, Kind
+from truepose.challenge.sizing import Sized, detection_limit, draw_factor, sized
+from truepose.errors import TrueposeError
+from truepose.models.effects.base import effects
+
+Array = NDArray[np.float64]
+SMALLEST, CLEAR, LARGEST = 1.0, 3.0, 20.0
+"""Sizes in detection limits: single effects from the first, all others from the second, none beyond the third."""
+ROUNDS = 4
+OF_ROWS = frozenset({"outliers", "fringe-miscount"})
+"""Effects on rows: they leave the verdict as it is."""
+
+
+class UndrawnError(TrueposeError):
+    """A machine has nothing to offer to a stratum."""
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What a case contains, and where."""
+
+    setup: Setup
+    kinds: tuple[Kind, ...]
+    parts: tuple[Sized, ...]
+
+    @property
+    def imperfections(self) -> tuple[Imperfection, ...]:
+        """As the simulator takes them."""
+        return tuple(part.imperfection for part in self.parts)
+
+
+Accept = Callable[[Draft], bool]
+
+
+def draft(stratum: str, setups: Setups, rng: np.random.Generator, hidden: Accept) -> Draft:
+    """What a case of a stratum (not null) contains. ``hidden`` says whether the ordinary fit of a draft looks good.
+
+    Raises UndrawnError when this machine has nothing that fits.
+    """
+    kinds = setups.machine.kinds()
+    known = [k for k in kinds if k.in_library and k.slug not in OF_ROWS]
+    if stratum == schedule.SINGLE:
+        found = _single(setups, [k for k in kinds if k.in_library], rng, SMALLEST)
+    elif stratum == schedule.CONCEALED:
+        found = _concealed(setups, known, rng, hidden)
+    elif stratum == schedule.LOOK_ALIKE:
+        found = _single(setups, _with_look_alikes(setups, known), rng, CLEAR)
+    elif stratum == schedule.TWO:
+        found = _two(setups, known, rng)
+    else:
+        found = _single(setups, [k for k in kinds if not k.in_library], rng, CLEAR)
+    if found is None:
+        raise UndrawnError(f"{setups.machine.name}: nothing to draw for the stratum {stratum!r}")
+    return found
+
+
+def _shuffled(kinds: Sequence[Kind], rng: np.random.Generator) -> Iterator[Kind]:
+    """Every kind in turn, in random order, a few times over: another place and shape may do."""
+    for _ in range(ROUNDS):
+        yield from (kinds[k] for k in rng.permutation(len(kinds)))
+
+
+def _usual(setup: Setup, kind: Kind, rng: np.random.Generator) -> Imperfection:
+    """A kind at a random place, with a drawn shape, at its typical size."""
+    place = kind.places[int(rng.integers(len(kind.places)))]
+    return Imperfection(kind.name, place, kind.typical, dict(setup.machine.shape(kind.name, place, rng)))
+
+
+def _sized(
+    setup: Setup, kind: Kind, rng: np.random.Generator, low: float
+) -> tuple[Sized, Imperfection] | None:
+    """A kind of a drawn size, and the same at its detection limit."""
+    usual = _usual(setup, kind, rng)
+    limit = detection_limit(setup.bench, setup.change, usual)
+    factor = None if limit is None else draw_factor(rng, low, LARGEST, limit, kind.typical)
+    if limit is None or factor is None:
+        return None
+    smallest = usual.scaled(limit / kind.typical)
+    return sized(setup.bench, setup.change, smallest.scaled(factor), limit), smallest
+
+
+def _single(setups: Setups, kinds: Sequence[Kind], rng: np.random.Generator, low: float) -> Draft | None:
+    for kind in _shuffled(kinds, rng):
+        setup = setups.of([kind])
+        part = _sized(setup, kind, rng, low)
+        if part is not None:
+            return Draft(setup, (kind,), (part[0],))
+    return None
+
+
+def _concealed(
+    setups: Setups, kinds: Sequence[Kind], rng: np.random.Generator, hidden: Accept
+) -> Draft | None:
+    """As large as the ordinary fit hides; kinds that geometry swallows are tried first."""
+    first = [k for k in kinds if k.conceals]
+    for kind in (*_shuffled(first, rng), *_shuffled(kinds, rng)):
+        setup = setups.of([kind])
+        found = _sized(setup, kind, rng, CLEAR)
+        if found is None:
+            continue
+        part, smallest = found
+        for factor in (part.factor, np.sqrt(CLEAR * part.factor), CLEAR):
+            smaller = sized(setup.bench, setup.change, smallest.scaled(float(factor)), part.limit)
+            out = Draft(setup, (kind,), (smaller,))
+            if hidden(out):
+                return out
+    return None
+
+
+def _with_look_alikes(setups: Setups, kinds: Sequence[Kind]) -> list[Kind]:
+    """Kinds whose effect resembles another that could be tested on this machine with what is recorded."""
+    testable = {c.effect.slug for c in setups.of(()).bench.catalogue.candidates}
+    known = set(effects)
+    return [
+        k
+        for k in kinds
+        if k.slug in known and testable & set(effects.get(k.slug, "kind").look_alikes) - {k.slug}
+    ]
+
+
+def _two(setups: Setups, kinds: Sequence[Kind], rng: np.random.Generator) -> Draft | None:
+    """Two effects at different places, each clear even when the other may have any size."""
+    for kind in _shuffled(kinds, rng):
+        others = [k for k in kinds if k.slug != kind.slug]
+        if not others:
+            return None
+        other = others[int(rng.integers(len(others)))]
+        setup = setups.of([kind, other])
+        pair = [_sized(setup, k, rng, CLEAR) for k in (kind, other)]
+        if pair[0] is None or pair[1] is None:
+            continue
+        a, b = pair[0][0], pair[1][0]
+        if set(a.imperfection.place) & set(b.imperfection.place):
+            continue
+        clear = CLEAR * 5.0
+        if min(setup.bench.snr(a.change, [b.change]), setup.bench.snr(b.change, [a.change])) >= clear:
+            return Draft(setup, (kind, other), (a, b))
+    return None
+
+
+__all__ = ["OF_ROWS", "Draft", "UndrawnError", "draft"]

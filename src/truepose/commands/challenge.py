@@ -1,0 +1,136 @@
+"""``challenge``: the blind examination of the diagnosis engine."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.commands.common import (
+    DirectoryOption,
+    JsonOption,
+    PluginOption,
+    check_directory,
+    finish,
+    reported,
+)
+
+if TYPE_CHECKING:
+    from truepose.challenge.table import Table
+
+CountOption = Annotated[int, typer.Option("-n", "--cases", metavar="N", min=1, help="How many cases.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed that all cases follow from.")]
+JobsOption = Annotated[
+    int, typer.Option("--jobs", metavar="J", min=0, help="Processes; 0: one for each core.")
+]
+MachinesOption = Annotated[
+    str,
+    typer.Option("--machines", metavar="A,B,...", help="Only these simulated machines.", show_default=False),
+]
+StrataOption = Annotated[
+    str,
+    typer.Option(
+        "--strata",
+        metavar="X,Y,...",
+        help="Only these strata: null, single, concealed, look-alike, two, out-of-library.",
+        show_default=False,
+    ),
+]
+AgainOption = Annotated[bool, typer.Option("--again", help="Diagnose cases anew that have a result.")]
+TimeoutOption = Annotated[
+    float, typer.Option("--timeout", metavar="S", min=1.0, help="Seconds after which a diagnosis has failed.")
+]
+_Hear = Callable[[int, int, str], None]
+
+
+def challenge(
+    output: DirectoryOption,
+    n: CountOption = 200,
+    seed: SeedOption = 1,
+    jobs: JobsOption = 0,
+    machines: MachinesOption = "",
+    strata: StrataOption = "",
+    again: AgainOption = False,
+    timeout: TimeoutOption = 900.0,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """The blind examination of the diagnosis engine, and its table.
+
+    Simulated machines, which share nothing with the catalogue, make recordings with a known imperfection or none;
+    the engine sees machine and recording only. Writes cases/, answers/, results/, table.md, table.json and
+    reliability.svg. A directory that holds results is continued.
+
+    Example: truepose challenge -n 12 -o examination
+    """
+    with reported(plugin):
+        from truepose.challenge.examine import challenge as asked
+        from truepose.challenge.examine import run
+
+        check_directory(output)
+        wanted = asked(
+            output,
+            n,
+            seed=seed,
+            only_machines=_names(machines),
+            strata=_names(strata),
+            timeout=timeout,
+            plugins=plugin or (),
+        )
+        with _bar("examining") as hear:
+            run(wanted, jobs=jobs or os.cpu_count() or 1, again=again, progress=hear)
+        found = _tabled(output, [seat.name for seat in wanted.seats])
+        _finish(found, output, as_json)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _tabled(output: Path, cases: list[str]) -> Table:
+    """Score the cases and write the table's files."""
+    from truepose.challenge.report import tabled
+
+    return tabled(output, cases)
+
+
+def _finish(found: Table, output: Path, as_json: bool) -> None:
+    from truepose.challenge.table import DIAGRAM, document, lines
+
+    files = [str(output / name) for name in ("table.md", "table.json", DIAGRAM) if (output / name).is_file()]
+    whole = document(found)
+    summary = {
+        "command": "challenge",
+        **{k: whole[k] for k in ("cases", "figures", "undrawn")},
+        "files": files,
+    }
+    failed = [f"{s.solution.case}: {s.failure}" for s in found.scores if s.failure]
+    notes = [*failed, *(f"not drawn: {text}" for text in found.undrawn)]
+    text = [
+        f"{len(found.scores)} cases",
+        *(f"  {line}" for line in lines(found)),
+        f"table: {output / 'table.md'}",
+    ]
+    finish(summary, text, notes, as_json=as_json)
+
+
+@contextlib.contextmanager
+def _bar(label: str) -> Iterator[_Hear]:
+    """A bar of cases done, on a terminal only."""
+    if not (sys.stdout.isatty() and sys.stderr.isatty()):
+        yield lambda *_: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as display:
+        task = display.add_task(label, total=None)
+        yield lambda done, total, name: display.update(
+            task, completed=done, total=total, description=f"{label}: {name}"
+        )

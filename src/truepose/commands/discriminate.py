@@ -1,0 +1,159 @@
+"""``plan --discriminate``: the experiment that splits explanations, from the command line's texts to its lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from truepose.identification.planning.discriminate_result import Experiment
+    from truepose.models.machine import Machine
+
+DiscriminateOption = Annotated[
+    tuple[str, str] | None,
+    typer.Option(
+        "--discriminate",
+        metavar="A B",
+        help="Poses that tell two explanations apart, SLUG@PLACE[:name=value[unit],...] each, as simulate names effects.",
+        show_default=False,
+    ),
+]
+RivalOption = Annotated[
+    list[str] | None,
+    typer.Option("--rival", metavar="C", help="A further explanation; repeatable. The worst pair counts."),
+]
+DiagnosisOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--diagnosis",
+        metavar="FILE",
+        help="diagnosis.json: split the class of its finding, at its fitted value.",
+        show_default=False,
+    ),
+]
+PayloadOption = Annotated[
+    str,
+    typer.Option(
+        "--payload", metavar="0,2.5,5", help="Payloads that can be carried, kg.", show_default=False
+    ),
+]
+TemperatureOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--temperature",
+        metavar="PLACE=15,20,30",
+        help="Temperatures a place can be held at, degC; repeatable (air: every place alike).",
+    ),
+]
+VaryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vary",
+        metavar="DRIVER=...",
+        help="Levels of another driver (pressure in hPa, velocity.JOINT in mm/s or rad/s); repeatable.",
+    ),
+]
+WithOption = Annotated[
+    list[Path] | None,
+    typer.Option("--with", metavar="RECORDING", help="Rows measured already, to be added to; repeatable."),
+]
+TargetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--target",
+        metavar="NAME=x,y,z",
+        help="Say what a further target there (tool frame, units of the file) would bring; repeatable.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the options ask for."""
+
+    names: tuple[str, ...] = ()
+    diagnosis: Path | None = None
+    payload: str = ""
+    vary: tuple[str, ...] = ()
+    recorded: tuple[Path, ...] = ()
+    targets: tuple[str, ...] = ()
+
+    @property
+    def wanted(self) -> bool:
+        """Whether explanations are to be told apart at all. Raises InputError for options that then mean nothing."""
+        asked = bool(self.names) or self.diagnosis is not None
+        if not asked and (self.payload or self.vary or self.recorded or self.targets):
+            raise InputError(
+                "--payload, --temperature, --vary, --with and --target: found without --discriminate A B or "
+                "--diagnosis FILE, expected explanations to tell apart"
+            )
+        return asked
+
+
+def request(
+    pair: tuple[str, str] | None,
+    rivals: Sequence[str] | None,
+    diagnosis: Path | None,
+    payload: str,
+    temperatures: Sequence[str] | None,
+    vary: Sequence[str] | None,
+    recorded: Sequence[Path] | None,
+    targets: Sequence[str] | None,
+) -> Request:
+    """The options as they came."""
+    named = tuple(f"temperature.{text}" for text in temperatures or ()) + tuple(vary or ())
+    return Request(
+        (*(pair or ()), *(rivals or ())),
+        diagnosis,
+        payload,
+        named,
+        tuple(recorded or ()),
+        tuple(targets or ()),
+    )
+
+
+def run(
+    machine: Machine,
+    n: int,
+    asked: Request,
+    candidates: Path | None,
+    seed: int,
+    say: Callable[[str], None],
+) -> tuple[Experiment, pd.DataFrame, list[str], dict[str, object]]:
+    """The experiment, its table, its lines and its JSON."""
+    from truepose.identification.load import load_recording
+    from truepose.identification.planning.discriminate import discriminate
+    from truepose.identification.planning.discriminate_explanations import Class, class_of, explanation
+    from truepose.identification.planning.discriminate_factors import Offer
+    from truepose.identification.planning.discriminate_targets import Target
+    from truepose.identification.planning.discriminate_words import experiment_json, sentences
+    from truepose.identification.planning.table import experiment_table
+
+    if asked.diagnosis is not None:
+        wanted = class_of(asked.diagnosis, machine, asked.names)
+    else:
+        wanted = Class(tuple(explanation(text, machine) for text in asked.names))
+    given = None if candidates is None else load_recording(machine, [candidates], need_readings=False).q
+    recorded = load_recording(machine, asked.recorded, need_readings=False) if asked.recorded else None
+    offer = Offer.of(machine, asked.payload, asked.vary)
+    found = discriminate(
+        machine,
+        n,
+        wanted,
+        offer=offer,
+        recorded=recorded,
+        candidates=given,
+        targets=[Target.of(text, machine) for text in asked.targets],
+        seed=seed,
+        progress=say,
+    )
+    frame = experiment_table(found)
+    return found, frame, sentences(found), experiment_json(found)

@@ -1,0 +1,483 @@
+"""Effects of the sensors themselves: their signatures, what a fit makes of them, and what they must leave alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.outliers import fringes_by_row, miscounted_fringes
+from truepose.identification.diagnosis.signatures import Signatures
+from truepose.identification.estimate import Estimate, estimate
+from truepose.identification.export import diagnosis_json
+from truepose.identification.load import load_recording
+from truepose.identification.prediction import Predictor
+from truepose.identification.recording import Recording
+from truepose.identification.simulate import parse_effect, simulate, with_inputs
+from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.kinematics import symbolic_model
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+HEAD = "schema: truepose/machine/1\nname: NAME\ntolerances: {length: 0.05, angle: 0.02}\n"
+ARM = """
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 450, range: [-160, 160]}
+    - {name: q2, kind: revolute, alpha: -90, d: 200, theta: -90, range: [-70, 70]}
+    - {name: q3, kind: revolute, d: 800, range: [-70, 70]}
+    - {name: q4, kind: revolute, alpha: -90, d: 30, r: 700, range: [-150, 150]}
+    - {name: q5, kind: revolute, alpha: 90, range: [-100, 100]}
+    - {name: q6, kind: revolute, alpha: -90, r: 190, range: [-170, 170]}
+frames:
+  base: {in: world, xyz: [1800, -200, 100], rpy: [0, 0, 150], tolerance: {xyz: 5, rpy: 1}}
+  tool: {in: flange, xyz: [40, -20, 120], rpy: [0, 0, 0], tolerance: {xyz: 1, rpy: 0}}
+sensor: {type: position, sigma: {xyz: 0.01}}
+"""
+ENDS = (
+    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
+    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
+    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
+    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
+    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
+    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
+)
+TELESCOPE = """
+mechanism:
+  type: 6-pus
+  home: [0, 0, 440, 0, 0, 0]
+  flexure: {length: 30}
+  legs:
+""" + "".join(
+    f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, length: 500, range: [-1.3, 1.3]}}\n"
+    for k, (a, b) in enumerate(ENDS, 1)
+)
+TELESCOPE += """
+frames: {base: {in: world, xyz: [0, 0, 0], rpy: [0, 0, 0], tolerance: {xyz: 5, rpy: 1}}}
+sensor:
+  type: targets
+  points: {P1: [175, 0, -85], P2: [-87, 151, -85], P3: [-87, -151, -85], P4: [9, 104, -10]}
+  sigma: {xyz: 0.002}
+"""
+STAGE = """
+units: {length: um, angle: deg}
+mechanism:
+  type: serial
+  joints:
+    - {name: x, kind: prismatic, alpha: 90, range: [-150, 150]}
+    - {name: y, kind: prismatic, alpha: 90, range: [-150, 150]}
+    - {name: t, kind: revolute, range: [-3, 3]}
+sensor:
+  type: distance
+  beam: {in: world, xyz: [0, 900, 0], rx: 90, rz: 0}
+  mirror: {in: flange, z: 0, rx: 90, ry: 0}
+  sigma: {distance: 0.002}
+  tolerance: {beam.xyz: 20, beam.angle: 0.1, mirror.z: 5, mirror.angle: 0.1}
+  wavelength: 1.56
+"""
+STAGE_HEAD = "schema: truepose/machine/1\nname: NAME\ntolerances: {length: 1, angle: 0.05}\n"
+TEXTS = {"arm": HEAD + ARM, "telescope": HEAD + TELESCOPE, "stage": STAGE_HEAD + STAGE}
+RIGID = (STAGE_HEAD + STAGE).replace("length: 1, angle: 0.05", "length: 0, angle: 0")
+"""The stage without tolerances of its own: what is unknown is where the beam and the mirror are."""
+CASES = {
+    "arm": (
+        "sensor-scale@sensor:s=2e-4",
+        "air-refraction@sensor:share=1",
+        "air-refraction@sensor:share=0.8,temperature=1,pressure=0",
+        "air-refraction@sensor:share=0.8,temperature=0,pressure=1",
+        "sensor-periodic@sensor:axis=1,order=1,a=3e-5,b=-2e-5",
+        "sensor-periodic@sensor:axis=1,order=2,a=3e-5,b=2e-5",
+        "sensor-periodic@sensor:axis=2,order=1,a=1e-4,b=1e-4",
+        "sensor-periodic@sensor:axis=2,order=2,a=1e-4,b=-1e-4",
+        "latency@sensor:tau=0.004",
+    ),
+    "telescope": (
+        "sensor-scale@sensor:s=-3e-4",
+        "target-offset@P3:x=0.03,y=-0.02,z=0.05",
+        "lens-distortion@sensor:terms=1,k1=2e-3",
+        "lens-distortion@sensor:terms=2,k1=4e-3,k2=-8e-3",
+        "air-refraction@sensor:share=1",
+        "latency@sensor:tau=-0.01",
+    ),
+    "stage": (
+        "sensor-scale@sensor:s=5e-4",
+        "sensor-periodic@sensor:order=1,a=8e-6,b=-6e-6",
+        "sensor-periodic@sensor:order=2,a=-5e-6,b=4e-6",
+        "air-refraction@sensor:share=1",
+        "latency@sensor:tau=0.002",
+    ),
+}
+EVERY = [(name, text) for name, texts in CASES.items() for text in texts]
+FAINT = {"stage": ("air-refraction@sensor:share=1",), "telescope": ("air-refraction@sensor:share=1",)}
+"""What cannot be seen at this noise: half a millimetre of air, and dn times half a metre, are less than the noise."""
+ROWS = 90
+
+
+class Bench:
+    """A machine and recordings of it, true constants as the drawing has them."""
+
+    def __init__(self, folder: Path, name: str, text: str = "") -> None:
+        self.folder, self.name = folder, name
+        (folder / f"{name}.yaml").write_text((text or TEXTS[name]).replace("NAME", name))
+        self.machine: Machine = load_machine(folder / f"{name}.yaml")
+
+    @property
+    def drivers(self) -> pd.DataFrame:
+        """Poses at random, with weather and velocities that have nothing to do with them."""
+        rng = np.random.default_rng(5)
+        data: dict[str, object] = {"pose": np.arange(ROWS)}
+        if self.name == "stage":
+            data["from"] = np.maximum(np.arange(ROWS) - 1, 0)
+        units = {"mm": "mm", "rad": "rad"}
+        for actuator in self.machine.mechanism.actuators:
+            assert actuator.range is not None
+            unit = units[actuator.reading_unit]
+            low, high = actuator.range
+            data[f"{actuator.reading} [{unit}]"] = rng.uniform(low, high, ROWS)
+            data[f"velocity.{actuator.reading} [{unit}/s]"] = rng.normal(0, 0.2 * (high - low), ROWS)
+        data["temperature.air"] = rng.uniform(15, 27, ROWS)
+        data["pressure [hPa]"] = rng.uniform(970, 1030, ROWS)
+        return pd.DataFrame(data)
+
+    def rows(self, *drop: str) -> Recording:
+        """The poses without readings."""
+        path = self.folder / "poses.csv"
+        frame = self.drivers
+        frame.drop(columns=[c for c in frame.columns if str(c).startswith(drop)] if drop else []).to_csv(
+            path, index=False
+        )
+        return load_recording(self.machine, [path], need_readings=False)
+
+    def placed(self, text: str) -> PlacedEffect:
+        return parse_effect(text, self.machine)
+
+    def recording(
+        self, *texts: str, seed: int | None = 3, change: Callable[[pd.DataFrame], None] | None = None
+    ) -> Recording:
+        """What is read where these effects act."""
+        rows = self.rows()
+        frame = simulate(self.machine, rows, [self.placed(text) for text in texts], seed=seed)
+        if change is not None:
+            change(frame)
+        target = self.folder / "recording.csv"
+        with_inputs(self.folder / "poses.csv", frame).to_csv(target, index=False)
+        return load_recording(self.machine, [target])
+
+
+@pytest.fixture(scope="module")
+def benches(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Bench]:
+    return {name: Bench(tmp_path_factory.mktemp(name), name) for name in TEXTS}
+
+
+def longer(column: str, rows: Mapping[int, float], unit: float) -> Callable[[pd.DataFrame], None]:
+    """What makes the readings of some rows too long, mm; ``unit``: how many of the file's units are a mm."""
+
+    def change(frame: pd.DataFrame) -> None:
+        values = frame[column].to_numpy(dtype=float).copy()
+        for row, mm in rows.items():
+            values[row] += unit * mm
+        frame[column] = values
+
+    return change
+
+
+UM = 1e3
+
+
+def _values(machine: Machine, recording: Recording, placed: PlacedEffect) -> Array:
+    """(n, k) columns that are predicted with the coefficients of the effect as they stand."""
+    predictor = Predictor(machine, recording, (placed,))
+    p = predictor.model.p_home
+    x, good = predictor.assemble(p)
+    assert good.all()
+    return predictor.columns(p, x)[1]
+
+
+# -- signatures and fits -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_signature_is_the_change_of_the_reading(benches: Mapping[str, Bench], name: str) -> None:
+    bench = benches[name]
+    placed = [bench.placed(text).with_values([0.0] * 9) for text in CASES[name]]
+    placed = [replace(e, amplitudes=(0.0,) * len(e.coefficients)) for e in placed]
+    recording = bench.recording(seed=None)
+    start = np.array([p.nominal for p in bench.machine.parameters])
+    fit = estimate(bench.machine, recording, start=start)
+    fit = replace(fit, p=start)  # nothing to be found: exactly the drawing
+    signatures = Signatures(bench.machine, recording, placed)
+    sigma = np.array([c.sigma for s in bench.machine.sensors for c in s.channels])
+    ((_, _, found),) = list(signatures.rows(fit))
+    column = 0
+    for effect in placed:
+        for k, c in enumerate(effect.coefficients):
+            h = np.eye(len(effect.coefficients))[k] * 1e-3 * c.scale
+            plus, minus = (_values(bench.machine, recording, effect.with_values(s * h)) for s in (1, -1))
+            slope = (plus - minus) / (2e-3 * sigma)
+            top = float(np.max(abs(slope)))
+            assert top > 0
+            # differences of lengths of 1 m known to 1e-13 of themselves, moved by 1e-3 of a scale
+            np.testing.assert_allclose(
+                found[:, :, column], slope, atol=1e-5 * top + 1e-6, err_msg=str(effect)
+            )
+            column += 1
+
+
+@pytest.mark.parametrize(("name", "text"), [e for e in EVERY if e[1] not in FAINT.get(e[0], ())])
+def test_a_fit_finds_the_truth_within_its_uncertainty(
+    benches: Mapping[str, Bench], name: str, text: str
+) -> None:
+    bench = benches[name]
+    true = bench.placed(text)
+    fit = estimate(bench.machine, bench.recording(text), (true.with_values([0.0] * len(true.coefficients)),))
+    std = fit.std[-len(true.coefficients) :]
+    off = np.array(fit.fitted_effects()[0].amplitudes) - true.amplitudes
+    assert np.all(abs(off) < 4 * std)
+    assert np.linalg.norm(true.amplitudes) > 4 * np.linalg.norm(std)
+    freedom = fit.readings - fit.effective_parameters
+    assert abs(fit.chi2 - freedom) < 4 * np.sqrt(2 * freedom)
+
+
+# -- what the formulas say ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_scale_stretches_every_reading_alike(benches: Mapping[str, Bench], name: str) -> None:
+    bench, rows = benches[name], benches[name].rows()
+    plain = simulate(bench.machine, rows, seed=None)
+    scaled = simulate(bench.machine, rows, [bench.placed("sensor-scale@sensor:s=1e-3")], seed=None)
+    top = float(plain.abs().to_numpy().max())
+    np.testing.assert_allclose(scaled, 1.001 * plain, rtol=0, atol=1e-12 * top)
+
+
+def test_a_periodic_error_comes_back_after_half_a_wavelength(benches: Mapping[str, Bench]) -> None:
+    """Along the beam: a step of half a wavelength changes nothing of the error, a quarter turns it round."""
+    bench = benches["stage"]
+    (sensor,) = bench.machine.sensors
+    half = 1.56e-3 / 2
+    frame = pd.DataFrame({"pose": range(4), "from": [0, 0, 0, 0], "x [mm]": 0.0})
+    frame["y [mm]"] = [0.0, half, half / 2, half / 4]
+    frame["t [rad]"] = 0.0
+    axis = {"x [mm]": "y [mm]", "y [mm]": "x [mm]"}
+    moved = []
+    for columns in ({}, axis):
+        path = bench.folder / "steps.csv"
+        frame.rename(columns=columns).to_csv(path, index=False)
+        rows = load_recording(bench.machine, [path], need_readings=False)
+        placed = bench.placed("sensor-periodic@sensor:order=1,a=2e-5")
+        plain, wavy = (simulate(bench.machine, rows, e, seed=None)["dL"] for e in ([], [placed]))
+        if abs(plain[1]) > 0.9 * 1e3 * half:  # the axis along the beam
+            moved.append((wavy - plain).to_numpy() / 1e3)
+    (error,) = moved
+    assert error[1] == pytest.approx(0, abs=1e-10)
+    assert abs(error[2:]).max() > 1e-6
+    assert sensor.type == "distance"
+
+
+def test_air_shortens_where_it_is_warm_and_lengthens_where_it_is_dense(benches: Mapping[str, Bench]) -> None:
+    bench = benches["arm"]
+    frame = bench.drivers.iloc[[0, 0, 0]].copy()
+    frame["temperature.air"], frame["pressure [hPa]"] = [20.0, 21.0, 20.0], [1013.25, 1013.25, 1014.25]
+    frame.to_csv(bench.folder / "air.csv", index=False)
+    rows = load_recording(bench.machine, [bench.folder / "air.csv"], need_readings=False)
+    plain, air = (
+        simulate(bench.machine, rows, e, seed=None).to_numpy()
+        for e in ([], [bench.placed("air-refraction@sensor:share=1")])
+    )
+    strain = np.sum((air - plain) * plain, axis=1) / np.sum(plain**2, axis=1)
+    np.testing.assert_allclose(strain, [0.0, -0.92e-6, 0.266e-6], atol=1e-8)
+
+
+def test_refractivity_is_that_of_standard_air() -> None:
+    """Ciddor's dispersion of standard air at 15 degC, thinned by the ideal gas law to 20 degC."""
+    from truepose.models.effects.air_refraction import REFRACTIVITY
+
+    for wavelength in (0.633, 1.55):
+        wave = wavelength**-2
+        standard = 0.05792105 / (238.0185 - wave) + 0.00167917 / (57.362 - wave)
+        assert standard * 288.15 / 293.15 == pytest.approx(REFRACTIVITY, rel=0.01)
+
+
+def test_a_late_sensor_sees_where_the_joints_stood(benches: Mapping[str, Bench]) -> None:
+    bench, tau = benches["arm"], 0.004
+    late = simulate(bench.machine, bench.rows(), [bench.placed(f"latency@sensor:tau={tau}")], seed=None)
+    frame = bench.drivers
+    for name in bench.machine.mechanism.readings:
+        frame[f"{name} [rad]"] -= tau * frame[f"velocity.{name} [rad/s]"]
+    frame.to_csv(bench.folder / "earlier.csv", index=False)
+    rows = load_recording(bench.machine, [bench.folder / "earlier.csv"], need_readings=False)
+    np.testing.assert_allclose(late, simulate(bench.machine, rows, seed=None), atol=1e-6)
+
+
+def test_a_lens_moves_points_across_its_axis_only(benches: Mapping[str, Bench]) -> None:
+    bench, k1 = benches["telescope"], 1e-3
+    placed = bench.placed(f"lens-distortion@sensor:terms=1,k1={k1}")
+    plain, seen = (simulate(bench.machine, bench.rows(), e, seed=None) for e in ([], [placed]))
+    for point in ("P1", "P4"):
+        x, y, z = (plain[f"{point}.{axis}"] for axis in "xyz")
+        factor = 1 + k1 * (x**2 + y**2) / z**2
+        np.testing.assert_allclose(seen[f"{point}.x"], factor * x, atol=1e-9)
+        np.testing.assert_allclose(seen[f"{point}.y"], factor * y, atol=1e-9)
+        np.testing.assert_allclose(seen[f"{point}.z"], z, atol=1e-12)
+
+
+def test_an_encoder_of_a_tracker_moves_points_across_the_line_of_sight(benches: Mapping[str, Bench]) -> None:
+    bench = benches["arm"]
+    for axis, order in ((1, 1), (1, 2), (2, 1), (2, 2)):
+        placed = bench.placed(f"sensor-periodic@sensor:axis={axis},order={order},a=1e-5,b=2e-5")
+        plain, seen = (simulate(bench.machine, bench.rows(), e, seed=None).to_numpy() for e in ([], [placed]))
+        x, y, z = plain.T
+        azimuth, height = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+        angle = azimuth if axis == 1 else height
+        error = 1e-5 * np.sin(order * angle) + 2e-5 * np.cos(order * angle)
+        azimuth, height = (azimuth + error, height) if axis == 1 else (azimuth, height + error)
+        r = np.linalg.norm(plain, axis=1)
+        cone = r * np.cos(height)
+        turned = np.column_stack([cone * np.cos(azimuth), cone * np.sin(azimuth), r * np.sin(height)])
+        np.testing.assert_allclose(seen, turned, atol=2e-6)  # of second order: 2 m * (3e-5)^2
+
+
+# -- places, drivers, settings -----------------------------------------------------------------------------
+
+
+def test_sensors_are_numbered_where_there_are_several(tmp_path: Path) -> None:
+    text = TEXTS["arm"].replace("NAME", "arm")
+    head, _, _ = text.partition("sensor:")
+    both = "sensor:\n  - {type: position, sigma: {xyz: 0.01}}\n  - {type: ballbar, centre: [0, 0, 0], ball: [0, 0, 9]"
+    (tmp_path / "m.yaml").write_text(f"{head}{both}, sigma: {{distance: 0.001}}}}\n")
+    machine = load_machine(tmp_path / "m.yaml")
+    places = {
+        slug: effects.get(slug, "test")().places(machine) for slug in ("sensor-scale", "air-refraction")
+    }
+    assert places == {
+        "sensor-scale": [("sensor1",), ("sensor2",)],
+        "air-refraction": [("sensor1",)],
+    }
+    assert effects.get("latency", "test")().places(machine) == [("sensor1", "sensor2")]
+    bar = PlacedEffect.at(effects.get("sensor-scale", "test")(), machine, ("sensor3",))
+    with pytest.raises(InputError, match=r"found 'sensor3' on arm, expected one of sensor1, sensor2"):
+        symbolic_model(machine, [bar])
+
+
+def test_weather_that_was_logged_decides_the_settings(benches: Mapping[str, Bench]) -> None:
+    bench, effect = benches["arm"], effects.get("air-refraction", "test")()
+    both = effect.settings(bench.machine, ("sensor",), bench.rows())
+    warm = effect.settings(bench.machine, ("sensor",), bench.rows("pressure"))
+    none = effect.settings(bench.machine, ("sensor",), bench.rows("pressure", "temperature"))
+    assert [tuple(s.values()) for s in both] == [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)]
+    assert [tuple(s.values()) for s in warm] == [(1.0, 0.0)]
+    assert [effect.drivers(bench.machine, ("sensor",), s) for s in (*warm, *none)] == [
+        ("temperature.air",),
+        ("temperature.air", "pressure"),
+    ]
+
+
+def test_joints_that_stand_still_do_not_hide_a_latency(benches: Mapping[str, Bench]) -> None:
+    bench, effect = benches["arm"], effects.get("latency", "test")()
+    (all_move,) = effect.settings(bench.machine, ("sensor",), bench.rows())
+    (some,) = effect.settings(bench.machine, ("sensor",), bench.rows("velocity.q2", "velocity.q6"))
+    (none,) = effect.settings(bench.machine, ("sensor",), bench.rows("velocity"))
+    assert (all_move, none) == ({}, {})
+    assert some == {"still.q2": 1.0, "still.q6": 1.0}
+    drivers = effect.drivers(bench.machine, ("sensor",), some)
+    assert drivers == ("velocity.q1", "velocity.q3", "velocity.q4", "velocity.q5")
+
+
+def test_a_tracker_does_not_stand_in_the_machine(benches: Mapping[str, Bench]) -> None:
+    effect = effects.get("sensor-periodic", "test")()
+    looked_for = {name: effect.screened(b.machine, ("sensor",)) for name, b in benches.items()}
+    assert looked_for == {"arm": True, "telescope": False, "stage": True}
+
+
+def test_what_is_found_is_said_in_numbers() -> None:
+    def said(slug: str, **values: float) -> str:
+        return effects.get(slug, "test")().found(values, {name: abs(v) / 10 for name, v in values.items()})
+
+    assert said("sensor-scale", s=5.2e-5) == "Its scale is off by 52.0 +- 5.2 ppm."
+    assert said("latency", tau=0.004) == "The sensor lags the joints by 4 +- 0.4 ms."
+    assert said("latency", tau=-0.004) == "The joints are logged late, by 4 +- 0.4 ms."
+    assert said("air-refraction", share=0.9).startswith("90 +- 9 %")
+
+
+# -- miscounted fringes ------------------------------------------------------------------------------------
+
+HALF = 1.56e-3 / 2
+
+
+def _without(bench: Bench, recording: Recording, rows: list[int]) -> tuple[Estimate, NDArray[np.bool_]]:
+    far = np.zeros(len(recording), dtype=bool)
+    far[rows] = True
+    return estimate(bench.machine, recording, exclude=far), far
+
+
+@pytest.mark.parametrize("counts", [{7: 1, 31: -2}, {11: 5, 13: -1, 65: 1}])
+def test_whole_half_wavelengths_are_counted_with_their_sign(
+    benches: Mapping[str, Bench], counts: dict[int, int]
+) -> None:
+    bench = benches["stage"]
+    change = longer("dL", {row: k * HALF for row, k in counts.items()}, UM)
+    recording = bench.recording(change=change)
+    fit, far = _without(bench, recording, list(counts))
+    assert miscounted_fringes(fit, recording, far) == counts
+    numbers = [row + 1 for row in counts]
+    assert fringes_by_row(fit, recording, numbers) == {row + 1: k for row, k in counts.items()}
+
+
+@pytest.mark.parametrize("part", [0.3, 0.5, 0.8, 0.0, 2.4])
+def test_other_outliers_are_no_fringes(benches: Mapping[str, Bench], part: float) -> None:
+    bench = benches["stage"]
+    recording = bench.recording(change=longer("dL", {9: part * HALF}, UM))
+    assert miscounted_fringes(*_arguments(bench, recording, [9])) == {}
+
+
+def _arguments(
+    bench: Bench, recording: Recording, rows: list[int]
+) -> tuple[Estimate, Recording, NDArray[np.bool_]]:
+    fit, far = _without(bench, recording, rows)
+    return fit, recording, far
+
+
+def test_noise_as_large_as_a_fringe_names_none(tmp_path: Path) -> None:
+    coarse = Bench(tmp_path, "stage", RIGID.replace("distance: 0.002", "distance: 0.1"))
+    recording = coarse.recording(seed=None, change=longer("dL", {9: 2 * HALF}, UM))
+    assert miscounted_fringes(*_arguments(coarse, recording, [9])) == {}
+
+
+def test_sensors_without_light_have_no_fringes(benches: Mapping[str, Bench]) -> None:
+    bench = benches["arm"]
+    recording = bench.recording(change=longer("x", {9: HALF}, 1.0))
+    assert miscounted_fringes(*_arguments(bench, recording, [9])) == {}
+
+
+# -- diagnosis ---------------------------------------------------------------------------------------------
+
+
+def test_a_diagnosis_tells_fringes_from_other_rows(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, "stage", RIGID.replace("distance: 0.002", "distance: 0.01"))
+    change = longer("dL", {11: HALF, 41: -3 * HALF, 21: 0.4 * HALF}, UM)
+    found = diagnosis_json(diagnose(bench.machine, bench.recording(change=change)))
+    assert found["verdict"] == "adequate"
+    assert [(f["effect"], f["place"]) for f in found["findings"]] == [
+        ("fringe-miscount", ["12", "42"]),
+        ("outliers", ["22"]),
+    ]
+    assert "row 12: +1, row 42: -3" in found["findings"][0]["explanation"]
+
+
+def test_a_diagnosis_names_a_target_off_its_place(benches: Mapping[str, Bench]) -> None:
+    bench = benches["telescope"]
+    found = diagnose(bench.machine, bench.recording("target-offset@P3:x=0.02,y=-0.015,z=0.01"))
+    assert [(f.effect, f.place) for f in found.findings] == [("target-offset", ("P3",))]
+    (finding,) = found.findings
+    for name, value in (("x", 0.02), ("y", -0.015), ("z", 0.01)):
+        quantity = finding.parameters[name]
+        assert abs(quantity.value - value) < 4 * quantity.std

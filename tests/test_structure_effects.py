@@ -1,0 +1,418 @@
+"""Bending, wind-up, wobble, flexures and crosses: closed forms, zeros at home, and truths recovered by a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.errors import InputError
+from truepose.identification.diagnosis.candidates import catalogue
+from truepose.identification.estimate import estimate
+from truepose.identification.load import load_recording
+from truepose.identification.recording import Recording
+from truepose.identification.simulate import parse_effect, simulate
+from truepose.models.effects.base import PlacedEffect, Settings, effects
+from truepose.models.home import closed_home, coordinate_scale
+from truepose.models.kinematics import symbolic_model
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine, Mass
+from truepose.models.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+G = 9.80665
+HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.1, angle: 0.05}}\ngravity: [0, 0, -9.80665]\n"
+BEAM = """
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, alpha: 90, range: [-180, 180]}
+frames: {tool: {in: flange, xyz: [800, 0, 0], tolerance: {xyz: 1, rpy: 1}}}
+sensor: {type: pose, sigma: {xyz: 0.001, rot: 0.0003}}
+masses: {tip: {kg: 12, com: [0, 0, 0], in: tool}}
+"""
+ARM = """
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 400, d: 50, range: [-170, 170]}
+    - {name: q2, kind: revolute, alpha: 90, d: 150, range: [-90, 90]}
+    - {name: q3, kind: revolute, d: 700, r: 20, range: [-90, 90]}
+    - {name: q4, kind: prismatic, alpha: 90, r: 100, range: [0, 500], screw_pitch: 10}
+frames: {tool: {in: flange, xyz: [300, 0, 40], tolerance: {xyz: 1, rpy: 1}}}
+sensor: {type: pose, sigma: {xyz: 0.005, rot: 0.001}}
+masses:
+  link2: {kg: 20, com: [300, 10, 5], in: link2}
+  payload: {kg: 3, com: [0, 20, 10], in: tool}
+"""
+ENDS = (
+    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
+    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
+    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
+    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
+    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
+    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
+)
+LEGS = "".join(
+    f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, length: 500, range: [-60, 60]}}\n"
+    for k, (a, b) in enumerate(ENDS, 1)
+)
+POSE = "sensor: {type: pose, sigma: {xyz: 0.002, rot: 0.0005}}\n"
+HEXAPOD = "mechanism:\n  type: 6-pus\n  home: [0, 0, 440, 0, 0, 0]\n  legs:\n" + LEGS
+BENT = HEXAPOD + "  flexure: {length: 30}\n"
+STAGE = """
+mechanism:
+  type: serial
+  joints:
+    - {name: s1, kind: prismatic, range: [-0.1, 0.1]}
+    - {name: s2, kind: prismatic, alpha: -90, theta: -90, range: [-0.1, 0.1]}
+sensor: {type: pose, sigma: {xyz: 0.0001, rot: 0.001}}
+"""
+DELTA = "".join(
+    f"{line}\n"
+    for line in (Path(__file__).parent / "machines" / "delta.yaml").read_text(encoding="utf-8").splitlines()
+    if not line.startswith(("schema:", "name:", "tolerances:", "gravity:", "#"))
+).replace("sigma: {xyz: 0.02}", "sigma: {xyz: 0.004}")
+TEXTS = {
+    "beam": BEAM,
+    "arm": ARM,
+    "hexapod": HEXAPOD + POSE,
+    "flexed": BENT + POSE,
+    "bent": BENT + "  model: beam\n" + POSE,
+    "stage": STAGE,
+    "delta": DELTA,
+}
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+    folder = tmp_path_factory.mktemp("machines")
+    out = {}
+    for name, text in TEXTS.items():
+        path = folder / f"{name}.yaml"
+        path.write_text(HEAD.format(name=name) + text)
+        out[name] = load_machine(path)
+    return out
+
+
+def placed(
+    machine: Machine, slug: str, *place: str, settings: Settings | None = None, **values: float
+) -> PlacedEffect:
+    return PlacedEffect.at(effects.get(slug, "test")(), machine, place, settings, values)
+
+
+def pose(machine: Machine, q: Sequence[float] | Array, *terms: PlacedEffect) -> Array:
+    """(4, 4) base to tool, loops closed from home."""
+    m = symbolic_model(machine, terms)
+    x = m.home
+    if len(x):
+        outputs = [m.equations, ca.jacobian(m.equations, m.x), m.gap]
+        at = ca.Function("g", [m.x, m.q, m.z, m.p], [ca.densify(o) for o in outputs])
+        here = ca.Function("h", [m.x], list(at.call([m.x, ca.DM(q), ca.DM(m.z_home), ca.DM(m.p_home)])))
+        found = closed_home(here, x, coordinate_scale(machine, len(x), m.gap.numel()))
+        assert found is not None
+        x = found
+    return np.array(ca.Function("pose", [m.x, m.q, m.z, m.p], [m.pose])(x, q, m.z_home, m.p_home))
+
+
+def turn_between(one: Array, two: Array) -> Array:
+    """(3,) rotation vector from one pose to the other, base frame."""
+    return np.asarray(Rotation.from_matrix(two[:3, :3] @ one[:3, :3].T).as_rotvec())
+
+
+# -- link-bending ------------------------------------------------------------------------------------------
+
+
+def test_a_link_is_a_cantilever(machines: Mapping[str, Machine]) -> None:
+    """A level beam of one link with 12 kg at its end: F L^3 / 3EI down, and F L^2 / 2EI about its axis."""
+    beam, c, length, force = machines["beam"], 1e-12, 800.0, 12 * G
+    still, bent = (pose(beam, [0.0], *t) for t in ((), (placed(beam, "link-bending", "link1", c=c),)))
+    np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], [0, 0, -c * force * length**3 / 3], atol=1e-6)
+    np.testing.assert_allclose(turn_between(still, bent), [0, c * force * length**2 / 2, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [-2.0, 0.4, 1.1, np.pi / 2])
+def test_only_the_weight_across_a_link_bends_it(machines: Mapping[str, Machine], angle: float) -> None:
+    beam, c = machines["beam"], 1e-12
+    still, bent = (pose(beam, [angle], *t) for t in ((), (placed(beam, "link-bending", "link1", c=c),)))
+    sideways = -c * 12 * G * np.cos(angle) * 800**3 / 3
+    expected = sideways * np.array([-np.sin(angle), 0, np.cos(angle)])
+    np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("a", [100.0, 400.0, 799.0])
+def test_a_mass_on_the_link_bends_it_up_to_there(machines: Mapping[str, Machine], a: float) -> None:
+    beam, c, length = machines["beam"], 1e-12, 800.0
+    loaded = replace(beam, masses=(Mass("own", 5.0, (a, 0.0, 0.0), "link1"),))
+    still, bent = (pose(loaded, [0.0], *t) for t in ((), (placed(loaded, "link-bending", "link1", c=c),)))
+    down = c * 5 * G * a**2 * (3 * length - a) / 6
+    assert bent[2, 3] - still[2, 3] == pytest.approx(-down, rel=1e-3)
+    assert turn_between(still, bent)[1] == pytest.approx(c * 5 * G * a**2 / 2, rel=1e-3)
+
+
+def test_a_load_beyond_the_end_bends_by_its_moment_too(machines: Mapping[str, Machine]) -> None:
+    beam, c, length, lever = machines["beam"], 1e-12, 800.0, 250.0
+    for body, at in (("tool", lever), ("link1", length + lever)):
+        far = replace(beam, masses=(Mass("far", 7.0, (at, 0.0, 0.0), body),))
+        still, bent = (pose(far, [0.0], *t) for t in ((), (placed(far, "link-bending", "link1", c=c),)))
+        down = c * 7 * G * (length**3 / 3 + lever * length**2 / 2)
+        assert bent[2, 3] - still[2, 3] == pytest.approx(-down, rel=1e-3)
+
+
+def test_links_of_an_arm_carry_all_that_lies_beyond(machines: Mapping[str, Machine]) -> None:
+    """Link 1 (150 mm level, then up the column's axis offset) and link 2 level: the end of link 2 in closed form."""
+    arm, c, q = machines["arm"], 1e-12, [0.0, 0.0, 0.0, 0.0]
+    assert [p[0] for p in effects.get("link-bending", "test")().places(arm)] == [
+        "link1",
+        "link2",
+        "link3",
+        "link4",
+    ]
+    still, bent = (pose(arm, q, *t) for t in ((), (placed(arm, "link-bending", "link2", c=c),)))
+    # link 2 runs 700 mm along x and 20 mm along its joint's axis, so that its direction leans by 1.6 deg
+    theta = turn_between(still, bent)
+    m = symbolic_model(arm)
+    tool = np.array(ca.Function("t", [m.q, m.z, m.p], [m.pose])(q, m.z_home, m.p_home))[:3, 3]
+    tip = np.array([50 + 150 + 700.0, -20.0, 400.0])
+    payload = tool + np.array(Rotation.from_matrix(still[:3, :3]).apply([0, 20, 10]))
+    force, length, a = 3 * G, 700.0, 300.0
+    lever = payload[0] - tip[0]
+    slope = c * (force * length**2 / 2 + force * lever * length + 20 * G * a**2 / 2)
+    assert theta[1] == pytest.approx(slope, rel=5e-3)
+
+
+def test_a_wrong_link_is_named(machines: Mapping[str, Machine]) -> None:
+    with pytest.raises(InputError, match=r"link-bending: found link 'link9', expected one of link1"):
+        symbolic_model(machines["arm"], [placed(machines["arm"], "link-bending", "link9")])
+
+
+# -- axis-wobble, screw-windup -----------------------------------------------------------------------------
+
+
+def test_a_wobbling_axis_tilts_against_its_turn(machines: Mapping[str, Machine]) -> None:
+    """The direction that the body carries as its axis, seen from where the joint stands: one circle, backwards."""
+    arm, a, b = machines["arm"], 3e-4, -2e-4
+    tilts, angles = [], np.linspace(-2.5, 2.5, 11)
+    wobble = placed(arm, "axis-wobble", "q1", a=a, b=b)
+    for q in angles:
+        still, moved = (pose(arm, [q, 0.3, 0.2, 100], *t) for t in ((), (wobble,)))
+        tilts.append(turn_between(still, moved))
+    found = np.array(tilts)
+    np.testing.assert_allclose(found[:, 2], 0, atol=1e-7)
+    expected = (a + 1j * b) * np.exp(-1j * angles)
+    circle = found[:, 0] + 1j * found[:, 1]
+    np.testing.assert_allclose(circle / circle[0], expected / expected[0], atol=1e-3)
+    np.testing.assert_allclose(np.abs(circle), np.hypot(a, b), rtol=1e-3)
+
+
+def test_what_turns_with_the_joint_is_geometry_and_what_turns_against_it_is_not(
+    machines: Mapping[str, Machine],
+) -> None:
+    arm = machines["arm"]
+    recording = simulated(arm, 60, seed=3)
+    fit = estimate(arm, recording, [placed(arm, "axis-wobble", "q1")])
+    std = fit.std[len(arm.parameters) :]
+    assert np.all(std < 2e-5)
+    still = effects.get("axis-wobble", "test")()
+    assert not still.screened(replace(arm, mechanism=narrowed(arm)), ("q1",))
+
+
+def narrowed(machine: Machine) -> Mechanism:
+    actuators = tuple(replace(a, range=(-0.05, 0.05)) for a in machine.mechanism.actuators)
+    return replace(machine.mechanism, actuators=actuators)
+
+
+@pytest.mark.parametrize("s", [0.0, 120.0, 500.0])
+def test_a_screw_gives_way_with_its_free_length(machines: Mapping[str, Machine], s: float) -> None:
+    arm, c = machines["arm"], 1e-7
+    q = [0.3, 0.7, 0.2, s]
+    still, moved = (pose(arm, q, *t) for t in ((), (placed(arm, "screw-windup", "q4", c=c),)))
+    axis = still[:3, 2]  # the slide runs along z of its frame, which is the tool's
+    force = 3 * G * np.array([0, 0, -1.0]) @ axis
+    np.testing.assert_allclose(moved[:3, 3] - still[:3, 3], c * force * s * axis, atol=1e-7)
+
+
+# -- flexure-shift, joint-runout -----------------------------------------------------------------------------
+
+TILTED = [6.0, -9.0, 14.0, -3.0, -8.0, 11.0]
+
+
+def test_nothing_moves_at_home_and_shifts_are_even_in_small_tilts(machines: Mapping[str, Machine]) -> None:
+    machine = machines["flexed"]
+    legs = tuple(f"leg{k}" for k in range(1, 7))
+    terms = [placed(machine, "flexure-shift", *legs, k=2.5)]
+    terms += [placed(machine, "joint-runout", f"leg2.{end}", uu=5.0, uv=2.0, vv=-4.0) for end in "ab"]
+    for term in terms:
+        home = [pose(machine, np.zeros(6), *t) for t in ((), (term,))]
+        np.testing.assert_allclose(home[1], home[0], atol=1e-9)
+        off = []
+        for sign in (1, -1):
+            still, moved = (pose(machine, sign * 0.1 * np.array(TILTED), *t) for t in ((), (term,)))
+            off.append(moved[:3, 3] - still[:3, 3])
+        assert np.linalg.norm(off[0]) > 1e-7
+        assert np.linalg.norm(off[0] - off[1]) < 0.1 * np.linalg.norm(off[0])
+
+
+def test_the_shift_of_a_flexure_is_that_of_beam_theory(machines: Mapping[str, Machine]) -> None:
+    """On ball joints, k = l / 12 at all legs does what the model of bent flexures does."""
+    plain, bent = machines["flexed"], machines["bent"]
+    legs = tuple(f"leg{k}" for k in range(1, 7))
+    shifted = pose(plain, TILTED, placed(plain, "flexure-shift", *legs, k=30 / 12))[:3, 3]
+    start, exact = (pose(m, TILTED)[:3, 3] for m in (plain, bent))
+    assert np.linalg.norm(exact - start) > 1e-3
+    np.testing.assert_allclose(
+        shifted - start, exact - start, atol=5e-3 * float(np.linalg.norm(exact - start))
+    )
+
+
+def test_runout_is_a_cross_whose_second_axis_passes_the_first(
+    machines: Mapping[str, Machine], tmp_path: Path
+) -> None:
+    """A delta robot with one cross drawn as two axes a distance e apart, at the same place at home."""
+    delta, e, q = machines["delta"], 2.0, [-0.2, 0.9, 0.5]
+    home = np.array(delta.mechanism.home_directions["u1a"])
+    back = e * np.array([0, home[1], home[2]]) / np.hypot(home[1], home[2])
+    x, y, z = np.array([250.0, 40.0, 0.0]) - Rotation.from_euler("y", -157, degrees=True).apply(back)
+    line = next(text for text in TEXTS["delta"].splitlines() if "name: u1a" in text)
+    frame = f"xyz: [{x:.12f}, {y:.12f}, {z:.12f}], rpy: [0, -157, 0]"
+    axes = [
+        f"    - {{name: u1x, kind: revolute, parent: arm1, child: cross, {frame}, axis: [1, 0, 0]}}",
+        f"    - {{name: u1y, kind: revolute, parent: cross, child: rod1a, xyz: [0, 0, {e}], axis: [0, 1, 0]}}",
+    ]
+    path = tmp_path / "crossed.yaml"
+    text = (
+        TEXTS["delta"]
+        .replace(line, "\n".join(axes))
+        .replace("bodies: [ground,", "bodies: [ground, cross,", 1)
+    )
+    path.write_text(HEAD.format(name="crossed") + text)
+    runout = placed(delta, "joint-runout", "u1a", e=e)
+    still, shifted, drawn = pose(delta, q), pose(delta, q, runout), pose(load_machine(path), q)
+    assert np.linalg.norm(drawn[:3, 3] - still[:3, 3]) > 1e-3
+    np.testing.assert_allclose(shifted, drawn, atol=1e-8)
+
+
+def test_places_of_runout(machines: Mapping[str, Machine]) -> None:
+    runout = effects.get("joint-runout", "test")()
+    ends = [(f"leg{k}.{end}",) for k in range(1, 7) for end in "ab"]
+    assert list(runout.places(machines["hexapod"])) == ends
+    assert runout.screened(machines["hexapod"], ("leg1.a",))
+    assert not runout.screened(machines["flexed"], ("leg1.a",))  # flexures have no cross
+    assert ("u1a",) in runout.places(machines["delta"])
+    term = parse_effect("joint-runout@leg3.b:vv=10[um]", machines["hexapod"])
+    assert term.values["vv"] == pytest.approx(0.01)
+
+
+# -- truths recovered ----------------------------------------------------------------------------------------
+
+
+def simulated(machine: Machine, n: int, *terms: PlacedEffect, seed: int, **columns: Array) -> Recording:
+    """Readings of n poses, with noise: a walk of every joint within its range."""
+    rng = np.random.default_rng(seed)
+    data = {}
+    for actuator in machine.mechanism.actuators:
+        low, high = actuator.range or (-1.0, 1.0)
+        unit = "rad" if actuator.unit == "rad" else "mm"
+        data[f"{actuator.reading} [{unit}]"] = rng.uniform(low, high, n)
+    frame = pd.DataFrame(data | columns)
+    names = [c.split(" ")[0] for c in frame.columns]
+    folder = machine.file.path.parent if machine.file else Path()
+    path = folder / f"{machine.name}_{seed}.csv"
+    frame.to_csv(path, index=False)
+    assert set(machine.mechanism.readings) <= set(names)
+    poses = load_recording(machine, [path], need_readings=False)
+    pd.concat([frame, simulate(machine, poses, terms, seed=seed)], axis=1).to_csv(path, index=False)
+    return load_recording(machine, [path])
+
+
+@dataclass(frozen=True)
+class Truth:
+    """An effect as it truly is, on a machine that shows it in n poses."""
+
+    machine: str
+    slug: str
+    place: tuple[str, ...]
+    values: Mapping[str, float]
+    settings: Settings
+    n: int = 60
+
+
+LEG_NAMES = tuple(f"leg{k}" for k in range(1, 7))
+WEIGHTS = {"w1": 0.05, "w2": 0.04, "w3": 0.03, "w4": 0.06}
+TRUTHS = (
+    Truth("arm", "link-bending", ("link2",), {"c": 2e-11}, {}),
+    Truth("arm", "screw-windup", ("q4",), {"c": 3e-6}, {}, 120),
+    Truth("arm", "axis-wobble", ("q1",), {"a": 2e-4, "b": -1e-4}, {}),
+    Truth("flexed", "flexure-shift", LEG_NAMES, {"k": 2.5}, {}),
+    Truth("hexapod", "joint-runout", ("leg2.a",), {"uu": 0.5, "uv": 0.2, "vv": -0.4}, {}),
+    Truth("delta", "joint-runout", ("u1a",), {"e": 0.5}, {}, 80),
+    Truth("stage", "friction-hysteresis", ("s1",), {"h": 2e-3}, {"width": 0.1}),
+    Truth("stage", "piezo-hysteresis", ("s2",), WEIGHTS, {}, 150),
+    Truth("stage", "piezo-creep", ("s1",), {"g": 0.015}, {"t0": 0.1}),
+)
+
+
+@pytest.mark.parametrize("truth", TRUTHS, ids=lambda t: f"{t.slug}-{t.machine}")
+def test_a_fit_recovers_the_truth(machines: Mapping[str, Machine], truth: Truth) -> None:
+    """Within four of its own standard errors, which are smaller than a third of the truth."""
+    machine, rng = machines[truth.machine], np.random.default_rng(8)
+    true = placed(machine, truth.slug, *truth.place, settings=truth.settings, **truth.values)
+    time = np.cumsum(np.exp(rng.uniform(0, 7, truth.n)))
+    recording = simulated(machine, truth.n, true, seed=11, time=time)
+    (term,) = [true.with_values([0.0] * len(true.amplitudes))]
+    fit = estimate(machine, recording, [term])
+    (found,) = fit.fitted_effects()
+    std = fit.std[len(machine.parameters) :][: len(true.amplitudes)]
+    off = np.array(found.amplitudes) - true.amplitudes
+    assert np.all(np.abs(off) < 4 * std)
+    assert np.linalg.norm(std) < np.linalg.norm(true.amplitudes) / 3
+
+
+def test_friction_is_looked_for_where_it_is_not_backlash(machines: Mapping[str, Machine]) -> None:
+    stage, n = machines["stage"], 60
+    recording = simulated(stage, n, seed=2)
+    widths = {e.settings_map["width"] for e in candidates(stage, recording, "friction-hysteresis")}
+    assert 0.1 in widths
+    assert 0.003 not in widths  # random poses: no reversal ends within it
+    always = {f"approach.{name}": np.where(np.arange(n) % 2, 1.0, -1.0) for name in ("s1", "s2")}
+    turned = simulated(stage, n, seed=4, **always)
+    q = turned.q.copy()
+    assert len(q) == n
+    for term in candidates(stage, turned, "friction-hysteresis"):
+        lead = turned.driver(term.drivers[0])
+        assert lead is not None
+        assert np.mean(np.abs(lead) < 0.999 * term.settings_map["width"] * 0.2) >= 0.05
+
+
+def candidates(machine: Machine, recording: Recording, slug: str) -> list[PlacedEffect]:
+    return [e for e in catalogue(machine, recording).candidates if e.effect.slug == slug]
+
+
+def test_piezo_effects_are_looked_for_at_small_joints_without_screw_or_gear(
+    machines: Mapping[str, Machine],
+) -> None:
+    for slug in ("piezo-hysteresis", "piezo-creep"):
+        effect = effects.get(slug, "test")()
+        assert [p for p in effect.places(machines["stage"]) if effect.screened(machines["stage"], p)] == [
+            ("s1",),
+            ("s2",),
+        ]
+        assert not any(effect.screened(machines["arm"], p) for p in effect.places(machines["arm"]))
+
+
+def test_memory_stands_at_nothing_where_it_is_not_known(machines: Mapping[str, Machine]) -> None:
+    """The controller's code without drivers, and a plan, see the plain joint."""
+    stage = machines["stage"]
+    terms = [
+        placed(stage, "friction-hysteresis", "s1", settings={"width": 0.1}, h=5e-3),
+        placed(stage, "piezo-hysteresis", "s2", settings={}, **WEIGHTS),
+        placed(stage, "piezo-creep", "s1", g=0.02),
+    ]
+    np.testing.assert_allclose(pose(stage, [0.05, -0.08], *terms), pose(stage, [0.05, -0.08]), atol=1e-15)
