@@ -1,6 +1,6 @@
 """Does the experiment that ``plan --discriminate`` designs split the class that it was asked about?
 
-    python -m benchmarks.discriminate_study [-n 24] [--seed 1] [--machines arm,stewart,telescope]
+    python benchmarks/discriminate_study.py [-n 24] [--seed 1] [--machines arm,stewart,telescope]
 
 A machine of the examination's simulator, whose physics is not the catalogue's, gets one imperfection. A first
 campaign at one load and room temperature is diagnosed. Where the finding has equivalents, the experiment is planned for that
@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from benchmarks.studies import wilson
+from truepose.challenge.intervals import wilson
 from truepose.challenge.simulator.base import Answer, Campaign, Imperfection, Kind, Plan
 from truepose.challenge.simulator.campaigns import joined
 from truepose.challenge.simulator.ported import PortedMachine

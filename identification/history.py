@@ -51,26 +51,33 @@ def direction_of_travel(readings: FloatArray, piece: IntArray) -> FloatArray:
 
 
 def stop_operator(
-    readings: FloatArray, approach: FloatArray, piece: IntArray, half_width: float
+    readings: FloatArray,
+    approach: FloatArray,
+    piece: IntArray,
+    half_width: float,
+    overshoot: float = float("inf"),
 ) -> FloatArray:
     """How far ordered readings (n,) lead the play operator of a half width, (n,), between minus and plus that.
 
     The stop operator of Prandtl: it follows every move until it slips. It starts at 0 in every piece. Where
-    ``approach`` (-1, 0, 1; 0 unknown) contradicts the last move, the joint overshot and came back by more than
-    the width: it then stands at its limit on that side.
+    ``approach`` (-1, 0, 1; 0 unknown) contradicts the last move, the joint overshot and came back: by more than
+    the width, so that it stands at its limit on that side, or by a known ``overshoot``. With one it starts
+    every approach that far behind its goal, even from the right side.
     """
     out = np.zeros(len(readings))
     state = 0.0
     for k, side in enumerate(approach.tolist()):
+        back = min(overshoot, 4.0 * half_width)
         if k == 0 or piece[k] != piece[k - 1]:
-            state = side * half_width
+            state = side * min(back, half_width)
         else:
             step = float(readings[k] - readings[k - 1])
             rested = step == 0.0 and side == approach[k - 1]
-            if side and side * step <= 0.0 and not rested:
-                state = side * half_width
-            else:
-                state = min(max(state + step, -half_width), half_width)
+            behind = side and not rested and (np.isfinite(overshoot) or side * step <= 0.0)
+            if behind:
+                state = min(max(state + step - side * back, -half_width), half_width)
+                step = side * back
+            state = min(max(state + step, -half_width), half_width)
         out[k] = state
     return out
 
@@ -84,10 +91,12 @@ def line_of_full_loop(readings: FloatArray, half_width: float, low: float, high:
     return t**2 * (3.0 - 2.0 * t) * (readings - (low + high) / 2)
 
 
-def creep_sum(time: FloatArray, readings: FloatArray, piece: IntArray, t0: float) -> FloatArray:
+def creep_sum(
+    time: FloatArray, readings: FloatArray, piece: IntArray, t0: float, dwell: float = 0.0
+) -> FloatArray:
     """Sum over past moves of step * log10(1 + age / t0) at ordered times (n,), unit of the readings.
 
-    A move ends at the time of the row that it leads to; moves of other pieces do not count.
+    A move ends ``dwell`` s before the row that it leads to; moves of other pieces do not count.
     """
     steps = np.diff(readings, prepend=readings[:1])
     fresh = np.flatnonzero(np.diff(piece, prepend=piece[:1] - 1))
@@ -98,7 +107,7 @@ def creep_sum(time: FloatArray, readings: FloatArray, piece: IntArray, t0: float
     out = np.zeros(len(readings))
     for k, first in enumerate(start.tolist()):
         moved = first + np.flatnonzero(steps[first : k + 1])
-        out[k] = steps[moved] @ np.log10(1.0 + (time[k] - time[moved]) / t0)
+        out[k] = steps[moved] @ np.log10(1.0 + (time[k] - time[moved] + dwell) / t0)
     return out
 
 

@@ -29,7 +29,7 @@ IntArray = npt.NDArray[np.int64]
 _NUMBER: Final = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 _NAME: Final = re.compile(rf"^(?P<kind>stop|loop|creep)\.(?P<joint>.+?)(?P<numbers>(?:~{_NUMBER})+)$")
 _LAG: Final = re.compile(rf"^(?P<driver>.+)~(?P<seconds>{_NUMBER})$")
-_NUMBERS: Final = {"stop": 1, "loop": 3, "creep": 1}
+_NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
 
 
 def remembered(recording: Recording, name: str) -> FloatArray | None:
@@ -38,7 +38,9 @@ def remembered(recording: Recording, name: str) -> FloatArray | None:
     Numbers are in the unit that the reading has inside (mm, rad, turn).
     ``stop.J~r``: how far the reading of joint J leads the play operator of half width r, -r to r;
     ``loop.J~r~low~high``: the same less the straight line of a full loop from low to high;
+    ``stop.J~r~o``, ``loop.J~r~low~high~o``: the same where every approach starts o behind its goal (else far);
     ``creep.J~t0``: sum over past moves of step * log10(1 + age / t0), t0 in s (needs ``time``);
+    ``creep.J~t0~d``: the same where moves end d s before the row is read (else 0);
     ``D~seconds``: driver D through a first-order lag (needs ``time``).
     The way of a joint begins anew in every session, and without a clock in every file.
     """
@@ -46,7 +48,7 @@ def remembered(recording: Recording, name: str) -> FloatArray | None:
     found = _NAME.match(name)
     if found:
         numbers = [float(v) for v in found["numbers"].split("~")[1:]]
-        known = found["joint"] in whole.joints and len(numbers) == _NUMBERS[found["kind"]]
+        known = found["joint"] in whole.joints and len(numbers) in _NUMBERS[found["kind"]]
         values = _KINDS[found["kind"]](whole, found["joint"], numbers) if known else None
     else:
         lag = _LAG.match(name)
@@ -74,20 +76,19 @@ def _pieces(whole: Recording) -> IntArray:
 
 
 def _stop(whole: Recording, joint: str, numbers: list[float]) -> FloatArray:
-    (half_width,) = numbers
     order = _order(whole)
     recorded = whole.drivers.get(f"approach.{joint}")
     approach = np.zeros(len(whole)) if recorded is None else np.sign(recorded)
     readings = whole.q[:, whole.joints.index(joint)]
     out = np.empty(len(whole))
-    out[order] = stop_operator(readings[order], approach[order], _pieces(whole)[order], half_width)
+    out[order] = stop_operator(readings[order], approach[order], _pieces(whole)[order], *numbers)
     return out
 
 
 def _loop(whole: Recording, joint: str, numbers: list[float]) -> FloatArray:
-    half_width, low, high = numbers
+    half_width, low, high, *overshoot = numbers
     readings = whole.q[:, whole.joints.index(joint)]
-    return _stop(whole, joint, [half_width]) - line_of_full_loop(readings, half_width, low, high)
+    return _stop(whole, joint, [half_width, *overshoot]) - line_of_full_loop(readings, half_width, low, high)
 
 
 def _creep(whole: Recording, joint: str, numbers: list[float]) -> FloatArray | None:

@@ -1,7 +1,7 @@
-"""What an effect may ask of the machine's present state: directions inside joints, values that sensors see.
+"""What an effect may ask of the machine's present state: directions and turns of joints, values that sensors see.
 
 An effect gets a placeholder symbol for each; ``truepose.models.kinematics`` puts the expression in its place.
-Directions are those of the machine without the effects (their change by an effect is of second order); what
+Directions and turns are those of the machine without the effects (their change by an effect is of second order); what
 sensors see includes them.
 """
 
@@ -10,14 +10,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from truepose.errors import InputError
 from truepose.models.assembly import placed_frame, rod_ends
 from truepose.models.machine import Machine
+from truepose.models.mechanism import Direction, Joint
 
 _XYZ = ("x", "y", "z")
 SEEN = "seen."
 AXIS = "axis."
+TURN = "turn."
 
 
 def state_names(machine: Machine) -> tuple[str, ...]:
@@ -25,9 +29,11 @@ def state_names(machine: Machine) -> tuple[str, ...]:
 
     ``axis.J.x`` (y, z): unit vector along z of the child of passive joint J in the joint's own frame;
     ``axis.R.a.x`` and ``axis.R.b.x``: unit vector from end a to end b of rod R in the frame of its body a or b;
+    ``turn.J``: angle of passive revolute joint J, rad;
     ``seen.C``: what column C of a sensor should read (mm, rad; the length itself where a reading is its change).
     """
-    return (*(f"{AXIS}{end}.{k}" for end in joint_ends(machine) for k in _XYZ), *seen_names(machine))
+    ends = [f"{AXIS}{end}.{k}" for end in joint_ends(machine) for k in _XYZ]
+    return (*ends, *(f"{TURN}{joint.name}" for joint in hinges(machine)), *seen_names(machine))
 
 
 def joint_ends(machine: Machine) -> tuple[str, ...]:
@@ -35,6 +41,22 @@ def joint_ends(machine: Machine) -> tuple[str, ...]:
     mechanism = machine.mechanism
     bent = [j.name for j in mechanism.joints if j.kind in ("universal", "spherical")]
     return (*bent, *(f"{rod.name}.{end}" for rod in mechanism.rods for end in "ab"))
+
+
+def hinges(machine: Machine) -> tuple[Joint, ...]:
+    """Passive revolute joints about a constant axis."""
+    driven = {actuator.drives for actuator in machine.mechanism.actuators}
+    turning = (j for j in machine.mechanism.joints if j.kind == "revolute" and j.name not in driven)
+    return tuple(j for j in turning if not isinstance(j.axis, Direction))
+
+
+def across(axis: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two unit vectors (3,) across a unit vector (3,) that make a right-handed frame with it."""
+    along = np.asarray(axis, dtype=float)
+    u = np.eye(3)[np.argmin(np.abs(along))]
+    u = u - (u @ along) * along
+    u /= np.linalg.norm(u)
+    return u, np.cross(along, u)
 
 
 def seen_names(machine: Machine) -> tuple[str, ...]:
@@ -45,7 +67,7 @@ def seen_names(machine: Machine) -> tuple[str, ...]:
 def directions(
     machine: Machine, bodies: Mapping[str, ca.SX], values: Mapping[str, ca.SX]
 ) -> dict[str, ca.SX]:
-    """Expressions of the states ``axis.*`` for placed bodies (4, 4) in the base frame."""
+    """Expressions of the states ``axis.*`` and ``turn.*`` for placed bodies (4, 4) in the base frame."""
     out: dict[str, ca.SX] = {}
     for joint in machine.mechanism.joints:
         if joint.kind in ("universal", "spherical"):
@@ -56,7 +78,15 @@ def directions(
         along = (b - a) / ca.norm_2(b - a)
         out |= _components(f"{rod.name}.a", bodies[rod.body_a][:3, :3].T @ along)
         out |= _components(f"{rod.name}.b", bodies[rod.body_b][:3, :3].T @ along)
-    return out
+    return out | {f"{TURN}{j.name}": _turned(j, bodies, values) for j in hinges(machine)}
+
+
+def _turned(joint: Joint, bodies: Mapping[str, ca.SX], values: Mapping[str, ca.SX]) -> ca.SX:
+    """Angle (rad) of a child about its joint's axis, whichever way round the loops the child was placed."""
+    assert not isinstance(joint.axis, Direction)
+    u, v = (ca.DM(w) for w in across(joint.axis))
+    carried = placed_frame(joint, bodies, values)[:3, :3].T @ bodies[joint.child][:3, :3] @ u
+    return ca.atan2(ca.dot(v, carried), ca.dot(u, carried))
 
 
 def _components(name: str, vector: ca.SX) -> dict[str, ca.SX]:
@@ -115,8 +145,10 @@ def refuse_sight(names: set[str], where: str) -> None:
 
 
 __all__ = [
+    "across",
     "asked",
     "directions",
+    "hinges",
     "joint_ends",
     "put_in_place",
     "reading_shifts",

@@ -6,7 +6,6 @@ for each column; chi2 counts in units of what is left, which holds the unexplain
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from real_recordings.ladder import held_out
 from real_recordings.linearised import Linearised, gravity_torques
 from real_recordings.regressors import (
     MOVED,
+    Rows,
     Term,
     arrival,
     direction,
@@ -34,7 +34,8 @@ PAUSE, WARM_UP = 1800.0, (600.0, 3600.0, 14400.0)
 """s: a longer pause lets the arm cool; time constants of its warming."""
 PLAYS = (1e-3, 0.01, 0.1, 1.0)
 """Widths of play operators, rad."""
-_TORQUE = 1e-4
+SMALL = 1e-4
+"""rad: the size that columns of joints are given."""
 _WAVES = (np.sin, np.cos)
 
 
@@ -61,31 +62,31 @@ def weigh(data: Linearised, left: Array, outlier: Mask, terms: list[Term]) -> Ve
 
 
 def _fit(
-    data: Linearised, left: Array, outlier: Mask, terms: list[Term], sigma: Array, order: Array | None
+    data: Linearised, left: Array, outlier: Mask, terms: list[Term], sigma: Array, order: Rows | None
 ) -> tuple[Array, float, Array]:
     """Coefficients (p,), log Bayes factor on rows that are not held out, and what is left of all rows."""
     blocks = [np.arange(k, min(k + CHUNK, len(data))) for k in range(0, len(data), CHUNK)]
 
-    def columns(rows: Array) -> Array:
+    def columns(rows: Rows) -> Array:
         drivers = None if order is None else order[rows]
         return np.concatenate([t.columns(rows, drivers) for t in terms], axis=2) / sigma[:, None]
 
     train = ~outlier & ~data.held
-    square, right, energy = 0.0, 0.0, 0.0
+    square, right = np.zeros(()), np.zeros(())
     for rows in blocks:
         x = (columns(rows) * train[rows, None, None]).reshape(6 * len(rows), -1)
         y = (left[rows] / sigma * train[rows, None]).reshape(-1)
-        square, right, energy = square + x.T @ x, right + x.T @ y, energy + y @ y
-    solution = np.linalg.lstsq(np.asarray(square), np.asarray(right), rcond=1e-10)[0]
+        square, right = square + x.T @ x, right + x.T @ y
+    solution = np.asarray(np.linalg.lstsq(square, right, rcond=1e-10)[0], dtype=np.float64)
     fall = float(right @ solution)
     readings = 6.0 * float(train.sum())
-    rank = int(np.linalg.matrix_rank(np.asarray(square), tol=None, hermitian=True))
-    factor = 0.5 * (fall - rank * np.log(readings))
+    rank = int(np.linalg.matrix_rank(square, hermitian=True))
+    factor = float(0.5 * (fall - rank * np.log(readings)))
     after = np.concatenate([left[rows] - columns(rows) @ solution * sigma for rows in blocks])
     return solution, factor, after
 
 
-def of_arrival(data: Linearised) -> Mapping[str, list[Term]]:
+def of_arrival(data: Linearised) -> dict[str, list[Term]]:
     """How the last motion may matter; the next motion and the one before serve as controls.
 
     Coefficients are rad by which the joint stands short of its reading in the direction of motion.
@@ -115,50 +116,57 @@ def play(q: Array, width: float) -> Array:
     return out
 
 
-def of_the_rest(data: Linearised) -> Mapping[str, list[Term]]:
+def of_the_rest(data: Linearised) -> dict[str, list[Term]]:
     """What is not in the ladder."""
     joints = range(data.q.shape[1])
-    sign, torque = direction(data), _torques(data)
     air = (data.temperature - data.temperature.mean())[:, None]
     order = np.arange(len(data), dtype=float)
     moving = ["base", "tool", *(f"q{k + 1}" for k in joints)]
     out: dict[str, list[Term]] = {
         "arrival once more": arrival(data),
-        "gravity not in proportion: tau|tau|, tau^3, sign": [
-            of_joint(data, k, np.column_stack([t * abs(t), t**3, np.tanh(5 * t)]) * _TORQUE)
-            for k, t in torque.items()
-        ],
-        "compliance that varies with the angle": [
-            of_joint(
-                data, k, np.column_stack([t * w(o * data.q[:, k]) for o in (1, 2) for w in _WAVES]) * _TORQUE
-            )
-            for k, t in torque.items()
-        ],
-        "friction in proportion to torque": [
-            of_joint(data, k, (sign[:, k] * abs(t))[:, None] * _TORQUE) for k, t in torque.items()
-        ],
+        **_of_loads(data),
         "axes wobble, orders 1 to 3, six motions": [
-            mount(
-                data, f"q{k + 1}", np.column_stack([w(o * data.q[:, k]) for o in (1, 2, 3) for w in _WAVES])
-            )
-            for k in joints
+            mount(data, f"q{k + 1}", _sines(data.q[:, k], (1, 2, 3))) for k in joints
         ],
-        "products of waves of two joints": [of_joint(data, k, _products(data.q) * 1e-4) for k in joints],
+        "products of waves of two joints": [of_joint(data, k, _products(data.q) * SMALL) for k in joints],
         "tracker: range, azimuth, elevation": [tracker(data)],
         "incidence of the beam on the probe": [incidence(data)],
         "air temperature: base, tool, all axes": [mount(data, name, air) for name in moving],
         "order of the rows: base, 100 knots": [mount(data, "base", hats(order, 100))],
         "order of the rows: zeros of joints, 24 knots": [
-            of_joint(data, k, hats(order, 24) * 1e-4) for k in joints
+            of_joint(data, k, hats(order, 24) * SMALL) for k in joints
         ],
     }
     if data.time is not None:
         warm = np.exp(-since_pause(data.time)[:, None] / np.array(WARM_UP))
-        out["warming up after pauses"] = [
-            mount(data, "base", warm),
-            *(of_joint(data, k, warm * 1e-4) for k in joints),
-        ]
+        zeros = [of_joint(data, k, warm * SMALL) for k in joints]
+        out["warming up after pauses"] = [mount(data, "base", warm), *zeros]
     return out
+
+
+def _of_loads(data: Linearised) -> dict[str, list[Term]]:
+    """Gravity's torque about joints 2 to 4 in other ways than in proportion."""
+    sign, torque = direction(data), _torques(data)
+
+    def each(values: dict[int, Array]) -> list[Term]:
+        return [of_joint(data, k, v * SMALL) for k, v in values.items()]
+
+    return {
+        "gravity not in proportion: tau|tau|, tau^3, sign": each(
+            {k: np.column_stack([t * abs(t), t**3, np.tanh(5 * t)]) for k, t in torque.items()}
+        ),
+        "compliance that varies with the angle": each(
+            {k: t[:, None] * _sines(data.q[:, k], (1, 2)) for k, t in torque.items()}
+        ),
+        "friction in proportion to torque": each(
+            {k: (sign[:, k] * abs(t))[:, None] for k, t in torque.items()}
+        ),
+    }
+
+
+def _sines(angle: Array, orders: tuple[int, ...]) -> Array:
+    """(n, 2 * orders) sine and cosine of multiples of an angle."""
+    return np.column_stack([w(o * angle) for o in orders for w in _WAVES])
 
 
 def previous_row(data: Linearised, left: Array) -> list[Term]:

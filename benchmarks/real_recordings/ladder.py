@@ -15,6 +15,8 @@ from real_recordings.common import Array, Mask, rms
 from real_recordings.linearised import Linearised
 from real_recordings.regressors import Rows, Term
 
+Noise = tuple[float, ...]
+"""Sigma of positions (mm) and of rotations (rad)."""
 CHUNK = 512
 KINDS = (slice(0, 3), slice(3, 6))
 START = (0.05, 2e-4)
@@ -38,7 +40,7 @@ class Ladder:
 
     rungs: tuple[Rung, ...]
     outlier: Mask
-    noise: tuple[float, float]
+    noise: Noise
 
     def residual(self, name: str) -> Array:
         """(n, 6) of the stage of that name."""
@@ -57,7 +59,8 @@ def climb(data: Linearised, stages: Mapping[str, Sequence[Term]]) -> Ladder:
     grams = _Grams(data, terms, int(sizes[-1]))
     train = np.flatnonzero(~data.held)
     grams.add(train, 1.0)
-    noise, outlier = START, np.zeros(len(data), dtype=bool)
+    noise: Noise = START
+    outlier = np.zeros(len(data), dtype=bool)
     for _ in range(3):
         left = grams.residual([grams.solve(noise, ends[-1])])[0]
         found = outliers(left)
@@ -68,10 +71,8 @@ def climb(data: Linearised, stages: Mapping[str, Sequence[Term]]) -> Ladder:
             grams.add(rows, sign)
         outlier = found
         good = ~found & ~data.held
-        noise = (
-            float(np.sqrt(np.mean(left[good][:, :3] ** 2))),
-            float(np.sqrt(np.mean(left[good][:, 3:] ** 2))),
-        )
+        spent = left[good].size / (left[good].size - grams.effective(noise))
+        noise = tuple(float(np.sqrt(spent * np.mean(left[good][:, kind] ** 2))) for kind in KINDS)
     residuals = grams.residual([grams.solve(noise, end) for end in ends])
     rungs = [Rung(name, end, e) for name, end, e in zip(stages, ends, residuals, strict=True)]
     return Ladder(tuple(rungs), outlier, noise)
@@ -105,11 +106,20 @@ class _Grams:
                 self._square[k] += sign * (x.T @ x)
                 self._right[k] += sign * (x.T @ y[:, kind].reshape(-1))
 
-    def solve(self, noise: tuple[float, float], end: int) -> Array:
+    def _normal(self, noise: Noise, end: int) -> Array:
+        return np.asarray(
+            sum(g[:end, :end] / s**2 for g, s in zip(self._square, noise, strict=True)) + np.eye(end)
+        )
+
+    def effective(self, noise: Noise) -> float:
+        """How many readings all coefficients cost, their priors counted."""
+        size = len(self._right[0])
+        return size - float(np.trace(np.linalg.inv(self._normal(noise, size))))
+
+    def solve(self, noise: Noise, end: int) -> Array:
         """(end,) coefficients of the first columns, each with prior sigma 1."""
-        square = sum(g[:end, :end] / s**2 for g, s in zip(self._square, noise, strict=True)) + np.eye(end)
         right = sum(h[:end] / s**2 for h, s in zip(self._right, noise, strict=True))
-        return np.asarray(np.linalg.solve(square, right))
+        return np.asarray(np.linalg.solve(self._normal(noise, end), right))
 
     def residual(self, solutions: Sequence[Array]) -> list[Array]:
         """(n, 6) what each solution leaves of every row."""

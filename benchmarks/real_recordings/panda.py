@@ -81,6 +81,7 @@ def panda_scatter(recording: Recording, fit: Estimate) -> dict[str, tuple[np.nda
 def panda(data: Path, work: Path) -> None:
     """All sets with one geometry, then each set alone; the physics found beside it."""
     work.mkdir(parents=True, exist_ok=True)
+    by_placement(data, work, "panda_1")
     for sets in (tuple(SENSORS), *((name,) for name in SENSORS)):
         files = panda_files(data, work, sets)
         machine = load_machine(files[0])
@@ -98,6 +99,17 @@ def panda(data: Path, work: Path) -> None:
         _diagnosed(sets, files)
         for joint in SAGGING:
             _gives_way(*files, sets, joint)
+
+
+def by_placement(data: Path, work: Path, name: str) -> None:
+    """Each placement of one set fitted alone: does what is left come from between them?"""
+    machine_file, recording_file = panda_files(data, work, (name,))
+    machine = load_machine(machine_file)
+    recording = load_recording(machine, [recording_file])
+    place = np.array(recording.labels["placement"])
+    for one in np.unique(place).tolist():
+        fit = estimate(machine, recording.subset(place == one))
+        say(f"{name}, placement {one} alone: chi2 per degree of freedom {fit.chi2_per_dof:.1f}")
 
 
 def _with_gravity(machine_file: Path) -> Machine:

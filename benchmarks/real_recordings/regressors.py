@@ -33,7 +33,7 @@ class Term:
         """Columns of some rows, with the factors of other rows where ``drivers`` are given (a placebo)."""
         port, factor = self.port[rows], self.factor(rows if drivers is None else drivers)
         if self.summed:
-            return np.einsum("nij,nj->ni", port, factor)[:, :, None]
+            return np.asarray(np.einsum("nij,nj->ni", port, factor)[:, :, None])
         return (port[:, :, :, None] * factor[:, None, None, :]).reshape(len(rows), 6, -1)
 
 
@@ -79,7 +79,7 @@ def couplings(data: Linearised) -> list[Term]:
 
 def direction(data: Linearised) -> Array:
     """(n, nq) direction in which each joint arrived, -1 to 1."""
-    return np.clip(data.steps / MOVED, -1.0, 1.0)
+    return np.asarray(np.clip(data.steps / MOVED, -1.0, 1.0))
 
 
 def share_of_path(data: Linearised) -> Array:
@@ -100,7 +100,7 @@ def arrival(data: Linearised) -> list[Term]:
 def hats(x: Array, knots: int) -> Array:
     """(n, knots) a broken line over x by its values at evenly spaced knots."""
     place = (x - x.min()) / (np.ptp(x) or 1.0) * (knots - 1)
-    return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(knots)))
+    return np.asarray(np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(knots))))
 
 
 def mount(data: Linearised, name: str, values: Array) -> Term:

@@ -23,7 +23,7 @@ BEFORE_HIGH, BEFORE_ARRIVAL = "gravity's torque on joints 2 to 5", "orders 61 to
 BEFORE_LINES = "couplings of axes"
 MIDDLE, HIGH = (101.0, 270.0), (141.0, 3100.0)
 """Orders scanned; up to 60 they are named already, and 61 to 100 continue that series."""
-PEAKS, THINNED = 5, (8, 4, 2)
+PEAKS, THINNED = 5, (4, 2)
 SPHERICAL = 5
 """Joints whose turning moves the probe's point."""
 
@@ -122,7 +122,7 @@ def _repeats(name: str, data: Linearised, ladder: Ladder, left: Array) -> None:
 
 
 def _thinned(name: str, data: Linearised, ladder: Ladder) -> None:
-    """Whether more rows would help: the largest model from every eighth, fourth, second row; held-out rows the same."""
+    """Whether more rows would help: the largest model from every fourth and second row; held-out rows the same."""
     place = np.arange(len(data))
     for part in THINNED:
         fewer = replace(data, held=data.held | (place % part != 0))

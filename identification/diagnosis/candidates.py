@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
@@ -110,16 +109,17 @@ def _summary(reasons: list[str]) -> str:
 
 
 def _log_prior(found: list[PlacedEffect]) -> tuple[float, ...]:
-    """Slugs share equally, places within a slug as ``_place_shares`` says, settings within a place by their weight."""
-    slugs = dict.fromkeys(e.effect.slug for e in found)
+    """Slugs share by how common they are, places within a slug as ``_place_shares`` says, settings by their weight."""
+    slugs = {e.effect.slug: e.effect.commonness for e in found}
     shares = {slug: _place_shares({e.place for e in found if e.effect.slug == slug}) for slug in slugs}
     weights = [e.effect.weight(e.settings_map) for e in found]
-    total: Counter[tuple[str, tuple[str, ...]]] = Counter()
+    total: dict[tuple[str, tuple[str, ...]], float] = {}
     for e, weight in zip(found, weights, strict=True):
-        total[e.effect.slug, e.place] += weight
+        total[e.effect.slug, e.place] = total.get((e.effect.slug, e.place), 0.0) + weight
     return tuple(
-        float(np.log(weight * shares[e.effect.slug][e.place] / (total[e.effect.slug, e.place] * len(slugs))))
+        float(np.log(weight * share / total[e.effect.slug, e.place]))
         for e, weight in zip(found, weights, strict=True)
+        for share in (slugs[e.effect.slug] / sum(slugs.values()) * shares[e.effect.slug][e.place],)
     )
 
 

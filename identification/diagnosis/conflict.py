@@ -60,7 +60,9 @@ class _Seen:
         scaled = reduced / np.outer(weight[known], weight[known])
         values, vectors = np.linalg.eigh(scaled)
         seen = values > max(1e-6, 1e-10 * float(np.max(values, initial=0.0)))
-        return cls(lin, known, unknown, solve, weight[known], values[seen], vectors[:, seen])
+        return cls(
+            lin, known, unknown, np.asarray(solve, dtype=float), weight[known], values[seen], vectors[:, seen]
+        )
 
     def squares(self, cross: Array, square: Array) -> tuple[Array, Array]:
         """(b, m) squared components of J'e in each combination over its h, and (b,) squared length left of e."""

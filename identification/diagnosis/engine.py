@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification.align import aligned_start
-from truepose.identification.diagnosis import alarms, classes, outliers, remainder, summary
+from truepose.identification.diagnosis import alarms, classes, doubt, outliers, remainder, summary
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.findings import alternative, merge_findings
 from truepose.identification.diagnosis.proof import prove
@@ -118,6 +118,9 @@ def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Select
     left = alarms.structure_alarm(after, recording) if selection.accepted else structure
     findings = _findings(machine, cat, selection, named_terms)
     rival = remainder.unnamed(cat, found.accepted, found.fit)
+    after_alarms = _alarms_after(selection, recording, left)
+    if doubt.fails(rival, after_alarms):
+        findings = doubt.doubted(findings, rival)
     verdict = _verdict(findings, rival, left, lin, free, inflation, raised["residual"])
     channels = Predictor(machine, recording).channels
     named = verdict == "missing-physics"
@@ -127,7 +130,7 @@ def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Select
         verdict=verdict,
         concealed=verdict != "adequate" and free.chi2_per_dof < CONCEALED,
         alarms=raised,
-        alarms_after=_alarms_after(selection, recording, left) if named else raised,
+        alarms_after=after_alarms if named else raised,
         structure=left,
         findings=findings if named else (),
         remainder=_remainder(verdict, rival, after, recording, left),
@@ -261,6 +264,18 @@ def _map(cat: Catalogue, ranking: Ranking) -> dict[str, float]:
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 
+def _tolerance_notes(inflation: Mapping[str, float]) -> list[str]:
+    """Which tolerances look too small; one line where all do alike."""
+    values = list(inflation.values())
+    if len(values) > 1 and min(values) > 1.5 and max(values) < 1.2 * min(values):
+        return [f"without effects, all tolerances look {max(values):.1f} times too small"]
+    return [
+        f"without effects, {_class_words(label)} tolerances look {value:.1f} times too small"
+        for label, value in inflation.items()
+        if value > 1.5
+    ]
+
+
 def _class_words(label: str) -> str:
     """``length:leg.a``: the length (leg.a)."""
     kind, _, group = label.partition(":")
@@ -279,9 +294,4 @@ def _notes(
         notes.append(
             f"without effects the readings scatter {screened.evidence.noise:.2g} times the stated sigma"
         )
-    notes += [
-        f"without effects, {_class_words(label)} tolerances look {value:.1f} times too small"
-        for label, value in inflation.items()
-        if value > 1.5
-    ]
-    return tuple(notes)
+    return (*notes, *_tolerance_notes(inflation))

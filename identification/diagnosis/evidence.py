@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import log_ndtr
 
-from truepose.identification.diagnosis.parts import INFLATED, inflations, kind_of
+from truepose.identification.diagnosis.parts import inflations, kind_of
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.models.effects.base import SERIES
 
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 AMPLITUDES = np.geomspace(1e-4, 1.0, 17)
 TOLERANCE_DOUBT = 0.6
 """1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
+HOPELESS = 16.0
+"""Log odds below which an inflation is not weighed with candidates: it would add 1e-7 of its best neighbour."""
 MANY_READINGS = 4000
 """Beyond so many readings tolerances decide little, and one inflation for all classes is enough."""
 
@@ -39,15 +41,24 @@ class Grid:
     def log_prior(self, noise: float, inflation: Sequence[float]) -> float:
         """Stated sigmas are mostly right and sometimes far off; tolerances are rarely off by much.
 
-        Classes of one kind are off together by one factor, at its cost, and each by what it differs from it.
+        All are off together by one factor, at its cost, or each kind by its own; classes by what they differ from it.
         """
         step = np.log(noise)
         stated = np.logaddexp(np.log(0.8 / 0.1) - 0.5 * (step / 0.1) ** 2, np.log(0.2) - 0.5 * step**2)
         doubt = np.log(inflation) / TOLERANCE_DOUBT
-        for kind in dict.fromkeys(map(kind_of, self.classes)):
-            own = doubt[[kind_of(c) == kind for c in self.classes]]
-            stated -= min(0.5 * (base**2 + np.sum((own - base) ** 2)) for base in {0.0, *own})
-        return float(stated)
+        kinds = [
+            doubt[[kind_of(c) == kind for c in self.classes]]
+            for kind in dict.fromkeys(map(kind_of, self.classes))
+        ]
+        cost = min(0.5 * common**2 + sum(_cheapest(own, common) for own in kinds) for common in {0.0, *doubt})
+        return float(stated - cost)
+
+
+def _cheapest(own: Array, common: float) -> float:
+    """Cost of a kind's classes (in steps of doubt) when the kind is off by one factor of its own beside the common one."""
+    return min(
+        0.5 * float((base - common) ** 2 + np.sum((own - base) ** 2)) for base in {common, *own.tolist()}
+    )
 
 
 def grid_for(lin: Linearisation, rms: float) -> Grid:
@@ -55,7 +66,7 @@ def grid_for(lin: Linearisation, rms: float) -> Grid:
     top = max(1.7, 1.2 * rms)
     above = np.geomspace(1.35, top, max(2, int(np.ceil(np.log(top / 1.35) / 0.6)) + 1))
     noise = tuple(float(v) for v in (0.8, 1.0, *above))
-    classes = tuple(dict.fromkeys(c for c in lin.parts if kind_of(c) in INFLATED))
+    classes = tuple(dict.fromkeys(lin.parts))
     if lin.readings > MANY_READINGS:
         coarse = np.geomspace(1.0, top, max(3, int(np.ceil(np.log(top) / 0.55)) + 1))
         return Grid(tuple(float(v) for v in coarse), ((1.0,) * len(classes),), classes)
@@ -123,7 +134,10 @@ def evidence(
     gain = np.full((len(points), len(columns)), -np.inf)
     best = _Best([c.stop - c.start for c in columns])
     likely = set(np.argsort(-(null + prior))[:2].tolist())
+    worth = _worth_weighing(points, null + prior)
     for g, ((noise, inflation), (_, state)) in enumerate(zip(points, states, strict=True)):
+        if not worth[g]:
+            continue
         for group in groups:
             # a long series is weighed at the stated tolerances and at the likeliest points only
             if group.size >= SERIES and g not in likely and max(inflation, default=1.0) > 1.0:
@@ -132,6 +146,17 @@ def evidence(
             gain[g, group.members] = weighed.logs
             best.improve(group.members, null[g] + prior[g] + weighed.logs, weighed, noise)
     return _gather(points, prior, null, gain, best)
+
+
+def _worth_weighing(points: Sequence[tuple[float, tuple[float, ...]]], log: Array) -> NDArray[np.bool_]:
+    """Points that matter: tolerances as stated, and inflations that are not hopeless at their noise.
+
+    What explains more of the readings makes wider tolerances less needed, never more: a hopeless one stays so.
+    """
+    noise = np.array([k for k, _ in points])
+    stated = np.array([max(inflation, default=1.0) <= 1.0 for _, inflation in points])
+    best = {k: float(np.max(log[noise == k])) for k in set(noise.tolist())}
+    return np.asarray(stated | (log > np.array([best[k] for k in noise]) - HOPELESS))
 
 
 def _gather(

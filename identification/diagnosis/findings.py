@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -47,10 +48,10 @@ def _finding(
         for member in item.equivalents:
             other = alternative(cat, member.index, member.probability, member.gain)
             key = (other.effect, other.place)
-            if key != (placed.effect.slug, placed.place) and (
-                key not in equivalents or equivalents[key].probability < other.probability
-            ):
-                equivalents[key] = other
+            if key == (placed.effect.slug, placed.place):
+                continue
+            first = equivalents.get(key)
+            equivalents[key] = other if first is None else _together(first, other)
     share = 1.0 - sum(t.probability for t in _twins(cat, main)) / max(main.probability, 1e-300)
     flip = None if any(f is None for f in flips) else max(f for f in flips if f is not None)
     rivals = sorted(equivalents.values(), key=lambda o: -o.probability)
@@ -84,6 +85,12 @@ def _finding(
         explanation=_explanation(machine, cat, after, items, placed),
         separating_experiment=experiment,
     )
+
+
+def _together(a: Alternative, b: Alternative) -> Alternative:
+    """One explanation at two settings: probabilities add up."""
+    best = max(a, b, key=lambda other: other.log_bayes_factor)
+    return replace(best, probability=min(1.0, a.probability + b.probability))
 
 
 def _explanation(

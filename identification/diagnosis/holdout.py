@@ -102,7 +102,7 @@ def held_out(before: Estimate, after: Estimate, recording: Recording, outliers: 
     squares: dict[str, tuple[Array, Array]] = {}
     predictors = [Predictor(fit.machine, recording, fit.effects) for fit in (before, after)]
     for block in blocks:
-        fits = (before, after)
+        fits: tuple[Estimate, ...] = (before, after)
         if block.name != VALIDATION:
             fits = _without(fits, predictors, outliers | block.rows)
         if not fits:
@@ -115,9 +115,12 @@ def held_out(before: Estimate, after: Estimate, recording: Recording, outliers: 
     proofs = tuple(BlockProof(name, len(b), _ratio(b, a)) for name, (b, a) in squares.items())
     counted = [squares[VALIDATION]] if VALIDATION in squares else list(squares.values())
     if not counted:
-        fitted = [np.sum(fit.residual[before.used] ** 2, axis=1) for fit in (before, after)]
-        return HeldOut("none", *fitted, blocks=())
-    return HeldOut(split, *(np.concatenate(side) for side in zip(*counted, strict=True)), blocks=proofs)
+        used = before.used
+        fitted = (np.sum(before.residual[used] ** 2, axis=1), np.sum(after.residual[used] ** 2, axis=1))
+        split, counted = "none", [fitted]
+    return HeldOut(
+        split, np.concatenate([b for b, _ in counted]), np.concatenate([a for _, a in counted]), proofs
+    )
 
 
 def _without(fits: tuple[Estimate, ...], predictors: list[Predictor], exclude: Mask) -> tuple[Estimate, ...]:

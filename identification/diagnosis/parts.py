@@ -13,6 +13,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 INFLATED = ("length", "angle")
+"""Kinds whose classes are told apart; all others (frames, sensors, targets) are one class each, ``kind:``."""
+ALONE = (*INFLATED, "frame")
+"""Kinds that may be misstated alone; gains, sensors and targets come with instruments, each with a paper of its own."""
 INFLATIONS = (1.0, 3.0, 10.0)
 FEW = 4
 """Parameters that a class needs to stand on its own; smaller ones share the rest of their kind."""
@@ -21,16 +24,12 @@ _ELEMENT = re.compile(r"^(?P<element>.*?)\d*\.(?P<rest>.+)$")
 
 
 def part_classes(names: Sequence[str], kinds: Sequence[str]) -> tuple[str, ...]:
-    """Class of every parameter; kinds that are not inflated (frames, sensors) keep their own name."""
+    """Class of every parameter."""
     raw = [
-        f"{kind}:{_group(name)}" if kind in INFLATED else kind
-        for name, kind in zip(names, kinds, strict=True)
+        f"{kind}:{_group(name) if kind in INFLATED else ''}" for name, kind in zip(names, kinds, strict=True)
     ]
     count = Counter(raw)
-    return tuple(
-        f"{kind}:" if kind in INFLATED and count[label] < FEW else label
-        for label, kind in zip(raw, kinds, strict=True)
-    )
+    return tuple(f"{kind}:" if count[label] < FEW else label for label, kind in zip(raw, kinds, strict=True))
 
 
 def _group(name: str) -> str:
@@ -48,17 +47,17 @@ def kind_of(label: str) -> str:
 
 
 def inflations(classes: Sequence[str]) -> tuple[tuple[float, ...], ...]:
-    """Inflations of the classes to weigh: whole kinds together, and each class alone."""
+    """Inflations of the classes to weigh: lengths and angles, everything at once, and each class of ``ALONE`` alone."""
     kinds = [kind for kind in INFLATED if any(kind_of(c) == kind for c in classes)]
     out = []
     for factors in itertools.product(INFLATIONS, repeat=len(kinds)):
         of = dict(zip(kinds, factors, strict=True))
-        out.append(tuple(of[kind_of(c)] for c in classes))
-    crowded = Counter(kind_of(c) for c in classes)
-    for k, c in enumerate(classes):
-        if crowded[kind_of(c)] > 1:
-            out += [tuple(f if j == k else 1.0 for j in range(len(classes))) for f in INFLATIONS[1:]]
-    return tuple(out)
+        out.append(tuple(of.get(kind_of(c), 1.0) for c in classes))
+    for factor in INFLATIONS[1:]:
+        out.append((factor,) * len(classes))
+        alone = [k for k, c in enumerate(classes) if kind_of(c) in ALONE]
+        out += [tuple(factor if j == k else 1.0 for j in range(len(classes))) for k in alone]
+    return tuple(dict.fromkeys(out))
 
 
 def widest(classes: Sequence[str], found: Sequence[float]) -> Mapping[str, float]:

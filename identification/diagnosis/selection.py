@@ -93,12 +93,34 @@ def select(
     ``rms`` of the whitened free fit bounds the noise scale.
     """
     accepted: dict[int, float] = dict.fromkeys(cat.stated, WIDE)
-    banned: set[int] = set()
     fit = null
     if first is not None and set(first.accepted) != set(accepted):
-        fit, accepted = _refit(signatures, cat, first.accepted, first.fit, exclude, banned)
+        fit, accepted = _refit(signatures, cat, first.accepted, first.fit, exclude, set())
     lin = signatures.linearise(fit)
-    grid = grid_for(lin, rms)
+    start = Selection(accepted, fit, lin, grid_for(lin, rms))
+    found = _settle(signatures, cat, start, exclude, set())
+    if all(cat.named(i) for i in found.accepted):
+        return found
+    # a large effect is weighed poorly from a fit without it, and something unnamed may take its place: start
+    # again from the best names alone, and keep them if nothing unnamed is asked for there
+    nameless = {i for i in range(len(cat.candidates)) if not cat.named(i)}
+    bare = only(signatures, cat, start, exclude, [i for i in accepted if i not in nameless])
+    names = _settle(signatures, cat, bare, exclude, set(nameless))
+    if set(names.accepted) == set(bare.accepted):
+        return found
+    again = _settle(signatures, cat, names, exclude, set())
+    return again if all(cat.named(i) for i in again.accepted) else found
+
+
+def _settle(
+    signatures: Signatures,
+    cat: Catalogue,
+    start: Selection,
+    exclude: NDArray[np.bool_],
+    banned: set[int],
+) -> Selection:
+    """Search and refit in turn until a refit asks for nothing new."""
+    accepted, fit, lin, grid = start.accepted, start.fit, start.linearisation, start.grid
     for _ in range(MAX_REFITS):
         before = set(accepted)
         accepted = _search(lin, cat, grid, accepted, banned)

@@ -32,7 +32,7 @@ class Unnamed(Effect):
     """One joint, mount or sensor that errs smoothly; sources are scaled to -1 ... 1.
 
     A joint's displacement as a curve in one source, or the product of two; a mount's six motions as curves in one
-    source; a sensor of points whose volume is warped quadratically.
+    driver; a sensor of points whose volume is warped quadratically.
     """
 
     slug = UNNAMED
@@ -68,8 +68,8 @@ class Unnamed(Effect):
             return ({},)
         joints = [k for k, n in enumerate(self.sources) if n in machine.mechanism.readings]
         curves: list[Settings] = [{"a": float(k)} for k in range(len(self.sources))]
-        if place[0] in FRAMES:
-            return curves
+        if place[0] in FRAMES:  # as a curve in a joint six motions would be a black box for anything
+            return [s for k, s in enumerate(curves) if k not in joints]
         products: list[Settings] = [
             {"a": float(i), "b": float(j)} for i, j in itertools.combinations(joints, 2)
         ]

@@ -18,6 +18,7 @@ from truepose.identification.report.drivers import reading_unit
 from truepose.identification.report.numbers import finer, unit_symbol
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.machine import Machine
+from truepose.models.states import asked, state_names
 
 Array = NDArray[np.float64]
 POINTS = 721
@@ -53,22 +54,25 @@ def terms_of(diagnosis: Diagnosis, finding: Finding) -> list[PlacedEffect]:
 
 
 def formula(machine: Machine, terms: Sequence[PlacedEffect], names: Sequence[str]) -> Formula | None:
-    """Sum of the terms' shifts at the drawing's geometry; None when they read drivers or loads."""
+    """Sum of the terms' shifts at the drawing's geometry; None when they read drivers, loads or the present state."""
     if not terms or any(t.drivers or t.needs_load for t in terms):
         return None
     q = {name: ca.SX.sym(name) for name in machine.mechanism.readings}
     values = {p.name: ca.SX(p.nominal) for p in machine.parameters} | {
         port: ca.SX(0) for port in machine.ports
     }
+    states = {name: ca.SX.sym(name) for name in state_names(machine)}
     symbols: list[ca.SX] = []
     shifts: dict[str, ca.SX] = {}
     for term in terms:
         c = {coefficient.name: ca.SX.sym(coefficient.name) for coefficient in term.coefficients}
         symbols += c.values()
         for port, shift in term.effect.shifts(
-            Site(machine, term.place, term.settings_map, c, q, {}, values)
+            Site(machine, term.place, term.settings_map, c, q, {}, values, {}, states)
         ).items():
             shifts[port] = shifts.get(port, ca.SX(0)) + shift
+    if asked(list(shifts.values()), states):
+        return None
     amplitudes = np.array([a for term in terms for a in term.amplitudes])
     columns = [names.index(f"{t.label}:{c.name}") for t in terms for c in t.coefficients]
     return Formula(q, ca.vertcat(*symbols), amplitudes, np.array(columns, dtype=np.intp), shifts)

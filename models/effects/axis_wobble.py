@@ -1,4 +1,4 @@
-"""A rotary axis that tilts as it turns, once per turn."""
+"""A rotary axis that tilts as it turns, once per turn or oftener."""
 
 from __future__ import annotations
 
@@ -9,16 +9,23 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     ARCSEC,
     actuator_at,
     drives_joint,
     nominal_axis,
-    sine_coefficients,
+    own_offset,
     singly,
 )
 from truepose.models.machine import Machine
+from truepose.models.mechanism import AXES
+from truepose.models.states import across
+
+LARGEST = 1e-3
+DECAY = 1.5
+"""The k-th order is expected k^-1.5 times the first."""
+ORDERS = (2, 3)
 
 
 @effects.add("axis-wobble")
@@ -27,11 +34,17 @@ class AxisWobble(Effect):
 
     u, v stand across the axis. A tilt of once per turn is one that turns with the joint and one that turns against
     it. The first is fixed in the body that turns and so part of its geometry; only the second can be seen.
+    Setting ``orders`` n: tilts of 2 to n times a turn as well, as rings that are oval or lobed make them; of
+    these both can be seen, a2 b2 against the joint and c2 d2 with it.
+    The axis tilts about the bearing, which stands before an offset along the axis (r of a serial chain).
     """
 
     slug = "axis-wobble"
     title = "Wobbling rotary axis"
-    formula = "tilt of the axis = (a + i b) exp(-i q) across it, in the frame that stands still (i: 90 deg about it)"
+    formula = (
+        "tilt of the axis = (a + i b) exp(-i q) across it, in the frame that stands still (i: 90 deg about it); "
+        "with (a2 + i b2) exp(-2 i q) + (c2 + i d2) exp(2 i q) and so on"
+    )
     size = "20 to 50 arcsec (recalled)"
     look_alikes = ("encoder-eccentricity", "transmission-error", "axis-straightness")
     experiment = "turn this joint alone through a whole turn; watch a level, or a mirror, that it carries"
@@ -49,32 +62,58 @@ class AxisWobble(Effect):
         return limits is None or limits[1] - limits[0] >= pi / 4
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        return sine_coefficients("rad", 1e-3)
+        return tuple(
+            Coefficient(name if order == 1 else f"{name}{order}", "rad", LARGEST * order**-DECAY)
+            for order in range(1, _orders(settings) + 1)
+            for name in ("ab" if order == 1 else "abcd")
+        )
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        return [{}, *({"orders": float(n)} for n in ORDERS)]
+
+    def weight(self, settings: Settings) -> float:
+        return 1.0 / _orders(settings)
 
     def shifts(self, site: Site) -> Shifts:
         actuator = actuator_at(site.machine, site.place[0])
         u, v = _across(site.machine, actuator.drives)
-        # the motion's frame has turned by q already: there the tilt turns against it twice as fast
-        twice = 2 * site.displacement(actuator.reading)
-        along_u = site.c["a"] * ca.cos(twice) + site.c["b"] * ca.sin(twice)
-        along_v = site.c["b"] * ca.cos(twice) - site.c["a"] * ca.sin(twice)
+        q = site.displacement(actuator.reading)
+        along_u, along_v = ca.SX(0), ca.SX(0)
+        # the motion's frame has turned by q already: there the tilt turns that much further against it
+        for order in range(1, _orders(site.settings) + 1):
+            tail = "" if order == 1 else f"{order}"
+            for one, two, phase in (("a", "b", -(order + 1) * q), ("c", "d", (order - 1) * q)):
+                if one + tail in site.c:
+                    x, y = site.c[one + tail], site.c[two + tail]
+                    along_u += x * ca.cos(phase) - y * ca.sin(phase)
+                    along_v += x * ca.sin(phase) + y * ca.cos(phase)
+        tilt = ca.SX(ca.DM(u)) * along_u + ca.SX(ca.DM(v)) * along_v
+        offset = sum((site.values[name] for name in _offset(site.machine, actuator.drives)), ca.SX(0))
+        moved = ca.cross(tilt, ca.vertcat(0, 0, offset))
+        motion = ca.vertsplit(ca.vertcat(moved, tilt))
         return {
-            site.machine.motion(actuator.reading, f"r{axis}"): float(u[k]) * along_u + float(v[k]) * along_v
-            for k, axis in enumerate("xyz")
+            site.machine.motion(actuator.reading, axis): shift
+            for axis, shift in zip(AXES, motion, strict=True)
+            if not shift.is_zero()
         }
 
     def explain(self, machine: Machine, place: Place) -> str:
-        return f"The axis of joint {place[0]} wobbles: it tilts once per turn."
+        return f"The axis of joint {place[0]} wobbles: it tilts to and fro as it turns."
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
-        return f"The axis tilts by {hypot(values['a'], values['b']) * ARCSEC:.0f} arcsec."
+        more = " once a turn" if len(values) > 2 else ""
+        return f"The axis tilts by {hypot(values['a'], values['b']) * ARCSEC:.0f} arcsec{more}."
+
+
+def _orders(settings: Settings) -> int:
+    return round(settings.get("orders", 1.0))
+
+
+def _offset(machine: Machine, name: str) -> tuple[str, ...]:
+    return own_offset(next(joint for joint in machine.mechanism.joints if joint.name == name))
 
 
 def _across(machine: Machine, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Two unit vectors (3,) across a joint's axis that make a right-handed frame with it."""
     joint = next(joint for joint in machine.mechanism.joints if joint.name == name)
-    axis = nominal_axis(machine, joint.axis)
-    u = np.eye(3)[np.argmin(np.abs(axis))]
-    u = u - (u @ axis) * axis
-    u /= np.linalg.norm(u)
-    return u, np.cross(axis, u)
+    return across(nominal_axis(machine, joint.axis))

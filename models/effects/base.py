@@ -96,6 +96,10 @@ class Site:
         in the frame that the joint is fixed in (``truepose.models.states``)."""
         return ca.vertcat(*(self.states[f"axis.{end}.{axis}"] for axis in "xyz"))
 
+    def turn(self, joint: str) -> ca.SX:
+        """Angle of a passive revolute joint, rad (``truepose.models.states``)."""
+        return self.states[f"turn.{joint}"]
+
     def seen(self, column: str) -> ca.SX:
         """What a sensor's column should read, mm or rad (the whole length where readings are changes)."""
         return self.states[f"seen.{column}"]
@@ -119,6 +123,8 @@ class Effect(ABC):
     look_alikes: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""
     source: ClassVar[str] = ""
+    commonness: ClassVar[float] = 1.0
+    """How often machines have it, in terms of the other effects: it decides between explanations that data leave equal."""
     needs_load: ClassVar[bool] = False
     settings_add: ClassVar[bool] = False
     """Whether terms of one place with different settings may stand together (orders) or exclude others."""

@@ -14,13 +14,15 @@ from scipy.spatial.transform import Rotation
 from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Observed, Place, Settings, Site
 from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES, Actuator, Direction, Limb
+from truepose.models.mechanism import AXES, Actuator, Direction, Joint, Limb
 from truepose.models.sensors.base import Sensor
 
 SECONDS_PER_HOUR = 3600.0
 ARCSEC = 206264.8
-PIEZO_RANGE = {"mm": 2.0, "rad": 0.1}
+PIEZO_RANGE = {"mm": 5.0, "rad": 0.2}
 """Longest whole range of an actuator that may be a piezo."""
+APPROACHES = (0.003, 0.006, 0.0125, 0.025, 0.05, 0.1)
+"""How far behind its goal a joint may start its approach, as parts of its range."""
 
 
 def actuator_at(machine: Machine, name: str) -> Actuator:
@@ -77,6 +79,19 @@ def drives_joint(machine: Machine, actuator: Actuator) -> bool:
     return machine.motion(actuator.reading, "x") in machine.ports
 
 
+def own_offset(joint: Joint) -> tuple[str, ...]:
+    """Lengths along a joint's own axis z that end its placement (r of a serial chain).
+
+    They may as well follow the joint's motion, and count with the link that it moves: its bearing stands before them.
+    """
+    names: list[str] = []
+    for step in reversed(joint.placement if joint.axis == (0.0, 0.0, 1.0) else ()):
+        if step.kind not in ("tz", "rz"):
+            break
+        names += [step.parameter] if step.kind == "tz" else []
+    return tuple(names)
+
+
 def joint_unit(machine: Machine, place: Place) -> str:
     """Unit of the displacement at a joint place: mm or rad."""
     return actuator_at(machine, place[0]).unit
@@ -96,8 +111,8 @@ def nominal_gain(machine: Machine, actuator: Actuator) -> float:
 
 
 def piezo_like(actuator: Actuator) -> bool:
-    """Whether an actuator may be a piezo: neither screw nor gear, and a small range."""
-    if actuator.range is None or actuator.screw_pitch or actuator.gear_ratio:
+    """Whether an actuator may be a piezo: no screw, and a small range."""
+    if actuator.range is None or actuator.screw_pitch:
         return False
     low, high = actuator.range
     return actuator.reading_unit != "turn" and high - low <= PIEZO_RANGE[actuator.unit]
@@ -145,6 +160,21 @@ def clock(recording: Observed) -> tuple[float, float] | None:
         return None
     seconds = np.asarray(time, dtype=float)
     return float(seconds.min()), float(seconds.max())
+
+
+def approaches(machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+    """One candidate for each distance that joints may approach their goals from; far off goes without one.
+
+    Only where the sides are recorded do joints approach from other than their last pose.
+    """
+    sides = recording.driver(f"approach.{actuator_at(machine, place[0]).reading}")
+    return [{}, *({"overshoot": part} for part in APPROACHES)] if sides is not None else [{}]
+
+
+def overshoot_of(actuator: Actuator, settings: Settings) -> str:
+    """Last number of the name of a driver that remembers a joint's way, in the reading's unit; empty for far off."""
+    low, high = actuator.range or (0.0, 1.0)
+    return f"~{settings['overshoot'] * (high - low):.6g}" if "overshoot" in settings else ""
 
 
 def boundaries(recording: Observed) -> Sequence[Settings]:

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import actuator_at, joint_unit, nominal_gain, singly
+from truepose.models.effects.common import (
+    actuator_at,
+    approaches,
+    joint_unit,
+    nominal_gain,
+    overshoot_of,
+    singly,
+)
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator
 
@@ -23,13 +31,18 @@ class FrictionHysteresis(Effect):
 
     Setting ``width`` is r as a part of the joint's range. Rows that arrive from further away than 2 r stand at a
     limit, as with backlash b = 2 h: widths that no reversal of the recording falls short of are not looked for.
+
+    Setting ``elements`` 1: elements of all these widths side by side, each with its own h, for friction that does
+    not slip everywhere at once; ``overshoot``: the part of the range by which a joint starts behind its goal to
+    arrive from a stated side, without it far enough.
     """
 
+    commonness = 0.3  # resolved pre-sliding is rarer than play
     slug = "friction-hysteresis"
     title = "Hysteresis of friction before slip"
     formula = (
         "dq = -h s / r, s the stop operator of half width r on the way of the reading: s follows every move and "
-        "stays between -r and r; 0 <= h <= r"
+        "stays between -r and r; 0 <= h <= r; or a sum of such elements of several r"
     )
     size = "micrometres, microradians (recalled)"
     look_alikes = ("backlash", "piezo-hysteresis", "piezo-creep", "joint-compliance")
@@ -37,7 +50,10 @@ class FrictionHysteresis(Effect):
         "move this joint to and fro in steps, with strokes that shrink from ten widths to a tenth: backlash keeps "
         "its whole width until the stroke is smaller, friction gives way by degrees"
     )
-    source = "rate-independent hysteresis of pre-sliding friction (Ruderman, arXiv 2212.05799); stop operator of Prandtl"
+    source = (
+        "rate-independent hysteresis of pre-sliding friction (Ruderman, arXiv 2212.05799); stop operator of Prandtl; "
+        "elements in parallel: Iwan, Maxwell slip (recalled)"
+    )
 
     unvaried = "no reversal short enough to tell it from backlash"
 
@@ -46,37 +62,47 @@ class FrictionHysteresis(Effect):
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         unit, actuator = joint_unit(machine, place), actuator_at(machine, place[0])
-        widest = _half_width(actuator, settings) * nominal_gain(machine, actuator)
-        return (Coefficient("h", unit, min(LARGEST[unit], widest), lower=0.0, upper=widest),)
+        widest = [r * nominal_gain(machine, actuator) for r in _half_widths(actuator, settings)]
+        names = [f"h{k}" for k in range(1, len(widest) + 1)] if len(widest) > 1 else ["h"]
+        return tuple(
+            Coefficient(name, unit, min(LARGEST[unit], w), lower=0.0, upper=w)
+            for name, w in zip(names, widest, strict=True)
+        )
 
     def shifts(self, site: Site) -> Shifts:
         actuator = actuator_at(site.machine, site.place[0])
-        (driver,) = self.drivers(site.machine, site.place, site.settings)
-        lead = site.driver(driver) / _half_width(actuator, site.settings)
-        return {actuator.displacement: -site.c["h"] * lead}
+        leads = self.drivers(site.machine, site.place, site.settings)
+        widths = _half_widths(actuator, site.settings)
+        behind = ca.SX(0)
+        for h, lead, width in zip(site.c.values(), leads, widths, strict=True):
+            behind += h * site.driver(lead) / width
+        return {actuator.displacement: -behind}
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
         actuator = actuator_at(machine, place[0])
-        return (f"stop.{actuator.reading}~{_half_width(actuator, settings):.6g}",)
+        tail = overshoot_of(actuator, settings)
+        return tuple(f"stop.{actuator.reading}~{r:.6g}{tail}" for r in _half_widths(actuator, settings))
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         """Widths within which some reversals of the recording end."""
-        variants = [{"width": width} for width in WIDTHS]
+        several = [{"elements": 1.0, **known} for known in approaches(machine, place, recording)]
+        variants: list[Settings] = [*({"width": width} for width in WIDTHS), *several]
         return [s for s in variants if self._shows(machine, place, s, recording)]
 
     def explain(self, machine: Machine, place: Place) -> str:
         return f"Joint {place[0]} gives before it slips: it trails its reading, by more the further it came."
 
     def _shows(self, machine: Machine, place: Place, settings: Settings, recording: Observed) -> bool:
-        (driver,) = self.drivers(machine, place, settings)
-        lead = recording.driver(driver)
-        if lead is None:
-            return True
-        limit = 0.999 * _half_width(actuator_at(machine, place[0]), settings)
-        return bool(np.mean(np.abs(np.asarray(lead, dtype=float)) < limit) >= SHOWN)
+        leads = [recording.driver(name) for name in self.drivers(machine, place, settings)]
+        widths = _half_widths(actuator_at(machine, place[0]), settings)
+        return any(
+            lead is None or float(np.mean(np.abs(np.asarray(lead, dtype=float)) < 0.999 * width)) >= SHOWN
+            for lead, width in zip(leads, widths, strict=True)
+        )
 
 
-def _half_width(actuator: Actuator, settings: Settings) -> float:
-    """Half width of the hysteresis in the reading's unit."""
+def _half_widths(actuator: Actuator, settings: Settings) -> tuple[float, ...]:
+    """Half widths of the hysteresis in the reading's unit."""
     low, high = actuator.range or (0.0, 1.0)
-    return settings.get("width", WIDTHS[-1]) * (high - low)
+    parts = WIDTHS if settings.get("elements") else (settings.get("width", WIDTHS[-1]),)
+    return tuple(part * (high - low) for part in parts)

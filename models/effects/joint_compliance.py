@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import casadi as ca
+
 from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, drives_joint, joint_unit, singly
 from truepose.models.machine import Machine
 
+BENT_AT = 100.0
+"""N m (N): the load at which a bent characteristic is told."""
+
 
 @effects.add("joint-compliance")
 class JointCompliance(Effect):
     """dq = c * load, what gravity exerts at the joint: minus the derivative of the potential energy.
+
+    A gear that stiffens under load (or gives way more) has a further term, setting ``bend`` 2 or 3: d tau |tau| or
+    d tau^3, both odd, in units of c at 100 N m (N).
 
     Without stated masses only products c * kg can be found. Setting ``carries`` k then names the load case:
     a mass at the origin of one body beyond the joint (the last one unless told).
@@ -20,7 +28,10 @@ class JointCompliance(Effect):
 
     slug = "joint-compliance"
     title = "Compliant joint"
-    formula = "dq = c tau, tau the torque (sliding joint: force) that gravity exerts at the joint"
+    formula = (
+        "dq = c tau, tau the torque (sliding joint: force) that gravity exerts at the joint; "
+        "bent: + d tau |tau| / 100 N*m, or d tau^3 / (100 N*m)^2"
+    )
     size = "industrial arms 1e5 to 6e6 N*m/rad: c of 1.6e-7 to 1e-5 rad/(N*m); small arms give way more"
     look_alikes = ("link-bending", "gravity-sag", "backlash", "transmission-error")
     experiment = "measure the same poses with and without a known payload"
@@ -41,11 +52,13 @@ class JointCompliance(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         """With unknown masses, one candidate for each body beyond the joint that may carry them."""
         if machine.loaded:
-            return ({},)
+            return ({}, {"bend": 2.0}, {"bend": 3.0})
         return [{"carries": float(k)} for k in range(_position(machine, place), len(machine.load_cases))]
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         unit, scale = ("rad/(N*m)", 1e-4) if joint_unit(machine, place) == "rad" else ("mm/N", 1e-2)
+        if "bend" in settings:
+            return (Coefficient("d", unit, scale=scale),)
         if _case(machine, settings):
             return (Coefficient("c_kg", f"{unit}*kg", scale=20.0 * scale, lower=0.0),)
         return (Coefficient("c", unit, scale=scale, lower=0.0),)
@@ -53,7 +66,13 @@ class JointCompliance(Effect):
     def shifts(self, site: Site) -> Shifts:
         port = actuator_at(site.machine, site.place[0]).displacement
         (c,) = site.c.values()
-        return {port: c * site.load(port, _case(site.machine, site.settings))}
+        load = site.load(port, _case(site.machine, site.settings))
+        share = load / BENT_AT
+        bent = {2.0: ca.fabs(share), 3.0: share**2}.get(site.settings.get("bend", 0.0), 1)
+        return {port: c * load * bent}
+
+    def weight(self, settings: Settings) -> float:
+        return 0.2 if "bend" in settings else 1.0
 
     def explain(self, machine: Machine, place: Place) -> str:
         unknown = "" if machine.loaded else " (masses are not stated: compliance times carried mass is found)"

@@ -6,8 +6,15 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import actuator_at, nominal_gain, piezo_like, singly
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import (
+    actuator_at,
+    approaches,
+    nominal_gain,
+    overshoot_of,
+    piezo_like,
+    singly,
+)
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator
 
@@ -20,7 +27,9 @@ class PiezoHysteresis(Effect):
     """A Prandtl-Ishlinskii operator of four thresholds, less the straight line of a full loop.
 
     A piezo's gain is stated so that a full loop is right on average; what is left is the loop. Looked for at
-    joints without screw or gear whose range is at most 2 mm or 0.1 rad; a user may state it at any joint.
+    joints of at most 5 mm or 0.2 rad that no screw drives; a user may state it at any joint.
+    Setting ``overshoot``: the part of the range by which a joint starts behind its goal to arrive from a
+    stated side, without it far enough.
     """
 
     slug = "piezo-hysteresis"
@@ -52,7 +61,11 @@ class PiezoHysteresis(Effect):
         return {actuator.displacement: -nominal_gain(site.machine, actuator) * total}
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
-        return tuple(_loop(actuator_at(machine, place[0]), t) for t in THRESHOLDS)
+        actuator = actuator_at(machine, place[0])
+        return tuple(_loop(actuator, t) + overshoot_of(actuator, settings) for t in THRESHOLDS)
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        return approaches(machine, place, recording)
 
     def explain(self, machine: Machine, place: Place) -> str:
         return (

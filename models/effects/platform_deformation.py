@@ -12,7 +12,7 @@ from truepose.models.effects.common import centre_and_half
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator, Limb
 
-COMMON, DIAGONAL, FULL, SYMMETRIC, WEIGHT = 0, 1, 2, 3, 4
+COMMON, DIAGONAL, FULL, SYMMETRIC, WEIGHT, RECIPROCAL = 0, 1, 2, 3, 4, 5
 LARGEST = 0.03
 SOFTEST = 1e-3
 """mm/N: a leg end that gives way by 10 um under 10 N."""
@@ -27,7 +27,8 @@ class PlatformDeformation(Effect):
 
     Setting ``form``: 0 one diagonal entry for all legs (kappa), 1 a diagonal entry a leg, 2 the full matrix,
     3 the matrix of a platform as symmetric as its leg ends: as many entries as legs, those of the first row;
-    4 the same symmetry under load (one compliance ``C`` for each leg's own end where there is none).
+    4 the same symmetry under load (one compliance ``C`` for each leg's own end where there is none);
+    5 any platform under load: by Maxwell's reciprocity C[i,j] = C[j,i].
     """
 
     slug = "platform-deformation"
@@ -56,14 +57,14 @@ class PlatformDeformation(Effect):
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         names = dict.fromkeys(_entries(machine, settings).values())
         if self.reads_load(settings):
+            own = {"C", *(f"C[{k},{k}]" for k in range(1, len(_limbs(machine)) + 1))}
             return tuple(
-                Coefficient(name, "mm/N", SOFTEST, 0.0 if name in ("C", "C[1,1]") else -float("inf"))
-                for name in names
+                Coefficient(name, "mm/N", SOFTEST, 0.0 if name in own else -float("inf")) for name in names
             )
         return tuple(Coefficient(name, "1", LARGEST) for name in names)
 
     def reads_load(self, settings: Settings) -> bool:
-        return round(settings.get("form", COMMON)) == WEIGHT
+        return round(settings.get("form", COMMON)) in (WEIGHT, RECIPROCAL)
 
     def shifts(self, site: Site) -> Shifts:
         limbs = _limbs(site.machine)
@@ -80,7 +81,7 @@ class PlatformDeformation(Effect):
         forms = [COMMON, DIAGONAL, SYMMETRIC, FULL] if _symmetry(machine) else [COMMON, DIAGONAL, FULL]
         if machine.mechanism.flexure_length is None:
             forms = []  # ball joints pass no moment on; flexures bend what they are fixed to
-        forms += [WEIGHT] if machine.loaded else []
+        forms += [WEIGHT, RECIPROCAL] if machine.loaded else []
         return [{"form": float(form)} for form in forms]
 
     def explain(self, machine: Machine, place: Place) -> str:
@@ -110,6 +111,8 @@ def _entries(machine: Machine, settings: Settings) -> Mapping[Pair, str]:
     if form == WEIGHT:
         classes = _symmetry(machine) or {(i, i): 0 for i in range(n)}
         return {pair: f"C[1,{first + 1}]" if len(classes) > n else "C" for pair, first in classes.items()}
+    if form == RECIPROCAL:
+        return {(i, j): f"C[{min(i, j) + 1},{max(i, j) + 1}]" for i in range(n) for j in range(n)}
     if form == COMMON:
         return {(i, i): "kappa" for i in range(n)}
     if form == DIAGONAL:

@@ -1,18 +1,22 @@
-"""A screw that is stretched and wound up by the force it carries, more the further out its nut stands."""
+"""A screw that is stretched and wound up by what it carries or by its nut's friction, more the further out its nut stands."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, nominal_gain, singly
 from truepose.models.machine import Machine
+
+LARGEST_MM = 0.02
 
 
 @effects.add("screw-windup")
 class ScrewWindup(Effect):
     """dq = c F s, s the distance of the nut from the lower end of its range, where the fixed bearing is taken to be.
 
+    Setting ``friction`` 1: dq = -(w / 2) approach s / range. The friction of the nut winds the free part of the screw
+    up against the way it went: lost motion w with the nut at the far end, none at the bearing.
     What does not grow with the distance (bearing, nut) is ``joint-compliance`` or ``leg-compliance``. Looked for
     where a screw pitch is stated.
     """
@@ -20,13 +24,18 @@ class ScrewWindup(Effect):
     slug = "screw-windup"
     title = "Screw that gives way"
     formula = (
-        "dq = c F s, F the force that gravity exerts along the screw, s the nut's distance from the low end"
+        "dq = c F s, F the force that gravity exerts along the screw, s the nut's distance from the low end; "
+        "by its nut's friction dq = -(w / 2) approach s / range"
     )
-    size = "c = 1 / EA: 2.4e-8 1/N for a steel screw of 16 mm core, more with torsion"
-    look_alikes = ("joint-compliance", "leg-compliance", "actuator-scale", "screw-periodic")
+    size = "c = 1 / EA: 2.4e-8 1/N for a steel screw of 16 mm core, more with torsion; 1 to 20 um in all"
+    look_alikes = ("backlash", "joint-compliance", "leg-compliance", "actuator-scale", "screw-periodic")
     experiment = "step the payload with the nut at both ends of its stroke; fix the other bearing and repeat"
-    source = "stiffness AE / L of a screw shaft fixed at one end, as in the makers' selection guides (THK)"
+    source = (
+        "stiffness AE / L of a screw shaft fixed at one end, as in the makers' selection guides (THK); wind-up T L / GJ "
+        "of a shaft, T the torque of friction"
+    )
     needs_load = True
+    settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
         if not machine.loaded:
@@ -37,15 +46,31 @@ class ScrewWindup(Effect):
         return bool(actuator_at(machine, place[0]).screw_pitch)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        if settings.get("friction"):
+            return (Coefficient("w", "mm", scale=LARGEST_MM, lower=0.0),)
         return (Coefficient("c", "1/N", scale=1e-5, lower=0.0),)
+
+    def reads_load(self, settings: Settings) -> bool:
+        return not settings.get("friction")
+
+    def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
+        return (f"approach.{actuator_at(machine, place[0]).reading}",) if settings.get("friction") else ()
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        return ({}, {"friction": 1.0})
 
     def shifts(self, site: Site) -> Shifts:
         actuator = actuator_at(site.machine, site.place[0])
-        low = actuator.range[0] if actuator.range else 0.0
+        low, high = actuator.range or (0.0, 1.0)
+        if site.settings.get("friction"):
+            (approach,) = self.drivers(site.machine, site.place, site.settings)
+            share = (site.q[actuator.reading] - low) / (high - low)
+            return {actuator.displacement: -site.c["w"] / 2 * site.driver(approach) * share}
         free = nominal_gain(site.machine, actuator) * (site.q[actuator.reading] - low)
         return {actuator.displacement: site.c["c"] * site.load(actuator.displacement) * free}
 
     def explain(self, machine: Machine, place: Place) -> str:
         return (
-            f"The screw of {place[0]} gives way to the force it carries, more the further out its nut stands."
+            f"The screw of {place[0]} gives way to what it carries or to its nut's friction, more the further out "
+            "the nut stands."
         )

@@ -73,7 +73,7 @@ def draw(setting: Setting, plan: Plan, rng: np.random.Generator) -> Campaign:
         validation=held[number],
         origin=_origins(number) if setting.changes else rows,
         velocity=speeds.round(6) if plan.moving else None,
-        dwell=rng.uniform(1.0, 4.0, n).round(2),
+        dwell=np.full(n, rng.uniform(1.0, 4.0)).round(2),  # the program waits alike before every reading
     )
 
 

@@ -20,6 +20,8 @@ TURN = 2 * np.pi
 THRESHOLDS = (0.02, 0.06, 0.15, 0.35)
 """Half widths of the plays that make up a hysteresis, as shares of the range."""
 WEIGHTS = (0.4, 0.3, 0.2, 0.1)
+LOOP = 101
+"""Points of each way of a full loop."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +119,14 @@ def piezo_hysteresis(axes: Axes, names: Sequence[str], typical: float) -> Physic
     def shift(work: Work, i: Imperfection, k: int) -> Array:
         reach = axes.high[k] - axes.low[k]
         widths = [t * reach * i.shape["width"] for t in THRESHOLDS]
-        path = axes.path(work)[:, [k]]
-        loop = operators.prandtl_ishlinskii(path, widths, [i.size * w for w in WEIGHTS])
-        return np.asarray(operators.at_rows(loop)[:, 0])
+        weights = [i.size * w for w in WEIGHTS]
+        loop = operators.at_rows(operators.prandtl_ishlinskii(axes.path(work)[:, [k]], widths, weights))[:, 0]
+        # the drawing's gain is that of the maker, who ran it to and fro over its whole range
+        there = np.linspace(axes.low[k], axes.high[k], LOOP)
+        full = np.concatenate([there, there[::-1], there, there[::-1]])
+        whole = operators.prandtl_ishlinskii(full[:, None], widths, weights)[2 * LOOP :, 0]
+        line = np.polyfit(full[2 * LOOP :], whole, 1)
+        return np.asarray(loop - np.polyval(line, work.campaign.q[:, k]))
 
     def shape(_place: Place, rng: np.random.Generator) -> Mapping[str, float]:
         return {"width": float(rng.uniform(0.6, 1.2))}

@@ -48,6 +48,8 @@ TOLERANCED = (
 BEAM_NAMES = ("beam.x", "beam.y", "beam.z", "beam.rx", "beam.rz")
 MIRROR_NAMES = ("mirror.z", "mirror.rx", "mirror.ry")
 SLIDES, TURNS = ("q1", "q2", "q3"), ("q4", "q5", "q6")
+SCREWED, PIEZO = ("q2",), ("q1", "q3")
+"""Slides on a screw, and those that a piezo moves without one."""
 STROKE, SWING, ROTARY = 0.15, np.radians(3.2), (np.radians(-5.0), np.radians(95.0))
 AXES = joints.Axes(
     (*SLIDES, *TURNS),
@@ -89,10 +91,10 @@ class Nanopositioner(PortedMachine):
     @cached_property
     def physics(self) -> tuple[Physics, ...]:
         return (
-            joints.piezo_hysteresis(AXES, SLIDES, 0.03),
-            joints.piezo_creep(AXES, SLIDES, 0.01),
-            joints.screw_periodic(AXES, ("q2",), PITCH, 1e-4),
-            joints.backlash(AXES, ("q2",), 3e-4),
+            joints.piezo_hysteresis(AXES, PIEZO, 0.03),
+            joints.piezo_creep(AXES, PIEZO, 0.01),
+            joints.screw_periodic(AXES, SCREWED, PITCH, 1e-4),
+            joints.backlash(AXES, SCREWED, 3e-4),
             joints.actuator_scale(AXES, ("q2",), 3e-3),
             joints.axis_straightness(AXES, SLIDES, 3e-4, own.slide_wanders(AXES)),
             joints.encoder_eccentricity(AXES, ("q6",), 0.02),
@@ -155,7 +157,7 @@ class Nanopositioner(PortedMachine):
             ends = (low[k], high[k]) if is_slide else (np.degrees(low[k]), np.degrees(high[k]))
             entry: dict[str, Any] = {"name": joint, "kind": "prismatic" if is_slide else "revolute", **row}
             entry["range"] = [round(float(v), 6) for v in ends]
-            table.append({**entry, "screw_pitch": PITCH} if is_slide else entry)
+            table.append({**entry, "screw_pitch": PITCH} if joint in SCREWED else entry)
         tolerances = {"length": 0.0, "angle": 0.0} | {
             name: tolerance_factor * (LENGTH_TOLERANCE if name.endswith(".d") else 0.5) for name in TOLERANCED
         }

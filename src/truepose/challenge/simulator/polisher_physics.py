@@ -10,6 +10,7 @@ import numpy as np
 from .base import Array, Imperfection, Kind, Place
 from .hybrid_geometry import LIMBS, PASSIVE, Assembled
 from .joint_physics import TURN, Axes, phase, places
+from .mechanism_frames import fixed
 from .motions import applied
 from .mount_physics import Grow, body_temperature
 from .ported import Physics, Stage, Work, shapeless
@@ -106,9 +107,11 @@ def runout() -> Physics:
         solved: Assembled = work.solved
         name = i.place[0]
         angle = i.shape["lobes"] * solved.passive[:, PASSIVE.index(name)] + i.shape["phase"]
-        across = ("y", "z") if name.endswith("a") else ("x", "z")
-        for axis, wave in zip(across, (np.cos(angle), np.sin(angle)), strict=True):
-            work.add(f"{name}.{axis}", i.size * wave)
+        across = (1, 2) if name.endswith("a") else (0, 2)
+        held = fixed(work, name)[:, :3, :3]  # the pin turns with its bracket, which stands askew in the base
+        wander = held[..., across[0]] * np.cos(angle)[:, None] + held[..., across[1]] * np.sin(angle)[:, None]
+        for k, axis in enumerate("xyz"):
+            work.add(f"{name}.{axis}", i.size * wander[:, k])
 
     def shape(_place: Place, rng: np.random.Generator) -> Mapping[str, float]:
         return {"lobes": float(rng.choice([2, 3, 4, 8])), "phase": float(rng.uniform(0, TURN))}
