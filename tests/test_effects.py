@@ -479,7 +479,8 @@ def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
     np.testing.assert_array_equal(slopes[0], slopes[1])
     with pytest.raises(InputError, match="found carries = 5, expected 0 to 2"):
         with_effect(unweighed, "joint-compliance", ("q2",), {"carries": 5.0})
-    assert effect.settings(machines["arm"], ("q2",), Campaign()) == ({},)
+    # stated masses: the whole load, and gears that give way otherwise than in proportion
+    assert effect.settings(machines["arm"], ("q2",), Campaign()) == ({}, {"bend": 2.0}, {"bend": 3.0})
     assert "masses are not stated" in effect.explain(unweighed, ("q2",))
     assert "masses are not stated" not in effect.explain(machines["arm"], ("q2",))
 
@@ -702,6 +703,16 @@ def test_lags_and_thermometers_follow_the_recording(machines: Mapping[str, Machi
     assert effect.drivers(machine, legs, shared) == ("temperature.leg2",)
 
 
+def test_a_gear_that_stiffens_gives_way_by_odd_powers_of_its_load(machines: Mapping[str, Machine]) -> None:
+    arm = machines["arm"]
+    straight = shift_slopes(arm, with_effect(arm, "joint-compliance", ("q2",)))["q2.displacement"][0]
+    for bend in (2.0, 3.0):
+        placed = with_effect(arm, "joint-compliance", ("q2",), {"bend": bend})
+        bent = shift_slopes(arm, placed)["q2.displacement"][0]
+        share = abs(straight) / 100.0  # of 100 N m, at which the term is told in units of c
+        assert bent == pytest.approx(straight * share ** (bend - 1))
+
+
 def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
     arm, q = machines["arm"], [0.3, 0.2, 0.1]
     still = _position(arm, q)
@@ -712,7 +723,7 @@ def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
     assert settling.coefficients[2].unit == "mm"
     assert _position(arm, q, settling, time=1600)[2] - still[2] == pytest.approx(0.05 * (1 - np.exp(-1)))
     taus = [s["tau"] for s in settling.effect.settings(arm, ("base",), Campaign())]
-    assert taus == [0, 720, 2200, 7200]
+    assert taus == [0, 580, 1100, 2200, 4300, 8600]  # of a campaign of 7200 s, neighbours twice as long
     bumped = with_effect(arm, "frame-shift", ("base",), {"session": 2.0}, y=0.3)
     assert bumped.drivers == ("session.after.2",)
     np.testing.assert_allclose(_position(arm, q, bumped, session=1.0) - still, [0, 0.3, 0], atol=1e-9)

@@ -110,7 +110,12 @@ class Judge:
         return said.effect in {truth.effect, *(effect for effect, _ in truth.equivalents)} - {""}
 
     def right_place(self, said: Said, truth: Truth) -> bool:
-        """The parts where the truth is, or what is as good, whatever the effect; a constant stands for its part."""
+        """The parts where the truth is, or what is as good, whatever the effect; a constant stands for its part.
+
+        Rows are not compared: an outlier's place is the recording.
+        """
+        if truth.effect in OF_ROWS:
+            return said.effect in OF_ROWS
         places = [truth.place, *(place for _, place in truth.equivalents)]
         return self._parts(said.place) in [self._parts(p) for p in places]
 

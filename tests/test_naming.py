@@ -1,0 +1,125 @@
+"""What names are worth: prior shares of places and second terms, doubt beside a remainder, rivals without a name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.candidates import SECOND_TERM, TOGETHER, Catalogue, catalogue
+from truepose.identification.diagnosis.doubt import SHARE, doubted, fails
+from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
+from truepose.identification.diagnosis.unnamed import UNNAMED
+from truepose.identification.load import load_recording
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+ARM = """schema: truepose/machine/1
+name: arm
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 400, range: [-170, 170]}
+    - {name: q2, kind: revolute, alpha: 90, d: 50, range: [-100, 100]}
+    - {name: q3, kind: revolute, d: 300, range: [-100, 100]}
+frames: {tool: {in: flange, xyz: [200, 0, 0], tolerance: {xyz: 0.5, rpy: 0}}}
+sensor: {type: position, sigma: {xyz: 0.01}}
+tolerances: {length: 0.1, angle: 0.05}
+"""
+ROWS = 24
+
+
+@pytest.fixture(scope="module")
+def weighed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Catalogue]:
+    """Candidates of a small arm, two sessions, a room that warms up."""
+    folder: Path = tmp_path_factory.mktemp("naming")
+    (folder / "arm.yaml").write_text(ARM)
+    rng = np.random.default_rng(3)
+    frame = pd.DataFrame(rng.uniform(-90, 90, (ROWS, 3)), columns=["q1", "q2", "q3"])
+    frame["time"] = np.arange(ROWS) * 60.0
+    frame["session"] = 1 + (np.arange(ROWS) >= ROWS // 2)
+    frame["temperature.air"] = np.linspace(20, 24, ROWS)
+    frame[["x", "y", "z"]] = rng.normal(size=(ROWS, 3))
+    frame.to_csv(folder / "rows.csv", index=False)
+    machine = load_machine(folder / "arm.yaml")
+    return machine, catalogue(machine, load_recording(machine, [folder / "rows.csv"]))
+
+
+def test_priors_of_all_candidates_add_up_to_one(weighed: tuple[Machine, Catalogue]) -> None:
+    assert np.sum(np.exp(weighed[1].log_prior)) == pytest.approx(1.0)
+
+
+def test_one_joint_alone_is_likelier_than_two_at_once(weighed: tuple[Machine, Catalogue]) -> None:
+    cat = weighed[1]
+    share = {1: 0.0, 2: 0.0}
+    for placed, log in zip(cat.candidates, cat.log_prior, strict=True):
+        if placed.effect.slug == "zero-shift":
+            share[len(placed.place)] += float(np.exp(log))
+    assert share[2] / (share[1] + share[2]) == pytest.approx(TOGETHER)
+
+
+def test_a_second_term_of_a_cause_has_paid_for_slug_and_place(weighed: tuple[Machine, Catalogue]) -> None:
+    cat = weighed[1]
+    of_q2 = [
+        k for k, c in enumerate(cat.candidates) if (c.effect.slug, c.place) == ("transmission-error", ("q2",))
+    ]
+    first, second = of_q2[:2]
+    elsewhere = next(k for k, c in enumerate(cat.candidates) if c.place == ("q3",))
+    assert cat.log_odds(second, [elsewhere]) == cat.log_prior[second]
+    assert cat.log_odds(second, [first]) > cat.log_prior[second]
+    total = sum(np.exp(cat.log_odds(k, [of_q2[0]])) for k in of_q2[1:])
+    assert total <= SECOND_TERM
+    assert cat.log_odds(first, [first]) == cat.log_prior[first]  # a term is no reason for itself
+
+
+def test_mounts_are_rivals_as_curves_of_drivers_only_and_the_volume_once(
+    weighed: tuple[Machine, Catalogue],
+) -> None:
+    cat = weighed[1]
+    nameless = [c for c in cat.candidates if c.effect.slug == UNNAMED]
+    mounts = [c for c in nameless if c.place in (("base",), ("tool",))]
+    assert {name for c in mounts for name in c.drivers} == {"time", "temperature.air"}
+    assert all(c.drivers for c in mounts)
+    assert [c.place for c in nameless].count(("sensor",)) == 1
+    assert len({c.label for c in nameless}) == len(nameless)
+
+
+FINDING = Finding(
+    effect="backlash",
+    place=("q2",),
+    probability=0.9,
+    certainty=0.99,
+    log_bayes_factor=40.0,
+    equivalents=(Alternative("friction-hysteresis", ("q2",), 0.09, 39.0),),
+    parameters={},
+    settings=({},),
+    prior_dependent=False,
+    flip_lambda=None,
+    explanation="Joint q2 has play.",
+    separating_experiment="",
+)
+
+
+def test_names_keep_their_share_beside_a_remainder_and_the_rest_has_no_name() -> None:
+    (less,) = doubted([FINDING], Remainder(("q3",), "q1", "a curve", 1.2))
+    assert less.probability == pytest.approx((1 - SHARE) * FINDING.probability)
+    named = less.probability + sum(o.probability for o in less.equivalents if o.effect != UNNAMED)
+    (unnamed,) = [o for o in less.equivalents if o.effect == UNNAMED]
+    assert unnamed.place == ("q3",)
+    assert named + unnamed.probability == pytest.approx(FINDING.certainty, abs=0.01)
+    assert [o.probability for o in less.equivalents] == sorted(
+        (o.probability for o in less.equivalents), reverse=True
+    )
+
+
+def test_a_model_fails_by_a_rival_or_by_a_clear_alarm() -> None:
+    quiet, clear = (
+        {"residual": Alarm(1.0, 0.02)},
+        {"residual": Alarm(1.0, 0.5), "structure": Alarm(9.0, 1e-6)},
+    )
+    assert not fails(None, quiet)
+    assert fails(None, clear)
+    assert fails(Remainder(("q1",), "q1", "a curve", 1.0), quiet)
