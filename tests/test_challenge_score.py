@@ -166,7 +166,7 @@ def test_a_wrong_class_is_told_though_its_members_share_the_probability(tmp_path
 
 def test_effects_on_rows_leave_the_verdict(tmp_path: Path) -> None:
     solution = key(Truth("slip", "fringe-miscount", ("rows",), 1.0, 1.0, 0.1, 50.0))
-    assert marks(score(solution, reply(tmp_path, "adequate", finding("fringe-miscount", "17")))) == "VDNEXR"
+    assert marks(score(solution, reply(tmp_path, "adequate", finding("fringe-miscount", "17")))) == "VDNEPXR"
     assert marks(score(solution, reply(tmp_path, "adequate"))) == "V"
 
 

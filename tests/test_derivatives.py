@@ -324,7 +324,7 @@ def _somewhere(machines: Mapping[str, Machine], slug: str) -> list[tuple[str, Pl
         if effect.needs_load and name == "hybrid":
             continue  # weights nothing
         for place in dict.fromkeys(tuple(p) for p in places[:1] + places[-1:]):
-            settings = dict(effect.settings(machine, place, _Logged())[0])
+            settings = dict(next(iter(effect.settings(machine, place, _Logged())), {}))
             placed = PlacedEffect.at(effect, machine, place, settings)
             sizes = [0.05 * c.scale if np.isfinite(c.scale) else 1e-3 for c in placed.coefficients]
             out.append((name, placed.with_values(sizes)))
