@@ -8,7 +8,6 @@ from truepose.models.effects.base import Coefficient, Effect, Place, Settings, S
 from truepose.models.effects.common import singly
 from truepose.models.machine import PAYLOAD, Machine
 
-
 LARGEST = {"base": 1e-6, "tool": 1e-4}
 """rad/(N m): a base on the floor; a flange that carries a newton metre and turns by a tenth of a milliradian."""
 
