@@ -31,7 +31,7 @@ class SensorScale(Effect):
         return sensors_where(machine, lambda sensor: bool(sensor.shiftable))
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        return (Coefficient("s", "1", 2e-3, -LARGEST, LARGEST),)
+        return (Coefficient("s", "1", 1e-4, -LARGEST, LARGEST),)
 
     def shifts(self, site: Site) -> Shifts:
         return stretched(site, sensor_at(site.machine, site.place[0]), site.c["s"])
