@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.simulate import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
+from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.load import resolve_place
 from truepose.models.machine import Machine
 
@@ -25,10 +26,6 @@ Array = NDArray[np.float64]
 EXPECTED = 0.01
 """Share of a coefficient's largest size that is expected where no amplitude is named: the middle, in the log, of the
 amplitudes that a diagnosis takes to be equally likely (``evidence.AMPLITUDES``)."""
-OF_ROWS = ("outliers", "fringe-miscount")
-"""Effects that concern rows of one recording: no formula, nothing to tell apart by another."""
-OF_ROWS = ("outliers", "fringe-miscount")
-"""Findings about single rows: no physics that poses could show."""
 Form = tuple[PlacedEffect, ...]
 """Effects that act together as one version of an explanation (the orders of a harmonic)."""
 

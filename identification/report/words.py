@@ -8,10 +8,10 @@ from truepose.identification.diagnosis.result import Alternative, Diagnosis, Fin
 from truepose.identification.report.document import Tone
 from truepose.identification.report.numbers import known, p_value, percent, significant, times
 from truepose.models.effects.base import Effect, effects
+from truepose.models.effects.of_rows import OF_ROWS
 
 CERTAIN = 0.95
 NAMEABLE = 3.0
-HARMLESS = ("outliers", "fringe-miscount")
 _ALARM_NAMES = {
     "residual": "lack of fit",
     "prior_conflict": "conflict with tolerances",
@@ -75,8 +75,8 @@ def headline(diagnosis: Diagnosis) -> tuple[str, Tone]:
 def _faults(findings: Sequence[Finding]) -> list[str]:
     """What is wrong with the model, as verbs with their objects."""
     wrong = [_or_alike(f) for f in findings if f.effect == "wrong-constant"]
-    absent = [_or_alike(f) for f in findings if f.effect not in ("wrong-constant", *HARMLESS)]
-    rows = [named(f) for f in findings if f.effect in HARMLESS]
+    absent = [_or_alike(f) for f in findings if f.effect not in ("wrong-constant", *OF_ROWS)]
+    rows = [named(f) for f in findings if f.effect in OF_ROWS]
     out = [f"leaves out {joined(absent)}"] if absent else []
     out += [f"has a {joined(wrong)}"] if wrong else []
     return out + ([f"was fitted beside {joined(rows)}"] if rows else [])
@@ -138,7 +138,7 @@ def _reasons_adequate(diagnosis: Diagnosis) -> list[str]:
     if quiet:
         out.append(f"Quiet: {joined(quiet)}.")
     best = max(
-        (c for c in diagnosis.candidates if c.effect not in HARMLESS),
+        (c for c in diagnosis.candidates if c.effect not in OF_ROWS),
         key=lambda c: c.log_bayes_factor,
         default=None,
     )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import Place, effects
+from truepose.models.effects.of_rows import OfRows
 from truepose.models.machine import Machine
 
 
 @effects.add("fringe-miscount")
-class FringeMiscount(Effect):
+class FringeMiscount(OfRows):
     """Rows, not a place of the machine: it shifts no port. ``identification.diagnosis.outliers`` finds it."""
 
     slug = "fringe-miscount"
@@ -19,15 +18,6 @@ class FringeMiscount(Effect):
     look_alikes = ("outliers", "sensor-periodic", "zero-shift")
     experiment = "go back to the row's start without a break: a lost fringe is missing on the closed way"
     source = "a fringe of a two-way interferometer is half a wavelength; a beam broken or moved too fast loses some"
-
-    def places(self, machine: Machine) -> Sequence[Place]:
-        return ()
-
-    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        return ()
-
-    def shifts(self, site: Site) -> Shifts:
-        return {}
 
     def explain(self, machine: Machine, place: Place) -> str:
         return f"Rows {', '.join(place)} are off by whole half wavelengths and were left out."

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import Place, effects
+from truepose.models.effects.of_rows import OfRows
 from truepose.models.machine import Machine
 
 
 @effects.add("outliers")
-class Outliers(Effect):
+class Outliers(OfRows):
     """Rows, not a place of the machine: it shifts no port, and the robust fit finds it."""
 
     slug = "outliers"
@@ -19,15 +18,6 @@ class Outliers(Effect):
     look_alikes = ("fringe-miscount", "backlash", "zero-shift")
     experiment = "measure the listed rows again"
     source = "a broken line of sight, a swapped target, a robot still moving; no physics of the machine"
-
-    def places(self, machine: Machine) -> Sequence[Place]:
-        return ()
-
-    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        return ()
-
-    def shifts(self, site: Site) -> Shifts:
-        return {}
 
     def explain(self, machine: Machine, place: Place) -> str:
         return f"Rows {', '.join(place)} lie far outside the noise of the others and were left out."

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from truepose.challenge.solutions import Names, Solution, Truth
-from truepose.challenge.strata import OF_ROWS
+from truepose.models.effects.of_rows import OF_ROWS
 
 VERDICTS = ("adequate", "missing-physics", "unknown")
 

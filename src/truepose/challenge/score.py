@@ -15,7 +15,7 @@ from truepose.challenge.findings import Found, Judge, Reply, read_reply
 from truepose.challenge.measures import held_out_error, parameter_bias
 from truepose.challenge.schedule import NULL, OUTSIDE
 from truepose.challenge.solutions import Solution
-from truepose.challenge.strata import OF_ROWS
+from truepose.models.effects.of_rows import OF_ROWS
 
 CONFIDENT = 0.95
 

@@ -14,13 +14,12 @@ from truepose.challenge.simulator.base import Imperfection, Kind
 from truepose.challenge.sizing import Sized, detection_limit, draw_factor, sized
 from truepose.errors import TrueposeError
 from truepose.models.effects.base import effects
+from truepose.models.effects.of_rows import OF_ROWS
 
 Array = NDArray[np.float64]
 SMALLEST, CLEAR, LARGEST = 1.0, 3.0, 20.0
 """Sizes in detection limits: single effects from the first, all others from the second, none beyond the third."""
 ROUNDS = 4
-OF_ROWS = frozenset({"outliers", "fringe-miscount"})
-"""Effects on rows: they leave the verdict as it is."""
 
 
 class UndrawnError(TrueposeError):
@@ -150,4 +149,4 @@ def _two(setups: Setups, kinds: Sequence[Kind], rng: np.random.Generator) -> Dra
     return None
 
 
-__all__ = ["OF_ROWS", "Draft", "UndrawnError", "draft"]
+__all__ = ["Draft", "UndrawnError", "draft"]
