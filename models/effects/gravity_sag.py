@@ -8,6 +8,9 @@ from truepose.models.effects.base import Coefficient, Effect, Place, Settings, S
 from truepose.models.effects.common import singly
 from truepose.models.machine import PAYLOAD, Machine
 
+LARGEST = {"base": 1e-6, "tool": 1e-4}
+"""rad/(N m): a base on the floor; a flange that carries a newton metre and turns by a tenth of a milliradian."""
+
 
 @effects.add("gravity-sag")
 class GravitySag(Effect):
@@ -16,11 +19,14 @@ class GravitySag(Effect):
     slug = "gravity-sag"
     title = "Mount that sags"
     formula = "rotation of the mount = c M, M the moment of gravity about it"
-    size = "1e-9 to 1e-6 rad/(N*m)"
+    size = (
+        "1e-9 to 1e-6 rad/(N*m) for a base; a tool's mount carries less and may give way a hundred times more"
+    )
     look_alikes = ("joint-compliance", "link-bending", "mount-drift")
     experiment = "put a level on the mount, reach out and in, and step the payload"
     source = "an elastic foundation in series with the arm"
     needs_load = True
+    commonness = 0.3  # mounts are bolted down; joints turn in gears
 
     def places(self, machine: Machine) -> Sequence[Place]:
         if not machine.loaded:
@@ -29,7 +35,7 @@ class GravitySag(Effect):
         return singly(("base", "tool") if on_tool else ("base",))
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        return (Coefficient("c", "rad/(N*m)", scale=1e-6, lower=0.0),)
+        return (Coefficient("c", "rad/(N*m)", scale=LARGEST[place[0]], lower=0.0),)
 
     def shifts(self, site: Site) -> Shifts:
         ports = [f"{site.place[0]}.motion.{axis}" for axis in ("rx", "ry", "rz")]
