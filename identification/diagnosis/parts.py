@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 INFLATED = ("length", "angle")
 """Kinds whose classes are told apart; all others (frames, sensors, targets) are one class each, ``kind:``."""
@@ -58,11 +58,3 @@ def inflations(classes: Sequence[str]) -> tuple[tuple[float, ...], ...]:
         alone = [k for k, c in enumerate(classes) if kind_of(c) in ALONE]
         out += [tuple(factor if j == k else 1.0 for j in range(len(classes))) for k in alone]
     return tuple(dict.fromkeys(out))
-
-
-def widest(classes: Sequence[str], found: Sequence[float]) -> Mapping[str, float]:
-    """The largest inflation found in each kind, by kind."""
-    out: dict[str, float] = {}
-    for label, value in zip(classes, found, strict=True):
-        out[kind_of(label)] = max(out.get(kind_of(label), 0.0), value)
-    return out

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.holdout import VALIDATION
+from truepose.identification.diagnosis.holdout import ROLE, VALIDATION
 from truepose.identification.diagnosis.result import Diagnosis, Proof
 from truepose.identification.report.document import Block, Plot, Section, Table, Text
 from truepose.identification.report.figures import fit as fit_figures
@@ -70,7 +70,8 @@ def _allowed(fit: FitColumn) -> str:
 def proof_blocks(proof: Proof) -> list[Block]:
     """Held-out ratio, placebo, black box and injection, each with what it should be."""
     low, high = proof.ratio_interval
-    held = "validation rows" if proof.held_out == "role" else proof.held_out
+    held = VALIDATION if proof.held_out == ROLE else proof.held_out
+    part = "besides" if proof.held_out == ROLE else "of these"
     injected = {True: "found again", False: "not found again", None: "-"}[proof.injected_recovered]
     rows = [
         [
@@ -79,7 +80,7 @@ def proof_blocks(proof: Proof) -> list[Block]:
             "below 1",
         ],
         *(
-            [f"of these, {b.name} ({b.rows} rows, fitted without them)", significant(b.ratio), "below 1"]
+            [f"{part}, {b.name} ({b.rows} rows, fitted without them)", significant(b.ratio), "below 1"]
             for b in proof.blocks
             if b.name != VALIDATION
         ),
