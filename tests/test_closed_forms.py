@@ -12,6 +12,7 @@ import pytest
 import sympy as sp  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
+from support.telescope_legs import UNEVEN, leg_rows
 from truepose.models import lie
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
@@ -24,17 +25,8 @@ CAVITY = """
 sensor: {type: distance, beam: {xyz: [1, 900, 3], rx: 91, rz: 4}, mirror: {in: tool, z: 2, rx: 3, ry: -4},
   sigma: {distance: 0.001}}
 """
-ENDS = (
-    ("[391.3, -83.2, 2]", "[173.6, -179.9, 1]"),
-    ("[391.3, 83.2, -1]", "[173.6, 179.9, -3]"),
-    ("[-123.6, 380.5, 0]", "[69, 240.3, 0.5]"),
-    ("[-267.7, 297.3, 3]", "[-242.6, 60.4, 2]"),
-    ("[-267.7, -297.3, -2]", "[-242.6, -60.4, -1]"),
-    ("[-123.6, -380.5, 1]", "[69, -240.3, 0]"),
-)
-PUS = "mechanism:\n  type: 6-pus\n  home: [0, 0, 440, 0, 0, 5]\n  legs:\n" + "".join(
-    f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, u: [0.1, -0.05, 1], length: 500}}\n"
-    for k, (a, b) in enumerate(ENDS, start=1)
+PUS = "mechanism:\n  type: 6-pus\n  home: [0, 0, 440, 0, 0, 5]\n  legs:\n" + leg_rows(
+    "u: [0.1, -0.05, 1], length: 500", UNEVEN
 )
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.telescope_legs import UNEVEN, leg_rows
 from truepose.identification.prediction import Predictor
 from truepose.identification.recording import Recording
 from truepose.models import lie
@@ -51,22 +52,11 @@ mechanism:
     - {name: q4, kind: revolute, alpha: 85, d: 20, r: 200, range: [-90, 90], gear_ratio: 100}
 masses: {link3: {kg: 12, com: [150, 5, 40], in: link3}, payload: {kg: 4, com: [3, 20, 10], in: tool}}
 """
-ENDS = (
-    ("[391.3, -83.2, 2]", "[173.6, -179.9, 1]"),
-    ("[391.3, 83.2, -1]", "[173.6, 179.9, -3]"),
-    ("[-123.6, 380.5, 0]", "[69, 240.3, 0.5]"),
-    ("[-267.7, 297.3, 3]", "[-242.6, 60.4, 2]"),
-    ("[-267.7, -297.3, -2]", "[-242.6, -60.4, -1]"),
-    ("[-123.6, -380.5, 1]", "[69, -240.3, 0]"),
-)
 CARRIED = "masses: {platform: {kg: 8, com: [10, -5, 15], in: platform}, payload: {kg: 2, com: [5, -2, 40], in: tool}}\n"
 
 
 def hexapod(kind: str, tail: str) -> str:
-    legs = "".join(
-        f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, {tail}, screw_pitch: 4}}\n"
-        for k, (a, b) in enumerate(ENDS, start=1)
-    )
+    legs = leg_rows(f"{tail}, screw_pitch: 4", UNEVEN)
     return f"mechanism:\n  type: {kind}\n  home: [0, 0, 440, 0, 0, 5]\n  legs:\n{legs}{CARRIED}"
 
 

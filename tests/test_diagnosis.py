@@ -16,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom, kstest
 
+from support.telescope_legs import leg_rows
 from truepose.identification.diagnosis import alarms
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis, Finding
@@ -49,24 +50,14 @@ frames: {tool: {in: flange, xyz: [500, 0, 0], tolerance: {xyz: 0.5, rpy: 0}}}
 sensor: {type: position, sigma: {xyz: 0.01}}
 masses: {payload: {kg: 2, com: [0, 0, 0], in: tool}}
 """
-ENDS = (
-    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
-    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
-    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
-    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
-    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
-    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
-)
 HEXAPOD = """
 mechanism:
   type: 6-pus
   home: [0, 0, 440, 0, 0, 0]
   flexure: {length: 30}
   legs:
-""" + "".join(
-    f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, length: 500, range: [-1.3, 1.3]}}\n"
-    for k, (a, b) in enumerate(ENDS, 1)
-)
+"""
+HEXAPOD += leg_rows("length: 500, range: [-1.3, 1.3]")
 HEXAPOD += "sensor: {type: pose, sigma: {xyz: 0.002, rot: 0.0005}}\n"
 TEXTS = {"table": TABLE, "arm": ARM, "hexapod": HEXAPOD}
 

@@ -1,10 +1,8 @@
-"""Laws of experiments that tell explanations apart: what a row is worth, what is chosen, and what is said of it."""
+"""Plans that tell explanations apart: what a row is worth, what a plan promises, what it varies."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +11,9 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from typer.testing import CliRunner, Result
 
-from truepose.cli import app
-from truepose.errors import InputError
+from support import MACHINES
+from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import missed_chi2
 from truepose.identification.diagnosis.evidence import Grid
@@ -26,67 +23,18 @@ from truepose.identification.estimate import estimate
 from truepose.identification.load import load_recording
 from truepose.identification.planning.discriminate import discriminate
 from truepose.identification.planning.discriminate_criterion import Contest, Race, chosen
-from truepose.identification.planning.discriminate_explanations import (
-    EXPECTED,
-    Class,
-    class_of,
-    explanation,
-)
+from truepose.identification.planning.discriminate_explanations import EXPECTED, Class, explanation
 from truepose.identification.planning.discriminate_factors import MOST, Factor, Offer, factors, settings
-from truepose.identification.planning.discriminate_result import Experiment
 from truepose.identification.planning.discriminate_rows import Rows, recording_of, signals
 from truepose.identification.planning.discriminate_targets import Target, with_targets
-from truepose.identification.planning.discriminate_words import experiment_json, sentences
+from truepose.identification.planning.discriminate_words import sentences
 from truepose.identification.planning.information import PoseInformation
 from truepose.identification.planning.table import experiment_table
 from truepose.identification.simulate import parse_effect, simulate, with_inputs
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine, Mass
 
 Array = NDArray[np.float64]
-MACHINES = Path(__file__).parent / "machines"
 example_seeds = given(st.integers(0, 10**6))
-LEGS = "+".join(f"leg{k}" for k in range(1, 7))
-COMPLIANT = f"leg-compliance@{LEGS}:c=1e-3"
-BENT = "platform-deformation@platform:kappa=0.01,form=0"
-YIELDING, UNEVEN = "joint-compliance@q2:c=1e-5", "transmission-error@q2:order=1,a=1e-4"
-
-
-@cache
-def arm() -> Machine:
-    return load_machine(MACHINES / "serial.yaml")
-
-
-@cache
-def telescope() -> Machine:
-    """With a heavy mirror, and a payload that may be stepped."""
-    machine = load_machine(MACHINES / "pus.yaml")
-    flange = machine.mechanism.flange
-    masses = (
-        Mass("mirror", 15.0, (10.0, 20.0, 40.0), flange),
-        Mass("payload", 0.0, (0.0, 12.0, 60.0), "tool"),
-    )
-    return replace(machine, gravity=(0.0, 0.0, -9.80665), masses=masses)
-
-
-def poses(machine: Machine, n: int, seed: int = 0) -> Array:
-    low, high = np.array([a.range for a in machine.mechanism.actuators], dtype=float).T
-    return np.random.default_rng(seed).uniform(low, high, (n, len(low)))
-
-
-def planned_on(
-    machine: Machine, *texts: str, n: int = 10, payload: str = "", vary: tuple[str, ...] = ()
-) -> Experiment:
-    wanted = Class(tuple(explanation(text, machine) for text in texts))
-    offer = Offer.of(machine, payload, vary)
-    return discriminate(machine, n, wanted, offer=offer, candidates=poses(machine, 30))
-
-
-@cache
-def planned(name: str, *texts: str, n: int = 10, payload: str = "", vary: tuple[str, ...] = ()) -> Experiment:
-    """The same on a machine by its name, once for all tests."""
-    machine = {"arm": arm, "telescope": telescope}[name]()
-    return planned_on(machine, *texts, n=n, payload=payload, vary=vary)
 
 
 def contest(seed: int, rows: int = 12, readings: int = 2, nuisance: int = 5) -> Contest:
@@ -318,133 +266,3 @@ def test_changes_of_length_count_from_one_reference_row(tmp_path: Path) -> None:
     assert len(frame) == 7 and set(frame["from"]) == {1} and list(frame["pose"]) == list(range(1, 8))
     frame.to_csv(tmp_path / "rows.csv", index=False)
     assert len(load_recording(machine, [tmp_path / "rows.csv"], need_readings=False)) == 7
-
-
-def diagnosis_file(folder: Path, **finding: object) -> Path:
-    content = {
-        "effect": "joint-compliance",
-        "place": ["q2"],
-        "equivalents": [{"effect": "transmission-error", "place": ["q2"], "probability": 0.3}],
-        "parameters": {"c": {"value": 1e-5, "std": 1e-6, "unit": "rad/(N*m)"}},
-        "settings": [{}],
-    }
-    other = {
-        "effect": "backlash",
-        "place": ["q3"],
-        "equivalents": [],
-        "parameters": {"b": {"value": 1e-4, "std": 1e-6, "unit": "rad"}},
-        "settings": [{}],
-    }
-    (folder / "diagnosis.json").write_text(json.dumps({"findings": [{**content, **finding}, other]}))
-    return folder / "diagnosis.json"
-
-
-def test_a_class_is_read_from_a_diagnosis(tmp_path: Path) -> None:
-    machine = arm()
-    wanted = class_of(diagnosis_file(tmp_path), machine)
-    assert [e.name for e in wanted.explanations] == ["joint-compliance@q2", "transmission-error@q2"]
-    assert wanted.explanations[0].amplitude == pytest.approx([0.1])
-    assert [other.label for other in wanted.others] == ["backlash@q3"]
-    assert len(wanted.explanations[1].forms) > 10  # any order, but no long series
-    found = discriminate(machine, 8, wanted, offer=Offer.of(machine, "0,5"), candidates=poses(machine, 30))
-    assert found.splits
-    named = class_of(diagnosis_file(tmp_path), machine, ["joint-compliance@q2", "axis-coupling@q2+q3"])
-    assert [e.slug for e in named.explanations] == ["joint-compliance", "axis-coupling"]
-
-
-@pytest.mark.parametrize(
-    ("finding", "message"),
-    [({"equivalents": []}, "no finding with equivalents"), ({"parameters": {}}, "no value of c")],
-)
-def test_a_diagnosis_without_a_class_is_refused(
-    tmp_path: Path, finding: dict[str, object], message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        class_of(diagnosis_file(tmp_path, **finding), arm())
-
-
-@pytest.mark.parametrize(
-    ("texts", "named"),
-    [
-        (("payload",), "expected DRIVER"),
-        (("temperature.link2=warm",), "expected numbers"),
-        (("humid=1",), "expected DRIVER"),
-    ],
-)
-def test_offers_that_mean_nothing_are_refused(texts: tuple[str, ...], named: str) -> None:
-    with pytest.raises(InputError, match=named):
-        Offer.of(arm(), named=texts)
-
-
-def test_payloads_and_targets_are_checked() -> None:
-    with pytest.raises(InputError, match="not negative"):
-        Offer.of(arm(), "-1,5")
-    with pytest.raises(InputError, match="NAME=x,y,z"):
-        Target.of("T1=1,2", telescope())
-    with pytest.raises(InputError, match="not taken"):
-        Target.of("P1=1,2,3", telescope())
-    with pytest.raises(InputError, match="two or more"):
-        planned("arm", YIELDING, "joint-compliance@q2")
-
-
-def run(folder: Path, *options: str, machine: str = "serial") -> Result:
-    rows = folder / "candidates.csv"
-    loaded = load_machine(MACHINES / f"{machine}.yaml")
-    degrees = np.where([a.unit == "rad" for a in loaded.mechanism.actuators], np.degrees(1.0), 1.0)
-    head = ",".join(loaded.mechanism.readings)
-    np.savetxt(rows, poses(loaded, 24) * degrees, delimiter=",", header=head, comments="")
-    common = ["plan", str(MACHINES / f"{machine}.yaml"), "-n", "8", "-o", str(folder / "poses.csv")]
-    return CliRunner().invoke(app, [*common, "--candidates", str(rows), *options])
-
-
-def test_the_command_writes_rows_that_simulate_reads(tmp_path: Path) -> None:
-    found = run(tmp_path, "--discriminate", YIELDING, "backlash@q2:b=5e-4", "--payload", "0,5", "--json")
-    assert found.exit_code == 0, found.output
-    told = json.loads(found.stdout)
-    assert told["split"] is True and told["expected"] > told["random"]["mean"]
-    assert {"pose", "q1", "q2", "q3", "payload", "approach.q2"} == set(told["columns"])
-    assert told["factors"][0]["held"] <= told["expected"]
-    after = CliRunner().invoke(
-        app,
-        [
-            "simulate",
-            str(MACHINES / "serial.yaml"),
-            str(tmp_path / "poses.csv"),
-            "-o",
-            str(tmp_path / "out.csv"),
-        ],
-    )
-    assert after.exit_code == 0, after.output
-    first = (tmp_path / "poses.csv").read_text(encoding="utf-8").splitlines()
-    assert first[0].startswith("# rows of arm to tell joint-compliance@q2 and backlash@q2 apart")
-
-
-def test_the_command_says_of_twins_that_no_plan_splits_them(tmp_path: Path) -> None:
-    found = run(
-        tmp_path, "--discriminate", "transmission-error@q2:order=2", "encoder-eccentricity@q2:order=2"
-    )
-    assert found.exit_code == 0, found.output
-    assert "no plan splits them" in found.stdout
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        (("--payload", "0,5"), "without --discriminate"),
-        (("--discriminate", YIELDING, UNEVEN, "--criterion", "a"), "--criterion"),
-        (("--discriminate", YIELDING, "backlash@q9"), "--discriminate backlash@q9"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused_in_one_line(
-    tmp_path: Path, options: tuple[str, ...], named: str
-) -> None:
-    found = run(tmp_path, *options)
-    assert found.exit_code == 2 and named in found.stderr and len(found.stderr.splitlines()) == 1
-
-
-def test_json_and_words_agree() -> None:
-    found = planned("telescope", COMPLIANT, BENT, payload="0,5")
-    told = experiment_json(found)
-    assert told["sentences"] == sentences(found)
-    assert told["expected"] == min(pair["expected"] for pair in told["pairs"] if pair["separable"])
-    assert told["split"] is (found.expected >= told["threshold"] and not told["inseparable"])

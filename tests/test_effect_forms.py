@@ -12,15 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from support.effects import with_effect
+from support.telescope_legs import leg_rows
+from support.tool_pose import HEAD, pose
 from truepose.identification.history import creep_sum, stop_operator
-from truepose.models.effects.base import PlacedEffect, Settings, Shifts, Site, effects
-from truepose.models.kinematics import symbolic_model
+from truepose.models.effects.base import PlacedEffect, Shifts, Site, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 from truepose.models.states import hinges
 
 Array = NDArray[np.float64]
-HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.1, angle: 0.05}}\ngravity: [0, 0, -9.80665]\n"
 ARM = """
 mechanism:
   type: serial
@@ -46,20 +47,9 @@ mechanism:
    tool: 50, limb_range: [500, 900], wrist_range: [-90, 90]}
 sensor: {type: pose, sigma: {xyz: 0.01, rot: 0.01}}
 """
-ENDS = (
-    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
-    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
-    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
-    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
-    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
-    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
-)
 HEXAPOD = (
     "mechanism:\n  type: 6-pus\n  home: [0, 0, 440, 0, 0, 0]\n  legs:\n"
-    + "".join(
-        f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, length: 500, range: [-60, 60]}}\n"
-        for k, (a, b) in enumerate(ENDS, 1)
-    )
+    + leg_rows("length: 500, range: [-60, 60]")
     + "sensor: {type: pose, sigma: {xyz: 0.01, rot: 0.01}}\nmasses: {head: {kg: 9, com: [0, 0, 50], in: tool}}\n"
 )
 SEEN = SLIDE.replace(
@@ -77,17 +67,6 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Machine
         (folder / f"{name}.yaml").write_text(HEAD.format(name=name) + text)
         known[name] = load_machine(folder / f"{name}.yaml")
     return known.__getitem__
-
-
-def placed(
-    of: Machine, slug: str, place: str, fixed: Settings | None = None, **values: float
-) -> PlacedEffect:
-    return PlacedEffect.at(effects.get(slug, "test")(), of, (place,), fixed, values)
-
-
-def pose(of: Machine, q: list[float], *terms: PlacedEffect) -> Array:
-    m = symbolic_model(of, terms)
-    return np.array(ca.Function("pose", [m.q, m.z, m.p], [m.pose])(q, m.z_home, m.p_home))
 
 
 def tilt(one: Array, two: Array) -> complex:
@@ -119,7 +98,9 @@ def test_a_pin_circles_across_itself_so_many_times_a_turn(
 ) -> None:
     robot, a, b = machine("robot"), 0.03, -0.02
     hinge = next(h for h in hinges(robot) if h.name == joint)
-    moved, site = shifts(robot, placed(robot, "joint-runout", joint, {"order": float(order)}, a=a, b=b))
+    moved, site = shifts(
+        robot, with_effect(robot, "joint-runout", (joint,), {"order": float(order)}, a=a, b=b)
+    )
     names = [step.parameter for step in hinge.placement[:3]]
     assert list(moved) == names
     at = ca.Function("at", [site.turn(joint)], [ca.vertcat(*(moved[name] for name in names))])
@@ -160,8 +141,8 @@ def test_a_wobble_of_second_order_circles_twice_a_turn(
     machine: Callable[[str], Machine], pair: str, turns: int
 ) -> None:
     arm, size = machine("arm"), (3e-4, -2e-4)
-    term = placed(
-        arm, "axis-wobble", "q1", {"orders": 2.0}, **{f"{c}2": s for c, s in zip(pair, size, strict=True)}
+    term = with_effect(
+        arm, "axis-wobble", ("q1",), {"orders": 2.0}, **{f"{c}2": s for c, s in zip(pair, size, strict=True)}
     )
     angles = np.linspace(-2.5, 2.5, 7)
     circle = np.array(
@@ -174,7 +155,7 @@ def test_a_wobble_of_second_order_circles_twice_a_turn(
 def test_an_axis_tilts_about_its_bearing_at_the_foot_of_the_column(machine: Callable[[str], Machine]) -> None:
     """A point on the axis at the foot stays; what stands 400 mm above goes aside by 400 mm times the tilt."""
     arm = machine("arm")
-    term = placed(arm, "axis-wobble", "q1", a=2e-4, b=1e-4)
+    term = with_effect(arm, "axis-wobble", ("q1",), a=2e-4, b=1e-4)
     still, moved = (pose(arm, [0.7, 0.3, 0.2, 0.1], *t) for t in ((), (term,)))
     motion = moved @ np.linalg.inv(still)  # base frame, whose origin is the foot of q1
     np.testing.assert_allclose(motion[:3, 3], 0, atol=1e-4)
@@ -188,7 +169,7 @@ def test_a_forearm_along_its_own_axis_bends(machine: Callable[[str], Machine]) -
     q = [0.0, 0.0, 0.0, 0.0]
     # q2 at 0: find the angle that lays the forearm level
     q = min(([0.0, a, 0.0, 0.0] for a in np.linspace(-np.pi, np.pi, 9)), key=lambda v: abs(_rise(arm, v)))
-    still, bent = (pose(arm, q, *t) for t in ((), (placed(arm, "link-bending", "link3", c=c),)))
+    still, bent = (pose(arm, q, *t) for t in ((), (with_effect(arm, "link-bending", ("link3",), c=c),)))
     wrist, tool = _wrist(arm, q), still
     along = wrist - _elbow(arm, q)
     assert np.linalg.norm(along) == pytest.approx(700.0)
@@ -259,7 +240,9 @@ def test_a_gain_calibrated_late_leaves_what_is_still_to_creep(machine: Callable[
     """``since`` takes the creep of so many seconds, in proportion to the reading, out of the gain."""
     slide = machine("slide")
     early, late = (
-        shifts(slide, placed(slide, "piezo-creep", "s1", {"t0": 0.1, "dwell": 2.0, "since": t}, g=0.01))
+        shifts(
+            slide, with_effect(slide, "piezo-creep", ("s1",), {"t0": 0.1, "dwell": 2.0, "since": t}, g=0.01)
+        )
         for t in (0.0, 99.9)
     )
     values = []
@@ -274,8 +257,8 @@ def test_elements_side_by_side_are_the_sum_of_single_ones(machine: Callable[[str
     slide, friction = machine("slide"), effects.get("friction-hysteresis", "test")()
     found = [s for s in friction.settings(slide, ("s2",), _Recorded()) if "elements" in s]
     assert len({s.get("overshoot") for s in found}) == len(found) > 1
-    several = placed(
-        slide, "friction-hysteresis", "s2", {"elements": 1.0}, h1=1e-3, h2=2e-3, h3=3e-3, h4=4e-3
+    several = with_effect(
+        slide, "friction-hysteresis", ("s2",), {"elements": 1.0}, h1=1e-3, h2=2e-3, h3=3e-3, h4=4e-3
     )
     total, site = shifts(slide, several)
     marks = [site.z[name] for name in several.drivers]
@@ -283,7 +266,7 @@ def test_elements_side_by_side_are_the_sum_of_single_ones(machine: Callable[[str
     value = float(ca.Function("f", marks, [total["s2.displacement"]])(*leads))
     alone = 0.0
     for width, h, lead in zip((0.003, 0.01, 0.03, 0.1), (1e-3, 2e-3, 3e-3, 4e-3), leads, strict=True):
-        term = placed(slide, "friction-hysteresis", "s2", {"width": width}, h=h)
+        term = with_effect(slide, "friction-hysteresis", ("s2",), {"width": width}, h=h)
         one, here = shifts(slide, term)
         alone += float(ca.Function("f", [here.z[term.drivers[0]]], [one["s2.displacement"]])(lead))
     assert value == pytest.approx(alone)
@@ -294,7 +277,7 @@ def test_friction_of_a_nut_winds_the_free_part_of_its_screw_up(
     machine: Callable[[str], Machine], s: float, share: float
 ) -> None:
     slide = machine("slide")
-    term = placed(slide, "screw-windup", "s2", {"friction": 1.0}, w=0.02)
+    term = with_effect(slide, "screw-windup", ("s2",), {"friction": 1.0}, w=0.02)
     assert not term.needs_load
     found, site = shifts(slide, term)
     at = ca.Function("f", [site.q["s2"], site.z["approach.s2"]], [found["s2.displacement"]])
@@ -307,7 +290,7 @@ def test_friction_of_a_nut_winds_the_free_part_of_its_screw_up(
 def test_under_load_a_platform_gives_way_at_i_by_j_as_at_j_by_i(machine: Callable[[str], Machine]) -> None:
     hexapod = machine("hexapod")
     values = {f"C[{i},{j}]": 1e-5 * (7 * i + j) for i in range(1, 7) for j in range(i, 7)}
-    term = placed(hexapod, "platform-deformation", "platform", {"form": 5.0}, **values)
+    term = with_effect(hexapod, "platform-deformation", ("platform",), {"form": 5.0}, **values)
     assert {c.name for c in term.coefficients} == set(values)
     assert [c.name for c in term.coefficients if c.lower == 0.0] == [f"C[{k},{k}]" for k in range(1, 7)]
     found, site = shifts(hexapod, term)
@@ -322,8 +305,13 @@ def test_a_decentred_lens_is_one_whose_axis_stands_aside(machine: Callable[[str]
     """p is minus k1 times how far aside: the derivative of radial distortion by its centre."""
     robot, k1, aside = machine("seen"), 1e-3, np.array([3e-6, -2e-6])
     p = -k1 * aside
-    term = placed(
-        robot, "lens-distortion", "sensor", {"terms": 1.0, "decentred": 1.0}, p1=float(p[0]), p2=float(p[1])
+    term = with_effect(
+        robot,
+        "lens-distortion",
+        ("sensor",),
+        {"terms": 1.0, "decentred": 1.0},
+        p1=float(p[0]),
+        p2=float(p[1]),
     )
     found, site = shifts(robot, term)
     ports = [port for port in found if port.startswith("P1.")]

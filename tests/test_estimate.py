@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.telescope_legs import ENDS, leg_rows
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.align import aligned_start
 from truepose.identification.diagnosis.summary import worst_allowed
@@ -46,17 +47,8 @@ mechanism:
     - {name: q5, kind: revolute, alpha: 90, r: 115.7, range: [-170, 170]}
     - {name: q6, kind: revolute, alpha: -90, r: 92.2, range: [-170, 170]}
 """
-ENDS = (
-    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
-    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
-    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
-    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
-    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
-    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
-)
-HEXAPOD = "mechanism:\n  type: 6-pus\n  home: [0, 0, 440, 0, 0, 0]\n  legs:\n" + "".join(
-    f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, length: 500, range: [-80, 80]}}\n"
-    for k, (a, b) in enumerate(ENDS, start=1)
+HEXAPOD = "mechanism:\n  type: 6-pus\n  home: [0, 0, 440, 0, 0, 0]\n  legs:\n" + leg_rows(
+    "length: 500, range: [-80, 80]"
 )
 TEXTS = {"arm": MADE + FRAMES + ARM + POSE, "hexapod": MADE + FRAMES + HEXAPOD + POSE}
 
@@ -171,11 +163,8 @@ def test_the_unit_of_the_file_does_not_matter(tmp_path: Path, unit: str) -> None
     factor = {"um": 1e3, "m": 1e-3, "inch": 1 / 25.4}[unit]
 
     def text(k: float) -> str:
-        legs = "".join(
-            f"    - {{name: leg{i}, joint: rho{i}, length: {500 * k}, "
-            f"a: {_times(a, k)}, b: {_times(b, k)}}}\n"
-            for i, (a, b) in enumerate(ENDS, start=1)
-        )
+        ends = [(_times(a, k), _times(b, k)) for a, b in ENDS]
+        legs = leg_rows(f"length: {500 * k}", ends)
         return (
             f"tolerances: {{length: {0.2 * k}, angle: 0.1}}\nframes:\n"
             f"  base: {{xyz: {[5 * k, 6 * k, 7 * k]}, rpy: [1, 2, 3], tolerance: {{xyz: {k}, rpy: 1}}}}\n"
@@ -202,8 +191,9 @@ def test_the_unit_of_the_file_does_not_matter(tmp_path: Path, unit: str) -> None
     assert np.abs(departures(fits[1], fits[0].p)).max() < 1e-3
 
 
-def _times(vector: str, factor: float) -> list[float]:
-    return [factor * float(v) for v in vector.strip("[]").split(",")]
+def _times(vector: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+    x, y, z = vector
+    return factor * x, factor * y, factor * z
 
 
 UNKNOWN = re.sub(r"xyz: [15], rpy: 1\}", "xyz: .inf, rpy: .inf}", FRAMES)

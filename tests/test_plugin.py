@@ -1,7 +1,7 @@
 """A user's own file of a dozen lines goes the whole way: screened, named, reported, predicted, turned into C.
 
-That new mechanisms and sensors are fitted without another edit is shown in ``test_kinematics``; here they
-also go through the command line and the controller's code.
+That new mechanisms and sensors are fitted without another edit is shown in ``test_outside_parts``; here
+they also go through the command line and the controller's code.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,83 +11,21 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
+from support.sensor_bench import TEXTS, Bench
 from truepose.errors import InputError
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.outliers import fringes_by_row, miscounted_fringes
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.export import diagnosis_json
+from truepose.identification.estimate import estimate
 from truepose.identification.load import load_recording
 from truepose.identification.prediction import Predictor
 from truepose.identification.recording import Recording
-from truepose.identification.simulate import parse_effect, simulate, with_inputs
+from truepose.identification.simulate import simulate
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-HEAD = "schema: truepose/machine/1\nname: NAME\ntolerances: {length: 0.05, angle: 0.02}\n"
-ARM = """
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: revolute, r: 450, range: [-160, 160]}
-    - {name: q2, kind: revolute, alpha: -90, d: 200, theta: -90, range: [-70, 70]}
-    - {name: q3, kind: revolute, d: 800, range: [-70, 70]}
-    - {name: q4, kind: revolute, alpha: -90, d: 30, r: 700, range: [-150, 150]}
-    - {name: q5, kind: revolute, alpha: 90, range: [-100, 100]}
-    - {name: q6, kind: revolute, alpha: -90, r: 190, range: [-170, 170]}
-frames:
-  base: {in: world, xyz: [1800, -200, 100], rpy: [0, 0, 150], tolerance: {xyz: 5, rpy: 1}}
-  tool: {in: flange, xyz: [40, -20, 120], rpy: [0, 0, 0], tolerance: {xyz: 1, rpy: 0}}
-sensor: {type: position, sigma: {xyz: 0.01}}
-"""
-ENDS = (
-    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
-    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
-    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
-    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
-    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
-    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
-)
-TELESCOPE = """
-mechanism:
-  type: 6-pus
-  home: [0, 0, 440, 0, 0, 0]
-  flexure: {length: 30}
-  legs:
-""" + "".join(
-    f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, length: 500, range: [-1.3, 1.3]}}\n"
-    for k, (a, b) in enumerate(ENDS, 1)
-)
-TELESCOPE += """
-frames: {base: {in: world, xyz: [0, 0, 0], rpy: [0, 0, 0], tolerance: {xyz: 5, rpy: 1}}}
-sensor:
-  type: targets
-  points: {P1: [175, 0, -85], P2: [-87, 151, -85], P3: [-87, -151, -85], P4: [9, 104, -10]}
-  sigma: {xyz: 0.002}
-"""
-STAGE = """
-units: {length: um, angle: deg}
-mechanism:
-  type: serial
-  joints:
-    - {name: x, kind: prismatic, alpha: 90, range: [-150, 150]}
-    - {name: y, kind: prismatic, alpha: 90, range: [-150, 150]}
-    - {name: t, kind: revolute, range: [-3, 3]}
-sensor:
-  type: distance
-  beam: {in: world, xyz: [0, 900, 0], rx: 90, rz: 0}
-  mirror: {in: flange, z: 0, rx: 90, ry: 0}
-  sigma: {distance: 0.002}
-  tolerance: {beam.xyz: 20, beam.angle: 0.1, mirror.z: 5, mirror.angle: 0.1}
-  wavelength: 1.56
-"""
-STAGE_HEAD = "schema: truepose/machine/1\nname: NAME\ntolerances: {length: 1, angle: 0.05}\n"
-TEXTS = {"arm": HEAD + ARM, "telescope": HEAD + TELESCOPE, "stage": STAGE_HEAD + STAGE}
-RIGID = (STAGE_HEAD + STAGE).replace("length: 1, angle: 0.05", "length: 0, angle: 0")
-"""The stage without tolerances of its own: what is unknown is where the beam and the mirror are."""
 CASES = {
     "arm": (
         "sensor-scale@sensor:s=2e-4",
@@ -119,78 +57,11 @@ CASES = {
 EVERY = [(name, text) for name, texts in CASES.items() for text in texts]
 FAINT = {"stage": ("air-refraction@sensor:share=1",), "telescope": ("air-refraction@sensor:share=1",)}
 """What cannot be seen at this noise: half a millimetre of air, and dn times half a metre, are less than the noise."""
-ROWS = 90
-
-
-class Bench:
-    """A machine and recordings of it, true constants as the drawing has them."""
-
-    def __init__(self, folder: Path, name: str, text: str = "") -> None:
-        self.folder, self.name = folder, name
-        (folder / f"{name}.yaml").write_text((text or TEXTS[name]).replace("NAME", name))
-        self.machine: Machine = load_machine(folder / f"{name}.yaml")
-
-    @property
-    def drivers(self) -> pd.DataFrame:
-        """Poses at random, with weather and velocities that have nothing to do with them."""
-        rng = np.random.default_rng(5)
-        data: dict[str, object] = {"pose": np.arange(ROWS)}
-        if self.name == "stage":
-            data["from"] = np.maximum(np.arange(ROWS) - 1, 0)
-        units = {"mm": "mm", "rad": "rad"}
-        for actuator in self.machine.mechanism.actuators:
-            assert actuator.range is not None
-            unit = units[actuator.reading_unit]
-            low, high = actuator.range
-            data[f"{actuator.reading} [{unit}]"] = rng.uniform(low, high, ROWS)
-            data[f"velocity.{actuator.reading} [{unit}/s]"] = rng.normal(0, 0.2 * (high - low), ROWS)
-        data["temperature.air"] = rng.uniform(15, 27, ROWS)
-        data["pressure [hPa]"] = rng.uniform(970, 1030, ROWS)
-        return pd.DataFrame(data)
-
-    def rows(self, *drop: str) -> Recording:
-        """The poses without readings."""
-        path = self.folder / "poses.csv"
-        frame = self.drivers
-        frame.drop(columns=[c for c in frame.columns if str(c).startswith(drop)] if drop else []).to_csv(
-            path, index=False
-        )
-        return load_recording(self.machine, [path], need_readings=False)
-
-    def placed(self, text: str) -> PlacedEffect:
-        return parse_effect(text, self.machine)
-
-    def recording(
-        self, *texts: str, seed: int | None = 3, change: Callable[[pd.DataFrame], None] | None = None
-    ) -> Recording:
-        """What is read where these effects act."""
-        rows = self.rows()
-        frame = simulate(self.machine, rows, [self.placed(text) for text in texts], seed=seed)
-        if change is not None:
-            change(frame)
-        target = self.folder / "recording.csv"
-        with_inputs(self.folder / "poses.csv", frame).to_csv(target, index=False)
-        return load_recording(self.machine, [target])
 
 
 @pytest.fixture(scope="module")
 def benches(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Bench]:
     return {name: Bench(tmp_path_factory.mktemp(name), name) for name in TEXTS}
-
-
-def longer(column: str, rows: Mapping[int, float], unit: float) -> Callable[[pd.DataFrame], None]:
-    """What makes the readings of some rows too long, mm; ``unit``: how many of the file's units are a mm."""
-
-    def change(frame: pd.DataFrame) -> None:
-        values = frame[column].to_numpy(dtype=float).copy()
-        for row, mm in rows.items():
-            values[row] += unit * mm
-        frame[column] = values
-
-    return change
-
-
-UM = 1e3
 
 
 def _values(machine: Machine, recording: Recording, placed: PlacedEffect) -> Array:
@@ -202,7 +73,7 @@ def _values(machine: Machine, recording: Recording, placed: PlacedEffect) -> Arr
     return predictor.columns(p, x)[1]
 
 
-# -- signatures and fits -----------------------------------------------------------------------------------
+# -- signatures and fits -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", TEXTS)
@@ -247,7 +118,7 @@ def test_a_fit_finds_the_truth_within_its_uncertainty(
     assert abs(fit.chi2 - freedom) < 4 * np.sqrt(2 * freedom)
 
 
-# -- what the formulas say ---------------------------------------------------------------------------------
+# -- what the formulas say -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", TEXTS)
@@ -346,7 +217,7 @@ def test_an_encoder_of_a_tracker_moves_points_across_the_line_of_sight(benches: 
         np.testing.assert_allclose(seen, turned, atol=2e-6)  # of second order: 2 m * (3e-5)^2
 
 
-# -- places, drivers, settings -----------------------------------------------------------------------------
+# -- places, drivers, settings -------------------------------------------------------------------------
 
 
 def test_sensors_are_numbered_where_there_are_several(tmp_path: Path) -> None:
@@ -408,69 +279,7 @@ def test_what_is_found_is_said_in_numbers() -> None:
     assert said("air-refraction", share=0.9).startswith("90 +- 9 %")
 
 
-# -- miscounted fringes ------------------------------------------------------------------------------------
-
-HALF = 1.56e-3 / 2
-
-
-def _without(bench: Bench, recording: Recording, rows: list[int]) -> tuple[Estimate, NDArray[np.bool_]]:
-    far = np.zeros(len(recording), dtype=bool)
-    far[rows] = True
-    return estimate(bench.machine, recording, exclude=far), far
-
-
-@pytest.mark.parametrize("counts", [{7: 1, 31: -2}, {11: 5, 13: -1, 65: 1}])
-def test_whole_half_wavelengths_are_counted_with_their_sign(
-    benches: Mapping[str, Bench], counts: dict[int, int]
-) -> None:
-    bench = benches["stage"]
-    change = longer("dL", {row: k * HALF for row, k in counts.items()}, UM)
-    recording = bench.recording(change=change)
-    fit, far = _without(bench, recording, list(counts))
-    assert miscounted_fringes(fit, recording, far) == counts
-    numbers = [row + 1 for row in counts]
-    assert fringes_by_row(fit, recording, numbers) == {row + 1: k for row, k in counts.items()}
-
-
-@pytest.mark.parametrize("part", [0.3, 0.5, 0.8, 0.0, 2.4])
-def test_other_outliers_are_no_fringes(benches: Mapping[str, Bench], part: float) -> None:
-    bench = benches["stage"]
-    recording = bench.recording(change=longer("dL", {9: part * HALF}, UM))
-    assert miscounted_fringes(*_arguments(bench, recording, [9])) == {}
-
-
-def _arguments(
-    bench: Bench, recording: Recording, rows: list[int]
-) -> tuple[Estimate, Recording, NDArray[np.bool_]]:
-    fit, far = _without(bench, recording, rows)
-    return fit, recording, far
-
-
-def test_noise_as_large_as_a_fringe_names_none(tmp_path: Path) -> None:
-    coarse = Bench(tmp_path, "stage", RIGID.replace("distance: 0.002", "distance: 0.1"))
-    recording = coarse.recording(seed=None, change=longer("dL", {9: 2 * HALF}, UM))
-    assert miscounted_fringes(*_arguments(coarse, recording, [9])) == {}
-
-
-def test_sensors_without_light_have_no_fringes(benches: Mapping[str, Bench]) -> None:
-    bench = benches["arm"]
-    recording = bench.recording(change=longer("x", {9: HALF}, 1.0))
-    assert miscounted_fringes(*_arguments(bench, recording, [9])) == {}
-
-
-# -- diagnosis ---------------------------------------------------------------------------------------------
-
-
-def test_a_diagnosis_tells_fringes_from_other_rows(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, "stage", RIGID.replace("distance: 0.002", "distance: 0.01"))
-    change = longer("dL", {11: HALF, 41: -3 * HALF, 21: 0.4 * HALF}, UM)
-    found = diagnosis_json(diagnose(bench.machine, bench.recording(change=change)))
-    assert found["verdict"] == "adequate"
-    assert [(f["effect"], f["place"]) for f in found["findings"]] == [
-        ("fringe-miscount", ["12", "42"]),
-        ("outliers", ["22"]),
-    ]
-    assert "row 12: +1, row 42: -3" in found["findings"][0]["explanation"]
+# -- diagnosis -----------------------------------------------------------------------------------------
 
 
 def test_a_diagnosis_names_a_target_off_its_place(benches: Mapping[str, Bench]) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from typer.testing import CliRunner
 
+from support.telescope_legs import leg_rows
 from truepose.cli import app
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.bounds import Bounds, bounds_of
@@ -48,22 +49,10 @@ mechanism:
     - {name: q3, kind: revolute, d: 300, range: [-90, 90]}
     - {name: q4, kind: revolute, alpha: 90, r: 200, range: [-90, 90]}
 """
-ENDS = (
-    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
-    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
-    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
-    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
-    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
-    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
-)
 
 
 def hexapod(kind: str, tail: str) -> str:
-    legs = "".join(
-        f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, {tail}}}\n"
-        for k, (a, b) in enumerate(ENDS, start=1)
-    )
-    return f"mechanism:\n  type: {kind}\n  home: [0, 0, 440, 0, 0, 5]\n  legs:\n{legs}"
+    return f"mechanism:\n  type: {kind}\n  home: [0, 0, 440, 0, 0, 5]\n  legs:\n{leg_rows(tail)}"
 
 
 HYBRID = """

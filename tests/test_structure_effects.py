@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +13,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support.effects import with_effect
+from support.telescope_legs import leg_rows
+from support.tool_pose import HEAD, pose
 from truepose.errors import InputError
 from truepose.identification.diagnosis.candidates import catalogue
 from truepose.identification.estimate import estimate
@@ -20,7 +23,6 @@ from truepose.identification.load import load_recording
 from truepose.identification.recording import Recording
 from truepose.identification.simulate import parse_effect, simulate
 from truepose.models.effects.base import PlacedEffect, Settings, effects
-from truepose.models.home import closed_home, coordinate_scale
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine, Mass
@@ -28,7 +30,6 @@ from truepose.models.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 G = 9.80665
-HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.1, angle: 0.05}}\ngravity: [0, 0, -9.80665]\n"
 BEAM = """
 mechanism:
   type: serial
@@ -52,18 +53,7 @@ masses:
   link2: {kg: 20, com: [300, 10, 5], in: link2}
   payload: {kg: 3, com: [0, 20, 10], in: tool}
 """
-ENDS = (
-    ("[391.3, -83.2, 0]", "[173.6, -179.9, 0]"),
-    ("[391.3, 83.2, 0]", "[173.6, 179.9, 0]"),
-    ("[-123.6, 380.5, 0]", "[69, 240.3, 0]"),
-    ("[-267.7, 297.3, 0]", "[-242.6, 60.4, 0]"),
-    ("[-267.7, -297.3, 0]", "[-242.6, -60.4, 0]"),
-    ("[-123.6, -380.5, 0]", "[69, -240.3, 0]"),
-)
-LEGS = "".join(
-    f"    - {{name: leg{k}, joint: rho{k}, a: {a}, b: {b}, length: 500, range: [-60, 60]}}\n"
-    for k, (a, b) in enumerate(ENDS, 1)
-)
+LEGS = leg_rows("length: 500, range: [-60, 60]")
 POSE = "sensor: {type: pose, sigma: {xyz: 0.002, rot: 0.0005}}\n"
 HEXAPOD = "mechanism:\n  type: 6-pus\n  home: [0, 0, 440, 0, 0, 0]\n  legs:\n" + LEGS
 BENT = HEXAPOD + "  flexure: {length: 30}\n"
@@ -102,26 +92,6 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
     return out
 
 
-def placed(
-    machine: Machine, slug: str, *place: str, settings: Settings | None = None, **values: float
-) -> PlacedEffect:
-    return PlacedEffect.at(effects.get(slug, "test")(), machine, place, settings, values)
-
-
-def pose(machine: Machine, q: Sequence[float] | Array, *terms: PlacedEffect) -> Array:
-    """(4, 4) base to tool, loops closed from home."""
-    m = symbolic_model(machine, terms)
-    x = m.home
-    if len(x):
-        outputs = [m.equations, ca.jacobian(m.equations, m.x), m.gap]
-        at = ca.Function("g", [m.x, m.q, m.z, m.p], [ca.densify(o) for o in outputs])
-        here = ca.Function("h", [m.x], list(at.call([m.x, ca.DM(q), ca.DM(m.z_home), ca.DM(m.p_home)])))
-        found = closed_home(here, x, coordinate_scale(machine, len(x), m.gap.numel()))
-        assert found is not None
-        x = found
-    return np.array(ca.Function("pose", [m.x, m.q, m.z, m.p], [m.pose])(x, q, m.z_home, m.p_home))
-
-
 def turn_between(one: Array, two: Array) -> Array:
     """(3,) rotation vector from one pose to the other, base frame."""
     return np.asarray(Rotation.from_matrix(two[:3, :3] @ one[:3, :3].T).as_rotvec())
@@ -133,7 +103,7 @@ def turn_between(one: Array, two: Array) -> Array:
 def test_a_link_is_a_cantilever(machines: Mapping[str, Machine]) -> None:
     """A level beam of one link with 12 kg at its end: F L^3 / 3EI down, and F L^2 / 2EI about its axis."""
     beam, c, length, force = machines["beam"], 1e-12, 800.0, 12 * G
-    still, bent = (pose(beam, [0.0], *t) for t in ((), (placed(beam, "link-bending", "link1", c=c),)))
+    still, bent = (pose(beam, [0.0], *t) for t in ((), (with_effect(beam, "link-bending", ("link1",), c=c),)))
     np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], [0, 0, -c * force * length**3 / 3], atol=1e-6)
     np.testing.assert_allclose(turn_between(still, bent), [0, c * force * length**2 / 2, 0], atol=1e-9)
 
@@ -141,7 +111,9 @@ def test_a_link_is_a_cantilever(machines: Mapping[str, Machine]) -> None:
 @pytest.mark.parametrize("angle", [-2.0, 0.4, 1.1, np.pi / 2])
 def test_only_the_weight_across_a_link_bends_it(machines: Mapping[str, Machine], angle: float) -> None:
     beam, c = machines["beam"], 1e-12
-    still, bent = (pose(beam, [angle], *t) for t in ((), (placed(beam, "link-bending", "link1", c=c),)))
+    still, bent = (
+        pose(beam, [angle], *t) for t in ((), (with_effect(beam, "link-bending", ("link1",), c=c),))
+    )
     sideways = -c * 12 * G * np.cos(angle) * 800**3 / 3
     expected = sideways * np.array([-np.sin(angle), 0, np.cos(angle)])
     np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], expected, atol=1e-5)
@@ -151,7 +123,9 @@ def test_only_the_weight_across_a_link_bends_it(machines: Mapping[str, Machine],
 def test_a_mass_on_the_link_bends_it_up_to_there(machines: Mapping[str, Machine], a: float) -> None:
     beam, c, length = machines["beam"], 1e-12, 800.0
     loaded = replace(beam, masses=(Mass("own", 5.0, (a, 0.0, 0.0), "link1"),))
-    still, bent = (pose(loaded, [0.0], *t) for t in ((), (placed(loaded, "link-bending", "link1", c=c),)))
+    still, bent = (
+        pose(loaded, [0.0], *t) for t in ((), (with_effect(loaded, "link-bending", ("link1",), c=c),))
+    )
     down = c * 5 * G * a**2 * (3 * length - a) / 6
     assert bent[2, 3] - still[2, 3] == pytest.approx(-down, rel=1e-3)
     assert turn_between(still, bent)[1] == pytest.approx(c * 5 * G * a**2 / 2, rel=1e-3)
@@ -161,7 +135,9 @@ def test_a_load_beyond_the_end_bends_by_its_moment_too(machines: Mapping[str, Ma
     beam, c, length, lever = machines["beam"], 1e-12, 800.0, 250.0
     for body, at in (("tool", lever), ("link1", length + lever)):
         far = replace(beam, masses=(Mass("far", 7.0, (at, 0.0, 0.0), body),))
-        still, bent = (pose(far, [0.0], *t) for t in ((), (placed(far, "link-bending", "link1", c=c),)))
+        still, bent = (
+            pose(far, [0.0], *t) for t in ((), (with_effect(far, "link-bending", ("link1",), c=c),))
+        )
         down = c * 7 * G * (length**3 / 3 + lever * length**2 / 2)
         assert bent[2, 3] - still[2, 3] == pytest.approx(-down, rel=1e-3)
 
@@ -175,7 +151,7 @@ def test_links_of_an_arm_carry_all_that_lies_beyond(machines: Mapping[str, Machi
         "link3",
         "link4",
     ]
-    still, bent = (pose(arm, q, *t) for t in ((), (placed(arm, "link-bending", "link2", c=c),)))
+    still, bent = (pose(arm, q, *t) for t in ((), (with_effect(arm, "link-bending", ("link2",), c=c),)))
     # link 2 runs 700 mm along x and 20 mm along its joint's axis, so that its direction leans by 1.6 deg
     theta = turn_between(still, bent)
     m = symbolic_model(arm)
@@ -190,7 +166,7 @@ def test_links_of_an_arm_carry_all_that_lies_beyond(machines: Mapping[str, Machi
 
 def test_a_wrong_link_is_named(machines: Mapping[str, Machine]) -> None:
     with pytest.raises(InputError, match=r"link-bending: found link 'link9', expected one of link1"):
-        symbolic_model(machines["arm"], [placed(machines["arm"], "link-bending", "link9")])
+        symbolic_model(machines["arm"], [with_effect(machines["arm"], "link-bending", ("link9",))])
 
 
 # -- axis-wobble, screw-windup -----------------------------------------------------------------------------
@@ -200,7 +176,7 @@ def test_a_wobbling_axis_tilts_against_its_turn(machines: Mapping[str, Machine])
     """The direction that the body carries as its axis, seen from where the joint stands: one circle, backwards."""
     arm, a, b = machines["arm"], 3e-4, -2e-4
     tilts, angles = [], np.linspace(-2.5, 2.5, 11)
-    wobble = placed(arm, "axis-wobble", "q1", a=a, b=b)
+    wobble = with_effect(arm, "axis-wobble", ("q1",), a=a, b=b)
     for q in angles:
         still, moved = (pose(arm, [q, 0.3, 0.2, 100], *t) for t in ((), (wobble,)))
         tilts.append(turn_between(still, moved))
@@ -217,7 +193,7 @@ def test_what_turns_with_the_joint_is_geometry_and_what_turns_against_it_is_not(
 ) -> None:
     arm = machines["arm"]
     recording = simulated(arm, 60, seed=3)
-    fit = estimate(arm, recording, [placed(arm, "axis-wobble", "q1")])
+    fit = estimate(arm, recording, [with_effect(arm, "axis-wobble", ("q1",))])
     std = fit.std[len(arm.parameters) :]
     assert np.all(std < 2e-5)
     still = effects.get("axis-wobble", "test")()
@@ -233,7 +209,7 @@ def narrowed(machine: Machine) -> Mechanism:
 def test_a_screw_gives_way_with_its_free_length(machines: Mapping[str, Machine], s: float) -> None:
     arm, c = machines["arm"], 1e-7
     q = [0.3, 0.7, 0.2, s]
-    still, moved = (pose(arm, q, *t) for t in ((), (placed(arm, "screw-windup", "q4", c=c),)))
+    still, moved = (pose(arm, q, *t) for t in ((), (with_effect(arm, "screw-windup", ("q4",), c=c),)))
     axis = still[:3, 2]  # the slide runs along z of its frame, which is the tool's
     force = 3 * G * np.array([0, 0, -1.0]) @ axis
     np.testing.assert_allclose(moved[:3, 3] - still[:3, 3], c * force * s * axis, atol=1e-7)
@@ -247,8 +223,8 @@ TILTED = [6.0, -9.0, 14.0, -3.0, -8.0, 11.0]
 def test_nothing_moves_at_home_and_shifts_are_even_in_small_tilts(machines: Mapping[str, Machine]) -> None:
     machine = machines["flexed"]
     legs = tuple(f"leg{k}" for k in range(1, 7))
-    terms = [placed(machine, "flexure-shift", *legs, k=2.5)]
-    terms += [placed(machine, "joint-runout", f"leg2.{end}", uu=5.0, uv=2.0, vv=-4.0) for end in "ab"]
+    terms = [with_effect(machine, "flexure-shift", legs, k=2.5)]
+    terms += [with_effect(machine, "joint-runout", (f"leg2.{end}",), uu=5.0, uv=2.0, vv=-4.0) for end in "ab"]
     for term in terms:
         home = [pose(machine, np.zeros(6), *t) for t in ((), (term,))]
         np.testing.assert_allclose(home[1], home[0], atol=1e-9)
@@ -264,7 +240,7 @@ def test_the_shift_of_a_flexure_is_that_of_beam_theory(machines: Mapping[str, Ma
     """On ball joints, k = l / 12 at all legs does what the model of bent flexures does."""
     plain, bent = machines["flexed"], machines["bent"]
     legs = tuple(f"leg{k}" for k in range(1, 7))
-    shifted = pose(plain, TILTED, placed(plain, "flexure-shift", *legs, k=30 / 12))[:3, 3]
+    shifted = pose(plain, TILTED, with_effect(plain, "flexure-shift", legs, k=30 / 12))[:3, 3]
     start, exact = (pose(m, TILTED)[:3, 3] for m in (plain, bent))
     assert np.linalg.norm(exact - start) > 1e-3
     np.testing.assert_allclose(
@@ -293,7 +269,7 @@ def test_runout_is_a_cross_whose_second_axis_passes_the_first(
         .replace("bodies: [ground,", "bodies: [ground, cross,", 1)
     )
     path.write_text(HEAD.format(name="crossed") + text)
-    runout = placed(delta, "joint-runout", "u1a", e=e)
+    runout = with_effect(delta, "joint-runout", ("u1a",), e=e)
     still, shifted, drawn = pose(delta, q), pose(delta, q, runout), pose(load_machine(path), q)
     assert np.linalg.norm(drawn[:3, 3] - still[:3, 3]) > 1e-3
     np.testing.assert_allclose(shifted, drawn, atol=1e-8)
@@ -363,7 +339,7 @@ TRUTHS = (
 def test_a_fit_recovers_the_truth(machines: Mapping[str, Machine], truth: Truth) -> None:
     """Within four of its own standard errors, which are smaller than a third of the truth."""
     machine, rng = machines[truth.machine], np.random.default_rng(8)
-    true = placed(machine, truth.slug, *truth.place, settings=truth.settings, **truth.values)
+    true = with_effect(machine, truth.slug, truth.place, settings=truth.settings, **truth.values)
     time = np.cumsum(np.exp(rng.uniform(0, 7, truth.n)))
     recording = simulated(machine, truth.n, true, seed=11, time=time)
     (term,) = [true.with_values([0.0] * len(true.amplitudes))]
@@ -415,8 +391,8 @@ def test_memory_stands_at_nothing_where_it_is_not_known(machines: Mapping[str, M
     """The controller's code without drivers, and a plan, see the plain joint."""
     stage = machines["stage"]
     terms = [
-        placed(stage, "friction-hysteresis", "s1", settings={"width": 0.1}, h=5e-3),
-        placed(stage, "piezo-hysteresis", "s2", settings={}, **WEIGHTS),
-        placed(stage, "piezo-creep", "s1", g=0.02),
+        with_effect(stage, "friction-hysteresis", ("s1",), settings={"width": 0.1}, h=5e-3),
+        with_effect(stage, "piezo-hysteresis", ("s2",), settings={}, **WEIGHTS),
+        with_effect(stage, "piezo-creep", ("s1",), g=0.02),
     ]
     np.testing.assert_allclose(pose(stage, [0.05, -0.08], *terms), pose(stage, [0.05, -0.08]), atol=1e-15)

@@ -1,0 +1,118 @@
+"""Effects of joints and mounts against what they stand for: scale, play, periods, coupling, drift, shifts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from support.effect_machines import READINGS, read_machines
+from support.effects import Campaign, position, shift_slopes, with_effect
+from truepose.errors import InputError
+from truepose.models.effects.base import effects
+from truepose.models.machine import Machine
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+    return read_machines(tmp_path_factory.getbasetemp() / "effects")
+
+
+def test_a_scale_multiplies_the_reading_before_the_offset(machines: Mapping[str, Machine]) -> None:
+    machine, q = machines["gough"], np.array(READINGS["gough"])
+    s = 0.02
+    one = position(machine, q, with_effect(machine, "actuator-scale", ("m3",), s=s))
+    np.testing.assert_allclose(one, position(machine, q * (1 + s * (np.arange(6) == 2))), atol=1e-9)
+    every = with_effect(machine, "actuator-scale", machine.mechanism.readings, s=s)
+    np.testing.assert_allclose(position(machine, q, every), position(machine, q * (1 + s)), atol=1e-9)
+
+
+@pytest.mark.parametrize("approach", [1.0, -1.0])
+def test_backlash_leaves_the_joint_behind(machines: Mapping[str, Machine], approach: float) -> None:
+    arm, b = machines["arm"], 1e-3
+    found = position(arm, [0.3, 0.2, 0.1], with_effect(arm, "backlash", ("q2",), b=b), approach=approach)
+    np.testing.assert_allclose(found, position(arm, [0.3, 0.2 - b / 2 * approach, 0.1]), atol=1e-9)
+
+
+def test_periodic_errors_have_their_period(machines: Mapping[str, Machine]) -> None:
+    stage, arm = machines["stage"], machines["arm"]
+    screw = with_effect(stage, "screw-periodic", ("s2",), {"harmonic": 2.0}, a=0.01, b=0.02)
+    off = [position(stage, [0, s, 0], screw) - position(stage, [0, s, 0]) for s in (0.3, 2.3, 1.3)]
+    np.testing.assert_allclose(off[0], off[1], atol=1e-10)  # half of a pitch of 4 mm
+    np.testing.assert_allclose(off[0], -off[2], atol=1e-10)
+    gear = with_effect(arm, "transmission-error", ("q1",), {"order": 7.0}, a=1e-3)
+    expected = position(arm, [0.3 + 1e-3 * np.sin(2.1), 0.2, 0.1])
+    np.testing.assert_allclose(position(arm, [0.3, 0.2, 0.1], gear), expected, atol=1e-9)
+    again = shift_slopes(machines["gough"], with_effect(machines["gough"], "screw-periodic", ("m1",)))
+    np.testing.assert_allclose(again["m1.displacement"], [0, 1], atol=1e-12)  # two whole turns of the motor
+
+
+def test_orders_are_those_that_the_range_can_show(machines: Mapping[str, Machine]) -> None:
+    effect = effects.get("transmission-error", "test")()
+    *single, together = effect.settings(machines["arm"], ("q1",), Campaign())
+    assert [s["order"] for s in single] == [*map(float, range(1, 31)), 121.0, 242.0]
+    assert together == {"orders": 60.0}
+    *small, together = effect.settings(machines["stage"], ("s3",), Campaign())
+    assert [s["order"] for s in small] == [
+        *map(float, range(15, 31)),
+        100.0,
+        200.0,
+    ]  # a quarter period in 6 deg
+    assert together == {"orders": 60.0}
+
+
+def test_a_series_is_the_sum_of_its_orders(machines: Mapping[str, Machine]) -> None:
+    arm, q = machines["arm"], [0.7, 0.2, 0.1]
+    amplitudes = {1: (4e-3, -2e-3), 2: (1e-3, 3e-3), 17: (5e-4, 2e-4), 60: (-3e-4, 1e-4)}
+    values = {
+        f"{letter}{k}": v for k, pair in amplitudes.items() for letter, v in zip("ab", pair, strict=True)
+    }
+    together = with_effect(arm, "transmission-error", ("q1",), {"orders": 60.0}, **values)
+    single = [
+        with_effect(arm, "transmission-error", ("q1",), {"order": float(k)}, a=a, b=b)
+        for k, (a, b) in amplitudes.items()
+    ]
+    found = position(arm, q, together)
+    np.testing.assert_allclose(found, position(arm, q, *single), atol=1e-9)
+    assert np.linalg.norm(found - position(arm, q)) > 1.0
+    assert len(together.coefficients) == 120
+    scales = np.array([c.scale for c in together.coefficients])
+    assert (np.diff(scales) <= 0).all()
+    assert scales[-1] < 0.02 * scales[0]
+    assert scales[0] == 6e-4  # 2 arcmin, what the catalogue states
+    sentence = together.effect.explain(arm, ("q1",))
+    assert "q1" in sentence
+    assert "gear" in sentence
+
+
+def test_coupling_moves_the_driven_joint_by_the_driving_one(machines: Mapping[str, Machine]) -> None:
+    stage, k = machines["stage"], 0.5
+    placed = with_effect(stage, "axis-coupling", ("s1", "s3"), k=k)
+    assert placed.coefficients[0].unit == "mm/rad"
+    np.testing.assert_allclose(
+        position(stage, [60, 13, 0.03], placed), position(stage, [60 + k * 0.03, 13, 0.03]), atol=1e-9
+    )
+    with pytest.raises(InputError, match="expected two joints: driven, driving"):
+        with_effect(stage, "axis-coupling", ("s1",))
+
+
+def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
+    arm, q = machines["arm"], [0.3, 0.2, 0.1]
+    still = position(arm, q)
+    steady = with_effect(arm, "mount-drift", ("base",), {"tau": 0.0, "start": 1000.0}, x=0.02)
+    moved = position(arm, q, steady, time=1000 + 1800) - still
+    np.testing.assert_allclose(moved, [0.01, 0, 0], atol=1e-9)
+    settling = with_effect(arm, "mount-drift", ("base",), {"tau": 600.0, "start": 1000.0}, z=0.05)
+    assert settling.coefficients[2].unit == "mm"
+    assert position(arm, q, settling, time=1600)[2] - still[2] == pytest.approx(0.05 * (1 - np.exp(-1)))
+    taus = [s["tau"] for s in settling.effect.settings(arm, ("base",), Campaign())]
+    assert taus == [0, 580, 1100, 2200, 4300, 8600]  # of a campaign of 7200 s, neighbours twice as long
+    bumped = with_effect(arm, "frame-shift", ("base",), {"session": 2.0}, y=0.3)
+    assert bumped.drivers == ("session.after.2",)
+    np.testing.assert_allclose(position(arm, q, bumped, session=1.0) - still, [0, 0.3, 0], atol=1e-9)
+    np.testing.assert_allclose(position(arm, q, bumped, session=0.0), still, atol=1e-12)
+    assert [s["session"] for s in bumped.effect.settings(arm, ("base",), Campaign())] == [1, 2]
+    assert not bumped.effect.settings(arm, ("base",), Campaign(n_sessions=1))
+    homed = with_effect(arm, "zero-shift", ("q2",), {"session": 1.0}, zero=0.01)
+    np.testing.assert_allclose(position(arm, q, homed), position(arm, [0.3, 0.21, 0.1]), atol=1e-9)

@@ -1,0 +1,80 @@
+"""Names in a machine file: places of effects, tolerances of parameters, bodies of masses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from support.moving_machines import ARM, FRAMED, POSE, PUS, record, written
+from truepose.errors import InputError
+from truepose.identification.prediction import Predictor
+from truepose.models.kinematics import symbolic_model
+from truepose.models.mechanism import AXES
+
+
+def effect_entry(slug: str, *places: str) -> str:
+    return f"effects:\n  - {{effect: {slug}, place: [{', '.join(places)}], parameters: {{}}}}\n"
+
+
+@pytest.mark.parametrize(
+    ("slug", "named_place", "meant"),
+    [
+        ("actuator-scale", "leg2", "rho2"),
+        ("actuator-scale", "rho2", "rho2"),
+        ("leg-compliance", "rho3", "leg3"),
+        ("leg-compliance", "leg3", "leg3"),
+        ("leg-compliance", "leg1, rho3", "leg1+leg3"),
+        ("axis-coupling", "leg1, rho3", "rho1+rho3"),
+        ("wrong-constant", "leg4.a.x", "leg4.a.x"),
+    ],
+)
+def test_a_limb_and_its_actuator_are_one_place(
+    tmp_path: Path, slug: str, named_place: str, meant: str
+) -> None:
+    machine = written(tmp_path, FRAMED + PUS + POSE + effect_entry(slug, named_place))
+    (placed,) = machine.effects
+    assert "+".join(placed.place) == meant
+    assert (
+        Predictor(machine, record(machine, np.zeros((1, 6))), machine.effects)
+        .poses(symbolic_model(machine, machine.effects).p_home)[1]
+        .all()
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (effect_entry("actuator-scale", "rho9"), r"effects\[0\]\.place: found \['rho9'\]"),
+        (
+            effect_entry("zero-shift", "rho1", "rho2", "rho3"),
+            r"effects\[0\]\.place: found \['rho1', 'rho2', 'rho3'\]",
+        ),
+        (effect_entry("axis-coupling", "rho1"), r"effects\[0\]\.place: found \['rho1'\]"),
+    ],
+)
+def test_places_nobody_knows_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        written(tmp_path, FRAMED + PUS + POSE + text)
+
+
+def test_a_tolerance_of_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"tolerances\.leg1\.lenght: no such parameter.*'leg1\.length'"):
+        written(tmp_path, PUS.replace("gain: 0.001", "leg1.lenght: 0.5") + POSE)
+
+
+def test_a_tolerance_of_a_frame_may_stand_with_the_others(tmp_path: Path) -> None:
+    machine = written(tmp_path, FRAMED + PUS.replace("gain: 0.001", "base.xyz: 7, tool.rx: 2") + POSE)
+    assert [machine.geometry[f"base.{axis}"].tolerance for axis in AXES[:4]] == [7.0] * 3 + [np.radians(1.0)]
+    assert machine.geometry["tool.rx"].tolerance == pytest.approx(np.radians(2.0))
+
+
+@pytest.mark.parametrize(("body", "known"), [("flange", True), ("link3", True), ("lnik3", False)])
+def test_masses_hang_on_bodies_there_are(tmp_path: Path, body: str, known: bool) -> None:
+    text = ARM.replace("in: link2", f"in: {body}") + POSE
+    if known:
+        assert written(tmp_path, text).masses[0].body == {"flange": "link6"}.get(body, body)
+        return
+    with pytest.raises(InputError, match=r"masses\.upper\.in: found 'lnik3'.*'link3'"):
+        written(tmp_path, text)
