@@ -42,7 +42,8 @@ def remembered(recording: Recording, name: str) -> FloatArray | None:
     ``creep.J~t0``: sum over past moves of step * log10(1 + age / t0), t0 in s (needs ``time``);
     ``creep.J~t0~d``: the same where moves end d s before the row is read (else 0);
     ``D~seconds``: driver D through a first-order lag (needs ``time``).
-    The way of a joint begins anew in every session, and without a clock in every file.
+    The way of a joint begins anew in every session, and without a clock in every file; creep goes on from session to
+    session, as long as one clock runs through them.
     """
     whole = recording.whole
     found = _NAME.match(name)
@@ -75,6 +76,12 @@ def _pieces(whole: Recording) -> IntArray:
     return np.asarray(label, dtype=np.int64).reshape(-1)
 
 
+def _pieces_of_clock(whole: Recording, order: IntArray) -> IntArray:
+    """(n,) zeros where one clock runs through all sessions, else ``_pieces``: sessions that overlap have their own."""
+    changes = int(np.count_nonzero(np.diff(whole.session[order])))
+    return np.zeros_like(order) if changes < len(np.unique(whole.session)) else _pieces(whole)
+
+
 def _stop(whole: Recording, joint: str, numbers: list[float]) -> FloatArray:
     order = _order(whole)
     recorded = whole.drivers.get(f"approach.{joint}")
@@ -97,7 +104,9 @@ def _creep(whole: Recording, joint: str, numbers: list[float]) -> FloatArray | N
     order = _order(whole)
     out = np.empty(len(whole))
     readings = whole.q[:, whole.joints.index(joint)]
-    out[order] = creep_sum(whole.time[order], readings[order], _pieces(whole)[order], *numbers)
+    pieces = _pieces_of_clock(whole, order)
+    order = order[np.argsort(pieces[order], kind="stable")]  # one clock after another
+    out[order] = creep_sum(whole.time[order], readings[order], pieces[order], *numbers)
     return out
 
 

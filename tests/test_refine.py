@@ -244,6 +244,12 @@ def _bounded() -> Catalogue:
     return Catalogue((placed,), (0.0,), ())
 
 
+def test_more_refraction_than_there_is_raises_a_question() -> None:
+    air = effects.get("air-refraction", "test")()
+    assert "thermometer" in air.found({"share": 4.5}, {"share": 0.1})
+    assert "thermometer" not in air.found({"share": 1.6}, {"share": 0.1})
+
+
 # -- creep from session to session ---------------------------------------------------------------------------
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,13 @@ class Catalogue:
         alike = [k for k, c in enumerate(self.candidates) if _same_cause(c, here)]
         weights = [c.effect.weight(c.settings_map) for c in (self.candidates[k] for k in alike)]
         return float(np.log(SECOND_TERM * here.effect.weight(here.settings_map) / sum(weights)))
+
+    def replaced(self, index: int, candidate: PlacedEffect, log_factor: float) -> Catalogue:
+        """The catalogue with another candidate in a place, whose prior is ``log_factor`` higher in the log."""
+        candidates, log_prior = list(self.candidates), list(self.log_prior)
+        candidates[index] = candidate
+        log_prior[index] += log_factor
+        return replace(self, candidates=tuple(candidates), log_prior=tuple(log_prior))
 
     def named(self, index: int) -> bool:
         """Whether a candidate is an effect of the catalogue."""

@@ -65,9 +65,9 @@ def diagnose(
     again = outliers.outlying_rows(selection.fit, ~recording.validation)
     if not np.array_equal(again, fits.outliers):
         fits = _refit_null(machine, recording, fits, again)
-        selection = _select(signatures, cat, fits, selection)
+        selection = _select(selection.signatures, selection.catalogue, fits, selection)
     progress("naming and proving")
-    return _conclude(signatures, cat, fits, selection)
+    return _conclude(selection.signatures, selection.catalogue, fits, selection)
 
 
 def _null_fits(machine: Machine, recording: Recording) -> _Fits:

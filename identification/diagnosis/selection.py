@@ -7,12 +7,11 @@ the search ends when a refit asks for nothing new.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.evidence import (
     MANY_READINGS,
@@ -22,9 +21,11 @@ from truepose.identification.diagnosis.evidence import (
     grid_for,
     log_positive,
 )
+from truepose.identification.diagnosis.refine import refined
+from truepose.identification.diagnosis.refit import refit
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
-from truepose.identification.estimate import Estimate, estimate
-from truepose.models.effects.base import SERIES, PlacedEffect
+from truepose.identification.estimate import Estimate
+from truepose.models.effects.base import SERIES
 
 Array = NDArray[np.float64]
 THRESHOLD = 3.0
@@ -34,6 +35,10 @@ MAX_REFITS = 8
 MANY_TERMS = 5
 """Beyond so many terms each is only kept or dropped; swapping each against the whole catalogue takes too long."""
 OVERWHELMING = 100.0
+BOUND_DOUBT = 0.2
+"""1-sigma, in the log, of how far physical bounds are known: a driver is logged beside where it acts, a unit is wrong."""
+LARGEST_COST = 50.0
+"""The most that a coefficient beyond its bound costs in the log."""
 WIDE = 100.0
 
 
@@ -49,12 +54,22 @@ class Ranking:
 
 @dataclass(frozen=True)
 class Selection:
-    """Accepted candidates (index into the catalogue, to spread in scales), the fit with them, its linearisation."""
+    """Accepted candidates (index into its catalogue, to spread in scales), the fit with them, its linearisation.
+
+    Signatures and catalogue are those searched, or with settings refined: the same places, the same indices.
+    """
 
     accepted: Mapping[int, float]
     fit: Estimate
     linearisation: Linearisation
     grid: Grid
+    signatures: Signatures
+    catalogue: Catalogue
+
+    @property
+    def all_named(self) -> bool:
+        """Whether every accepted term is an effect of the catalogue."""
+        return all(self.catalogue.named(i) for i in self.accepted)
 
 
 def rank(
@@ -73,10 +88,12 @@ def physical(cat: Catalogue, index: int, amplitude: Array, spread: Array) -> flo
     """Log factor of physical signs and bounds of a candidate's coefficients."""
     total = 0.0
     for c, mean, std in zip(cat.candidates[index].coefficients, amplitude, spread, strict=True):
-        if np.isfinite(c.lower):
-            total += log_positive(float(mean - c.lower / c.scale), float(std)) if c.lower == 0.0 else 0.0
-        if np.isfinite(c.upper) and mean - 3.0 * std > c.upper / c.scale:
-            total -= 50.0
+        if c.lower == 0.0:
+            total += log_positive(float(mean), float(std))
+        bound = (c.upper if mean > 0 else -c.lower) / c.scale
+        least = abs(float(mean)) - 3.0 * float(std)
+        if least > bound > 0.0:
+            total -= min(0.5 * (np.log(least / bound) / BOUND_DOUBT) ** 2, LARGEST_COST)
     return total
 
 
@@ -95,42 +112,66 @@ def select(
     accepted: dict[int, float] = dict.fromkeys(cat.stated, WIDE)
     fit = null
     if first is not None and set(first.accepted) != set(accepted):
-        fit, accepted = _refit(signatures, cat, first.accepted, first.fit, exclude, set())
+        fit, accepted = refit(signatures, cat, first.accepted, first.fit, exclude, set())
     lin = signatures.linearise(fit)
-    start = Selection(accepted, fit, lin, grid_for(lin, rms))
-    found = _settle(signatures, cat, start, exclude, set())
-    if all(cat.named(i) for i in found.accepted):
-        return found
-    # a large effect is weighed poorly from a fit without it, and something unnamed may take its place: start
-    # again from the best names alone, and keep them if nothing unnamed is asked for there
+    start = Selection(accepted, fit, lin, grid_for(lin, rms), signatures, cat)
+    found = _settle(start, exclude, set())
+    if found.all_named:
+        sharp = _sharpened(found, exclude, set())
+        return sharp if sharp.all_named else found
+    # a large effect is weighed poorly from a fit without it or with a setting beside its own, and something unnamed
+    # may take its place: start again from the best names alone, and keep them if nothing unnamed is asked for there
     nameless = {i for i in range(len(cat.candidates)) if not cat.named(i)}
     bare = only(signatures, cat, start, exclude, [i for i in accepted if i not in nameless])
-    names = _settle(signatures, cat, bare, exclude, set(nameless))
+    names = _settle(bare, exclude, set(nameless))
     if set(names.accepted) == set(bare.accepted):
         return found
-    again = _settle(signatures, cat, names, exclude, set())
-    return again if all(cat.named(i) for i in again.accepted) else found
+    names = _sharpened(names, exclude, nameless)
+    again = _settle(names, exclude, set())
+    if again.all_named:
+        return again
+    # far from the drawing what is asked for may be an extrapolation: what counts is how each did in its own fit
+    own = weight(names)
+    return names if own > weight(found) and own > weight(again) else found
 
 
-def _settle(
-    signatures: Signatures,
-    cat: Catalogue,
-    start: Selection,
-    exclude: NDArray[np.bool_],
-    banned: set[int],
-) -> Selection:
+def weight(found: Selection) -> float:
+    """Log posterior of a selection up to a constant: its evidence at its own fit, term after term, and the prior odds."""
+    cat, lin, grid = found.catalogue, found.linearisation, found.grid
+    present = {i: v for i, v in found.accepted.items() if i in cat.stated}
+    total = evidence(lin, [], grid, present).null
+    for i in (i for i in found.accepted if i not in cat.stated):
+        total += float(rank(lin, cat, grid, present, [i]).odds[0])
+        present[i] = found.accepted[i]
+    return total
+
+
+def _sharpened(found: Selection, exclude: NDArray[np.bool_], banned: set[int]) -> Selection:
+    """The selection with continuous settings refined and the search gone on from there; the same where none gains by it."""
+    cat = refined(found.signatures, found.catalogue, found.fit, found.grid, found.accepted)
+    if cat is found.catalogue:
+        return found
+    signatures, kept = found.signatures.of(cat.candidates), set(banned)
+    fit, accepted = refit(signatures, cat, found.accepted, found.fit, exclude, kept)
+    return _settle(
+        Selection(accepted, fit, signatures.linearise(fit), found.grid, signatures, cat), exclude, kept
+    )
+
+
+def _settle(start: Selection, exclude: NDArray[np.bool_], banned: set[int]) -> Selection:
     """Search and refit in turn until a refit asks for nothing new."""
+    signatures, cat = start.signatures, start.catalogue
     accepted, fit, lin, grid = start.accepted, start.fit, start.linearisation, start.grid
     for _ in range(MAX_REFITS):
         before = set(accepted)
         accepted = _search(lin, cat, grid, accepted, banned)
         if set(accepted) == before:
             break
-        fit, accepted = _refit(signatures, cat, accepted, fit, exclude, banned)
+        fit, accepted = refit(signatures, cat, accepted, fit, exclude, banned)
         lin = signatures.linearise(fit)
         if lin.readings > MANY_READINGS:  # the noise is known well by now, and each point of the grid costs
             grid = grid_for(lin, float(np.sqrt(fit.chi2_per_dof)))
-    return Selection(accepted, fit, lin, grid)
+    return Selection(accepted, fit, lin, grid, signatures, cat)
 
 
 def only(
@@ -144,8 +185,8 @@ def only(
     accepted = {i: v for i, v in selection.accepted.items() if i in kept}
     if len(accepted) == len(selection.accepted):
         return selection
-    fit, accepted = _refit(signatures, cat, accepted, selection.fit, exclude, set())
-    return Selection(accepted, fit, signatures.linearise(fit), selection.grid)
+    fit, accepted = refit(signatures, cat, accepted, selection.fit, exclude, set())
+    return Selection(accepted, fit, signatures.linearise(fit), selection.grid, signatures, cat)
 
 
 def _search(
@@ -213,56 +254,3 @@ def _swap_and_drop(
         elif ranking.odds[best] > own + 1.0:
             current = rest | {wanted[best]: spread_of(cat, wanted[best], ranking.evidence.spread[best])}
     return current
-
-
-def _refit(
-    signatures: Signatures,
-    cat: Catalogue,
-    accepted: Mapping[int, float],
-    fit: Estimate,
-    exclude: NDArray[np.bool_],
-    banned: set[int],
-) -> tuple[Estimate, dict[int, float]]:
-    """Nonlinear fit with the accepted terms.
-
-    A term that leaves its physical bounds, or the newest one where no minimum is found, is banned and the fit
-    repeated without it.
-    """
-    machine, recording = signatures.machine, signatures.recording
-    current = dict(accepted)
-    while True:
-        terms = [replace(cat.candidates[i], spread=spread) for i, spread in current.items()]
-        known = {e.label: e.amplitudes for e in fit.fitted_effects()}
-        start = np.concatenate(
-            [
-                fit.p[: len(machine.parameters)],
-                *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms],
-            ]
-        )
-        try:
-            result = estimate(machine, recording, terms, start=start, exclude=exclude, damping=1e-9)
-        except ConvergenceError:
-            added = [i for i in current if i not in cat.stated]
-            if not added:
-                raise
-            banned.add(added[-1])
-            del current[added[-1]]
-            continue
-        outside = [
-            i for i, term in zip(current, result.fitted_effects(), strict=True) if _outside(term, result)
-        ]
-        if not outside:
-            return result, current
-        banned.update(outside)
-        current = {i: v for i, v in current.items() if i not in outside}
-
-
-def _outside(term: PlacedEffect, result: Estimate) -> bool:
-    """Whether a coefficient is beyond its bounds by more than two of its standard deviations."""
-    names = list(result.prior.names)
-    std = result.std
-    for c, value in zip(term.coefficients, term.amplitudes, strict=True):
-        slack = 2.0 * std[names.index(f"{term.label}:{c.name}")]
-        if value < c.lower - slack or value > c.upper + slack:
-            return True
-    return False

@@ -63,6 +63,12 @@ class Signatures:
         self.width = int(ends[-1])
         self._predictors: dict[tuple[str, ...], Predictor] = {}
 
+    def of(self, candidates: Sequence[PlacedEffect]) -> Signatures:
+        """Signatures of other candidates on the same machine and recording; what was built for its fits is shared."""
+        other = Signatures(self.machine, self.recording, candidates)
+        other._predictors = self._predictors
+        return other
+
     def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
         """Gram matrix at a fit, whose effects must be among the candidates."""
         geometry = self._geometry(fit)

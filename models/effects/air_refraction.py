@@ -14,6 +14,8 @@ from truepose.models.machine import Machine
 REFRACTIVITY = 2.7e-4
 """n - 1 of dry air at 20 degC and 1013.25 hPa: 2.72e-4 at 633 nm, 2.69e-4 at 1550 nm."""
 KELVIN, WARM, PRESSURE = 273.15, 20.0, 1013.25
+MOST = 1.5
+"""Share with some room above 1: the thermometer is not in the beam."""
 LOGGED = {"temperature": "temperature.air", "pressure": "pressure"}
 
 
@@ -37,8 +39,7 @@ class AirRefraction(Effect):
         return sensors_where(machine, optical)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        # some room above 1: the thermometer is not in the beam
-        return (Coefficient("share", "1", 1.0, 0.0, 1.5),)
+        return (Coefficient("share", "1", 1.0, 0.0, MOST),)
 
     def shifts(self, site: Site) -> Shifts:
         used = self.drivers(site.machine, site.place, site.settings)
@@ -66,4 +67,8 @@ class AirRefraction(Effect):
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         share, sigma = values["share"], std["share"]
-        return f"{100 * share:.0f} +- {100 * sigma:.0f} % of the air's refraction is left in the readings."
+        said = f"{100 * share:.0f} +- {100 * sigma:.0f} % of the air's refraction is left in the readings."
+        doubt = (
+            " That is more than there is: are thermometer and barometer beside the beam, in the stated units?"
+        )
+        return said + (doubt if share - 3 * sigma > MOST else "")

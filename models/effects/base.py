@@ -128,6 +128,8 @@ class Effect(ABC):
     needs_load: ClassVar[bool] = False
     settings_add: ClassVar[bool] = False
     """Whether terms of one place with different settings may stand together (orders) or exclude others."""
+    continuous: ClassVar[tuple[str, ...]] = ()
+    """Settings that are points of a continuum (a lag): one that was found is refined between its neighbours on the grid."""
     unvaried: ClassVar[str] = ""
     """Why a recording cannot speak of the effect where ``settings`` offers nothing; empty for the usual reasons."""
 

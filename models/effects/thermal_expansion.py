@@ -30,6 +30,7 @@ class ThermalExpansion(Effect):
     look_alikes = ("mount-drift", "wrong-constant", "actuator-scale", "sensor-scale", "air-refraction")
     experiment = "heat this part alone by a few kelvin and repeat a reference pose; log its temperature"
     source = "handbook values of linear expansion; lag of a lumped body"
+    continuous = ("lag",)
 
     def places(self, machine: Machine) -> Sequence[Place]:
         names = (*machine.mechanism.lengths, TOOL)
