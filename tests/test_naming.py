@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.candidates import SECOND_TERM, TOGETHER, Catalogue, catalogue
-from truepose.identification.diagnosis.doubt import SHARE, doubted, fails
+from truepose.identification.diagnosis.doubt import KEPT, LEAST_KEPT, doubted, fails
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.load import load_recording
@@ -103,9 +104,11 @@ FINDING = Finding(
 )
 
 
-def test_names_keep_their_share_beside_a_remainder_and_the_rest_has_no_name() -> None:
-    (less,) = doubted([FINDING], Remainder(("q3",), "q1", "a curve", 1.2))
-    assert less.probability == pytest.approx((1 - SHARE) * FINDING.probability)
+def test_names_keep_their_share_beside_a_remainder_and_the_rest_has_no_name(
+    weighed: tuple[Machine, Catalogue],
+) -> None:
+    (less,) = doubted(weighed[0], [FINDING], Remainder(("q3",), "q1", "a curve", 1.2), True)
+    assert less.probability == pytest.approx(KEPT * FINDING.probability)
     named = less.probability + sum(o.probability for o in less.equivalents if o.effect != UNNAMED)
     (unnamed,) = [o for o in less.equivalents if o.effect == UNNAMED]
     assert unnamed.place == ("q3",)
@@ -113,6 +116,34 @@ def test_names_keep_their_share_beside_a_remainder_and_the_rest_has_no_name() ->
     assert [o.probability for o in less.equivalents] == sorted(
         (o.probability for o in less.equivalents), reverse=True
     )
+
+
+def other(effect: str, *place: str) -> Finding:
+    return replace(FINDING, effect=effect, place=place)
+
+
+PILES: list[tuple[list[Finding], list[float]]] = [
+    ([], [1.0]),
+    ([other("zero-shift", "q3")], [1.0, 1.0]),
+    ([other("zero-shift", "q2")], [KEPT, KEPT]),
+    ([other("axis-coupling", "q3", "q2")], [KEPT, KEPT]),
+    ([other("wrong-constant", "q2.d"), other("zero-shift", "q2")], [LEAST_KEPT] * 3),
+    # one kind of fault at every joint is no pile, three kinds are
+    ([other("backlash", "q1"), other("backlash", "q3")], [1.0] * 3),
+    ([other("zero-shift", "q1"), other("actuator-scale", "q3")], [KEPT] * 3),
+    ([other("outliers", "3"), other("fringe-miscount", "7")], [1.0] * 3),
+]
+
+
+@pytest.mark.parametrize(("beside", "kept"), PILES)
+def test_names_that_pile_up_keep_less(
+    weighed: tuple[Machine, Catalogue], beside: list[Finding], kept: list[float]
+) -> None:
+    said = doubted(weighed[0], [FINDING, *beside], None, False)
+    assert [f.probability for f in said] == pytest.approx([k * FINDING.probability for k in kept])
+    for finding, share in zip(said, kept, strict=True):
+        assert any(o.effect == UNNAMED for o in finding.equivalents) == (share < 1.0)
+        assert sum(o.probability for o in finding.equivalents) + finding.probability == pytest.approx(0.99)
 
 
 def test_a_model_fails_by_a_rival_or_by_a_clear_alarm() -> None:

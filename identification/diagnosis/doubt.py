@@ -1,7 +1,9 @@
-"""Names are worth less when the model with them still fails: something that has no name is there beside them.
+"""Names are worth less where they may stand in for one thing without a name.
 
-What has no name may also be what the named effect stands in for. On simulated machines about half of the names
-that were given beside an unexplained remainder were right (docs/challenge.md).
+Two signs of that. The model with them still fails: what it lacks may also be what a name stands in for. And names
+pile up: several names on one part, or three different effects, together bend like one thing that the catalogue does
+not know. On simulated machines half of the names beside an unexplained remainder were right, half of those two on one part,
+and one of nine in larger piles (docs/challenge.md).
 """
 
 from __future__ import annotations
@@ -12,9 +14,15 @@ from dataclasses import replace
 from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
+from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.machine import Machine
 
-SHARE = 0.5
-"""Probability that goes to something without a name."""
+KEPT = 0.5
+"""Share of its probability that a name keeps beside a remainder, and for each further name of a pile."""
+LEAST_KEPT = 0.25
+"""What is kept in the largest pile: machines with many faults exist."""
+FEW_EFFECTS = 2
+"""So many different effects at different parts are no pile."""
 FAILS_P = 1e-3
 
 
@@ -23,23 +31,52 @@ def fails(rival: Remainder | None, alarms: Mapping[str, Alarm]) -> bool:
     return rival is not None or any(alarm.p < FAILS_P for alarm in alarms.values())
 
 
-def doubted(findings: Sequence[Finding], rival: Remainder | None) -> tuple[Finding, ...]:
-    """The findings with half of their probability given to something unnamed, which joins their class."""
-    return tuple(_halved(finding, rival) for finding in findings)
+def doubted(
+    machine: Machine, findings: Sequence[Finding], rival: Remainder | None, failing: bool
+) -> tuple[Finding, ...]:
+    """The findings, each with some of its probability given to something unnamed, which joins its class.
+
+    ``failing``: the model with them still fails, by ``rival`` where that is known.
+    """
+    physics = [f for f in findings if f.effect not in OF_ROWS]
+    kinds = len({f.effect for f in physics})
+    out = []
+    for finding in findings:
+        beside = sum(bool(_parts(machine, finding) & _parts(machine, other)) for other in physics)
+        pile = max(beside, kinds - FEW_EFFECTS + 1, 1) if finding in physics else 1
+        keep = max(KEPT ** (pile - 1), LEAST_KEPT) * (KEPT if failing else 1.0)
+        out.append(_shared(finding, rival, keep, _why(failing, pile)) if keep < 1.0 else finding)
+    return tuple(out)
 
 
-def _halved(finding: Finding, rival: Remainder | None) -> Finding:
-    keep = 1.0 - SHARE
+def _parts(machine: Machine, finding: Finding) -> set[str]:
+    """Parts that a finding is at: a limb for all that belongs to it."""
+    limb_of = {limb.reading: limb.name for limb in machine.mechanism.limbs}
+    names = (place.partition(".")[0] for place in finding.place)
+    return {limb_of.get(name, name) for name in names}
+
+
+def _why(failing: bool, pile: int) -> str:
+    said = []
+    if failing:
+        said.append(
+            "The model with it still does not fit: something else is there, and this name may stand in for it."
+        )
+    if pile > 1:
+        said.append("It is one of several names that may together stand in for one thing without a name.")
+    return " ".join(said)
+
+
+def _shared(finding: Finding, rival: Remainder | None, keep: float, why: str) -> Finding:
     place = finding.place if rival is None else rival.place
-    unnamed = Alternative(UNNAMED, place, SHARE * finding.certainty, finding.log_bayes_factor)
+    unnamed = Alternative(UNNAMED, place, (1.0 - keep) * finding.certainty, finding.log_bayes_factor)
     others = [replace(other, probability=keep * other.probability) for other in finding.equivalents]
     return replace(
         finding,
         probability=keep * finding.probability,
         certainty=keep * finding.certainty,
         equivalents=tuple(sorted((*others, unnamed), key=lambda other: -other.probability)),
-        explanation=f"{finding.explanation} The model with it still does not fit: something else is there, and this "
-        "name may stand in for it.",
+        explanation=f"{finding.explanation} {why}",
     )
 
 

@@ -119,8 +119,7 @@ def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Select
     findings = _findings(machine, cat, selection, named_terms)
     rival = remainder.unnamed(cat, found.accepted, found.fit)
     after_alarms = _alarms_after(selection, recording, left)
-    if doubt.fails(rival, after_alarms):
-        findings = doubt.doubted(findings, rival)
+    findings = doubt.doubted(machine, findings, rival, doubt.fails(rival, after_alarms))
     verdict = _verdict(findings, rival, left, lin, free, inflation, raised["residual"])
     channels = Predictor(machine, recording).channels
     named = verdict == "missing-physics"

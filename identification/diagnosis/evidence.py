@@ -21,7 +21,11 @@ from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.models.effects.base import SERIES
 
 Array = NDArray[np.float64]
-AMPLITUDES = np.geomspace(1e-4, 1.0, 17)
+AMPLITUDES = np.geomspace(1e-4, 10.0, 21)
+"""Sizes of coefficients, in units of the largest expected one."""
+_SHARES = np.minimum(1.0, AMPLITUDES**-2.0)
+LOG_SHARES = np.log(_SHARES / np.sum(_SHARES))
+"""Every size up to the largest expected one is as likely; beyond it, ten times larger is a hundred times rarer."""
 TOLERANCE_DOUBT = 0.6
 """1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
 HOPELESS = 16.0
@@ -270,12 +274,12 @@ class _Context:
         turned = np.einsum("ckl,ck->cl", vectors, -score)
         q2 = AMPLITUDES[:, None, None] ** 2
         damped = 1.0 + q2 * values
-        logs = 0.5 * np.sum(q2 * turned**2 / damped - np.log(damped), axis=2)
+        logs = 0.5 * np.sum(q2 * turned**2 / damped - np.log(damped), axis=2) + LOG_SHARES[:, None]
         best = np.argmax(logs, axis=0)
         at = AMPLITUDES[best, None] ** 2
         mean = np.einsum("ckl,cl->ck", vectors, at * turned / (1 + at * values))
         std = np.sqrt(np.einsum("ckl,cl->ck", vectors**2, at / (1 + at * values)))
-        return _Weighed(_log_sum(logs) - np.log(len(AMPLITUDES)), mean, std, AMPLITUDES[best])
+        return _Weighed(_log_sum(logs), mean, std, AMPLITUDES[best])
 
 
 def log_positive(mean: float, std: float) -> float:

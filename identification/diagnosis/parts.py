@@ -16,7 +16,7 @@ INFLATED = ("length", "angle")
 """Kinds whose classes are told apart; all others (frames, sensors, targets) are one class each, ``kind:``."""
 ALONE = (*INFLATED, "frame")
 """Kinds that may be misstated alone; gains, sensors and targets come with instruments, each with a paper of its own."""
-INFLATIONS = (1.0, 3.0, 10.0)
+INFLATIONS = (1.0, 2.0, 4.0)
 FEW = 4
 """Parameters that a class needs to stand on its own; smaller ones share the rest of their kind."""
 _GROUPS = ("a", "b", "u", "length", "offset", "gain")

@@ -6,6 +6,7 @@ the search ends when a refit asks for nothing new.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -208,6 +209,7 @@ def _search(
             current[others[j]] = spread_of(cat, others[j], ranking.evidence.spread[j])
         if not chosen or 1 < len(current) <= MANY_TERMS:
             current = _swap_and_drop(lin, cat, grid, current, banned)
+            current = _join_pairs(lin, cat, grid, current, banned)
     return current
 
 
@@ -252,5 +254,26 @@ def _swap_and_drop(
         if ranking.odds[best] <= THRESHOLD:
             current = rest
         elif ranking.odds[best] > own + 1.0:
+            current = rest | {wanted[best]: spread_of(cat, wanted[best], ranking.evidence.spread[best])}
+    return current
+
+
+def _join_pairs(
+    lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], banned: set[int]
+) -> dict[int, float]:
+    """Replace two terms by one that explains as much: what was added first may be half of something else."""
+    current = dict(accepted)
+    own = [i for i in current if i not in cat.stated]
+    if len(own) > MANY_TERMS:
+        return current
+    for first, second in itertools.combinations(own, 2):
+        if first not in current or second not in current:
+            continue
+        rest = {i: v for i, v in current.items() if i not in (first, second)}
+        wanted = [i for i in range(len(cat.candidates)) if i not in rest and i not in banned]
+        ranking = rank(lin, cat, grid, rest, wanted)
+        beside = rank(lin, cat, grid, rest | {first: current[first]}, [second]).odds[0]
+        best = int(np.argmax(ranking.odds))
+        if ranking.odds[best] > ranking.odds[wanted.index(first)] + beside:
             current = rest | {wanted[best]: spread_of(cat, wanted[best], ranking.evidence.spread[best])}
     return current
