@@ -95,9 +95,15 @@ def brute(dense: Dense, grid: Grid, spreads: Mapping[int, float]) -> Array:
 
 
 def integrated(dense: Dense, grid: Grid, candidate: int, accepted: Mapping[int, float]) -> float:
-    """log evidence of a candidate of any amplitude, every one of the grid as likely."""
+    """log evidence of a candidate of any amplitude of the grid."""
     each = [brute(dense, grid, {**accepted, candidate: float(q)}) for q in AMPLITUDES]
-    return float(logsumexp(each) - np.log(len(AMPLITUDES)))
+    return float(logsumexp(np.array(each) + rarity()[:, None]))
+
+
+def rarity() -> Array:
+    """Log prior of the grid's amplitudes: equal up to 1, beyond it as the inverse square."""
+    density = np.array([1.0 if q <= 1.0 else 1.0 / q**2 for q in AMPLITUDES])
+    return np.asarray(np.log(density / density.sum()))
 
 
 ACCEPTED: Sequence[Mapping[int, float]] = ({}, {0: 0.3}, {1: 0.05, 3: 1.0})
@@ -157,7 +163,7 @@ def test_amplitudes_are_those_of_the_gaussian_posterior(
     c = dense.covariance(noise, dict(zip(ONE.classes, inflation, strict=True)), accepted)
     for place, candidate in enumerate(wanted):
         each = [brute(dense, ONE, {**accepted, candidate: float(q)})[0] for q in AMPLITUDES]
-        size = AMPLITUDES[int(np.argmax(each))]
+        size = AMPLITUDES[int(np.argmax(each + rarity()))]
         g = dense.g[:, dense.columns[candidate]]
         precision = g.T @ np.linalg.solve(c, g) + np.eye(g.shape[1]) / size**2
         # e is prediction less reading: a shift of the prediction by g c must cancel it

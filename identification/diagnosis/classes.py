@@ -17,6 +17,8 @@ from truepose.identification.diagnosis.selection import Ranking, rank
 from truepose.identification.diagnosis.signatures import Linearisation
 
 Array = NDArray[np.float64]
+CERTAIN = 0.95
+"""Probability that a class needs to be given; it grows by lesser names until it holds as much."""
 INDISTINCT = 3.0
 """Expected log Bayes factor below which two explanations are one class."""
 CLASS_LIMIT = 8
@@ -72,13 +74,11 @@ def name_term(
         for j in np.argsort(-ranking.odds)
         if j != own and _indistinct(ranking, signal, missed, own, int(j), width)
     ]
-    odds = np.append(ranking.odds, 0.0)  # the last is: nothing more
     # what says something else is no alternative: it may be missing as well
-    alternatives = [*np.flatnonzero(missed < 0.5 * signal).tolist(), len(odds) - 1]
-    alternatives = sorted({own, *rivals, *alternatives})
-    certainty = float(np.sum(np.exp(odds[[own, *rivals]] - logsumexp(odds[alternatives]))))
+    alike = {own, *rivals, *np.flatnonzero(missed < 0.5 * signal).tolist()}
+    rivals, certainty = _credible(cat, ranking, own, rivals, sorted(alike))
     # who of the class it is, at the width the remainder leaves; that it is the class, at face value
-    share = _shares(odds[[own, *rivals]] * (INDISTINCT / width))
+    share = _shares(ranking.odds[[own, *rivals]] * (INDISTINCT / width))
     members = tuple(
         Member(wanted[j], certainty * float(p), float(ranking.gain[j]))
         for j, p in zip(rivals, share[1:], strict=True)
@@ -92,6 +92,23 @@ def name_term(
         members[:CLASS_LIMIT],
         _settings_doubt(cat, ranking, own),
     )
+
+
+def _credible(
+    cat: Catalogue, ranking: Ranking, own: int, rivals: Sequence[int], alike: Sequence[int]
+) -> tuple[list[int], float]:
+    """The rivals, and while they are not certain the likeliest other names that say much the same; their probability.
+
+    Positions in the ranking; the alternatives are those ``alike``, and nothing more at all.
+    """
+    shares = dict(zip((*alike, -1), _shares(np.append(ranking.odds[list(alike)], 0.0)), strict=True))
+    out = list(rivals)
+    others = [j for j in alike if j not in (own, *out) and cat.named(ranking.indices[j])]
+    for j in sorted(others, key=lambda j: -shares[j]):
+        if sum(shares[k] for k in (own, *out)) >= CERTAIN:
+            break
+        out.append(j)
+    return out, float(sum(shares[k] for k in (own, *out)))
 
 
 def _settings_doubt(cat: Catalogue, ranking: Ranking, own: int) -> tuple[float, ...]:

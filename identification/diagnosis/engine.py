@@ -37,7 +37,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CONCEALED = 1.3
 """Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
-CERTAIN = 0.95
 UNKNOWN_P = 1e-3
 SIGMA_OFF = 3.0
 
@@ -197,7 +196,7 @@ def _name(
             for i in selection.accepted
             if i not in cat.stated
         ]
-        certain = [n.index for n in named if n.certainty >= CERTAIN]
+        certain = [n.index for n in named if n.certainty >= classes.CERTAIN]
         if len(certain) == len(named):
             return selection, named
         kept = [*cat.stated, *certain]

@@ -24,8 +24,8 @@ from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 EXPECTED = 0.01
-"""Share of a coefficient's largest size that is expected where no amplitude is named: the middle, in the log, of the
-amplitudes that a diagnosis takes to be equally likely (``evidence.AMPLITUDES``)."""
+"""Share of a coefficient's largest expected size that is taken where no amplitude is named: the middle, in the log, of the
+amplitudes that a diagnosis takes to be equally likely (``evidence.AMPLITUDES`` up to 1)."""
 Form = tuple[PlacedEffect, ...]
 """Effects that act together as one version of an explanation (the orders of a harmonic)."""
 

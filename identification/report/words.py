@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from truepose.identification.diagnosis.classes import CERTAIN
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
 from truepose.identification.report.document import Tone
 from truepose.identification.report.numbers import known, p_value, percent, significant, times
 from truepose.models.effects.base import Effect, effects
 from truepose.models.effects.of_rows import OF_ROWS
 
-CERTAIN = 0.95
 NAMEABLE = 3.0
 _ALARM_NAMES = {
     "residual": "lack of fit",
