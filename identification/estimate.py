@@ -37,7 +37,13 @@ TOLERANCE = 1e-9
 """A fit ends when half the sum of squares has less to gain; a step is then 1e-4 of a 1-sigma at most."""
 FREE_TOLERANCE = 1e-4
 """The free fit ends when what is left to gain is below this share of the readings; it serves to show chi2."""
-FREE_LIMIT = 400
+STUBBORN = 1e-4
+"""Damping of the free fit, and of one that found no minimum with full steps."""
+TRIES = ((0.0, 100), (STUBBORN, 400))
+"""Damping of the first step and most iterations, one try after another. Under tolerances a fit is well posed and takes full
+steps, unless readings and tolerances conflict badly."""
+FREE_TRIES = ((STUBBORN, 400),)
+"""The same of the free fit, which walks down curved valleys."""
 UNKNOWN = 1e15
 """1-sigma, in steps, of a direction that nothing determines."""
 HUBER = 1.345
@@ -176,7 +182,8 @@ def estimate(
 ) -> Estimate:
     """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording``.
 
-    ``exclude`` leaves rows out; rows that cannot be assembled are left out and listed. A fit that is not
+    ``damping`` is that of the first step; without it full steps are taken, and damped ones where those find no
+    minimum. ``exclude`` leaves rows out; rows that cannot be assembled are left out and listed. A fit that is not
     widened ends when half the sum of squares has less than ``tolerance`` left to gain. ``solver`` takes the
     place of damped Gauss-Newton. Raises InputError for too few rows, ConvergenceError naming the parameters
     responsible when no minimum is reached.
@@ -189,12 +196,17 @@ def estimate(
     if widen != 1.0:
         prior = widened(problem, widen)
         problem = Problem(predictor, prior, p, used)
-    tolerance, limit = (tolerance, 100) if widen == 1.0 else (FREE_TOLERANCE * problem.readings, FREE_LIMIT)
-    # a fit under tolerances is well posed and takes full steps; the free fit walks down curved valleys
-    damping = (0.0 if widen == 1.0 else 1e-4) if damping is None else damping
-    descend = partial(minimise, problem.blocks, damping=damping, tolerance=tolerance, limit=limit)
-    solution = _robust(problem, loss, partial(solver, problem) if solver else descend)
-    if not solution.status.ok:
+        tolerance = FREE_TOLERANCE * problem.readings
+    tries = TRIES if widen == 1.0 else FREE_TRIES
+    descents = [
+        partial(minimise, problem.blocks, damping=steps, tolerance=tolerance, limit=limit)
+        for steps, limit in (tries if damping is None else [(damping, tries[0][1])])
+    ]
+    for descend in [partial(solver, problem)] if solver else descents:
+        solution = _robust(problem, loss, descend)
+        if solution.status.ok:
+            break
+    else:
         raise ConvergenceError("; ".join([blame(solution, prior), *predictor.cautions]))
     return result(problem, solution, tuple(effects))
 

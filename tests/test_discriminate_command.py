@@ -21,6 +21,9 @@ from truepose.identification.planning.discriminate_words import experiment_json,
 from truepose.models.load import load_machine
 
 
+NAMELESS = {"effect": "unknown", "place": ["q2"], "probability": 0.5}
+
+
 def diagnosis_file(folder: Path, **finding: object) -> Path:
     content = {
         "effect": "joint-compliance",
@@ -53,9 +56,20 @@ def test_a_class_is_read_from_a_diagnosis(tmp_path: Path) -> None:
     assert [e.slug for e in named.explanations] == ["joint-compliance", "axis-coupling"]
 
 
+def test_what_has_no_name_is_told_and_not_planned_for(tmp_path: Path) -> None:
+    named = {"effect": "transmission-error", "place": ["q2"], "probability": 0.3}
+    wanted = class_of(diagnosis_file(tmp_path, equivalents=[NAMELESS, named]), arm())
+    assert [e.slug for e in wanted.explanations] == ["joint-compliance", "transmission-error"]
+    assert any("without a name" in note for note in wanted.notes)
+
+
 @pytest.mark.parametrize(
     ("finding", "message"),
-    [({"equivalents": []}, "no finding with equivalents"), ({"parameters": {}}, "no value of c")],
+    [
+        ({"equivalents": []}, "no finding with equivalents"),
+        ({"equivalents": [NAMELESS]}, "no finding with equivalents"),
+        ({"parameters": {}}, "no value of c"),
+    ],
 )
 def test_a_diagnosis_without_a_class_is_refused(
     tmp_path: Path, finding: dict[str, object], message: str

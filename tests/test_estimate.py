@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from support.telescope_legs import ENDS, leg_rows
 from truepose.errors import ConvergenceError, InputError
+from truepose.identification import estimate as estimating
 from truepose.identification.align import aligned_start
 from truepose.identification.diagnosis.summary import worst_allowed
 from truepose.identification.estimate import FREE_TOLERANCE, FREE_WIDENING, Estimate, estimate, prior_of
@@ -332,6 +333,20 @@ def test_too_few_rows_are_refused(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"simulated\.csv: found 6 usable rows \(36 readings\).* 42 parameters"
     ):
+        estimate(machine, recording)
+
+
+def test_damped_steps_take_over_where_full_ones_find_no_minimum(
+    machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, rng = machines["arm"], np.random.default_rng(14)
+    recording = simulated(machine, manufactured(machine, rng), rng)
+    usual = estimate(machine, recording)
+    monkeypatch.setattr(estimating, "TRIES", ((0.0, 1), *estimating.TRIES[1:]))
+    damped = estimate(machine, recording)
+    assert damped.chi2 == pytest.approx(usual.chi2, rel=1e-9)
+    monkeypatch.setattr(estimating, "TRIES", ((0.0, 1),))
+    with pytest.raises(ConvergenceError):
         estimate(machine, recording)
 
 

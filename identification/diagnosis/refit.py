@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import Estimate, estimate
+from truepose.identification.estimate import STUBBORN, Estimate, estimate
 from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-STUBBORN = 1e-4
-"""Damping of a refit that found no minimum without."""
 
 
 def refit(

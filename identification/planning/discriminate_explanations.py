@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.simulate import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
 from truepose.models.effects.of_rows import OF_ROWS
@@ -103,18 +104,25 @@ def class_of(path: Path | str, machine: Machine, texts: Sequence[str] = ()) -> C
     names = {e.name for e in wanted}
     fitted = [_fitted(machine, f, f"{path}: findings[{k}]") for k, f in enumerate(findings)]
     chosen = [
-        k for k, f in enumerate(findings) if (fitted[k].name in names if texts else f.get("equivalents"))
+        k for k, f in enumerate(findings) if (fitted[k].name in names if texts else _named_equivalents(f))
     ]
     if not chosen:
         what = f"with the name of {' or '.join(texts)}" if texts else "with equivalents"
         raise InputError(f"{path}: found no finding {what}, expected one to tell from its equivalents")
     true = fitted[chosen[0]]
     rivals = [e for e in wanted if e.name != true.name] or [
-        _equivalent(machine, e, true) for e in findings[chosen[0]]["equivalents"]
+        _equivalent(machine, e, true) for e in _named_equivalents(findings[chosen[0]])
     ]
     others = tuple(part for k, e in enumerate(fitted) if k != chosen[0] for part in e.forms[0])
     notes = [f"{fitted[k].name} has a class of its own: plan for it apart" for k in chosen[1:]]
+    if len(rivals) < len(findings[chosen[0]].get("equivalents", ())) and not wanted:
+        notes.append(f"{true.name} may also stand in for something without a name, which no plan can foresee")
     return Class((true, *rivals), others, tuple(notes))
+
+
+def _named_equivalents(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Rivals of a finding that have a name."""
+    return [e for e in finding.get("equivalents", ()) if e["effect"] != UNNAMED]
 
 
 def _findings(path: Path | str) -> list[dict[str, Any]]:

@@ -23,6 +23,7 @@ from truepose.challenge.simulator.base import SimulatedMachine
 from truepose.challenge.simulator.writing import recording_text
 from truepose.challenge.solutions import Geometry, HeldOut, Reference, Solution, Truth
 from truepose.challenge.strata import Draft, UndrawnError, draft
+from truepose.errors import ConvergenceError
 from truepose.identification.estimate import Estimate
 from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect
@@ -84,7 +85,11 @@ def _hidden(found: Draft, noise_seed: int) -> bool:
         return False
     readings = _readings(found, Decoy(), noise_seed)
     machine = found.setup.read[0]
-    return ordinary_fits(machine, found.setup.recording(readings))[1].chi2_per_dof < CONCEALED
+    try:
+        free = ordinary_fits(machine, found.setup.recording(readings))[1]
+    except ConvergenceError:  # a fit that finds no minimum hides nothing
+        return False
+    return free.chi2_per_dof < CONCEALED
 
 
 def _readings(found: Draft, kind: Decoy, noise_seed: int) -> Array:
