@@ -20,7 +20,6 @@ from truepose.identification.planning.discriminate_targets import Target
 from truepose.identification.planning.discriminate_words import experiment_json, sentences
 from truepose.models.load import load_machine
 
-
 NAMELESS = {"effect": "unknown", "place": ["q2"], "probability": 0.5}
 
 

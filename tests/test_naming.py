@@ -11,7 +11,14 @@ import pytest
 
 from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.candidates import SECOND_TERM, TOGETHER, Catalogue, catalogue
-from truepose.identification.diagnosis.doubt import KEPT, LEAST_KEPT, doubted, fails
+from truepose.identification.diagnosis.doubt import (
+    KEPT,
+    KEPT_BESIDE_REMAINDER,
+    LEAST_KEPT,
+    doubted,
+    fails,
+    same_part,
+)
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.load import load_recording
@@ -108,7 +115,7 @@ def test_names_keep_their_share_beside_a_remainder_and_the_rest_has_no_name(
     weighed: tuple[Machine, Catalogue],
 ) -> None:
     (less,) = doubted(weighed[0], [FINDING], Remainder(("q3",), "q1", "a curve", 1.2), True)
-    assert less.probability == pytest.approx(KEPT * FINDING.probability)
+    assert less.probability == pytest.approx(KEPT_BESIDE_REMAINDER * FINDING.probability)
     named = less.probability + sum(o.probability for o in less.equivalents if o.effect != UNNAMED)
     (unnamed,) = [o for o in less.equivalents if o.effect == UNNAMED]
     assert unnamed.place == ("q3",)
@@ -144,6 +151,14 @@ def test_names_that_pile_up_keep_less(
     for finding, share in zip(said, kept, strict=True):
         assert any(o.effect == UNNAMED for o in finding.equivalents) == (share < 1.0)
         assert sum(o.probability for o in finding.equivalents) + finding.probability == pytest.approx(0.99)
+
+
+def test_a_name_shares_its_part_with_something_unnamed_there_only(weighed: tuple[Machine, Catalogue]) -> None:
+    arm = weighed[0]
+    assert same_part(arm, ("q2.d",), Remainder(("q2",), "q1", "a curve", 1.2))
+    assert same_part(arm, ("q3", "q2"), Remainder(("q2",), "q1", "a curve", 1.2))
+    assert not same_part(arm, ("q3",), Remainder(("q2",), "q1", "a curve", 1.2))
+    assert not same_part(arm, ("q2",), None)
 
 
 def test_a_model_fails_by_a_rival_or_by_a_clear_alarm() -> None:

@@ -2,8 +2,8 @@
 
 Two signs of that. The model with them still fails: what it lacks may also be what a name stands in for. And names
 pile up: several names on one part, or three different effects, together bend like one thing that the catalogue does
-not know. On simulated machines half of the names beside an unexplained remainder were right, half of those two on one part,
-and one of nine in larger piles (docs/challenge.md).
+not know. In two blind examinations 4 of 21 names beside an unexplained remainder were right, 4 of 10 of those two on one
+part, 3 of 33 in larger piles, and none of 10 beside something unnamed on the same part (docs/challenge.md).
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.machine import Machine
 
+KEPT_BESIDE_REMAINDER = 0.25
+"""Share of its probability that a name keeps where the model with it still fails."""
 KEPT = 0.5
-"""Share of its probability that a name keeps beside a remainder, and for each further name of a pile."""
+"""Share that it keeps for each further name of its pile."""
 LEAST_KEPT = 0.25
 """What is kept in the largest pile: machines with many faults exist."""
 FEW_EFFECTS = 2
@@ -42,17 +44,23 @@ def doubted(
     kinds = len({f.effect for f in physics})
     out = []
     for finding in findings:
-        beside = sum(bool(_parts(machine, finding) & _parts(machine, other)) for other in physics)
+        parts = _parts(machine, finding.place)
+        beside = sum(bool(parts & _parts(machine, other.place)) for other in physics)
         pile = max(beside, kinds - FEW_EFFECTS + 1, 1) if finding in physics else 1
-        keep = max(KEPT ** (pile - 1), LEAST_KEPT) * (KEPT if failing else 1.0)
+        keep = max(KEPT ** (pile - 1), LEAST_KEPT) * (KEPT_BESIDE_REMAINDER if failing else 1.0)
         out.append(_shared(finding, rival, keep, _why(failing, pile)) if keep < 1.0 else finding)
     return tuple(out)
 
 
-def _parts(machine: Machine, finding: Finding) -> set[str]:
-    """Parts that a finding is at: a limb for all that belongs to it."""
+def same_part(machine: Machine, place: Sequence[str], rival: Remainder | None) -> bool:
+    """Whether something unnamed was found on a part of the place: a name there is likely half of it."""
+    return rival is not None and bool(_parts(machine, place) & _parts(machine, rival.place))
+
+
+def _parts(machine: Machine, place: Sequence[str]) -> set[str]:
+    """Parts that a place is at: a limb for all that belongs to it."""
     limb_of = {limb.reading: limb.name for limb in machine.mechanism.limbs}
-    names = (place.partition(".")[0] for place in finding.place)
+    names = (name.partition(".")[0] for name in place)
     return {limb_of.get(name, name) for name in names}
 
 
@@ -80,4 +88,4 @@ def _shared(finding: Finding, rival: Remainder | None, keep: float, why: str) ->
     )
 
 
-__all__ = ["doubted", "fails"]
+__all__ = ["doubted", "fails", "same_part"]

@@ -105,7 +105,8 @@ def _select(signatures: Signatures, cat: Catalogue, fits: _Fits, first: Selectio
 def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection) -> Diagnosis:
     machine, recording = signatures.machine, signatures.recording
     free, before = fits.free, fits.before
-    selection, named_terms = _name(signatures, cat, fits, found)
+    rival = remainder.unnamed(cat, found.accepted, found.fit)
+    selection, named_terms = _name(signatures, cat, fits, found, rival)
     after = selection.fit
     lin = signatures.linearise(before)
     stated = dict.fromkeys(cat.stated, WIDE)
@@ -116,7 +117,6 @@ def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Select
     raised, structure = _alarms(fits, recording, lin)
     left = alarms.structure_alarm(after, recording) if selection.accepted else structure
     findings = _findings(machine, cat, selection, named_terms)
-    rival = remainder.unnamed(cat, found.accepted, found.fit)
     after_alarms = _alarms_after(selection, recording, left)
     findings = doubt.doubted(machine, findings, rival, doubt.fails(rival, after_alarms))
     verdict = _verdict(findings, rival, left, lin, free, inflation, raised["residual"])
@@ -180,10 +180,18 @@ def _alarms_after(
 
 
 def _name(
-    signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection
+    signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection, rival: Remainder | None
 ) -> tuple[Selection, list[classes.Named]]:
-    """Terms of the catalogue whose class is certain, fitted without the others; their classes."""
-    kept = [i for i in found.accepted if cat.named(i)]
+    """Terms of the catalogue whose class is certain, fitted without the others; their classes.
+
+    A name beside something unnamed on the same part is likely half of it, and is not given.
+    """
+    kept = [
+        i
+        for i in found.accepted
+        if i in cat.stated
+        or (cat.named(i) and not doubt.same_part(signatures.machine, cat.candidates[i].place, rival))
+    ]
     while True:
         selection = only(signatures, cat, found, fits.outliers, kept)
         after = selection.fit
