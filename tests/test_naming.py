@@ -13,7 +13,6 @@ from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.candidates import SECOND_TERM, TOGETHER, Catalogue, catalogue
 from truepose.identification.diagnosis.doubt import (
     KEPT,
-    KEPT_BESIDE_REMAINDER,
     LEAST_KEPT,
     doubted,
     fails,
@@ -115,7 +114,7 @@ def test_names_keep_their_share_beside_a_remainder_and_the_rest_has_no_name(
     weighed: tuple[Machine, Catalogue],
 ) -> None:
     (less,) = doubted(weighed[0], [FINDING], Remainder(("q3",), "q1", "a curve", 1.2), True)
-    assert less.probability == pytest.approx(KEPT_BESIDE_REMAINDER * FINDING.probability)
+    assert less.probability == pytest.approx(KEPT * FINDING.probability)
     named = less.probability + sum(o.probability for o in less.equivalents if o.effect != UNNAMED)
     (unnamed,) = [o for o in less.equivalents if o.effect == UNNAMED]
     assert unnamed.place == ("q3",)

@@ -17,12 +17,10 @@ from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.machine import Machine
 
-KEPT_BESIDE_REMAINDER = 0.25
-"""Share of its probability that a name keeps where the model with it still fails."""
 KEPT = 0.5
-"""Share that it keeps for each further name of its pile."""
+"""Share of its probability that a name keeps where the model with it still fails, and for each further name of its pile."""
 LEAST_KEPT = 0.25
-"""What is kept in the largest pile: machines with many faults exist."""
+"""What is kept whatever speaks against it: machines with many faults exist, and none fits its model wholly."""
 FEW_EFFECTS = 2
 """So many different effects at different parts are no pile."""
 FAILS_P = 1e-3
@@ -47,7 +45,7 @@ def doubted(
         parts = _parts(machine, finding.place)
         beside = sum(bool(parts & _parts(machine, other.place)) for other in physics)
         pile = max(beside, kinds - FEW_EFFECTS + 1, 1) if finding in physics else 1
-        keep = max(KEPT ** (pile - 1), LEAST_KEPT) * (KEPT_BESIDE_REMAINDER if failing else 1.0)
+        keep = max(KEPT ** (pile - 1 + failing), LEAST_KEPT)
         out.append(_shared(finding, rival, keep, _why(failing, pile)) if keep < 1.0 else finding)
     return tuple(out)
 

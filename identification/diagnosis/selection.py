@@ -131,6 +131,8 @@ def select(
     again = _settle(names, exclude, set())
     if again.all_named:
         return again
+    if len(names.accepted) > MANY_TERMS:
+        return found
     # far from the drawing what is asked for may be an extrapolation: what counts is how each did in its own fit
     own = weight(names)
     return names if own > weight(found) and own > weight(again) else found
@@ -209,6 +211,7 @@ def _search(
             current[others[j]] = spread_of(cat, others[j], ranking.evidence.spread[j])
         if not chosen or 1 < len(current) <= MANY_TERMS:
             current = _swap_and_drop(lin, cat, grid, current, banned)
+        if not chosen:
             current = _join_pairs(lin, cat, grid, current, banned)
     return current
 
