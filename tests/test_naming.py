@@ -9,15 +9,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.candidates import SECOND_TERM, TOGETHER, Catalogue, catalogue
 from truepose.identification.diagnosis.doubt import (
     KEPT,
     LEAST_KEPT,
     doubted,
-    fails,
     same_part,
 )
+from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.load import load_recording
@@ -160,11 +160,19 @@ def test_a_name_shares_its_part_with_something_unnamed_there_only(weighed: tuple
     assert not same_part(arm, ("q2",), None)
 
 
-def test_a_model_fails_by_a_rival_or_by_a_clear_alarm() -> None:
-    quiet, clear = (
-        {"residual": Alarm(1.0, 0.02)},
-        {"residual": Alarm(1.0, 0.5), "structure": Alarm(9.0, 1e-6)},
-    )
-    assert not fails(None, quiet)
-    assert fails(None, clear)
-    assert fails(Remainder(("q1",), "q1", "a curve", 1.0), quiet)
+QUIET = Alarm(1.0, 0.5)
+
+
+def judgement(*, residual: Alarm = QUIET, stated: float = 0.5, stubborn: float = 0.5) -> Judgement:
+    alarms = {"residual": residual, "prior_conflict": Alarm(9.0, stated), "structure": QUIET}
+    return Judgement(alarms, Structure(QUIET, "time", 0.3, 0.0), stubborn)
+
+
+def test_a_model_fails_by_what_misstated_tolerances_and_sigmas_do_not_explain() -> None:
+    assert not judgement(stated=1e-20).leaves  # likely tolerances explain it
+    assert judgement(stated=1e-20, stubborn=1e-6).leaves
+    misfit = judgement(residual=Alarm(2.0, 1e-6, "stated sigma"))
+    assert misfit.leaves
+    assert not misfit.fails  # a sigma that is wrong by less than three
+    assert judgement(residual=Alarm(2.0, 1e-6, "replicates")).fails
+    assert judgement(residual=Alarm(10.0, 1e-6, "stated sigma")).fails

@@ -8,10 +8,9 @@ part, 3 of 33 in larger piles, and none of 10 beside something unnamed on the sa
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.models.effects.of_rows import OF_ROWS
@@ -23,12 +22,6 @@ LEAST_KEPT = 0.25
 """What is kept whatever speaks against it: machines with many faults exist, and none fits its model wholly."""
 FEW_EFFECTS = 2
 """So many different effects at different parts are no pile."""
-FAILS_P = 1e-3
-
-
-def fails(rival: Remainder | None, alarms: Mapping[str, Alarm]) -> bool:
-    """Whether an unnamed rival was found beside the names, or the model with them raises an alarm clearly."""
-    return rival is not None or any(alarm.p < FAILS_P for alarm in alarms.values())
 
 
 def doubted(
@@ -36,7 +29,7 @@ def doubted(
 ) -> tuple[Finding, ...]:
     """The findings, each with some of its probability given to something unnamed, which joins its class.
 
-    ``failing``: the model with them still fails, by ``rival`` where that is known.
+    ``failing``: the model with them still leaves something, ``rival`` where that is known.
     """
     physics = [f for f in findings if f.effect not in OF_ROWS]
     kinds = len({f.effect for f in physics})
@@ -86,4 +79,4 @@ def _shared(finding: Finding, rival: Remainder | None, keep: float, why: str) ->
     )
 
 
-__all__ = ["doubted", "fails", "same_part"]
+__all__ = ["doubted", "same_part"]

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification.align import aligned_start
-from truepose.identification.diagnosis import alarms, classes, doubt, outliers, remainder, summary
+from truepose.identification.diagnosis import classes, doubt, outliers, remainder, summary
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
-from truepose.identification.diagnosis.findings import alternative, merge_findings
+from truepose.identification.diagnosis.findings import (
+    evidence_map,
+    merge_findings,
+    ranked_alternatives,
+)
+from truepose.identification.diagnosis.judgement import Judgement, judged, likely_inflation
+from truepose.identification.diagnosis.notes import notes
 from truepose.identification.diagnosis.proof import prove
-from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
+from truepose.identification.diagnosis.result import Diagnosis, Finding, Remainder
 from truepose.identification.diagnosis.selection import (
     THRESHOLD,
     WIDE,
@@ -27,7 +33,7 @@ from truepose.identification.diagnosis.selection import (
     rank,
     select,
 )
-from truepose.identification.diagnosis.signatures import Linearisation, Signatures
+from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.prediction import Predictor
 from truepose.identification.recording import Recording
@@ -37,8 +43,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CONCEALED = 1.3
 """Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
-UNKNOWN_P = 1e-3
-SIGMA_OFF = 3.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,20 @@ class _Fits:
     free: Estimate
     before: Estimate
     outliers: Mask
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """The terms that were given names and the fit with them, and all that is said of them."""
+
+    selection: Selection
+    findings: tuple[Finding, ...]
+    verdict: str
+    rival: Remainder | None
+    raised: Judgement
+    left: Judgement
+    screened: Ranking
+    notes: tuple[str, ...]
 
 
 def diagnose(
@@ -66,7 +84,8 @@ def diagnose(
         fits = _refit_null(machine, recording, fits, again)
         selection = _select(selection.signatures, selection.catalogue, fits, selection)
     progress("naming and proving")
-    return _conclude(selection.signatures, selection.catalogue, fits, selection)
+    signatures, cat = selection.signatures, selection.catalogue
+    return _conclude(signatures, cat, fits, _judge(signatures, cat, fits, selection))
 
 
 def _null_fits(machine: Machine, recording: Recording) -> _Fits:
@@ -102,81 +121,61 @@ def _select(signatures: Signatures, cat: Catalogue, fits: _Fits, first: Selectio
     return select(signatures, cat, fits.before, fits.outliers, rms, first)
 
 
-def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection) -> Diagnosis:
+def _judge(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection) -> _Outcome:
+    """Names, what is left beside them, and the verdict."""
     machine, recording = signatures.machine, signatures.recording
-    free, before = fits.free, fits.before
     rival = remainder.unnamed(cat, found.accepted, found.fit)
     selection, named_terms = _name(signatures, cat, fits, found, rival)
-    after = selection.fit
-    lin = signatures.linearise(before)
-    stated = dict.fromkeys(cat.stated, WIDE)
-    screened = rank(
-        lin, cat, selection.grid, stated, [i for i in range(len(cat.candidates)) if i not in stated]
-    )
+    lin, stated = signatures.linearise(fits.before), dict.fromkeys(cat.stated, WIDE)
+    others = [i for i in range(len(cat.candidates)) if i not in stated]
+    screened = rank(lin, cat, selection.grid, stated, others)
     inflation = dict(zip(selection.grid.classes, screened.evidence.inflation, strict=True))
-    raised, structure = _alarms(fits, recording, lin)
-    left = alarms.structure_alarm(after, recording) if selection.accepted else structure
+    raised = judged(fits.free, fits.before, lin, inflation, recording)
+    left = raised
+    if selection.accepted:
+        after, inflation_after = selection.fit, likely_inflation(selection)
+        left = judged(after, after, selection.linearisation, inflation_after, recording)
     findings = _findings(machine, cat, selection, named_terms)
-    after_alarms = _alarms_after(selection, recording, left)
-    findings = doubt.doubted(machine, findings, rival, doubt.fails(rival, after_alarms))
-    verdict = _verdict(findings, rival, left, lin, free, inflation, raised["residual"])
+    findings = doubt.doubted(machine, findings, rival, rival is not None or left.leaves)
+    verdict = "missing-physics" if findings else "unknown" if rival or raised.fails else "adequate"
+    said = notes(recording, fits.before, screened, inflation)
+    return _Outcome(selection, findings, verdict, rival, raised, left, screened, said)
+
+
+def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, outcome: _Outcome) -> Diagnosis:
+    machine, recording = signatures.machine, signatures.recording
+    selection, raised, left, verdict = outcome.selection, outcome.raised, outcome.left, outcome.verdict
+    free, before, named = fits.free, fits.before, verdict == "missing-physics"
+    after = selection.fit if named else before
+    stages = {"free": free, "before": before, "after": after}
     channels = Predictor(machine, recording).channels
-    named = verdict == "missing-physics"
+    proof = (
+        prove(before, after, recording, fits.outliers, signatures, cat, selection.grid, selection.accepted)
+        if named
+        else None
+    )
     return Diagnosis(
         machine=machine,
         recording=recording,
         verdict=verdict,
         concealed=verdict != "adequate" and free.chi2_per_dof < CONCEALED,
-        alarms=raised,
-        alarms_after=after_alarms if named else raised,
-        structure=left,
-        findings=findings if named else (),
-        remainder=_remainder(verdict, rival, after, recording, left),
-        candidates=_candidates(cat, screened),
-        evidence_map=_map(cat, screened),
+        alarms=raised.alarms,
+        alarms_after=left.alarms if named else raised.alarms,
+        structure=left.structure,
+        findings=outcome.findings,
+        remainder=_remainder(outcome),
+        candidates=ranked_alternatives(cat, outcome.screened),
+        evidence_map=evidence_map(cat, outcome.screened),
         untestable=cat.untestable,
         free=free,
         before=before,
-        after=after if named else before,
-        fits={
-            name: summary.summarise(fit, channels, recording.validation)
-            for name, fit in (("free", free), ("before", before), ("after", after if named else before))
-        },
-        proof=prove(
-            before, after, recording, fits.outliers, signatures, cat, selection.grid, selection.accepted
-        )
-        if named
-        else None,
-        terms=(after if named else before).fitted_effects(),
+        after=after,
+        fits={name: summary.summarise(fit, channels, recording.validation) for name, fit in stages.items()},
+        proof=proof,
+        terms=after.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
-        notes=_notes(recording, before, screened, inflation),
+        notes=outcome.notes,
     )
-
-
-def _alarms(
-    fits: _Fits, recording: Recording, lin: Linearisation
-) -> tuple[dict[str, alarms.Alarm], alarms.Structure]:
-    noise = float(np.sqrt(max(fits.free.chi2_per_dof, 1e-300)))
-    structure = alarms.structure_alarm(fits.before, recording)
-    raised = {
-        "residual": alarms.residual_alarm(fits.free, recording),
-        "prior_conflict": alarms.prior_conflict(lin, max(noise, 1.0)),
-        "structure": structure.alarm,
-    }
-    return raised, structure
-
-
-def _alarms_after(
-    selection: Selection, recording: Recording, left: alarms.Structure
-) -> dict[str, alarms.Alarm]:
-    """The same three alarms with the effects found."""
-    fit = selection.fit
-    noise = float(np.sqrt(max(fit.chi2_per_dof, 1.0)))
-    return {
-        "residual": alarms.residual_alarm(fit, recording),
-        "prior_conflict": alarms.prior_conflict(selection.linearisation, noise),
-        "structure": left.alarm,
-    }
 
 
 def _name(
@@ -218,86 +217,11 @@ def _findings(
     return merge_findings(machine, cat, selection.fit, named, flips)
 
 
-def _verdict(
-    findings: Sequence[Finding],
-    rival: Remainder | None,
-    left: alarms.Structure,
-    lin: Linearisation,
-    free: Estimate,
-    inflation: Mapping[str, float],
-    residual: alarms.Alarm,
-) -> str:
-    """Names where there are any; ``unknown`` where something is left and nothing has a name; else adequate."""
-    if findings:
-        return "missing-physics"
-    noise = max(float(np.sqrt(free.chi2_per_dof)), 1.0)
-    widened = {part: max(value, 1.0) for part, value in inflation.items()}
-    conflict = alarms.prior_conflict(lin, noise, widened).p < UNKNOWN_P
-    return "unknown" if rival or left.alarm.p < UNKNOWN_P or conflict or _lacks_fit(residual) else "adequate"
-
-
-def _lacks_fit(alarm: alarms.Alarm) -> bool:
-    """More misfit than replicates allow; without any, than a stated sigma that is wrong by three would make."""
-    return alarm.p < UNKNOWN_P and (alarm.about == "replicates" or alarm.statistic > SIGMA_OFF**2)
-
-
-def _remainder(
-    verdict: str, rival: Remainder | None, after: Estimate, recording: Recording, left: alarms.Structure
-) -> Remainder | None:
-    if verdict == "adequate":
+def _remainder(outcome: _Outcome) -> Remainder | None:
+    if outcome.verdict == "adequate":
         return None
-    if rival is not None:
-        return rival
-    return remainder.describe(after, recording, left) if verdict == "unknown" or left.alarm.raised else None
-
-
-def _candidates(cat: Catalogue, ranking: Ranking) -> tuple[Alternative, ...]:
-    """Every screened candidate, best first, weighed alone against the model without effects."""
-    odds = np.append(ranking.odds, 0.0)
-    share = np.exp(odds - np.logaddexp.reduce(odds))
-    order = [i for i in np.argsort(-ranking.odds) if cat.named(int(i))]
-    return tuple(alternative(cat, int(i), float(share[i]), float(ranking.gain[i])) for i in order)
-
-
-def _map(cat: Catalogue, ranking: Ranking) -> dict[str, float]:
-    """Largest log Bayes factor at each single place; constants count for the part they belong to."""
-    out: dict[str, float] = {}
-    for i, gain in zip(ranking.indices, ranking.gain, strict=True):
-        place = cat.candidates[i].place
-        if len(place) == 1 and cat.named(i):
-            part = place[0].partition(".")[0]
-            out[part] = max(out.get(part, -np.inf), float(gain))
-    return dict(sorted(out.items(), key=lambda item: -item[1]))
-
-
-def _tolerance_notes(inflation: Mapping[str, float]) -> list[str]:
-    """Which tolerances look too small; one line where all do alike."""
-    values = list(inflation.values())
-    if len(values) > 1 and min(values) > 1.5 and max(values) < 1.2 * min(values):
-        return [f"without effects, all tolerances look {max(values):.1f} times too small"]
-    return [
-        f"without effects, {_class_words(label)} tolerances look {value:.1f} times too small"
-        for label, value in inflation.items()
-        if value > 1.5
-    ]
-
-
-def _class_words(label: str) -> str:
-    """``length:leg.a``: the length (leg.a)."""
-    kind, _, group = label.partition(":")
-    return f"{kind} ({group})" if group else kind
-
-
-def _notes(
-    recording: Recording, before: Estimate, screened: Ranking, inflation: Mapping[str, float]
-) -> tuple[str, ...]:
-    notes = list(recording.notes)
-    notes += [
-        f"row {recording.source_row[k]} of {recording.files[recording.source_file[k]]} cannot be assembled and was left out"
-        for k in before.unassembled
-    ]
-    if not 0.8 < screened.evidence.noise < 1.25:
-        notes.append(
-            f"without effects the readings scatter {screened.evidence.noise:.2g} times the stated sigma"
-        )
-    return (*notes, *_tolerance_notes(inflation))
+    if outcome.rival is not None:
+        return outcome.rival
+    left, fit = outcome.left.structure, outcome.selection.fit
+    told = outcome.verdict == "unknown" or left.alarm.raised
+    return remainder.describe(fit, outcome.selection.signatures.recording, left) if told else None

@@ -29,7 +29,7 @@ LOG_SHARES = np.log(_SHARES / np.sum(_SHARES))
 TOLERANCE_DOUBT = 0.6
 """1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
 HOPELESS = 16.0
-"""Log odds below which an inflation is not weighed with candidates: it would add 1e-7 of its best neighbour."""
+"""Log odds below which an inflation is not weighed with candidates: it would add 1e-7 of a narrower one's share."""
 MANY_READINGS = 4000
 """Beyond so many readings tolerances decide little, and one inflation for all classes is enough."""
 
@@ -153,14 +153,16 @@ def evidence(
 
 
 def _worth_weighing(points: Sequence[tuple[float, tuple[float, ...]]], log: Array) -> NDArray[np.bool_]:
-    """Points that matter: tolerances as stated, and inflations that are not hopeless at their noise.
+    """Points that matter: inflations that are not hopeless beside narrower ones at their noise.
 
-    What explains more of the readings makes wider tolerances less needed, never more: a hopeless one stays so.
+    What explains more of the readings makes wider tolerances less needed, never more: where narrower ones do
+    better without it they do better with it. Narrower ones that are hopeless without it may be the best with it.
     """
     noise = np.array([k for k, _ in points])
-    stated = np.array([max(inflation, default=1.0) <= 1.0 for _, inflation in points])
-    best = {k: float(np.max(log[noise == k])) for k in set(noise.tolist())}
-    return np.asarray(stated | (log > np.array([best[k] for k in noise]) - HOPELESS))
+    width = np.array([inflation for _, inflation in points]).reshape(len(points), -1)
+    narrower = np.all(width[:, None] <= width[None, :], axis=2) & (noise[:, None] == noise[None, :])
+    rival = np.max(np.where(narrower, log[:, None], -np.inf), axis=0)
+    return np.asarray(log > rival - HOPELESS)
 
 
 def _gather(

@@ -10,6 +10,7 @@ import numpy as np
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import Named
 from truepose.identification.diagnosis.result import Alternative, Finding, Quantity
+from truepose.identification.diagnosis.selection import Ranking
 from truepose.identification.estimate import Estimate
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine
@@ -21,14 +22,32 @@ def alternative(cat: Catalogue, index: int, probability: float, gain: float) -> 
     return Alternative(placed.effect.slug, placed.place, probability, gain, placed.effect.experiment)
 
 
+def ranked_alternatives(cat: Catalogue, ranking: Ranking) -> tuple[Alternative, ...]:
+    """Every screened candidate, best first, weighed alone against the model without effects."""
+    odds = np.append(ranking.odds, 0.0)
+    share = np.exp(odds - np.logaddexp.reduce(odds))
+    order = [i for i in np.argsort(-ranking.odds) if cat.named(int(i))]
+    return tuple(alternative(cat, int(i), float(share[i]), float(ranking.gain[i])) for i in order)
+
+
+def evidence_map(cat: Catalogue, ranking: Ranking) -> dict[str, float]:
+    """Largest log Bayes factor at each single place; constants count for the part they belong to."""
+    out: dict[str, float] = {}
+    for i, gain in zip(ranking.indices, ranking.gain, strict=True):
+        place = cat.candidates[i].place
+        if len(place) == 1 and cat.named(i):
+            part = place[0].partition(".")[0]
+            out[part] = max(out.get(part, -np.inf), float(gain))
+    return dict(sorted(out.items(), key=lambda item: -item[1]))
+
+
 def merge_findings(
     machine: Machine, cat: Catalogue, after: Estimate, named: Sequence[Named], flips: Sequence[float | None]
 ) -> tuple[Finding, ...]:
     """One finding per effect and place, surest first."""
     groups: dict[tuple[str, tuple[str, ...]], list[int]] = {}
     for k, item in enumerate(named):
-        placed = cat.candidates[item.index]
-        groups.setdefault((placed.effect.slug, placed.place), []).append(k)
+        groups.setdefault(_key(cat, item.index), []).append(k)
     out = [
         _finding(machine, cat, after, [named[k] for k in ks], [flips[k] for k in ks])
         for ks in groups.values()
@@ -48,34 +67,27 @@ def _finding(
         for member in item.equivalents:
             other = alternative(cat, member.index, member.probability, member.gain)
             key = (other.effect, other.place)
-            if key == (placed.effect.slug, placed.place):
+            if key == _key(cat, main.index):
                 continue
             first = equivalents.get(key)
             equivalents[key] = other if first is None else _together(first, other)
-    share = 1.0 - sum(t.probability for t in _twins(cat, main)) / max(main.probability, 1e-300)
     flip = None if any(f is None for f in flips) else max(f for f in flips if f is not None)
-    rivals = sorted(equivalents.values(), key=lambda o: -o.probability)
+    certainty = max(item.certainty for item in items)
+    probability = _own_probability(cat, main, items)
+    # each term has rivals of its own: together they share what the finding is sure of
+    kept = min(1.0, certainty / (probability + sum(o.probability for o in equivalents.values())))
+    rivals = sorted(
+        (replace(o, probability=kept * o.probability) for o in equivalents.values()),
+        key=lambda o: -o.probability,
+    )
     experiment = placed.effect.experiment
     if rivals and rivals[0].experiment and rivals[0].effect != placed.effect.slug:
         experiment = f"{experiment}; against {rivals[0].effect}: {rivals[0].experiment}"
-    probability = min(
-        1.0,
-        max(
-            i.probability
-            + sum(
-                m.probability
-                for m in i.equivalents
-                if (cat.candidates[m.index].effect.slug, cat.candidates[m.index].place)
-                == (placed.effect.slug, placed.place)
-            )
-            for i in items
-        ),
-    )
     return Finding(
         effect=placed.effect.slug,
         place=placed.place,
-        probability=probability * share,
-        certainty=max(item.certainty for item in items),
+        probability=kept * probability,
+        certainty=certainty,
         log_bayes_factor=sum(item.gain for item in items),
         equivalents=tuple(rivals),
         parameters=_parameters(cat, after, items),
@@ -85,6 +97,23 @@ def _finding(
         explanation=_explanation(machine, cat, after, items, placed),
         separating_experiment=experiment,
     )
+
+
+def _own_probability(cat: Catalogue, main: Named, items: Sequence[Named]) -> float:
+    """Probability of the effect at its place, at any settings, without its twins' share."""
+    here = cat.candidates[main.index]
+
+    def same(index: int) -> bool:
+        return _key(cat, index) == (here.effect.slug, here.place)
+
+    total = max(i.probability + sum(m.probability for m in i.equivalents if same(m.index)) for i in items)
+    share = 1.0 - sum(t.probability for t in _twins(cat, main)) / max(main.probability, 1e-300)
+    return min(1.0, total) * share
+
+
+def _key(cat: Catalogue, index: int) -> tuple[str, tuple[str, ...]]:
+    placed = cat.candidates[index]
+    return placed.effect.slug, placed.place
 
 
 def _together(a: Alternative, b: Alternative) -> Alternative:

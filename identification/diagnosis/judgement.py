@@ -1,0 +1,79 @@
+"""The alarms of a model, and whether it fails by them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from truepose.identification.diagnosis.alarms import (
+    Alarm,
+    Structure,
+    prior_conflict,
+    residual_alarm,
+    structure_alarm,
+)
+from truepose.identification.diagnosis.evidence import evidence
+from truepose.identification.diagnosis.selection import Selection
+from truepose.identification.diagnosis.signatures import Linearisation
+from truepose.identification.estimate import Estimate
+from truepose.identification.recording import Recording
+
+CLEAR_P = 1e-3
+"""An alarm below this p is no chance: the model fails."""
+SIGMA_OFF = 3.0
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The three alarms of a model on a recording, and its conflict with tolerances once those may be misstated.
+
+    ``stubborn``: p of the conflict with tolerances as wide as the readings make likely. Tolerances that somebody
+    stated too small are no missing physics.
+    """
+
+    alarms: Mapping[str, Alarm]
+    structure: Structure
+    stubborn: float
+
+    @property
+    def leaves(self) -> bool:
+        """Whether the model clearly leaves something: lack of fit, structure, or a conflict beyond misstated tolerances."""
+        return self._beyond_noise or self.alarms["residual"].p < CLEAR_P
+
+    @property
+    def fails(self) -> bool:
+        """As ``leaves``, but a misfit counts against replicates, or beyond what a stated sigma wrong by three would make."""
+        lack = self.alarms["residual"]
+        lacks_fit = lack.p < CLEAR_P and (lack.about == "replicates" or lack.statistic > SIGMA_OFF**2)
+        return self._beyond_noise or lacks_fit
+
+    @property
+    def _beyond_noise(self) -> bool:
+        return self.stubborn < CLEAR_P or self.structure.alarm.p < CLEAR_P
+
+
+def judged(
+    ordinary: Estimate,
+    fit: Estimate,
+    lin: Linearisation,
+    inflation: Mapping[str, float],
+    recording: Recording,
+) -> Judgement:
+    """Of ``fit``, with ``lin`` there; ``ordinary`` is the fit whose misfit counts, and says how large the noise is."""
+    noise = max(float(np.sqrt(max(ordinary.chi2_per_dof, 1e-300))), 1.0)
+    structure = structure_alarm(fit, recording)
+    alarms = {
+        "residual": residual_alarm(ordinary, recording),
+        "prior_conflict": prior_conflict(lin, noise),
+        "structure": structure.alarm,
+    }
+    widened = {part: max(value, 1.0) for part, value in inflation.items()}
+    return Judgement(alarms, structure, prior_conflict(lin, noise, widened).p)
+
+
+def likely_inflation(selection: Selection) -> dict[str, float]:
+    """How many times wider than stated the tolerances of each class of part likely are, with the effects found."""
+    found = evidence(selection.linearisation, [], selection.grid, selection.accepted)
+    return dict(zip(selection.grid.classes, found.inflation, strict=True))
