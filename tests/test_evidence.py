@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from truepose.identification.diagnosis.evidence import AMPLITUDES, Grid, evidence, log_positive
+from truepose.identification.diagnosis.evidence import AMPLITUDES, HOPELESS, Grid, evidence, log_positive
 from truepose.identification.diagnosis.signatures import Linearisation
 
 Array = NDArray[np.float64]
@@ -21,6 +21,7 @@ PARTS = ("length", "length", "angle", "frame", "angle")
 READINGS = 24
 ONE = Grid((1.3,), ((2.0, 1.0),), ("length", "angle"))
 SEVERAL = Grid((0.8, 1.0, 1.5), ((1.0, 1.0), (4.0, 1.0), (2.0, 10.0)), ("length", "angle"))
+NARROW_AND_WIDE = ((2.0, 1.0), (4.0, 4.0))
 GRIDS = pytest.mark.parametrize("grid", [ONE, SEVERAL], ids=["one point", "several points"])
 
 
@@ -129,6 +130,23 @@ def test_gain_is_the_log_bayes_factor_of_the_densities(
     null = float(logsumexp(brute(dense, grid, accepted)))
     expected = [integrated(dense, grid, candidate, accepted) - null for candidate in wanted]
     np.testing.assert_allclose(found.gain, expected, atol=1e-6)
+
+
+def test_narrow_tolerances_that_nothing_else_needs_wide_count_with_the_candidate(dense: Dense) -> None:
+    """Geometry can stand in for the first candidate, if far out of tolerance: without it, the stated ones are hopeless."""
+    rng = np.random.default_rng(4)
+    g = dense.g.copy()
+    g[:, 0] = 10.0 * (dense.j * dense.tolerance) @ rng.standard_normal(len(PARTS)) + g[:, 0]
+    noise_alone = rng.standard_normal(READINGS) + dense.j @ (
+        dense.tolerance * rng.standard_normal(len(PARTS))
+    )
+    mimicked = replace(dense, e=noise_alone + g[:, 0], g=g)
+    stated, wide = (brute(mimicked, Grid((1.0,), (point,), SEVERAL.classes), {}) for point in NARROW_AND_WIDE)
+    assert wide[0] > stated[0] + 2 * HOPELESS
+    grid = Grid((1.0,), NARROW_AND_WIDE, SEVERAL.classes)
+    found = evidence(mimicked.linearisation(np.zeros(len(PARTS) + sum(SIZES))), [0], grid, {})
+    expected = integrated(mimicked, grid, 0, {}) - float(logsumexp(brute(mimicked, grid, {})))
+    assert found.gain[0] == pytest.approx(expected, abs=1e-6)
 
 
 def test_log_bayes_factors_add_along_any_path(lin: Linearisation) -> None:
