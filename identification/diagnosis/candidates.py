@@ -15,7 +15,7 @@ from truepose.models.machine import PAYLOAD, Machine
 
 TOGETHER = 0.2
 """Prior share of a slug's places that join several parts, where parts alone are places too."""
-SECOND_TERM = 0.3
+SECOND_TERM = 0.5
 """Prior probability that a cause which is there has a further term."""
 
 
@@ -45,9 +45,10 @@ class Catalogue:
         A cause that is there may well have a second term (another harmonic, another form): slug and place have been paid for.
         """
         here = self.candidates[index]
-        if not any(_same_cause(self.candidates[k], here) for k in accepted if k != index):
+        present = {k for k in accepted if k != index and _same_cause(self.candidates[k], here)}
+        if not present:
             return self.log_prior[index]
-        alike = [k for k, c in enumerate(self.candidates) if _same_cause(c, here)]
+        alike = [k for k, c in enumerate(self.candidates) if _same_cause(c, here) and k not in present]
         weights = [c.effect.weight(c.settings_map) for c in (self.candidates[k] for k in alike)]
         return float(np.log(SECOND_TERM * here.effect.weight(here.settings_map) / sum(weights)))
 

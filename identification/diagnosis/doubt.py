@@ -13,7 +13,6 @@ from dataclasses import replace
 
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
-from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.machine import Machine
 
 KEPT = 0.5
@@ -21,7 +20,13 @@ KEPT = 0.5
 LEAST_KEPT = 0.25
 """What is kept whatever speaks against it: machines with many faults exist, and none fits its model wholly."""
 FEW_EFFECTS = 2
-"""So many different effects at different parts are no pile."""
+"""So many different effects at different parts are no pile; what is left unexplained counts as one more."""
+COMPARABLE = 0.1
+"""Share of a name's log Bayes factor below which another is too small to speak against it."""
+COMMON = 3
+"""Parts from which on a place is what many share, and no part of any pile."""
+CONSTANTS = frozenset({"wrong-constant", "zero-shift", "frame-shift"})
+"""Geometry that is other than stated: no physics whose pieces it might be."""
 
 
 def doubted(
@@ -29,18 +34,27 @@ def doubted(
 ) -> tuple[Finding, ...]:
     """The findings, each with some of its probability given to something unnamed, which joins its class.
 
-    ``failing``: the model with them still leaves something, ``rival`` where that is known.
+    None where every one keeps the least only. ``failing``: the model with them still leaves something,
+    ``rival`` where that is known.
     """
-    physics = [f for f in findings if f.effect not in OF_ROWS]
-    kinds = len({f.effect for f in physics})
-    out = []
-    for finding in findings:
-        parts = _parts(machine, finding.place)
-        beside = sum(bool(parts & _parts(machine, other.place)) for other in physics)
-        pile = max(beside, kinds - FEW_EFFECTS + 1, 1) if finding in physics else 1
-        keep = max(KEPT ** (pile - 1 + failing), LEAST_KEPT)
-        out.append(_shared(finding, rival, keep, _why(failing, pile)) if keep < 1.0 else finding)
-    return tuple(out)
+    piles = [_pile(machine, f, findings, failing) for f in findings]
+    keeps = [max(KEPT ** (pile - 1 + failing), LEAST_KEPT) for pile in piles]
+    if max(keeps, default=1.0) <= LEAST_KEPT:
+        return ()
+    shared = zip(findings, piles, keeps, strict=True)
+    return tuple(
+        _shared(f, rival, keep, _why(failing, pile)) if keep < 1.0 else f for f, pile, keep in shared
+    )
+
+
+def _pile(machine: Machine, finding: Finding, findings: Sequence[Finding], failing: bool) -> int:
+    """How many names together may stand in for one thing: those on a part of this one's, or more effects than few."""
+    comparable = [f for f in findings if f.log_bayes_factor >= COMPARABLE * finding.log_bayes_factor]
+    parts = _parts(machine, finding.place)
+    local = [f for f in comparable if len(f.place) < COMMON and parts & _parts(machine, f.place)]
+    beside = len(local) if len(finding.place) < COMMON else 1
+    kinds = len({f.effect for f in comparable} - CONSTANTS)
+    return max(beside, kinds + failing - FEW_EFFECTS + 1, 1)
 
 
 def same_part(machine: Machine, place: Sequence[str], rival: Remainder | None) -> bool:

@@ -131,15 +131,22 @@ def _judge(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection
     screened = rank(lin, cat, selection.grid, stated, others)
     inflation = dict(zip(selection.grid.classes, screened.evidence.inflation, strict=True))
     raised = judged(fits.free, fits.before, lin, inflation, recording)
-    left = raised
-    if selection.accepted:
-        after, inflation_after = selection.fit, likely_inflation(selection)
-        left = judged(after, after, selection.linearisation, inflation_after, recording)
-    findings = _findings(machine, cat, selection, named_terms)
-    findings = doubt.doubted(machine, findings, rival, rival is not None or left.leaves)
+    left = _left(selection, recording) if selection.accepted else raised
+    names = _findings(machine, cat, selection, named_terms)
+    findings = doubt.doubted(machine, names, rival, rival is not None or left.leaves)
+    if names and not findings:
+        rival = rival or remainder.pile(names, selection.fit, left.structure)
+        selection = only(signatures, cat, selection, fits.outliers, cat.stated)
+        left = raised
     verdict = "missing-physics" if findings else "unknown" if rival or raised.fails else "adequate"
     said = notes(recording, fits.before, screened, inflation)
     return _Outcome(selection, findings, verdict, rival, raised, left, screened, said)
+
+
+def _left(selection: Selection, recording: Recording) -> Judgement:
+    """What the model with the effects found leaves."""
+    fit, inflation = selection.fit, likely_inflation(selection)
+    return judged(fit, fit, selection.linearisation, inflation, recording)
 
 
 def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, outcome: _Outcome) -> Diagnosis:

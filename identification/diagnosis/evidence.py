@@ -18,7 +18,6 @@ from scipy.special import log_ndtr
 
 from truepose.identification.diagnosis.parts import inflations, kind_of
 from truepose.identification.diagnosis.signatures import Linearisation
-from truepose.models.effects.base import SERIES
 
 Array = NDArray[np.float64]
 AMPLITUDES = np.geomspace(1e-4, 10.0, 21)
@@ -30,6 +29,8 @@ TOLERANCE_DOUBT = 0.6
 """1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
 HOPELESS = 16.0
 """Log odds below which an inflation is not weighed with candidates: it would add 1e-7 of a narrower one's share."""
+LONG = 60
+"""Coefficients from which on a candidate is a long series (a hundred harmonics)."""
 MANY_READINGS = 4000
 """Beyond so many readings tolerances decide little, and one inflation for all classes is enough."""
 
@@ -143,8 +144,8 @@ def evidence(
         if not worth[g]:
             continue
         for group in groups:
-            # a long series is weighed at the stated tolerances and at the likeliest points only
-            if group.size >= SERIES and g not in likely and max(inflation, default=1.0) > 1.0:
+            # a long series is weighed at the stated tolerances and at the likeliest points only: each point costs
+            if group.size >= LONG and g not in likely and max(inflation, default=1.0) > 1.0:
                 continue
             weighed = context.candidates(state, group, noise)
             gain[g, group.members] = weighed.logs

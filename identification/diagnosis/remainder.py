@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.alarms import Structure
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.result import Remainder
+from truepose.identification.diagnosis.result import Finding, Remainder
 from truepose.identification.diagnosis.unnamed import Unnamed
 from truepose.identification.estimate import Estimate
 from truepose.identification.recording import Recording
@@ -31,6 +31,14 @@ def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remai
     return Remainder(
         place, driver, f"{form}; explains {100 * structure.share:.0f} % of the remainder; hypothesised", size
     )
+
+
+def pile(names: Sequence[Finding], fit: Estimate, structure: Structure) -> Remainder:
+    """What several names together stand in for, none of which is believed."""
+    size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
+    alike = ", ".join(f"{f.effect} at {'+'.join(f.place)}" for f in names)
+    form = f"looks like {alike} together, more likely one thing without a name; hypothesised"
+    return Remainder(names[0].place, structure.driver, form, size)
 
 
 def unnamed(cat: Catalogue, accepted: Iterable[int], fit: Estimate) -> Remainder | None:

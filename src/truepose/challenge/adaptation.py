@@ -35,11 +35,12 @@ def with_readings(recording: Recording, readings: Array) -> Recording:
 
 @dataclass(frozen=True)
 class Signature:
-    """A catalogue candidate: index in the catalogue, columns (N, c) whitened, a coefficient's prior 1-sigma in its scale."""
+    """A catalogue candidate: index in the catalogue, columns (N, c) whitened, a coefficient's prior 1-sigma in its scale
+    (one for all or (c,))."""
 
     index: int
     columns: Array
-    spread: float
+    spread: float | Array
     bounds: tuple[tuple[float, float], ...]
     """Physical bounds of each coefficient, in its scale."""
 

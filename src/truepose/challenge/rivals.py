@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 INDISTINCT = 6.0
 """Missed chi2 (3 nats of log likelihood) below which an explanation is as good as the truth."""
 FAINT = 1e-12
+SHORT, TERMS = 6, 12
+"""Coefficients of a term, and of several, up to which terms are weighed together: more would fit anything."""
 BEYOND = 2.0
 """1-sigmas by which a coefficient may lie outside its physical bounds."""
 
@@ -29,17 +31,40 @@ class Rival:
 
 
 def rivals(bench: Adaptation, change: Array, beside: Sequence[Array] = ()) -> tuple[Rival, ...]:
-    """Every candidate against a change (N,), geometry adapting, what stands ``beside`` at any size; closest first."""
-    if not bench.signatures:
+    """Every candidate against a change (N,), geometry adapting, what stands ``beside`` at any size; closest first.
+
+    Terms of one effect at one place that add up (a stiffness and how it bends) are a candidate together, too.
+    """
+    signatures = (*bench.signatures, *_together(bench))
+    if not signatures:
         return ()
-    columns = np.hstack([change[:, None], *(s.columns for s in bench.signatures)])
+    columns = np.hstack([change[:, None], *(s.columns for s in signatures)])
     left = bench.left(columns, beside)
     target, at, out = left[:, 0], 1, []
-    for signature in bench.signatures:
+    for signature in signatures:
         size = signature.columns.shape[1]
         out.append(_against(target, left[:, at : at + size], signature))
         at += size
     return tuple(sorted(out, key=lambda r: r.missed))
+
+
+def _together(bench: Adaptation) -> list[Signature]:
+    """Short terms of one effect at one place, where they add up, as one signature."""
+    terms: dict[Answer, list[Signature]] = {}
+    for signature in bench.signatures:
+        placed = bench.catalogue.candidates[signature.index]
+        if placed.effect.settings_add and signature.columns.shape[1] <= SHORT:
+            terms.setdefault((placed.effect.slug, placed.place), []).append(signature)
+    few = [own for own in terms.values() if len(own) > 1 and sum(s.columns.shape[1] for s in own) <= TERMS]
+    return [
+        Signature(
+            own[0].index,
+            np.hstack([s.columns for s in own]),
+            np.concatenate([np.broadcast_to(s.spread, s.columns.shape[1]) for s in own]),
+            tuple(bound for s in own for bound in s.bounds),
+        )
+        for own in few
+    ]
 
 
 def _against(target: Array, columns: Array, signature: Signature) -> Rival:
