@@ -142,6 +142,24 @@ def test_a_load_beyond_the_end_bends_by_its_moment_too(machines: Mapping[str, Ma
         assert bent[2, 3] - still[2, 3] == pytest.approx(-down, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("body", "at", "share"), [("tool", 0.0, 1.0), ("link1", 800.0, 1.0), ("link1", 300.0, 0.375)]
+)
+def test_a_load_beside_a_link_twists_it_as_a_round_tube(
+    machines: Mapping[str, Machine], body: str, at: float, share: float
+) -> None:
+    """T L / (G J) about its length, up to where the load acts, G J = E I / 1.3; its centre line stays where it was."""
+    c, length, aside = 1e-12, 800.0, 60.0
+    beside = replace(machines["beam"], masses=(Mass("beside", 9.0, (at, 0.0, aside), body),))
+    stiff, soft = (
+        pose(beside, [0.0], with_effect(beside, "link-bending", ("link1",), settings, c=c))
+        for settings in ({}, {"twist": 1.0})
+    )
+    assert turn_between(stiff, soft)[0] == pytest.approx(1.3 * c * 9 * G * aside * share * length, rel=1e-3)
+    np.testing.assert_allclose(turn_between(stiff, soft)[1:], 0.0, atol=1e-9)
+    np.testing.assert_allclose(soft[:3, 3], stiff[:3, 3], atol=1e-6)
+
+
 def test_links_of_an_arm_carry_all_that_lies_beyond(machines: Mapping[str, Machine]) -> None:
     """Link 1 (150 mm level, then up the column's axis offset) and link 2 level: the end of link 2 in closed form."""
     arm, c, q = machines["arm"], 1e-12, [0.0, 0.0, 0.0, 0.0]

@@ -23,6 +23,8 @@ FEW_EFFECTS = 2
 """So many different effects at different parts are no pile; what is left unexplained counts as one more."""
 COMPARABLE = 0.1
 """Share of a name's log Bayes factor below which another is too small to speak against it."""
+MOST = 0.5
+"""Share of the misfit that names explain below which what they leave speaks against physics twice."""
 COMMON = 3
 """Parts from which on a place is what many share, and no part of any pile."""
 CONSTANTS = frozenset({"wrong-constant", "zero-shift", "frame-shift"})
@@ -30,15 +32,22 @@ CONSTANTS = frozenset({"wrong-constant", "zero-shift", "frame-shift"})
 
 
 def doubted(
-    machine: Machine, findings: Sequence[Finding], rival: Remainder | None, failing: bool
+    machine: Machine,
+    findings: Sequence[Finding],
+    rival: Remainder | None,
+    *,
+    failing: bool,
+    explained: float = 1.0,
 ) -> tuple[Finding, ...]:
     """The findings, each with some of its probability given to something unnamed, which joins its class.
 
     None where every one keeps the least only. ``failing``: the model with them still leaves something,
-    ``rival`` where that is known.
+    ``rival`` where that is known; ``explained``: the share of the misfit that they explain.
     """
     piles = [_pile(machine, f, findings, failing) for f in findings]
-    keeps = [max(KEPT ** (pile - 1 + failing), LEAST_KEPT) for pile in piles]
+    minor = [failing and explained < MOST and f.effect not in CONSTANTS for f in findings]
+    against = [pile - 1 + failing + less for pile, less in zip(piles, minor, strict=True)]
+    keeps = [max(KEPT**signs, LEAST_KEPT) for signs in against]
     if max(keeps, default=1.0) <= LEAST_KEPT:
         return ()
     shared = zip(findings, piles, keeps, strict=True)
@@ -63,10 +72,15 @@ def same_part(machine: Machine, place: Sequence[str], rival: Remainder | None) -
 
 
 def _parts(machine: Machine, place: Sequence[str]) -> set[str]:
-    """Parts that a place is at: a limb for all that belongs to it."""
-    limb_of = {limb.reading: limb.name for limb in machine.mechanism.limbs}
+    """Parts that a place is at: a limb for all that belongs to it, a driven joint also for the link that it moves."""
+    mechanism = machine.mechanism
+    moved = {joint.name: joint.child for joint in mechanism.tree}
+    part_of = {limb.reading: limb.name for limb in mechanism.limbs}
+    part_of |= {
+        moved[a.drives]: part_of.get(a.reading, a.reading) for a in mechanism.actuators if a.drives in moved
+    }
     names = (name.partition(".")[0] for name in place)
-    return {limb_of.get(name, name) for name in names}
+    return {part_of.get(name, name) for name in names}
 
 
 def _why(failing: bool, pile: int) -> str:

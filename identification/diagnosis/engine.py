@@ -20,7 +20,7 @@ from truepose.identification.diagnosis.findings import (
     merge_findings,
     ranked_alternatives,
 )
-from truepose.identification.diagnosis.judgement import Judgement, judged, likely_inflation
+from truepose.identification.diagnosis.judgement import Judgement, explained, judged, likely_inflation
 from truepose.identification.diagnosis.notes import notes
 from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.result import Diagnosis, Finding, Remainder
@@ -133,9 +133,10 @@ def _judge(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection
     raised = judged(fits.free, fits.before, lin, inflation, recording)
     left = _left(selection, recording) if selection.accepted else raised
     names = _findings(machine, cat, selection, named_terms)
-    findings = doubt.doubted(machine, names, rival, rival is not None or left.leaves)
+    failing, share = rival is not None or left.leaves, explained(fits.before, selection.fit)
+    findings = doubt.doubted(machine, names, rival, failing=failing, explained=share)
     if names and not findings:
-        rival = rival or remainder.pile(names, selection.fit, left.structure)
+        rival = rival or remainder.pile(names, fits.before, raised.structure)
         selection = only(signatures, cat, selection, fits.outliers, cat.stated)
         left = raised
     verdict = "missing-physics" if findings else "unknown" if rival or raised.fails else "adequate"

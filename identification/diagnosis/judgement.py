@@ -77,3 +77,10 @@ def likely_inflation(selection: Selection) -> dict[str, float]:
     """How many times wider than stated the tolerances of each class of part likely are, with the effects found."""
     found = evidence(selection.linearisation, [], selection.grid, selection.accepted)
     return dict(zip(selection.grid.classes, found.inflation, strict=True))
+
+
+def explained(before: Estimate, after: Estimate) -> float:
+    """Share (0 to 1) of the misfit beyond noise that the effects found explain; 1 where there is none to explain."""
+    excess = before.chi2_per_dof - 1.0
+    share = (before.chi2_per_dof - after.chi2_per_dof) / excess if excess > 0.0 else 1.0
+    return float(np.clip(share, 0.0, 1.0))

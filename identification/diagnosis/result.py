@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.candidates import Untestable
+from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.estimate import Estimate
 from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect
@@ -31,6 +32,11 @@ class Alternative:
     probability: float
     log_bayes_factor: float
     experiment: str = ""
+
+    @property
+    def nameless(self) -> bool:
+        """Whether it is something that the catalogue does not know."""
+        return self.effect == UNNAMED
 
 
 @dataclass(frozen=True)

@@ -86,9 +86,11 @@ def _or_alike(finding: Finding) -> str:
     """A finding, and that look-alikes are as good where its own name is not sure."""
     if finding.probability > CERTAIN or not finding.equivalents:
         return named(finding)
-    if len(finding.equivalents) == 1:
-        return f"{named(finding)} or {named(finding.equivalents[0])}"
-    return f"{named(finding)} or one of {len(finding.equivalents)} look-alikes"
+    alike = [other for other in finding.equivalents if not other.nameless]
+    others = [named(alike[0])] if len(alike) == 1 else [f"one of {len(alike)} look-alikes"] if alike else []
+    if len(alike) < len(finding.equivalents):
+        others.append("something without a name")
+    return " or ".join([named(finding), *others])
 
 
 def follows(left: Remainder) -> str:

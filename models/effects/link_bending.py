@@ -10,7 +10,7 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.models.assembly import frame_of, placed_frame
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import drives_joint, own_offset, singly
 from truepose.models.loops import looped
 from truepose.models.machine import PAYLOAD, Machine, Mass
@@ -19,6 +19,8 @@ from truepose.models.statics import load_scale
 
 SHORTEST = 1.0
 """mm: shorter links do not bend."""
+POISSON = 0.3
+"""Of steel and aluminium: G = E / (2 (1 + nu)); a round section's polar moment is twice its second moment."""
 
 
 @effects.add("link-bending")
@@ -27,14 +29,16 @@ class LinkBending(Effect):
 
     An offset along the joint's own axis (r of a serial chain) is part of the link, as in thermal expansion.
     At its end act the force and the moment of all that lies beyond; its own masses act where their centres are
-    along it. Twist, tension and a section that is not round are left out. Links of an open chain only.
+    along it. Setting ``twist`` 1: it also twists about its own length as a round tube does, G J = E I / (1 + nu);
+    without, it is stiff against that. Tension and other sections are left out. Links of an open chain only.
     """
 
     slug = "link-bending"
     title = "Link that bends"
     formula = (
         "deflection c (F L^3 / 3 + M L^2 / 2) and slope c (F L^2 / 2 + M L) at the link's end, c = 1 / (E I), "
-        "F and M of the weight beyond; a mass of its own at a: c F a^2 (3 L - a) / 6 and c F a^2 / 2"
+        "F and M of the weight beyond; a mass of its own at a: c F a^2 (3 L - a) / 6 and c F a^2 / 2; "
+        "with twist: c (1 + nu) T L about the link, T the moment about it, nu = 0.3"
     )
     size = "10 to 30 % of an arm's total compliance (recalled); 1 / (E I) of 1e-12 to 1e-9 1/(N*mm^2)"
     look_alikes = ("joint-compliance", "gravity-sag", "screw-windup")
@@ -45,6 +49,9 @@ class LinkBending(Effect):
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(_links(machine)) if machine.loaded else []
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        return ({}, {"twist": 1.0})
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         return (Coefficient("c", "1/(N*mm^2)", scale=1e-9, lower=0.0),)
@@ -133,6 +140,7 @@ def _bent(site: Site, link: _Link) -> tuple[ca.SX, ca.SX, ca.SX]:
     force, moment = _loads(site, link.joint.name)
     moment -= ca.cross(root, force)  # from here on about the root
     turn, move = ca.SX.zeros(3), ca.SX.zeros(3)
+    twisting = (1.0 + POISSON) * site.settings.get("twist", 0.0)
     down = float(np.linalg.norm(site.machine.gravity or (0.0,))) * force / ca.norm_2(force)
     for mass, at in _own(site.machine, link, frames):
         weight, lever = mass.kg * down, at - root
@@ -142,14 +150,15 @@ def _bent(site: Site, link: _Link) -> tuple[ca.SX, ca.SX, ca.SX]:
         turn += inner**2 / 2 * ca.cross(along, across)
         move += inner**2 * (3 * length - inner) / 6 * across
         outer = lever - inner * along
-        bending = ca.cross(outer, weight)
-        bending -= ca.dot(bending, along) * along
-        turn += inner * bending
+        torque = ca.cross(outer, weight)
+        bending = torque - ca.dot(torque, along) * along
+        turn += inner * (bending + twisting * ca.dot(torque, along) * along)
         move += inner * (length - inner / 2) * ca.cross(bending, along)
         force, moment = force - weight, moment - ca.cross(lever, weight)
     moment -= ca.cross(end - root, force)
     across, bending = (v - ca.dot(v, along) * along for v in (force, moment))
-    turn += length**2 / 2 * ca.cross(along, across) + length * bending
+    turn += length**2 / 2 * ca.cross(along, across)
+    turn += length * (bending + twisting * ca.dot(moment, along) * along)
     move += length**3 / 3 * across + length**2 / 2 * ca.cross(bending, along)
     return end, turn, move
 

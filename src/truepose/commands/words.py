@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from truepose.identification.calibrate import Calibration
-    from truepose.identification.diagnosis.result import Diagnosis
+    from truepose.identification.diagnosis.result import Alternative, Diagnosis
 
 
 SHOWN = 6
@@ -43,16 +43,19 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
         if len(shown) > SHOWN:
             lines.append(f"    and {len(shown) - SHOWN} more in diagnosis.json")
         if finding.equivalents:
-            lines.append(
-                "    could also be: "
-                + "; ".join(f"{e.effect} at {', '.join(e.place)}" for e in finding.equivalents[:4])
-            )
+            lines.append("    could also be: " + "; ".join(_alternative(e) for e in finding.equivalents[:4]))
     if result.remainder is not None:
         lines.append(f"  remainder follows {result.remainder.driver}: {result.remainder.form}")
     if result.outlier_rows:
         lines.append(f"  rows left out as outliers: {', '.join(map(str, result.outlier_rows))}")
     fits = ", ".join(f"{name} {fit.chi2_per_dof:.3g}" for name, fit in result.fits.items())
     return [*lines, f"  chi2 per degree of freedom: {fits}", f"report: {output / 'report.html'}"]
+
+
+def _alternative(other: Alternative) -> str:
+    if other.nameless:
+        return "something without a name"
+    return f"{other.effect} at {', '.join(other.place)}"
 
 
 def _percent(probability: float) -> str:
