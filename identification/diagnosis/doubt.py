@@ -1,9 +1,10 @@
 """Names are worth less where they may stand in for one thing without a name.
 
-Two signs of that. The model with them still fails: what it lacks may also be what a name stands in for. And names
-pile up: several names on one part, or three different effects, together bend like one thing that the catalogue does
-not know. In two blind examinations 4 of 21 names beside an unexplained remainder were right, 4 of 10 of those two on one
-part, 3 of 33 in larger piles, and none of 10 beside something unnamed on the same part (docs/challenge.md).
+Signs of that: the model with them still fails, and what it lacks may also be what a name stands in for, the more so
+where they explain the lesser part. And names pile up: several names on one part, or three different effects, together
+bend like one thing that the catalogue does not know. In two blind examinations 4 of 21 names beside an unexplained
+remainder were right, 4 of 10 of those two on one part, 3 of 33 in larger piles, and none of 10 beside something
+unnamed on the same part (docs/challenge.md).
 """
 
 from __future__ import annotations
