@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import STUBBORN, Estimate, estimate
-from truepose.identification.recording import Recording
+from truepose.identification.estimate import Estimate, estimate
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 
@@ -43,7 +41,7 @@ def refit(
             ]
         )
         try:
-            result = _damped(machine, recording, terms, start, exclude)
+            result = estimate(machine, recording, terms, start=start, exclude=exclude)
         except ConvergenceError:
             added = [i for i in current if i not in cat.stated]
             if not added:
@@ -58,20 +56,6 @@ def refit(
             return result, current
         banned.update(outside)
         current = {i: v for i, v in current.items() if i not in outside}
-
-
-def _damped(
-    machine: Machine,
-    recording: Recording,
-    terms: Sequence[PlacedEffect],
-    start: Array,
-    exclude: NDArray[np.bool_],
-) -> Estimate:
-    """The fit with full steps, and with damped ones where those find no minimum; raises ConvergenceError."""
-    try:
-        return estimate(machine, recording, terms, start=start, exclude=exclude, damping=1e-9)
-    except ConvergenceError:
-        return estimate(machine, recording, terms, start=start, exclude=exclude, damping=STUBBORN)
 
 
 def _outside(term: PlacedEffect, result: Estimate) -> bool:
