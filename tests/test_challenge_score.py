@@ -132,7 +132,18 @@ def test_outside_the_library(
 def test_outside_the_library_a_name_that_the_data_cannot_tell_from_it_is_honest(tmp_path: Path) -> None:
     alike = replace(BEAT, equivalents=(("axis-coupling", ("rho2", "rho1")),))
     said = reply(tmp_path, "missing-physics", finding("axis-coupling", "rho1+rho2"))
-    assert score(key(alike, stratum="out-of-library"), said).honest
+    found = score(key(alike, stratum="out-of-library"), said)
+    assert found.honest and found.abstained
+
+
+@pytest.mark.parametrize(("verdict", "probability"), [("unknown", None), ("missing-physics", 0.3)])
+def test_a_faint_wrong_name_is_honest_but_no_abstention(
+    tmp_path: Path, verdict: str, probability: float | None
+) -> None:
+    names = [] if probability is None else [finding("backlash", "rho2", probability)]
+    found = score(key(BEAT, stratum="out-of-library"), reply(tmp_path, verdict, *names))
+    assert found.honest
+    assert found.abstained is (verdict == "unknown")
 
 
 @pytest.mark.parametrize(
@@ -156,6 +167,7 @@ def test_no_diagnosis_is_wrong_everywhere() -> None:
         found = score(solution, None, failure="timeout after 900 s")
         assert marks(found) == "" and found.failure
     assert score(key(BEAT, stratum="out-of-library"), None).honest is False
+    assert score(key(BEAT, stratum="out-of-library"), None).abstained is False
 
 
 def test_a_wrong_class_is_told_though_its_members_share_the_probability(tmp_path: Path) -> None:

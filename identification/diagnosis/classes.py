@@ -78,7 +78,7 @@ def name_term(
     alike = {own, *rivals, *np.flatnonzero(missed < 0.5 * signal).tolist()}
     rivals, certainty = _credible(cat, ranking, own, rivals, sorted(alike))
     # who of the class it is, at the width the remainder leaves; that it is the class, at face value
-    share = _shares(ranking.odds[[own, *rivals]] * (INDISTINCT / width))
+    share = _tempered(cat, ranking, [own, *rivals], INDISTINCT / width)
     members = tuple(
         Member(wanted[j], certainty * float(p), float(ranking.gain[j]))
         for j, p in zip(rivals, share[1:], strict=True)
@@ -92,6 +92,19 @@ def name_term(
         members[:CLASS_LIMIT],
         _settings_doubt(cat, ranking, own),
     )
+
+
+def _tempered(cat: Catalogue, ranking: Ranking, members: Sequence[int], power: float) -> Array:
+    """Shares of causes by their odds to a power, split among settings of one cause by their odds themselves."""
+    causes: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    for k, j in enumerate(members):
+        placed = cat.candidates[ranking.indices[j]]
+        causes.setdefault((placed.effect.slug, placed.place), []).append(k)
+    odds, out = ranking.odds[list(members)], np.zeros(len(members))
+    total = _shares(power * np.array([logsumexp(odds[ks]) for ks in causes.values()]))
+    for share, ks in zip(total, causes.values(), strict=True):
+        out[ks] = share * _shares(odds[ks])
+    return out
 
 
 def _credible(

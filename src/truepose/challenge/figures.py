@@ -90,6 +90,7 @@ def headline(scores: Sequence[Score]) -> tuple[Figure, ...]:
         share("top place, from 3 limits on", clear, lambda s: s.top_place, at_least(0.9)),
         share("two effects: exact pair", of[TWO], lambda s: s.exact, at_least(0.8)),
         share("out of library: unknown or honest", of[OUTSIDE], lambda s: bool(s.honest), at_least(0.8)),
+        share("out of library: unknown, or as good a name first", of[OUTSIDE], lambda s: bool(s.abstained)),
         share(
             "out of library: confident wrong name", of[OUTSIDE], lambda s: s.confident_wrong, at_most(0.03)
         ),

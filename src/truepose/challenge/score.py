@@ -32,11 +32,12 @@ class Statement:
 class Score:
     """One case. None where a question does not arise.
 
-    verdict: the right one; named: every true effect in the class of some finding; top_effect, top_place: of the best
-    supported finding; exact: the findings are the true effects, one to one; confident_wrong: a name of at least 0.95
-    whose class holds no truth; wrong_class: a class of at least 0.95 that holds none; honest: out of the library, no
-    name of 0.95 that is not as good as the truth; flag: ``concealed`` is right; held_out, bias, held_out_ratio,
-    bias_ratio: of the engine, and to the oracle's and from the ordinary fit's; statements, classes: names and whole
+    verdict: the right one; named: every true effect in the class of some finding; top_effect, top_place: of
+    the best supported finding; exact: the findings are the true effects, one to one; confident_wrong: a name
+    of at least 0.95 whose class holds no truth; wrong_class: a class of at least 0.95 that holds none;
+    honest: out of the library, no name of 0.95 that is not as good as the truth; abstained: the same of a
+    first name of any probability; flag: ``concealed`` is right; held_out, bias, held_out_ratio, bias_ratio:
+    of the engine, and to the oracle's and from the ordinary fit's; statements, classes: names and whole
     classes with their probabilities.
     """
 
@@ -53,6 +54,7 @@ class Score:
     confident_wrong: bool
     wrong_class: bool
     honest: bool | None
+    abstained: bool | None
     flag: bool | None
     held_out: float | None
     held_out_ratio: float | None
@@ -88,7 +90,7 @@ def score(
         no = False if solution.stratum == OUTSIDE else None
         return Score(
             solution, "no diagnosis", failure or "no diagnosis", seconds, False, null, False, False, False, False,
-            False, False, no, None, None, None, None, None,
+            False, False, no, no, None, None, None, None, None,
         )  # fmt: skip
     judge = Judge(solution)
     physics, truths = _counted(reply, solution), solution.truths
@@ -112,6 +114,11 @@ def score(
             f.certainty >= CONFIDENT and not any(judge.covers(f, t) for t in truths) for f in physics
         ),
         honest=(detected and not wrong) if solution.stratum == OUTSIDE else None,
+        abstained=(
+            detected and (not top or any(judge.right(f.name, t) for f in top for t in truths))
+            if solution.stratum == OUTSIDE
+            else None
+        ),
         flag=(reply.concealed == solution.concealed) if detected and truths else None,
         held_out=held_out,
         held_out_ratio=_ratio(held_out, solution.oracle.held_out if solution.oracle else None),

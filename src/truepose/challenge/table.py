@@ -25,7 +25,7 @@ A size is in detection limits: sizes whose signal-to-noise ratio is 5 after geom
 * What the data cannot tell from the truth is decided from the noise-free change of the readings: a catalogued effect,
   within its physical bounds, that leaves less than 6 of its chi2 when geometry adapts.
 * **confident wrong name**: a probability of at least 0.95 in a finding whose class holds no true effect. **honest**:
-  outside the library, something is said to be missing and no such name is given.
+  outside the library, something is said to be missing and no such name is given; stricter, no other name comes first at all.
 * **held-out error**: of predicted readings against noise-free ones, in sigma, on later rows at the ends of the ranges.
   The oracle is the fit that is told effects and places. **bias**: rms error in tolerances of the combinations of
   constants that readings know better than the drawing.
@@ -233,7 +233,17 @@ _KEPT = (
         "top_place",
         "exact",
     ),
-    *("confident_wrong", "wrong_class", "honest", "flag", "held_out", "held_out_ratio", "bias", "bias_ratio"),
+    *(
+        "confident_wrong",
+        "wrong_class",
+        "honest",
+        "abstained",
+        "flag",
+        "held_out",
+        "held_out_ratio",
+        "bias",
+        "bias_ratio",
+    ),
 )
 
 
