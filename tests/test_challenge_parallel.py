@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.studies import study_module
 from truepose.challenge.simulator import (
     nanopositioner_physics,
     polisher_physics,
@@ -28,7 +28,6 @@ from truepose.identification.load import load_recording
 from truepose.identification.prediction import Predictor
 from truepose.models.load import load_machine
 
-ROOT = Path(__file__).resolve().parent.parent
 Array = NDArray[np.float64]
 MACHINES: tuple[PortedMachine, ...] = (Telescope(), TelescopeTargets(), Nanopositioner(), Polisher())
 KINDS = [(machine, kind) for machine in MACHINES for kind in machine.kinds()]
@@ -233,10 +232,8 @@ def test_a_telescope_that_warms_up_as_a_whole_keeps_its_shape() -> None:
     assert two[:, :3, 3] == pytest.approx((1 + 7 * alpha) * one[:, :3, 3], abs=1e-8)
 
 
-def test_two_simulators_of_the_hybrid_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    robot = importlib.import_module("polisher.robot")
-    workspace = importlib.import_module("polisher.workspace")
+def test_two_simulators_of_the_hybrid_agree() -> None:
+    robot, workspace = study_module("polisher.robot"), study_module("polisher.workspace")
     machine = Polisher()
     drawn = Specimen({name: own.nominal for name, own in machine.drawing.items()})
     _, campaign, _ = measured(machine)

@@ -16,7 +16,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom, kstest
 
-from support.telescope_legs import leg_rows
+from support.moving_machines import written
+from support.telescope_legs import FLEXURED
 from truepose.identification.diagnosis import alarms
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis, Finding
@@ -24,12 +25,11 @@ from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.estimate import FREE_WIDENING, estimate, prior_of
 from truepose.identification.load import load_recording
 from truepose.identification.prediction import Predictor
-from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 
-HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.1, angle: 0.05}}\n"
+TOLERANCES = "tolerances: {length: 0.1, angle: 0.05}\n"
 TABLE = """
 mechanism:
   type: serial
@@ -50,15 +50,7 @@ frames: {tool: {in: flange, xyz: [500, 0, 0], tolerance: {xyz: 0.5, rpy: 0}}}
 sensor: {type: position, sigma: {xyz: 0.01}}
 masses: {payload: {kg: 2, com: [0, 0, 0], in: tool}}
 """
-HEXAPOD = """
-mechanism:
-  type: 6-pus
-  home: [0, 0, 440, 0, 0, 0]
-  flexure: {length: 30}
-  legs:
-"""
-HEXAPOD += leg_rows("length: 500, range: [-1.3, 1.3]")
-HEXAPOD += "sensor: {type: pose, sigma: {xyz: 0.002, rot: 0.0005}}\n"
+HEXAPOD = FLEXURED + "sensor: {type: pose, sigma: {xyz: 0.002, rot: 0.0005}}\n"
 TEXTS = {"table": TABLE, "arm": ARM, "hexapod": HEXAPOD}
 
 
@@ -67,9 +59,7 @@ class Bench:
 
     def __init__(self, folder: Path, name: str, seed: int) -> None:
         self.folder, self.rng = folder, np.random.default_rng(seed)
-        path = folder / f"{name}.yaml"
-        path.write_text(HEAD.format(name=name) + TEXTS[name])
-        self.machine: Machine = load_machine(path)
+        self.machine: Machine = written(folder, TOLERANCES + TEXTS[name], name)
         prior = prior_of(self.machine)
         self.true: Array = prior.mean + 0.7 * prior.sigma * self.rng.standard_normal(len(prior.mean))
 

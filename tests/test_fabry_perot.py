@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-from pathlib import Path
-from types import ModuleType
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from support.studies import study_module
 from truepose.errors import InputError
 from truepose.models.fabry_perot import (
     cosine,
@@ -25,22 +21,15 @@ from truepose.models.fabry_perot import (
     round_trip_phase,
 )
 
-ROOT = Path(__file__).resolve().parent.parent
 WAVELENGTH = 1.56e-3
 mirrors = st.floats(0.001, 0.95)
-
-
-def _signal() -> ModuleType:
-    """The simulator of the studies, which sums beams and is no part of the installed package."""
-    folder = str(ROOT / "benchmarks")
-    if folder not in sys.path:
-        sys.path.append(folder)
-    return importlib.import_module("fringe_signal")
+signals = study_module("fringe_signal")
+"""The simulator of the studies, which sums beams."""
 
 
 @given(mirrors, mirrors, st.floats(-20.0, 20.0))
 def test_closed_form_is_the_sum_over_beams(first: float, second: float, phase: float) -> None:
-    beams = _signal().reflected(np.array([phase]), (first, second))[0]
+    beams = signals.reflected(np.array([phase]), (first, second))[0]
     # the sum stops at 1e-15 and holds up to 700 terms: rounding stays below 1e-12
     assert float(reflectance(phase, (first, second))) == pytest.approx(beams, abs=1e-12)
 

@@ -5,13 +5,10 @@ Series come from benchmarks/fringe_signal.py, which adds the light beam by beam.
 
 from __future__ import annotations
 
-import importlib
 import itertools
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,6 +16,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from support.studies import study_module
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.fringes.faults import Fault
@@ -34,17 +32,7 @@ NM = 1e6
 FIBRE = (0.04, 0.9)
 EQUAL = (0.3, 0.3)
 TOLD = 5.0
-
-
-def _benchmark(name: str) -> ModuleType:
-    """A module of the studies, which are no part of the installed package."""
-    folder = str(ROOT / "benchmarks")
-    if folder not in sys.path:
-        sys.path.append(folder)
-    return importlib.import_module(name)
-
-
-signals, study = _benchmark("fringe_signal"), _benchmark("fringe_study")
+signals, study = study_module("fringe_signal"), study_module("fringe_study")
 
 
 def series(seed: int, samples: float = 30.0, turning: bool = False, scan: float = 2e-5, **light: Any) -> Any:

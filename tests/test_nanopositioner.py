@@ -5,13 +5,10 @@ Inside: mm, rad; dL of the simulator in um. The paper is Bettahar et al., IEEE T
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
-import sys
 from decimal import Decimal
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from support.studies import BENCHMARKS, study_module
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.diagnosis import engine
@@ -31,22 +29,14 @@ from truepose.models.machine import Machine
 
 ROOT = Path(__file__).resolve().parent.parent
 BUNDLED = ROOT / "models" / "machines" / "nanopositioner"
-PACKAGE = ROOT / "benchmarks" / "nanopositioner"
+PACKAGE = BENCHMARKS / "nanopositioner"
 MACHINES = ROOT / "tests" / "machines"
 Array = NDArray[np.float64]
 ROUNDING = 1e-12
 """mm and rad: sums of a dozen terms of about 1 mm in double precision."""
-
-
-def _load(name: str) -> ModuleType:
-    """A module of the benchmark, which is no part of the installed package."""
-    if str(PACKAGE.parent) not in sys.path:
-        sys.path.append(str(PACKAGE.parent))
-    return importlib.import_module(f"nanopositioner.{name}")
-
-
 tables, geometry, plan, recordings, study, drift, trajectories = (
-    _load(name) for name in ("tables", "geometry", "plan", "recordings", "study", "drift", "trajectories")
+    study_module(f"nanopositioner.{name}")
+    for name in ("tables", "geometry", "plan", "recordings", "study", "drift", "trajectories")
 )
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from support.studies import BENCHMARKS, study_module
 from truepose.identification.calibrate import calibrate
 from truepose.identification.estimate import Estimate, estimate
 from truepose.identification.load import load_recording
@@ -23,19 +21,12 @@ from truepose.models.load import load_machine
 ROOT = Path(__file__).resolve().parent.parent
 BUNDLE = ROOT / "models" / "machines" / "polisher"
 Array = npt.NDArray[np.float64]
-
-
-def _load(name: str) -> ModuleType:
-    """A module of the study, which is no part of the installed package."""
-    folder = str(ROOT / "benchmarks")
-    if folder not in sys.path:
-        sys.path.append(folder)
-    return importlib.import_module(f"polisher.{name}")
-
-
-ws, regression, robot = _load("workspace"), _load("regression"), _load("robot")
-bundle, ranks, montecarlo = _load("bundle"), _load("ranks"), _load("montecarlo")
-layers, errors_model = _load("layers"), _load("errors_model")
+ws, regression, robot, bundle = (
+    study_module(f"polisher.{name}") for name in ("workspace", "regression", "robot", "bundle")
+)
+ranks, montecarlo, layers, errors_model = (
+    study_module(f"polisher.{name}") for name in ("ranks", "montecarlo", "layers", "errors_model")
+)
 
 
 # --- the bundled files -----------------------------------------------------------------------------------------
@@ -48,7 +39,7 @@ def test_bundled_files_are_what_the_simulator_writes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["workspace", "motions", "robot", "physics", "bundle"])
 def test_the_simulator_shares_no_code_with_the_library(name: str) -> None:
-    source = (ROOT / "benchmarks" / "polisher" / f"{name}.py").read_text(encoding="utf-8")
+    source = (BENCHMARKS / "polisher" / f"{name}.py").read_text(encoding="utf-8")
     imported = [line for line in source.splitlines() if line.startswith(("import ", "from "))]
     assert imported
     assert not [

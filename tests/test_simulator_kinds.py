@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from support.simulated_machines import MACHINES, drawn
 from truepose.challenge.simulator.arm import Arm
 from truepose.challenge.simulator.base import Array, Campaign, Imperfection, Place, SimulatedMachine, Specimen
-from truepose.challenge.simulator.ported import PortedMachine, Work
+from truepose.challenge.simulator.ported import Work
 from truepose.challenge.simulator.stewart import Stewart
 from truepose.challenge.simulator.stewart_closure import StewartPose
 from truepose.challenge.simulator.stewart_drawing import PAYLOAD_COM, PLATFORM_COM, PLATFORM_KG
@@ -107,33 +108,41 @@ class TestStatics:
         """Central differences of the weights' energy by each joint, mJ to N*m; loads from summed moments."""
         machine = Arm()
         spec, c = drawn(machine)
-        solved = machine.solve(_work(machine, spec, c))
-        h = 1e-5
+        solved = machine.solve(_work(spec, c))
+
+        def energy(work: Work) -> Array:
+            there = machine.solve(work)
+            joules: Array = -np.einsum("nmi,nmi->n", there.weights, there.spots) * 1e-3
+            return joules
+
         for k in range(6):
-            ends = []
-            for side in (h, -h):
-                work = _work(machine, spec, c)
-                work.moved[:, k] += side
-                there = machine.solve(work)
-                ends.append(-np.einsum("nmi,nmi->n", there.weights, there.spots) * 1e-3)
-            np.testing.assert_allclose(solved.torque(k), -(ends[0] - ends[1]) / (2 * h), atol=1e-5)
+            np.testing.assert_allclose(solved.torque(k), -_slope(energy, spec, c, k, 1e-5), atol=1e-5)
 
     def test_leg_forces_are_slopes_of_the_potential_energy(self) -> None:
         """A leg that grows by dl lifts the load by -F dl: Castigliano without any statics."""
         machine = Stewart()
         spec, c = drawn(machine)
-        solved = machine.solve(_work(machine, spec, c))
-        h = 1e-4
+        solved = machine.solve(_work(spec, c))
+
+        def energy(work: Work) -> Array:
+            return _energy(machine.solve(work), spec, c)
+
         for k in range(6):
-            ends = []
-            for side in (h, -h):
-                work = _work(machine, spec, c)
-                work.moved[:, k] += side
-                ends.append(_energy(machine.solve(work), spec, c))
-            np.testing.assert_allclose(solved.forces[:, k], -(ends[0] - ends[1]) / (2 * h), atol=1e-4)
+            np.testing.assert_allclose(solved.forces[:, k], -_slope(energy, spec, c, k, 1e-4), atol=1e-4)
 
 
-def _work(machine: PortedMachine, spec: Specimen, c: Campaign) -> Work:
+def _slope(energy: Callable[[Work], Array], spec: Specimen, c: Campaign, k: int, h: float) -> Array:
+    """(n,) central difference of an energy by the displacement of joint or leg k."""
+    ends = []
+    for side in (h, -h):
+        work = _work(spec, c)
+        work.moved[:, k] += side
+        ends.append(energy(work))
+    slope: Array = (ends[0] - ends[1]) / (2 * h)
+    return slope
+
+
+def _work(spec: Specimen, c: Campaign) -> Work:
     values = {name: np.full(len(c), value) for name, value in spec.parameters.items()}
     return Work(c, values, np.zeros_like(c.q))
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
-import sys
 from decimal import Decimal
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 import yaml
 
+from support.studies import BENCHMARKS, study_module
 from truepose.challenge.simulator.telescope_ring import beams, ring, rotations, simulation, statics
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.load import load_recording
@@ -22,20 +20,12 @@ from truepose.models.load import load_machine
 
 ROOT = Path(__file__).resolve().parent.parent
 BUNDLED = ROOT / "models" / "machines" / "telescope"
-PACKAGE = ROOT / "benchmarks" / "telescope_simulator"
+PACKAGE = BENCHMARKS / "telescope_simulator"
 MECHANICS = ROOT / "src" / "truepose" / "challenge" / "simulator" / "telescope_ring"
 Array = npt.NDArray[np.float64]
 
 
-def _load(name: str) -> ModuleType:
-    """A module of the demo's simulator, which is no part of the installed package."""
-    folder = str(PACKAGE.parent)
-    if folder not in sys.path:
-        sys.path.append(folder)
-    return importlib.import_module(f"telescope_simulator{name}")
-
-
-api, bundle = _load(""), _load(".bundle")
+api, bundle = study_module("telescope_simulator"), study_module("telescope_simulator.bundle")
 BAR = beams.Section(ea=7.0e6, ei_y=3.0e8, ei_z=5.0e8, gj=2.0e8)
 
 

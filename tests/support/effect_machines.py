@@ -7,8 +7,8 @@ from functools import cache
 from pathlib import Path
 
 from support import MACHINES
+from support.moving_machines import written
 from support.telescope_legs import leg_rows
-from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 ARM = """
@@ -101,12 +101,11 @@ sensor:
   tolerance: {beam.xyz: 2, beam.angle: 2, mirror.z: 1, mirror.angle: 2}
   wavelength: 0.00155
 """
-TOLERANCES = "tolerances: {length: 0.1, angle: 0.1}\n"
 HEAD = ("schema:", "name:", "tolerances:")
 
 
 def _machine(name: str) -> str:
-    """A machine of the tests, without what ``_read`` writes itself."""
+    """A machine of the tests, without what ``written`` adds itself."""
     lines = (MACHINES / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
     return "".join(f"{line}\n" for line in lines if not line.startswith(HEAD))
 
@@ -143,10 +142,4 @@ STRAIGHT = {"hybrid": [730.0, 730.0, 730.0, 0.0, 0.0, 0.0]}
 def read_machines(folder: Path) -> Mapping[str, Machine]:
     """All of them by name, by way of files in a new folder; read once a folder."""
     folder.mkdir()
-    return {name: _read(folder, name, text) for name, text in TEXTS.items()}
-
-
-def _read(folder: Path, name: str, text: str) -> Machine:
-    path = folder / f"{name}.yaml"
-    path.write_text(f"schema: truepose/machine/1\nname: {name}\n{TOLERANCES}{text}")
-    return load_machine(path)
+    return {name: written(folder, text, name) for name, text in TEXTS.items()}

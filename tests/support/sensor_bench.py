@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from support.telescope_legs import leg_rows
+from support.telescope_legs import FLEXURED
 from truepose.identification.load import load_recording
 from truepose.identification.recording import Recording
 from truepose.identification.simulate import parse_effect, simulate, with_inputs
@@ -32,14 +32,7 @@ frames:
   tool: {in: flange, xyz: [40, -20, 120], rpy: [0, 0, 0], tolerance: {xyz: 1, rpy: 0}}
 sensor: {type: position, sigma: {xyz: 0.01}}
 """
-TELESCOPE = """
-mechanism:
-  type: 6-pus
-  home: [0, 0, 440, 0, 0, 0]
-  flexure: {length: 30}
-  legs:
-"""
-TELESCOPE += leg_rows("length: 500, range: [-1.3, 1.3]")
+TELESCOPE = FLEXURED
 TELESCOPE += """
 frames: {base: {in: world, xyz: [0, 0, 0], rpy: [0, 0, 0], tolerance: {xyz: 5, rpy: 1}}}
 sensor:

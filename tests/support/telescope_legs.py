@@ -33,3 +33,13 @@ def leg_rows(fields: str | Callable[[int], str], ends: Ends = ENDS, joint: str =
         f"    - {{name: leg{k}, joint: {joint}{k}, a: {list(a)}, b: {list(b)}, {told(k)}}}\n"
         for k, (a, b) in enumerate(ends, 1)
     )
+
+
+FLEXURED = f"""
+mechanism:
+  type: 6-pus
+  home: [0, 0, 440, 0, 0, 0]
+  flexure: {{length: 30}}
+  legs:
+{leg_rows("length: 500, range: [-1.3, 1.3]")}"""
+"""The mechanism with flexures for joints, as in a machine file."""

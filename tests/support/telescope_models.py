@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from support.studies import study_module
 from truepose.identification.load import load_recording
 from truepose.identification.prediction import Predictor
 from truepose.identification.recording import Recording
@@ -19,21 +17,10 @@ from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-ROOT = Path(__file__).resolve().parents[2]
 MODELS = ("spherical", "linear", "beam", "stiffness", "elastic")
 LENGTH = 30.0
-
-
-def _benchmark(name: str) -> ModuleType:
-    """A module of the studies, which are no part of the installed package."""
-    folder = str(ROOT / "benchmarks")
-    if folder not in sys.path:
-        sys.path.append(folder)
-    return importlib.import_module(name)
-
-
-simulator = _benchmark("telescope_simulator")
-campaigns, fits = _benchmark("telescope_models.campaign"), _benchmark("telescope_models.fits")
+simulator = study_module("telescope_simulator")
+campaigns, fits = study_module("telescope_models.campaign"), study_module("telescope_models.fits")
 
 
 def machine_of(folder: Path, model: str, *edits: tuple[str, str], sensor: str = "pose") -> Machine:

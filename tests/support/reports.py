@@ -1,0 +1,168 @@
+"""A diagnosis made up for reports: an arm, estimates, one finding; and a report's page without plotly.js."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truepose.identification.diagnosis.alarms import Alarm, Structure
+from truepose.identification.diagnosis.candidates import Untestable
+from truepose.identification.diagnosis.result import (
+    Alternative,
+    BlockProof,
+    Diagnosis,
+    Finding,
+    FitSummary,
+    Proof,
+    Quantity,
+)
+from truepose.identification.estimate import Estimate, prior_of
+from truepose.identification.leastsquares import Solution, Status
+from truepose.identification.recording import Recording
+from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+NAN = float("nan")
+ROWS = 30
+MACHINE = """
+schema: truepose/machine/1
+name: arm
+units: {length: mm, angle: deg}
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 400, d: 50, range: [-170, 170], gear_ratio: 121}
+    - {name: q2, kind: revolute, alpha: 90, d: 150, range: [-90, 90]}
+frames: {tool: {in: flange, xyz: [300, 0, 40], rpy: [0, 0, 0], tolerance: {xyz: 1, rpy: 1}}}
+sensor: {type: position, sigma: {xyz: 0.01}}
+tolerances: {length: 0.1, angle: 0.1}
+"""
+
+
+def arm(folder: Path) -> Machine:
+    path = folder / "arm.yaml"
+    path.write_text(MACHINE)
+    return load_machine(path)
+
+
+def recorded(machine: Machine, rows: int = ROWS) -> Recording:
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-1.5, 1.5, (rows, len(machine.mechanism.readings)))
+    columns = [name for sensor in machine.sensors for name in sensor.columns]
+    return Recording(
+        joints=machine.mechanism.readings,
+        q=q,
+        readings={name: rng.normal(size=rows) for name in columns},
+        labels={},
+        drivers={"temperature.base": 20 + rng.normal(size=rows)},
+        files=("a&b.csv",),
+        source_file=np.zeros(rows, dtype=np.int64),
+        source_row=np.arange(1, rows + 1),
+        session=np.ones(rows, dtype=np.int64),
+        session_recorded=np.zeros(rows, dtype=bool),
+        validation=np.arange(rows) >= rows - 5,
+    )
+
+
+def fitted(
+    machine: Machine, recording: Recording, terms: tuple[PlacedEffect, ...] = (), away: float = 1.0
+) -> Estimate:
+    rng = np.random.default_rng(2)
+    prior = prior_of(machine, terms)
+    values = [a for term in terms for a in term.amplitudes]
+    known = len(machine.parameters)
+    p = prior.mean.copy()
+    p[:known] += (
+        away * rng.normal(size=known) * np.where(np.isfinite(prior.sigma[:known]), prior.sigma[:known], 0.0)
+    )
+    p[known:] = values
+    free = len(prior.free)
+    factor = np.triu(rng.normal(size=(free + 1, free + 1)) + 5 * np.eye(free + 1))
+    factor[:, 1] = 0.0  # one direction is blind
+    return Estimate(
+        machine=machine,
+        effects=terms,
+        prior=prior,
+        p=p,
+        x=np.zeros((len(recording), 0)),
+        residual=rng.normal(size=(len(recording), 3)),
+        used=~recording.validation,
+        weights=np.ones(len(recording)),
+        factor=factor,
+        solution=Solution(np.zeros(free), factor, 1.0, next(iter(Status)), 3, 0.0, np.zeros(free)),
+        unassembled=(),
+    )
+
+
+def gear(machine: Machine) -> PlacedEffect:
+    effect = effects.get("transmission-error", "test")()
+    return PlacedEffect.at(effect, machine, ("q1",), {"order": 2.0}, {"a": 3e-4, "b": -1e-4})
+
+
+def gear_finding() -> Finding:
+    return Finding(
+        effect="transmission-error",
+        place=("q1",),
+        probability=0.93,
+        certainty=0.999,
+        log_bayes_factor=120.0,
+        equivalents=(Alternative("encoder-eccentricity", ("q1",), 0.06, 117.5, "turn the disc"),),
+        parameters={"a": Quantity(3e-4, 1e-5, "rad"), "b": Quantity(-1e-4, NAN, "rad")},
+        settings=({"order": 2.0},),
+        prior_dependent=True,
+        flip_lambda=3.0,
+        explanation="The gear of joint q1 turns unevenly.",
+        separating_experiment="sweep q1 alone",
+    )
+
+
+def summary(chi2: float, worst: float) -> FitSummary:
+    return FitSummary({"position": 0.012}, chi2, {"position": 0.013}, worst, "q1.d", 3.1)
+
+
+def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
+    recording = recorded(machine)
+    term = gear(machine)
+    before = fitted(machine, recording, away=4.0)
+    structure = Structure(Alarm(0.4, 0.5, "q2"), "q2", 0.4, 0.1)
+    found = Diagnosis(
+        machine=machine,
+        recording=recording,
+        verdict="missing-physics",
+        concealed=True,
+        alarms={
+            "residual": Alarm(1.02, 0.4, "replicates"),
+            "prior_conflict": Alarm(214.0, 1e-9, "tolerances"),
+            "structure": structure.alarm,
+        },
+        alarms_after={"residual": Alarm(1.0, 0.5, "replicates")},
+        structure=structure,
+        findings=(gear_finding(),),
+        remainder=None,
+        candidates=(
+            Alternative("transmission-error", ("q1",), 0.5, 120.0),
+            Alternative("transmission-error", ("q1",), 0.4, 119.0),
+            Alternative("actuator-scale", ("q2",), 0.0, NAN),
+        ),
+        evidence_map={"q1": 120.0, "q2": -0.5, "base": float("-inf")},
+        untestable=(Untestable("thermal-expansion", "no temperature.link1 column"),),
+        free=fitted(machine, recording, away=60.0),
+        before=before,
+        after=fitted(machine, recording, (term,)),
+        fits={"free": summary(1.02, 60.0), "before": summary(9.0, 12.0), "after": summary(1.01, 1.2)},
+        proof=Proof("role", (BlockProof("outermost poses", 12, 0.5),), 0.4, (0.3, 0.5), -0.5, 0.97, True),
+        terms=(term,),
+        outlier_rows=(7, 19),
+        notes=("column 'x' means nothing & is ignored",),
+    )
+    return replace(found, **changes)
+
+
+def own_markup(page: str) -> str:
+    """The page without plotly.js itself."""
+    start = page.index("<script>")
+    return page[:start] + page[page.index("</script>", start) :]

@@ -1,0 +1,131 @@
+"""Estimates under trouble: outliers, rows left out, too few rows, searches that find no minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from support.built_machines import (
+    ARM,
+    POSE,
+    UNKNOWN,
+    departures,
+    manufactured,
+    nominal,
+    read_machines,
+    simulated,
+)
+from support.moving_machines import written
+from truepose.errors import ConvergenceError, InputError
+from truepose.identification import estimate as estimating
+from truepose.identification.estimate import estimate
+from truepose.identification.leastsquares import minimise
+from truepose.models.machine import Machine
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+    return read_machines(tmp_path_factory.mktemp("machines"))
+
+
+def test_huber_resists_outliers_that_draw_least_squares_away(machines: Mapping[str, Machine]) -> None:
+    machine, rng = machines["hexapod"], np.random.default_rng(8)
+    truth = manufactured(machine, rng)
+    clean = simulated(machine, truth, rng, 60)
+    wild = {name: values.copy() for name, values in clean.readings.items()}
+    wild["x"][::12] += 2.0
+    wild["rz"][3::20] += 0.01
+    recording = replace(clean, readings=wild)
+    plain, robust = (estimate(machine, recording, loss=loss) for loss in ("gauss", "huber"))
+    assert np.abs(departures(plain, truth)).max() > 10.0
+    assert np.abs(departures(robust, truth)).max() < 5.0
+    assert np.all(robust.weights[::12] < 0.1)
+    assert np.median(robust.weights) == 1.0
+
+
+def test_huber_and_least_squares_agree_without_outliers(machines: Mapping[str, Machine]) -> None:
+    machine, rng = machines["arm"], np.random.default_rng(9)
+    recording = simulated(machine, manufactured(machine, rng), rng)
+    plain, robust = (estimate(machine, recording, loss=loss) for loss in ("gauss", "huber"))
+    assert np.abs(departures(robust, plain.p)).max() < 1.5
+
+
+def test_validation_rows_and_excluded_rows_are_not_fitted(machines: Mapping[str, Machine]) -> None:
+    machine, rng = machines["arm"], np.random.default_rng(10)
+    recording = simulated(machine, manufactured(machine, rng), rng)
+    out = np.arange(len(recording)) % 4 == 0
+    spoiled = {name: np.where(out, values + 1.0, values) for name, values in recording.readings.items()}
+    fits = [
+        estimate(machine, recording.subset(~out)),
+        estimate(machine, replace(recording, readings=spoiled), exclude=out),
+        estimate(machine, replace(recording, readings=spoiled, validation=out)),
+    ]
+    for fit in fits[1:]:
+        assert np.abs(departures(fit, fits[0].p)).max() < 1e-3
+        assert fit.chi2 == pytest.approx(fits[0].chi2, rel=1e-6)
+        np.testing.assert_array_equal(fit.used, ~out)
+
+
+def test_rows_that_cannot_be_assembled_are_left_out_and_listed(machines: Mapping[str, Machine]) -> None:
+    machine, rng = machines["hexapod"], np.random.default_rng(11)
+    recording = simulated(machine, manufactured(machine, rng), rng)
+    q = recording.q.copy()
+    q[5, 2] = 5000.0
+    fit = estimate(machine, replace(recording, q=q))
+    rest = estimate(machine, recording.subset(np.arange(len(q)) != 5))
+    assert fit.unassembled == (5,)
+    assert np.abs(departures(fit, rest.p)).max() < 1e-3
+
+
+def test_too_few_rows_are_refused(tmp_path: Path) -> None:
+    machine = written(tmp_path, "tolerances: {length: .inf, angle: .inf}\n" + UNKNOWN + ARM + POSE)
+    recording = simulated(machine, nominal(machine), np.random.default_rng(12), 6)
+    with pytest.raises(
+        InputError, match=r"simulated\.csv: found 6 usable rows \(36 readings\).* 42 parameters"
+    ):
+        estimate(machine, recording)
+
+
+def test_damped_steps_take_over_where_full_ones_find_no_minimum(
+    machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, rng = machines["arm"], np.random.default_rng(14)
+    recording = simulated(machine, manufactured(machine, rng), rng)
+    usual = estimate(machine, recording)
+    monkeypatch.setattr(estimating, "TRIES", ((0.0, 1), *estimating.TRIES[1:]))
+    damped = estimate(machine, recording)
+    assert damped.chi2 == pytest.approx(usual.chi2, rel=1e-9)
+    monkeypatch.setattr(estimating, "TRIES", ((0.0, 1),))
+    with pytest.raises(ConvergenceError):
+        estimate(machine, recording)
+
+
+def test_a_fit_that_does_not_converge_names_what_still_moves(
+    machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, rng = machines["arm"], np.random.default_rng(13)
+    truth = nominal(machine)
+    truth[[p.name for p in machine.parameters].index("tool.x")] += 20.0
+    recording = simulated(machine, truth, rng)
+    monkeypatch.setattr(
+        "truepose.identification.estimate.minimise", lambda *a, **k: minimise(*a, **(k | {"limit": 1}))
+    )
+    with pytest.raises(ConvergenceError, match=r"iteration limit.*responsible: .*tool\.x"):
+        estimate(machine, recording)
+
+
+def test_readings_of_another_machine_are_no_estimate(machines: Mapping[str, Machine]) -> None:
+    """Nonsense is fitted badly or not at all, never called good."""
+    machine, rng = machines["hexapod"], np.random.default_rng(14)
+    recording = simulated(machine, nominal(machine), rng)
+    scrambled = {name: rng.permutation(values) for name, values in recording.readings.items()}
+    try:
+        fit = estimate(machine, replace(recording, readings=scrambled))
+    except ConvergenceError as error:
+        assert "responsible" in str(error)
+    else:
+        assert fit.chi2_per_dof > 100.0
