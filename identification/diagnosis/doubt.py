@@ -22,7 +22,7 @@ LEAST_KEPT = 0.25
 """What is kept whatever speaks against it: machines with many faults exist, and none fits its model wholly."""
 FEW_EFFECTS = 2
 """So many different effects at different parts are no pile; what is left unexplained counts as one more."""
-COMPARABLE = 0.1
+COMPARABLE = 0.03
 """Share of a name's log Bayes factor below which another is too small to speak against it."""
 MOST = 0.5
 """Share of the misfit that names explain below which what they leave speaks against physics twice."""

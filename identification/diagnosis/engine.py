@@ -21,6 +21,7 @@ from truepose.identification.diagnosis.findings import (
     ranked_alternatives,
 )
 from truepose.identification.diagnosis.judgement import Judgement, explained, judged, likely_inflation
+from truepose.identification.diagnosis.naming import name
 from truepose.identification.diagnosis.notes import notes
 from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.result import Diagnosis, Finding, Remainder
@@ -125,7 +126,7 @@ def _judge(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection
     """Names, what is left beside them, and the verdict."""
     machine, recording = signatures.machine, signatures.recording
     rival = remainder.unnamed(cat, found.accepted, found.fit)
-    selection, named_terms = _name(signatures, cat, fits, found, rival)
+    selection, named_terms = name(found, fits.outliers, rival)
     lin, stated = signatures.linearise(fits.before), dict.fromkeys(cat.stated, WIDE)
     others = [i for i in range(len(cat.candidates)) if i not in stated]
     screened = rank(lin, cat, selection.grid, stated, others)
@@ -184,37 +185,6 @@ def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, outcome: _Out
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
         notes=outcome.notes,
     )
-
-
-def _name(
-    signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection, rival: Remainder | None
-) -> tuple[Selection, list[classes.Named]]:
-    """Terms of the catalogue whose class is certain, fitted without the others; their classes.
-
-    A name beside something unnamed on the same part is likely half of it, and is not given.
-    """
-    kept = [
-        i
-        for i in found.accepted
-        if i in cat.stated
-        or (cat.named(i) and not doubt.same_part(signatures.machine, cat.candidates[i].place, rival))
-    ]
-    while True:
-        selection = only(signatures, cat, found, fits.outliers, kept)
-        after = selection.fit
-        excess = max(after.chi2 - (after.readings - after.effective_parameters), 0.0)
-        unexplained = 0.5 * excess / max(after.chi2_per_dof, 1.0)
-        named = [
-            classes.name_term(
-                selection.linearisation, cat, selection.grid, selection.accepted, i, unexplained
-            )
-            for i in selection.accepted
-            if i not in cat.stated
-        ]
-        certain = [n.index for n in named if n.certainty >= classes.CERTAIN]
-        if len(certain) == len(named):
-            return selection, named
-        kept = [*cat.stated, *certain]
 
 
 def _findings(

@@ -1,0 +1,104 @@
+"""Which accepted terms are given names: those whose class is certain, each by the likeliest cause of its class."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.diagnosis import classes, doubt
+from truepose.identification.diagnosis.candidates import Catalogue
+from truepose.identification.diagnosis.classes import Named
+from truepose.identification.diagnosis.refit import refit
+from truepose.identification.diagnosis.result import Remainder
+from truepose.identification.diagnosis.selection import Selection, only, spread_of
+
+Mask = NDArray[np.bool_]
+Cause = tuple[str, tuple[str, ...]]
+
+
+def name(found: Selection, exclude: Mask, rival: Remainder | None) -> tuple[Selection, list[Named]]:
+    """Terms of the catalogue whose class is certain, fitted without the others; their classes.
+
+    A name beside something unnamed (``rival``) on the same part is likely half of it, and is not given. Where
+    another cause of a class is likelier at all its settings together than the term that was accepted, it takes the
+    term's place. ``exclude`` (n,) are the rows left out.
+    """
+    cat, machine = found.catalogue, found.signatures.machine
+    kept = [
+        i
+        for i in found.accepted
+        if i in cat.stated or (cat.named(i) and not doubt.same_part(machine, cat.candidates[i].place, rival))
+    ]
+    selection = only(found.signatures, cat, found, exclude, kept)
+    seen: set[frozenset[int]] = set()
+    while True:
+        named = _classes(selection)
+        certain = [n.index for n in named if n.certainty >= classes.CERTAIN]
+        if len(certain) < len(named):
+            selection = only(found.signatures, cat, selection, exclude, [*cat.stated, *certain])
+            continue
+        seen.add(frozenset(selection.accepted))
+        exchanged = _exchanged(selection, exclude, named)
+        if frozenset(exchanged.accepted) in seen:
+            return selection, named
+        selection = exchanged
+
+
+def _classes(selection: Selection) -> list[Named]:
+    """Every accepted term with its class."""
+    fit, cat = selection.fit, selection.catalogue
+    excess = max(fit.chi2 - (fit.readings - fit.effective_parameters), 0.0)
+    unexplained = 0.5 * excess / max(fit.chi2_per_dof, 1.0)
+    return [
+        classes.name_term(selection.linearisation, cat, selection.grid, selection.accepted, i, unexplained)
+        for i in selection.accepted
+        if i not in cat.stated
+    ]
+
+
+def _exchanged(selection: Selection, exclude: Mask, named: Sequence[Named]) -> Selection:
+    """The selection with likelier causes in place of terms, fitted anew; the same where there is none that fits."""
+    cat = selection.catalogue
+    causes = [_cause(cat, n.index) for n in named]
+    better = {
+        n.index: other
+        for n, cause in zip(named, causes, strict=True)
+        if causes.count(cause) == 1 and (other := likelier(cat, n)) not in {None, *selection.accepted}
+    }
+    if not better:
+        return selection
+    accepted: dict[int, float] = {}
+    for i, spread in selection.accepted.items():
+        other = better.get(i)
+        accepted |= {i: spread} if other is None else {other: spread_of(cat, other, spread)}
+    signatures = selection.signatures
+    fit, fitted = refit(signatures, cat, accepted, selection.fit, exclude, set())
+    if set(fitted) != set(accepted):
+        return selection
+    return replace(selection, accepted=fitted, fit=fit, linearisation=signatures.linearise(fit))
+
+
+def likelier(cat: Catalogue, named: Named) -> int | None:
+    """The likeliest setting of the cause that has the most of a class, where that is not the term's own cause."""
+    share: dict[Cause, float] = {_cause(cat, named.index): named.probability}
+    for member in named.equivalents:
+        cause = _cause(cat, member.index)
+        share[cause] = share.get(cause, 0.0) + member.probability
+    best = max(share, key=lambda cause: share[cause])
+    if best == _cause(cat, named.index):
+        return None
+    own: Mapping[int, float] = {
+        m.index: m.probability for m in named.equivalents if _cause(cat, m.index) == best
+    }
+    return max(own, key=lambda i: own[i])
+
+
+def _cause(cat: Catalogue, index: int) -> Cause:
+    placed = cat.candidates[index]
+    return placed.effect.slug, placed.place
+
+
+__all__ = ["likelier", "name"]
