@@ -11,6 +11,7 @@ import pytest
 
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.candidates import SECOND_TERM, TOGETHER, Catalogue, catalogue
+from truepose.identification.diagnosis.classes import Member, Named
 from truepose.identification.diagnosis.doubt import (
     KEPT,
     LEAST_KEPT,
@@ -18,6 +19,7 @@ from truepose.identification.diagnosis.doubt import (
     same_part,
 )
 from truepose.identification.diagnosis.judgement import Judgement
+from truepose.identification.diagnosis.naming import likelier
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.load import load_recording
@@ -95,6 +97,24 @@ def test_mounts_are_rivals_as_curves_of_drivers_only_and_the_volume_once(
     assert len({c.label for c in nameless}) == len(nameless)
 
 
+def at(cat: Catalogue, slug: str, *place: str) -> list[int]:
+    return [k for k, c in enumerate(cat.candidates) if (c.effect.slug, c.place) == (slug, place)]
+
+
+def test_a_class_is_headed_by_the_cause_that_has_the_most_of_it_at_all_settings(
+    weighed: tuple[Machine, Catalogue],
+) -> None:
+    cat = weighed[1]
+    shift, drifts = at(cat, "frame-shift", "tool")[0], at(cat, "mount-drift", "tool")[:3]
+    members = [Member(k, p, 9.0) for k, p in zip(drifts, (0.1, 0.3, 0.2), strict=True)]
+    named = Named(shift, 0.4, 1.0, 9.0, tuple(members))
+    assert likelier(cat, named) == drifts[1]  # 0.6 in all against 0.4, and its likeliest setting
+    assert likelier(cat, replace(named, probability=0.7)) is None
+    # other settings of the term's own cause are on its side
+    own = Named(drifts[0], 0.2, 1.0, 9.0, (Member(shift, 0.45, 9.0), Member(drifts[1], 0.3, 9.0)))
+    assert likelier(cat, own) is None
+
+
 FINDING = Finding(
     effect="backlash",
     place=("q2",),
@@ -137,7 +157,7 @@ PILES: list[tuple[list[Finding], list[float]]] = [
     ([other("link-bending", "link2")], [KEPT, KEPT]),
     ([other("link-bending", "link1")], [1.0, 1.0]),
     # what is much smaller says nothing against a name, but is doubted itself
-    ([other("zero-shift", "q2", gain=3.0)], [1.0, KEPT]),
+    ([other("zero-shift", "q2", gain=1.0)], [1.0, KEPT]),
     # what many parts share is on none of them
     ([other("actuator-scale", "q1", "q2", "q3")], [1.0, 1.0]),
     # one kind of fault at every joint is no pile, three kinds are
