@@ -33,18 +33,16 @@ def name(found: Selection, exclude: Mask, rival: Remainder | None) -> tuple[Sele
         if i in cat.stated or (cat.named(i) and not doubt.same_part(machine, cat.candidates[i].place, rival))
     ]
     selection = only(found.signatures, cat, found, exclude, kept)
-    seen: set[frozenset[int]] = set()
-    while True:
+    named = _classes(selection)
+    while uncertain := [n.index for n in named if n.certainty < classes.CERTAIN]:
+        certain = [i for i in selection.accepted if i not in uncertain]
+        selection = only(found.signatures, cat, selection, exclude, certain)
         named = _classes(selection)
-        certain = [n.index for n in named if n.certainty >= classes.CERTAIN]
-        if len(certain) < len(named):
-            selection = only(found.signatures, cat, selection, exclude, [*cat.stated, *certain])
-            continue
-        seen.add(frozenset(selection.accepted))
-        exchanged = _exchanged(selection, exclude, named)
-        if frozenset(exchanged.accepted) in seen:
-            return selection, named
-        selection = exchanged
+    exchanged = _exchanged(selection, exclude, named)
+    renamed = _classes(exchanged) if exchanged is not selection else named
+    # from the new fit the old cause may look likelier again
+    settled = all(n.certainty >= classes.CERTAIN and likelier(cat, n) is None for n in renamed)
+    return (exchanged, renamed) if settled else (selection, named)
 
 
 def _classes(selection: Selection) -> list[Named]:
