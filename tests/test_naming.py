@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from truepose.identification.diagnosis import naming
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.candidates import SECOND_TERM, TOGETHER, Catalogue, catalogue
 from truepose.identification.diagnosis.classes import Member, Named
@@ -20,8 +23,11 @@ from truepose.identification.diagnosis.doubt import (
 )
 from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.naming import likelier
+from truepose.identification.diagnosis.remainder import pile
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
+from truepose.identification.diagnosis.selection import Selection
 from truepose.identification.diagnosis.unnamed import UNNAMED
+from truepose.identification.estimate import Estimate
 from truepose.identification.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -113,6 +119,29 @@ def test_a_class_is_headed_by_the_cause_that_has_the_most_of_it_at_all_settings(
     # other settings of the term's own cause are on its side
     own = Named(drifts[0], 0.2, 1.0, 9.0, (Member(shift, 0.45, 9.0), Member(drifts[1], 0.3, 9.0)))
     assert likelier(cat, own) is None
+
+
+@pytest.mark.parametrize("stays", [True, False])
+def test_a_likelier_cause_takes_a_terms_place_where_it_stays_likelier_in_its_own_fit(
+    weighed: tuple[Machine, Catalogue], monkeypatch: pytest.MonkeyPatch, stays: bool
+) -> None:
+    machine, cat = weighed
+    shift, drift = at(cat, "frame-shift", "tool")[0], at(cat, "mount-drift", "tool")[0]
+    first = Named(shift, 0.4, 1.0, 9.0, (Member(drift, 0.6, 9.0),))
+    later = Named(drift, 0.6, 1.0, 9.0, (Member(shift, 0.4 if stays else 0.7, 9.0),))
+    selections = {
+        term: SimpleNamespace(
+            accepted={term: 1.0}, catalogue=cat, signatures=SimpleNamespace(machine=machine)
+        )
+        for term in (shift, drift)
+    }
+    classes = {shift: [first], drift: [later]}
+    monkeypatch.setattr(naming, "only", lambda signatures, cat, selection, *_: selection)
+    monkeypatch.setattr(naming, "_classes", lambda selection: classes[next(iter(selection.accepted))])
+    monkeypatch.setattr(naming, "_exchanged", lambda *_: selections[drift])
+    chosen, named = naming.name(cast(Selection, selections[shift]), np.zeros(0, dtype=bool), None)
+    assert list(chosen.accepted) == [drift if stays else shift]
+    assert named == classes[drift if stays else shift]
 
 
 FINDING = Finding(
@@ -213,6 +242,18 @@ def test_a_name_shares_its_part_with_something_unnamed_there_only(weighed: tuple
     assert same_part(arm, ("q3", "q2"), Remainder(("q2",), "q1", "a curve", 1.2))
     assert not same_part(arm, ("q3",), Remainder(("q2",), "q1", "a curve", 1.2))
     assert not same_part(arm, ("q2",), None)
+
+
+def test_withheld_names_say_where_they_meet_and_what_it_looks_like() -> None:
+    fit = cast(Estimate, SimpleNamespace(chi2_per_dof=4.0))
+    meeting = [other("axis-coupling", "q3", "q1"), other("backlash", "q3")]
+    left = pile(meeting, fit, Structure(QUIET, "q2", 9.0, 0.1))
+    assert (left.place, left.driver, left.size_sigma) == (("q3",), "q2", 2.0)
+    assert "axis-coupling at q3+q1, backlash at q3" in left.form and "hypothesised" in left.form
+    apart = pile(
+        [other("axis-coupling", "q2", "q1"), other("backlash", "q3")], fit, Structure(QUIET, "q2", 9.0, 0.1)
+    )
+    assert apart.place == ("q2", "q1")
 
 
 QUIET = Alarm(1.0, 0.5)

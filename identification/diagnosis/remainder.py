@@ -34,11 +34,12 @@ def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remai
 
 
 def pile(names: Sequence[Finding], fit: Estimate, structure: Structure) -> Remainder:
-    """What several names together stand in for, none of which is believed."""
+    """What several names together stand in for, none of which is believed: at the part that all share, if any."""
     size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
     alike = ", ".join(f"{f.effect} at {'+'.join(f.place)}" for f in names)
     form = f"looks like {alike} together, more likely one thing without a name; hypothesised"
-    return Remainder(names[0].place, structure.driver, form, size)
+    shared = tuple(part for part in names[0].place if all(part in f.place for f in names))
+    return Remainder(shared or names[0].place, structure.driver, form, size)
 
 
 def unnamed(cat: Catalogue, accepted: Iterable[int], fit: Estimate) -> Remainder | None:
