@@ -13,7 +13,7 @@ from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import Named
 from truepose.identification.diagnosis.refit import refit
 from truepose.identification.diagnosis.result import Remainder
-from truepose.identification.diagnosis.selection import Selection, only, spread_of
+from truepose.identification.diagnosis.selection import MANY_TERMS, Selection, only, spread_of
 
 Mask = NDArray[np.bool_]
 Cause = tuple[str, tuple[str, ...]]
@@ -58,7 +58,10 @@ def _classes(selection: Selection) -> list[Named]:
 
 
 def _exchanged(selection: Selection, exclude: Mask, named: Sequence[Named]) -> Selection:
-    """The selection with likelier causes in place of terms, fitted anew; the same where there is none that fits."""
+    """The selection with likelier causes in place of terms, fitted anew; the same where there is none that fits.
+
+    Among many terms the others share in what one explains, and its place is not changed.
+    """
     cat = selection.catalogue
     causes = [_cause(cat, n.index) for n in named]
     better = {
@@ -66,7 +69,7 @@ def _exchanged(selection: Selection, exclude: Mask, named: Sequence[Named]) -> S
         for n, cause in zip(named, causes, strict=True)
         if causes.count(cause) == 1 and (other := likelier(cat, n)) not in {None, *selection.accepted}
     }
-    if not better:
+    if not better or len(selection.accepted) > MANY_TERMS:
         return selection
     accepted: dict[int, float] = {}
     for i, spread in selection.accepted.items():
