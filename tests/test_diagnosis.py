@@ -301,6 +301,22 @@ def test_a_gear_that_stiffens_is_a_compliant_joint(bench: Callable[[str, int], B
     assert 5e-6 < c.value < 8e-6
 
 
+def test_a_sigma_that_is_stated_too_small_takes_no_name_away(bench: Callable[[str, int], Bench]) -> None:
+    """Most of the misfit is noise then, which no effect explains; it speaks against none."""
+    arm, rows = bench("arm", 11), 240
+    q, kg = arm.readings(rows), np.tile([0.0, 4.0, 8.0], rows // 3)
+    torque = -9.80665 * kg * 0.5 * np.cos(q[:, 1])
+    frame = arm.frame(q, q + np.outer(5e-6 * torque, [0, 1]), payload=kg)
+    frame[["x [mm]", "y [mm]", "z [mm]"]] += arm.rng.normal(0.0, 0.023, (rows, 3))
+    found = arm.diagnose(frame)
+    after, before = (found.fits[stage].chi2_per_dof for stage in ("after", "before"))
+    assert after > 4.0 and before - after < 0.5 * (before - 1.0)
+    (finding,) = found.findings
+    names = {finding.effect, *(other.effect for other in finding.equivalents)}
+    assert "joint-compliance" in names
+    assert finding.certainty > 0.45
+
+
 def test_a_platform_that_bends_like_a_beam_is_named(bench: Callable[[str, int], Bench]) -> None:
     """Each leg lifts its own end; the others follow with the squared cosine of the angle between them."""
     hexapod, rows = bench("hexapod", 9), 40

@@ -134,7 +134,9 @@ def _judge(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection
     raised = judged(fits.free, fits.before, lin, inflation, recording)
     left = _left(selection, recording) if selection.accepted else raised
     names = _findings(machine, cat, selection, named_terms)
-    failing, share = rival is not None or left.leaves, explained(fits.before, selection.fit)
+    failing = rival is not None or left.leaves
+    # a misfit that may be a sigma stated too small is not what the names should have explained
+    share = explained(fits.before, selection.fit) if rival is not None or left.fails else 1.0
     findings = doubt.doubted(machine, names, rival, failing=failing, explained=share)
     if names and not findings:
         rival = rival or remainder.pile(names, fits.before, raised.structure)
