@@ -136,7 +136,7 @@ def test_a_likelier_cause_takes_a_terms_place_where_it_stays_likelier_in_its_own
         for term in (shift, drift)
     }
     classes = {shift: [first], drift: [later]}
-    monkeypatch.setattr(naming, "only", lambda signatures, cat, selection, *_: selection)
+    monkeypatch.setattr(naming, "only", lambda selection, *_: selection)
     monkeypatch.setattr(naming, "_classes", lambda selection: classes[next(iter(selection.accepted))])
     monkeypatch.setattr(naming, "_exchanged", lambda *_: selections[drift])
     chosen, named = naming.name(cast(Selection, selections[shift]), np.zeros(0, dtype=bool), None)

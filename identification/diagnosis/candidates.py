@@ -13,6 +13,8 @@ from truepose.identification.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import PAYLOAD, Machine
 
+Cause = tuple[str, tuple[str, ...]]
+"""Slug of an effect and its place."""
 TOGETHER = 0.2
 """Prior share of a slug's places that join several parts, where parts alone are places too."""
 SECOND_TERM = 0.5
@@ -44,11 +46,11 @@ class Catalogue:
 
         A cause that is there may well have a second term (another harmonic, another form): slug and place have been paid for.
         """
-        here = self.candidates[index]
-        present = {k for k in accepted if k != index and _same_cause(self.candidates[k], here)}
-        if not present:
+        here, cause = self.candidates[index], self.cause(index)
+        present = {k for k in accepted if k != index and self.cause(k) == cause}
+        if not present or not self.named(index):
             return self.log_prior[index]
-        alike = [k for k, c in enumerate(self.candidates) if _same_cause(c, here) and k not in present]
+        alike = [k for k in range(len(self.candidates)) if self.cause(k) == cause and k not in present]
         weights = [c.effect.weight(c.settings_map) for c in (self.candidates[k] for k in alike)]
         return float(np.log(SECOND_TERM * here.effect.weight(here.settings_map) / sum(weights)))
 
@@ -58,6 +60,11 @@ class Catalogue:
         candidates[index] = candidate
         log_prior[index] += log_factor
         return replace(self, candidates=tuple(candidates), log_prior=tuple(log_prior))
+
+    def cause(self, index: int) -> Cause:
+        """What a candidate blames, at whatever settings: slug and place."""
+        placed = self.candidates[index]
+        return placed.effect.slug, placed.place
 
     def named(self, index: int) -> bool:
         """Whether a candidate is an effect of the catalogue."""
@@ -95,10 +102,6 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     labels = {e.label for e in machine.effects}
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
     return Catalogue(tuple(found), _log_prior(found), tuple(missing), stated)
-
-
-def _same_cause(a: PlacedEffect, b: PlacedEffect) -> bool:
-    return (a.effect.slug, a.place) == (b.effect.slug, b.place) and a.effect.slug != UNNAMED
 
 
 def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:

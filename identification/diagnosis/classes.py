@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-from truepose.identification.diagnosis.candidates import Catalogue
+from truepose.identification.diagnosis.candidates import Catalogue, Cause
 from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.selection import Ranking, rank
 from truepose.identification.diagnosis.signatures import Linearisation
@@ -96,10 +96,9 @@ def name_term(
 
 def _tempered(cat: Catalogue, ranking: Ranking, members: Sequence[int], power: float) -> Array:
     """Shares of causes by their odds to a power, split among settings of one cause by their odds themselves."""
-    causes: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    causes: dict[Cause, list[int]] = {}
     for k, j in enumerate(members):
-        placed = cat.candidates[ranking.indices[j]]
-        causes.setdefault((placed.effect.slug, placed.place), []).append(k)
+        causes.setdefault(cat.cause(ranking.indices[j]), []).append(k)
     odds, out = ranking.odds[list(members)], np.zeros(len(members))
     total = _shares(power * np.array([logsumexp(odds[ks]) for ks in causes.values()]))
     for share, ks in zip(total, causes.values(), strict=True):

@@ -85,8 +85,7 @@ def diagnose(
         fits = _refit_null(machine, recording, fits, again)
         selection = _select(selection.signatures, selection.catalogue, fits, selection)
     progress("naming and proving")
-    signatures, cat = selection.signatures, selection.catalogue
-    return _conclude(signatures, cat, fits, _judge(signatures, cat, fits, selection))
+    return _conclude(fits, _judge(fits, selection))
 
 
 def _null_fits(machine: Machine, recording: Recording) -> _Fits:
@@ -122,8 +121,9 @@ def _select(signatures: Signatures, cat: Catalogue, fits: _Fits, first: Selectio
     return select(signatures, cat, fits.before, fits.outliers, rms, first)
 
 
-def _judge(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection) -> _Outcome:
+def _judge(fits: _Fits, found: Selection) -> _Outcome:
     """Names, what is left beside them, and the verdict."""
+    signatures, cat = found.signatures, found.catalogue
     machine, recording = signatures.machine, signatures.recording
     rival = remainder.unnamed(cat, found.accepted, found.fit)
     selection, named_terms = name(found, fits.outliers, rival)
@@ -133,14 +133,14 @@ def _judge(signatures: Signatures, cat: Catalogue, fits: _Fits, found: Selection
     inflation = dict(zip(selection.grid.classes, screened.evidence.inflation, strict=True))
     raised = judged(fits.free, fits.before, lin, inflation, recording)
     left = _left(selection, recording) if selection.accepted else raised
-    names = _findings(machine, cat, selection, named_terms)
+    names = _findings(selection, named_terms)
     failing = rival is not None or left.leaves
     # a misfit that may be a sigma stated too small is not what the names should have explained
     share = explained(fits.before, selection.fit) if rival is not None or left.fails else 1.0
     findings = doubt.doubted(machine, names, rival, failing=failing, explained=share)
     if names and not findings:
         rival = rival or remainder.pile(names, fits.before, raised.structure)
-        selection = only(signatures, cat, selection, fits.outliers, cat.stated)
+        selection = only(selection, fits.outliers, cat.stated)
         left = raised
     verdict = "missing-physics" if findings else "unknown" if rival or raised.fails else "adequate"
     said = notes(recording, fits.before, screened, inflation)
@@ -153,9 +153,10 @@ def _left(selection: Selection, recording: Recording) -> Judgement:
     return judged(fit, fit, selection.linearisation, inflation, recording)
 
 
-def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, outcome: _Outcome) -> Diagnosis:
-    machine, recording = signatures.machine, signatures.recording
+def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
     selection, raised, left, verdict = outcome.selection, outcome.raised, outcome.left, outcome.verdict
+    signatures, cat = selection.signatures, selection.catalogue
+    machine, recording = signatures.machine, signatures.recording
     free, before, named = fits.free, fits.before, verdict == "missing-physics"
     after = selection.fit if named else before
     stages = {"free": free, "before": before, "after": after}
@@ -189,9 +190,8 @@ def _conclude(signatures: Signatures, cat: Catalogue, fits: _Fits, outcome: _Out
     )
 
 
-def _findings(
-    machine: Machine, cat: Catalogue, selection: Selection, named: Sequence[classes.Named]
-) -> tuple[Finding, ...]:
+def _findings(selection: Selection, named: Sequence[classes.Named]) -> tuple[Finding, ...]:
+    machine, cat = selection.signatures.machine, selection.catalogue
     lin, grid, accepted = selection.linearisation, selection.grid, selection.accepted
     flips = [classes.flip_inflation(lin, cat, grid, accepted, n.index, THRESHOLD) for n in named]
     return merge_findings(machine, cat, selection.fit, named, flips)

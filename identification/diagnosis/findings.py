@@ -47,7 +47,7 @@ def merge_findings(
     """One finding per effect and place, surest first."""
     groups: dict[tuple[str, tuple[str, ...]], list[int]] = {}
     for k, item in enumerate(named):
-        groups.setdefault(_key(cat, item.index), []).append(k)
+        groups.setdefault(cat.cause(item.index), []).append(k)
     out = [
         _finding(machine, cat, after, [named[k] for k in ks], [flips[k] for k in ks])
         for ks in groups.values()
@@ -67,7 +67,7 @@ def _finding(
         for member in item.equivalents:
             other = alternative(cat, member.index, member.probability, member.gain)
             key = (other.effect, other.place)
-            if key == _key(cat, main.index):
+            if key == cat.cause(main.index):
                 continue
             first = equivalents.get(key)
             equivalents[key] = other if first is None else _together(first, other)
@@ -104,16 +104,11 @@ def _own_probability(cat: Catalogue, main: Named, items: Sequence[Named]) -> flo
     here = cat.candidates[main.index]
 
     def same(index: int) -> bool:
-        return _key(cat, index) == (here.effect.slug, here.place)
+        return cat.cause(index) == (here.effect.slug, here.place)
 
     total = max(i.probability + sum(m.probability for m in i.equivalents if same(m.index)) for i in items)
     share = 1.0 - sum(t.probability for t in _twins(cat, main)) / max(main.probability, 1e-300)
     return min(1.0, total) * share
-
-
-def _key(cat: Catalogue, index: int) -> tuple[str, tuple[str, ...]]:
-    placed = cat.candidates[index]
-    return placed.effect.slug, placed.place
 
 
 def _together(a: Alternative, b: Alternative) -> Alternative:

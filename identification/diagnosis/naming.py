@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis import classes, doubt
-from truepose.identification.diagnosis.candidates import Catalogue
+from truepose.identification.diagnosis.candidates import Catalogue, Cause
 from truepose.identification.diagnosis.classes import Named
-from truepose.identification.diagnosis.refit import refit
 from truepose.identification.diagnosis.result import Remainder
-from truepose.identification.diagnosis.selection import MANY_TERMS, Selection, only, spread_of
+from truepose.identification.diagnosis.selection import MANY_TERMS, Selection, only, refitted, spread_of
 
 Mask = NDArray[np.bool_]
-Cause = tuple[str, tuple[str, ...]]
 
 
 def name(found: Selection, exclude: Mask, rival: Remainder | None) -> tuple[Selection, list[Named]]:
@@ -32,11 +29,11 @@ def name(found: Selection, exclude: Mask, rival: Remainder | None) -> tuple[Sele
         for i in found.accepted
         if i in cat.stated or (cat.named(i) and not doubt.same_part(machine, cat.candidates[i].place, rival))
     ]
-    selection = only(found.signatures, cat, found, exclude, kept)
+    selection = only(found, exclude, kept)
     named = _classes(selection)
     while uncertain := [n.index for n in named if n.certainty < classes.CERTAIN]:
         certain = [i for i in selection.accepted if i not in uncertain]
-        selection = only(found.signatures, cat, selection, exclude, certain)
+        selection = only(selection, exclude, certain)
         named = _classes(selection)
     exchanged = _exchanged(selection, exclude, named)
     renamed = _classes(exchanged) if exchanged is not selection else named
@@ -63,7 +60,7 @@ def _exchanged(selection: Selection, exclude: Mask, named: Sequence[Named]) -> S
     Among many terms the others share in what one explains, and its place is not changed.
     """
     cat = selection.catalogue
-    causes = [_cause(cat, n.index) for n in named]
+    causes = [cat.cause(n.index) for n in named]
     better = {
         n.index: other
         for n, cause in zip(named, causes, strict=True)
@@ -75,31 +72,23 @@ def _exchanged(selection: Selection, exclude: Mask, named: Sequence[Named]) -> S
     for i, spread in selection.accepted.items():
         other = better.get(i)
         accepted |= {i: spread} if other is None else {other: spread_of(cat, other, spread)}
-    signatures = selection.signatures
-    fit, fitted = refit(signatures, cat, accepted, selection.fit, exclude, set())
-    if set(fitted) != set(accepted):
-        return selection
-    return replace(selection, accepted=fitted, fit=fit, linearisation=signatures.linearise(fit))
+    exchanged = refitted(selection, exclude, accepted)
+    return exchanged if set(exchanged.accepted) == set(accepted) else selection
 
 
 def likelier(cat: Catalogue, named: Named) -> int | None:
     """The likeliest setting of the cause that has the most of a class, where that is not the term's own cause."""
-    share: dict[Cause, float] = {_cause(cat, named.index): named.probability}
+    share: dict[Cause, float] = {cat.cause(named.index): named.probability}
     for member in named.equivalents:
-        cause = _cause(cat, member.index)
+        cause = cat.cause(member.index)
         share[cause] = share.get(cause, 0.0) + member.probability
     best = max(share, key=lambda cause: share[cause])
-    if best == _cause(cat, named.index):
+    if best == cat.cause(named.index):
         return None
     own: Mapping[int, float] = {
-        m.index: m.probability for m in named.equivalents if _cause(cat, m.index) == best
+        m.index: m.probability for m in named.equivalents if cat.cause(m.index) == best
     }
     return max(own, key=lambda i: own[i])
-
-
-def _cause(cat: Catalogue, index: int) -> Cause:
-    placed = cat.candidates[index]
-    return placed.effect.slug, placed.place
 
 
 __all__ = ["likelier", "name"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,7 +123,7 @@ def select(
     # a large effect is weighed poorly from a fit without it or with a setting beside its own, and something unnamed
     # may take its place: start again from the best names alone, and keep them if nothing unnamed is asked for there
     nameless = {i for i in range(len(cat.candidates)) if not cat.named(i)}
-    bare = only(signatures, cat, start, exclude, [i for i in accepted if i not in nameless])
+    bare = only(start, exclude, [i for i in accepted if i not in nameless])
     names = _settle(bare, exclude, set(nameless))
     if set(names.accepted) == set(bare.accepted):
         return found
@@ -177,19 +177,19 @@ def _settle(start: Selection, exclude: NDArray[np.bool_], banned: set[int]) -> S
     return Selection(accepted, fit, lin, grid, signatures, cat)
 
 
-def only(
-    signatures: Signatures,
-    cat: Catalogue,
-    selection: Selection,
-    exclude: NDArray[np.bool_],
-    kept: Collection[int],
-) -> Selection:
+def only(selection: Selection, exclude: NDArray[np.bool_], kept: Collection[int]) -> Selection:
     """The selection with some of its terms only, fitted anew."""
     accepted = {i: v for i, v in selection.accepted.items() if i in kept}
     if len(accepted) == len(selection.accepted):
         return selection
-    fit, accepted = refit(signatures, cat, accepted, selection.fit, exclude, set())
-    return Selection(accepted, fit, signatures.linearise(fit), selection.grid, signatures, cat)
+    return refitted(selection, exclude, accepted)
+
+
+def refitted(selection: Selection, exclude: NDArray[np.bool_], accepted: Mapping[int, float]) -> Selection:
+    """The selection with other terms, fitted anew; without those that turned out impossible."""
+    signatures = selection.signatures
+    fit, left = refit(signatures, selection.catalogue, accepted, selection.fit, exclude, set())
+    return replace(selection, accepted=left, fit=fit, linearisation=signatures.linearise(fit))
 
 
 def _search(
