@@ -1,4 +1,4 @@
-"""Bending, wind-up, wobble, flexures and crosses: closed forms, zeros at home, and truths recovered by a fit."""
+"""Wind-up, wobble, flexures and crosses: closed forms, zeros at home, and truths recovered by a fit."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,177 +13,25 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.effects import with_effect
-from support.telescope_legs import leg_rows
+from support.structures import TEXTS, G, structure, turn_between
 from support.tool_pose import HEAD, pose
-from truepose.errors import InputError
 from truepose.identification.diagnosis.candidates import catalogue
 from truepose.identification.estimate import estimate
 from truepose.identification.load import load_recording
 from truepose.identification.recording import Recording
 from truepose.identification.simulate import parse_effect, simulate
 from truepose.models.effects.base import PlacedEffect, Settings, effects
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine, Mass
+from truepose.models.machine import Machine
 from truepose.models.mechanism import Mechanism
 
 Array = NDArray[np.float64]
-G = 9.80665
-BEAM = """
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: revolute, alpha: 90, range: [-180, 180]}
-frames: {tool: {in: flange, xyz: [800, 0, 0], tolerance: {xyz: 1, rpy: 1}}}
-sensor: {type: pose, sigma: {xyz: 0.001, rot: 0.0003}}
-masses: {tip: {kg: 12, com: [0, 0, 0], in: tool}}
-"""
-ARM = """
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: revolute, r: 400, d: 50, range: [-170, 170]}
-    - {name: q2, kind: revolute, alpha: 90, d: 150, range: [-90, 90]}
-    - {name: q3, kind: revolute, d: 700, r: 20, range: [-90, 90]}
-    - {name: q4, kind: prismatic, alpha: 90, r: 100, range: [0, 500], screw_pitch: 10}
-frames: {tool: {in: flange, xyz: [300, 0, 40], tolerance: {xyz: 1, rpy: 1}}}
-sensor: {type: pose, sigma: {xyz: 0.005, rot: 0.001}}
-masses:
-  link2: {kg: 20, com: [300, 10, 5], in: link2}
-  payload: {kg: 3, com: [0, 20, 10], in: tool}
-"""
-LEGS = leg_rows("length: 500, range: [-60, 60]")
-POSE = "sensor: {type: pose, sigma: {xyz: 0.002, rot: 0.0005}}\n"
-HEXAPOD = "mechanism:\n  type: 6-pus\n  home: [0, 0, 440, 0, 0, 0]\n  legs:\n" + LEGS
-BENT = HEXAPOD + "  flexure: {length: 30}\n"
-STAGE = """
-mechanism:
-  type: serial
-  joints:
-    - {name: s1, kind: prismatic, range: [-0.1, 0.1]}
-    - {name: s2, kind: prismatic, alpha: -90, theta: -90, range: [-0.1, 0.1]}
-sensor: {type: pose, sigma: {xyz: 0.0001, rot: 0.001}}
-"""
-DELTA = "".join(
-    f"{line}\n"
-    for line in (Path(__file__).parent / "machines" / "delta.yaml").read_text(encoding="utf-8").splitlines()
-    if not line.startswith(("schema:", "name:", "tolerances:", "gravity:", "#"))
-).replace("sigma: {xyz: 0.02}", "sigma: {xyz: 0.004}")
-TEXTS = {
-    "beam": BEAM,
-    "arm": ARM,
-    "hexapod": HEXAPOD + POSE,
-    "flexed": BENT + POSE,
-    "bent": BENT + "  model: beam\n" + POSE,
-    "stage": STAGE,
-    "delta": DELTA,
-}
 
 
 @pytest.fixture(scope="module")
 def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
     folder = tmp_path_factory.mktemp("machines")
-    out = {}
-    for name, text in TEXTS.items():
-        path = folder / f"{name}.yaml"
-        path.write_text(HEAD.format(name=name) + text)
-        out[name] = load_machine(path)
-    return out
-
-
-def turn_between(one: Array, two: Array) -> Array:
-    """(3,) rotation vector from one pose to the other, base frame."""
-    return np.asarray(Rotation.from_matrix(two[:3, :3] @ one[:3, :3].T).as_rotvec())
-
-
-# -- link-bending ------------------------------------------------------------------------------------------
-
-
-def test_a_link_is_a_cantilever(machines: Mapping[str, Machine]) -> None:
-    """A level beam of one link with 12 kg at its end: F L^3 / 3EI down, and F L^2 / 2EI about its axis."""
-    beam, c, length, force = machines["beam"], 1e-12, 800.0, 12 * G
-    still, bent = (pose(beam, [0.0], *t) for t in ((), (with_effect(beam, "link-bending", ("link1",), c=c),)))
-    np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], [0, 0, -c * force * length**3 / 3], atol=1e-6)
-    np.testing.assert_allclose(turn_between(still, bent), [0, c * force * length**2 / 2, 0], atol=1e-9)
-
-
-@pytest.mark.parametrize("angle", [-2.0, 0.4, 1.1, np.pi / 2])
-def test_only_the_weight_across_a_link_bends_it(machines: Mapping[str, Machine], angle: float) -> None:
-    beam, c = machines["beam"], 1e-12
-    still, bent = (
-        pose(beam, [angle], *t) for t in ((), (with_effect(beam, "link-bending", ("link1",), c=c),))
-    )
-    sideways = -c * 12 * G * np.cos(angle) * 800**3 / 3
-    expected = sideways * np.array([-np.sin(angle), 0, np.cos(angle)])
-    np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], expected, atol=1e-5)
-
-
-@pytest.mark.parametrize("a", [100.0, 400.0, 799.0])
-def test_a_mass_on_the_link_bends_it_up_to_there(machines: Mapping[str, Machine], a: float) -> None:
-    beam, c, length = machines["beam"], 1e-12, 800.0
-    loaded = replace(beam, masses=(Mass("own", 5.0, (a, 0.0, 0.0), "link1"),))
-    still, bent = (
-        pose(loaded, [0.0], *t) for t in ((), (with_effect(loaded, "link-bending", ("link1",), c=c),))
-    )
-    down = c * 5 * G * a**2 * (3 * length - a) / 6
-    assert bent[2, 3] - still[2, 3] == pytest.approx(-down, rel=1e-3)
-    assert turn_between(still, bent)[1] == pytest.approx(c * 5 * G * a**2 / 2, rel=1e-3)
-
-
-def test_a_load_beyond_the_end_bends_by_its_moment_too(machines: Mapping[str, Machine]) -> None:
-    beam, c, length, lever = machines["beam"], 1e-12, 800.0, 250.0
-    for body, at in (("tool", lever), ("link1", length + lever)):
-        far = replace(beam, masses=(Mass("far", 7.0, (at, 0.0, 0.0), body),))
-        still, bent = (
-            pose(far, [0.0], *t) for t in ((), (with_effect(far, "link-bending", ("link1",), c=c),))
-        )
-        down = c * 7 * G * (length**3 / 3 + lever * length**2 / 2)
-        assert bent[2, 3] - still[2, 3] == pytest.approx(-down, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("body", "at", "share"), [("tool", 0.0, 1.0), ("link1", 800.0, 1.0), ("link1", 300.0, 0.375)]
-)
-def test_a_load_beside_a_link_twists_it_as_a_round_tube(
-    machines: Mapping[str, Machine], body: str, at: float, share: float
-) -> None:
-    """T L / (G J) about its length, up to where the load acts, G J = E I / 1.3; its centre line stays where it was."""
-    c, length, aside = 1e-12, 800.0, 60.0
-    beside = replace(machines["beam"], masses=(Mass("beside", 9.0, (at, 0.0, aside), body),))
-    stiff, soft = (
-        pose(beside, [0.0], with_effect(beside, "link-bending", ("link1",), settings, c=c))
-        for settings in ({}, {"twist": 1.0})
-    )
-    assert turn_between(stiff, soft)[0] == pytest.approx(1.3 * c * 9 * G * aside * share * length, rel=1e-3)
-    np.testing.assert_allclose(turn_between(stiff, soft)[1:], 0.0, atol=1e-9)
-    np.testing.assert_allclose(soft[:3, 3], stiff[:3, 3], atol=1e-6)
-
-
-def test_links_of_an_arm_carry_all_that_lies_beyond(machines: Mapping[str, Machine]) -> None:
-    """Link 1 (150 mm level, then up the column's axis offset) and link 2 level: the end of link 2 in closed form."""
-    arm, c, q = machines["arm"], 1e-12, [0.0, 0.0, 0.0, 0.0]
-    assert [p[0] for p in effects.get("link-bending", "test")().places(arm)] == [
-        "link1",
-        "link2",
-        "link3",
-        "link4",
-    ]
-    still, bent = (pose(arm, q, *t) for t in ((), (with_effect(arm, "link-bending", ("link2",), c=c),)))
-    # link 2 runs 700 mm along x and 20 mm along its joint's axis, so that its direction leans by 1.6 deg
-    theta = turn_between(still, bent)
-    m = symbolic_model(arm)
-    tool = np.array(ca.Function("t", [m.q, m.z, m.p], [m.pose])(q, m.z_home, m.p_home))[:3, 3]
-    tip = np.array([50 + 150 + 700.0, -20.0, 400.0])
-    payload = tool + np.array(Rotation.from_matrix(still[:3, :3]).apply([0, 20, 10]))
-    force, length, a = 3 * G, 700.0, 300.0
-    lever = payload[0] - tip[0]
-    slope = c * (force * length**2 / 2 + force * lever * length + 20 * G * a**2 / 2)
-    assert theta[1] == pytest.approx(slope, rel=5e-3)
-
-
-def test_a_wrong_link_is_named(machines: Mapping[str, Machine]) -> None:
-    with pytest.raises(InputError, match=r"link-bending: found link 'link9', expected one of link1"):
-        symbolic_model(machines["arm"], [with_effect(machines["arm"], "link-bending", ("link9",))])
+    return {name: structure(folder, name) for name in TEXTS}
 
 
 # -- axis-wobble, screw-windup -----------------------------------------------------------------------------

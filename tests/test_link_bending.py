@@ -1,0 +1,112 @@
+"""Links that bend and twist under what they carry: closed forms of the cantilever."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from support.effects import with_effect
+from support.structures import G, structure, turn_between
+from support.tool_pose import pose
+from truepose.errors import InputError
+from truepose.models.effects.base import effects
+from truepose.models.kinematics import symbolic_model
+from truepose.models.machine import Machine, Mass
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+    folder = tmp_path_factory.mktemp("machines")
+    return {name: structure(folder, name) for name in ("beam", "arm")}
+
+
+def test_a_link_is_a_cantilever(machines: Mapping[str, Machine]) -> None:
+    """A level beam of one link with 12 kg at its end: F L^3 / 3EI down, and F L^2 / 2EI about its axis."""
+    beam, c, length, force = machines["beam"], 1e-12, 800.0, 12 * G
+    still, bent = (pose(beam, [0.0], *t) for t in ((), (with_effect(beam, "link-bending", ("link1",), c=c),)))
+    np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], [0, 0, -c * force * length**3 / 3], atol=1e-6)
+    np.testing.assert_allclose(turn_between(still, bent), [0, c * force * length**2 / 2, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [-2.0, 0.4, 1.1, np.pi / 2])
+def test_only_the_weight_across_a_link_bends_it(machines: Mapping[str, Machine], angle: float) -> None:
+    beam, c = machines["beam"], 1e-12
+    still, bent = (
+        pose(beam, [angle], *t) for t in ((), (with_effect(beam, "link-bending", ("link1",), c=c),))
+    )
+    sideways = -c * 12 * G * np.cos(angle) * 800**3 / 3
+    expected = sideways * np.array([-np.sin(angle), 0, np.cos(angle)])
+    np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("a", [100.0, 400.0, 799.0])
+def test_a_mass_on_the_link_bends_it_up_to_there(machines: Mapping[str, Machine], a: float) -> None:
+    beam, c, length = machines["beam"], 1e-12, 800.0
+    loaded = replace(beam, masses=(Mass("own", 5.0, (a, 0.0, 0.0), "link1"),))
+    still, bent = (
+        pose(loaded, [0.0], *t) for t in ((), (with_effect(loaded, "link-bending", ("link1",), c=c),))
+    )
+    down = c * 5 * G * a**2 * (3 * length - a) / 6
+    assert bent[2, 3] - still[2, 3] == pytest.approx(-down, rel=1e-3)
+    assert turn_between(still, bent)[1] == pytest.approx(c * 5 * G * a**2 / 2, rel=1e-3)
+
+
+def test_a_load_beyond_the_end_bends_by_its_moment_too(machines: Mapping[str, Machine]) -> None:
+    beam, c, length, lever = machines["beam"], 1e-12, 800.0, 250.0
+    for body, at in (("tool", lever), ("link1", length + lever)):
+        far = replace(beam, masses=(Mass("far", 7.0, (at, 0.0, 0.0), body),))
+        still, bent = (
+            pose(far, [0.0], *t) for t in ((), (with_effect(far, "link-bending", ("link1",), c=c),))
+        )
+        down = c * 7 * G * (length**3 / 3 + lever * length**2 / 2)
+        assert bent[2, 3] - still[2, 3] == pytest.approx(-down, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("body", "at", "share"), [("tool", 0.0, 1.0), ("link1", 800.0, 1.0), ("link1", 300.0, 0.375)]
+)
+def test_a_load_beside_a_link_twists_it_as_a_round_tube(
+    machines: Mapping[str, Machine], body: str, at: float, share: float
+) -> None:
+    """T L / (G J) about its length, up to where the load acts, G J = E I / 1.3; its centre line stays where it was."""
+    c, length, aside = 1e-12, 800.0, 60.0
+    beside = replace(machines["beam"], masses=(Mass("beside", 9.0, (at, 0.0, aside), body),))
+    stiff, soft = (
+        pose(beside, [0.0], with_effect(beside, "link-bending", ("link1",), settings, c=c))
+        for settings in ({}, {"twist": 1.0})
+    )
+    assert turn_between(stiff, soft)[0] == pytest.approx(1.3 * c * 9 * G * aside * share * length, rel=1e-3)
+    np.testing.assert_allclose(turn_between(stiff, soft)[1:], 0.0, atol=1e-9)
+    np.testing.assert_allclose(soft[:3, 3], stiff[:3, 3], atol=1e-6)
+
+
+def test_links_of_an_arm_carry_all_that_lies_beyond(machines: Mapping[str, Machine]) -> None:
+    """Link 1 (150 mm level, then up the column's axis offset) and link 2 level: the end of link 2 in closed form."""
+    arm, c, q = machines["arm"], 1e-12, [0.0, 0.0, 0.0, 0.0]
+    assert [p[0] for p in effects.get("link-bending", "test")().places(arm)] == [
+        "link1",
+        "link2",
+        "link3",
+        "link4",
+    ]
+    still, bent = (pose(arm, q, *t) for t in ((), (with_effect(arm, "link-bending", ("link2",), c=c),)))
+    # link 2 runs 700 mm along x and 20 mm along its joint's axis, so that its direction leans by 1.6 deg
+    theta = turn_between(still, bent)
+    m = symbolic_model(arm)
+    tool = np.array(ca.Function("t", [m.q, m.z, m.p], [m.pose])(q, m.z_home, m.p_home))[:3, 3]
+    tip = np.array([50 + 150 + 700.0, -20.0, 400.0])
+    payload = tool + np.array(Rotation.from_matrix(still[:3, :3]).apply([0, 20, 10]))
+    force, length, a = 3 * G, 700.0, 300.0
+    lever = payload[0] - tip[0]
+    slope = c * (force * length**2 / 2 + force * lever * length + 20 * G * a**2 / 2)
+    assert theta[1] == pytest.approx(slope, rel=5e-3)
+
+
+def test_a_wrong_link_is_named(machines: Mapping[str, Machine]) -> None:
+    with pytest.raises(InputError, match=r"link-bending: found link 'link9', expected one of link1"):
+        symbolic_model(machines["arm"], [with_effect(machines["arm"], "link-bending", ("link9",))])
