@@ -10,33 +10,36 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import jinja2
 import numpy as np
 
-from truepose.codegen.expressions import Graph
+from truepose.codegen.blocks import Blocks, blocks_of
+from truepose.codegen.chain import pivot_order
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.names import check_machine_name, comment, identifiers
-from truepose.codegen.printer import Printer, Real, literal
+from truepose.codegen.printer import Real, literal
 from truepose.codegen.reference import slopes_of, strain_of
 from truepose.errors import InputError
 from truepose.files import atomic_directory
-from truepose.models import lie
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import Machine
 
 MAX_ITER = 1000
 """Evaluations of the model that one inverse may take."""
-_LIMITS = {"fk_limit": 300, "attempt_limit": 40, "seed_limit": 20, "leaps": 6, "patience": 2}
+_LIMITS = {
+    "fk_limit": 300,
+    "attempt_limit": 40,
+    "seed_limit": 20,
+    "polish_limit": 8,
+    "leaps": 6,
+    "patience": 2,
+}
 _EXAMPLES = 8
 _TEMPLATES = Path(__file__).parent / "templates"
-_LOCALS = {"p": "const real *p = m->p;", "z": "const real *z = m->z;", "k": "const real *k = m->k;"}
-_Targets = list[tuple[str, int]]
 
 
 def generate(
@@ -62,11 +65,19 @@ def generate(
 def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None = None) -> dict[str, str]:
     """The files of ``generate`` as texts by file name."""
     model = symbolic_model(machine, machine.effects)
-    layout = layout_of(model, real)
+    layout, blocks = layout_of(model, real), blocks_of(model, real)
+    ideal = _nominal(model, nominal)
     context = {
         **_common(model, layout, real),
-        **_expressions(model, real),
-        "nominal": _nominal(model, nominal),
+        "blocks": blocks.texts,
+        "trig": any("sin_cos(" in text for text in blocks.texts),
+        "moves": blocks.moves,
+        "six": blocks.chain is not None and blocks.chain.six,
+        "mixed": blocks.chain is not None and blocks.chain.mixed is not None,
+        **_elimination(model, blocks, layout, real),
+        "kept": blocks.kept(model.p_home, model.z_home),
+        "drawn": blocks.kept(ideal, model.z_home),
+        "nominal": ideal,
     }
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
@@ -101,6 +112,8 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "f": "f" if single else "",
         "pi": math.pi,
         "limit": "1e37f" if single else "1e300",
+        "chord": 1e-2 if single else 2e-3,
+        "small_turn": 0.1 if single else 0.03,
         "smallest": 1e-9 if single else 1e-13,
         "stride": 0.5 if nx else 1.0,
         "lit": lit,
@@ -140,84 +153,6 @@ def _example(layout: Layout, single: bool) -> dict[str, Any]:
     }
 
 
-def _expressions(model: SymbolicModel, real: Real) -> dict[str, Any]:
-    """C functions of the model: what p and z fix, the pose, the loops, and all of it with derivatives."""
-    nq, nx, nc = len(model.readings), len(model.home), model.closure.numel()
-    y = ca.vertcat(model.q, model.x)
-    pose = ca.vec(model.pose[:3, :].T)  # row by row
-    derivative = ca.vertcat(_twists(model.pose, y), ca.jacobian(model.closure, y))
-    graph = Graph(fixed=("p", "z"))
-    inputs = {"p": model.p, "z": model.z, "q": model.q, "x": model.x}
-    strained = np.isfinite(strain_of(model))
-    T, c, J, gap = graph.add(inputs, [pose, model.closure, ca.vec(derivative.T), model.gap])
-    to_pose: _Targets = [(f"T[{k}]", node) for k, node in enumerate(T)]
-    to_loops: _Targets = [(f"r[{6 + k}]", node) for k, node in enumerate(_negated(graph, c))]
-    places: _Targets = [(f"J[{k}]", node) for k, node in enumerate(J)]
-    of_loops = [places[(6 + i) * (nq + nx) + nq + j] for i in range(nc) for j in range(nx)]
-    kept = graph.kept([*T, *c, *J, *(gap if strained else ())])
-    given = {node: f"k[{k}]" for k, node in enumerate(kept)}
-    reading = Printer(graph, real, given)
-    arguments = "const model *m, const real *q, const real *x"
-    blocks = [
-        _function(
-            "Values that depend on p and z alone.",
-            "fixed_of",
-            "model *m",
-            _kept_statements(graph, real, kept),
-        ),
-        _function("Pose of the tool.", "pose_of", f"{arguments}, real *T", reading.statements(to_pose)),
-    ]
-    if nx:
-        statements = reading.statements(to_loops + of_loops)
-        blocks.append(
-            _function(
-                "What the loops lack to close, and its negative derivative by x.",
-                "loops_of",
-                f"{arguments}, real *r, real *J",
-                statements,
-            )
-        )
-    if strained:
-        to_gap: _Targets = [(f"g[{k}]", node) for k, node in enumerate(gap)]
-        title = "What loops with more equations than unknowns lack to close, at best as little as the parts are strained."
-        blocks.append(_function(title, "strain_of", f"{arguments}, real *g", reading.statements(to_gap)))
-    statements = reading.statements(to_pose + to_loops + places)
-    comment_of_all = "Pose, what the loops lack to close, and the derivative [twist; closure] by (q, x)."
-    blocks.append(_function(comment_of_all, "all_of", f"{arguments}, real *T, real *r, real *J", statements))
-    return {"blocks": blocks, "kept": kept}
-
-
-def _kept_statements(graph: Graph, real: Real, kept: Sequence[int]) -> list[str]:
-    return Printer(graph, real).statements([(f"m->k[{k}]", node) for k, node in enumerate(kept)])
-
-
-def _negated(graph: Graph, nodes: Sequence[int]) -> list[int]:
-    return [graph.negative(node) for node in nodes]
-
-
-def _twists(pose: ca.SX, y: ca.SX) -> ca.SX:
-    """Derivative (6, ny) of a pose as twists [v; w] at its origin, in the frame the pose is told in."""
-    rotation = pose[:3, :3]
-    by_y = ca.jacobian(ca.vec(rotation), y)
-    turns = [lie.vee(ca.reshape(by_y[:, k], 3, 3) @ rotation.T) for k in range(y.numel())]
-    return ca.vertcat(ca.jacobian(pose[:3, 3], y), ca.horzcat(*turns))
-
-
-def _function(title: str, name: str, arguments: str, statements: Sequence[str]) -> str:
-    """A static C function; arguments that the statements do not read are marked so."""
-    body = "\n".join(statements)
-    used = set(re.findall(r"(?<!>)\b([a-zA-Z]\w*)(?=\[|->)", body))
-    lines = [declaration for local, declaration in _LOCALS.items() if local in used]
-    named = [argument.split("*")[-1].strip() for argument in arguments.split(",")]
-    lines += [
-        f"(void){argument};"
-        for argument in named
-        if argument not in used and not (argument == "m" and used & set(_LOCALS))
-    ]
-    indented = "\n".join(f"    {line}" for line in [*lines, *statements])
-    return f"/* {title} */\nstatic void {name}({arguments})\n{{\n{indented}\n}}\n"
-
-
 def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[float]:
     """Nominal p: geometry as told, effects at zero."""
     geometry = model.machine.geometry
@@ -233,6 +168,20 @@ def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[
         )
     own = dict(zip(model.names, model.p_home, strict=True))
     return [float((nominal or {}).get(name, own[name])) if name in geometry else 0.0 for name in model.names]
+
+
+def _elimination(model: SymbolicModel, blocks: Blocks, layout: Layout, real: Real) -> dict[str, Any]:
+    """Order of the pivots of six columns, and the smallest to go on with: rounding grows by their inverse."""
+    if blocks.chain is None or not blocks.chain.six:
+        return {"order": [], "pivots": [], "per_mm": []}
+    share = 1e-9 if real == "double" else 1e-3
+    samples = np.array([q for q, _ in layout.vectors])
+    per_mm = 1.0 / layout.unknown
+    return {
+        "order": pivot_order(model, blocks.chain, samples, layout.reach),
+        "pivots": [float(f"{share * size:.3g}") for size in per_mm],
+        "per_mm": per_mm,
+    }
 
 
 def _entries(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:

@@ -2,7 +2,7 @@
 
 A node is created once for every operation and arguments, so what two functions have in common is shared.
 Nodes that depend on constants and on *fixed* inputs alone (a calibration, say) are known as such: the
-costly ones among them can be computed once and kept (``Graph.kept``).
+ones that others read can be computed once and kept (``Graph.kept``).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cache
 import casadi as ca
 
 _COMMUTATIVE = ("ADD", "MUL", "EQ", "NE", "AND", "OR", "FMIN", "FMAX", "HYPOT")
-_CHEAP = ("ADD", "SUB", "MUL", "NEG", "SQ", "TWICE", "FABS", "INPUT", "CONST")
+_LEAVES = ("INPUT", "CONST")
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,25 @@ class Graph:
         return sorted(seen)
 
     def kept(self, ends: Iterable[int]) -> list[int]:
-        """Costly nodes that fixed inputs determine and that ``ends`` read, directly or through cheap ones."""
-        costly = {k for k, node in enumerate(self.nodes) if self._is_fixed[k] and node.op not in _CHEAP}
-        return [k for k in self.reachable(ends, costly) if k in costly]
+        """Operations that fixed inputs determine and that ``ends``, or what is no longer fixed, read directly."""
+        fixed = {k for k, node in enumerate(self.nodes) if self._is_fixed[k] and node.op not in _LEAVES}
+        return [k for k in self.reachable(ends, fixed) if k in fixed]
+
+    def evaluate(self, ends: Sequence[int], known: Mapping[str, Sequence[float]]) -> list[float]:
+        """Values of nodes that the inputs in ``known`` determine."""
+        values: dict[int, ca.DM] = {}
+        for node in self.reachable(ends):
+            entry = self.nodes[node]
+            arguments = [values[a] for a in entry.args]
+            if entry.op == "CONST":
+                values[node] = ca.DM(float(entry.leaf))
+            elif entry.op == "INPUT":
+                name, place = entry.leaf.removesuffix("]").split("[")
+                values[node] = ca.DM(float(known[name][int(place)]))
+            else:
+                apply = ca.DM.unary if len(arguments) == 1 else ca.DM.binary
+                values[node] = apply(_codes()[entry.op], *arguments)
+        return [float(values[node]) for node in ends]
 
     def _leaf(self, op: str, leaf: str, fixed: bool) -> int:
         return self._place(Node(op, (), leaf), fixed)
@@ -93,6 +109,11 @@ class Graph:
 
 def _operation(code: int) -> str:
     return _operations()[code]
+
+
+@cache
+def _codes() -> Mapping[str, int]:
+    return {name: code for code, name in _operations().items()}
 
 
 @cache

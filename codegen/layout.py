@@ -24,7 +24,7 @@ _UNLIMITED_TURN = math.radians(150.0)
 _SINGLE = 2e-6
 """Promised to users of single precision, of the reach and in rad."""
 _KEPT_SHARE = 0.5
-"""Share of that which the solver may use; rounding of parameters and of the model needs the rest."""
+"""Share of a tolerance which the solver may use; rounding of parameters and of the model needs the rest."""
 _VECTORS = 64
 _WIDE = 1e30
 
@@ -77,7 +77,7 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
     single = real == "float"
     position = _SINGLE * reach if single else 1e-6
     rotation = _SINGLE if single else 1e-9
-    share = _KEPT_SHARE if single else 1.0
+    share = _KEPT_SHARE
     unknown = _unknowns(model, reach)
     slack = np.array(
         [

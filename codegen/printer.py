@@ -16,10 +16,7 @@ _LONGEST_INLINE = 56
 _INFIX = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/"}
 _TRUTH = {"LT": "<", "LE": "<=", "EQ": "==", "NE": "!=", "AND": "&&", "OR": "||"}
 _CALLS = {
-    **{
-        op: op.lower()
-        for op in ("EXP", "LOG", "POW", "SQRT", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2")
-    },
+    **{op: op.lower() for op in ("EXP", "LOG", "POW", "SQRT", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2")},
     **{
         op: op.lower()
         for op in ("SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "FLOOR", "CEIL", "FMOD", "FABS")
@@ -46,7 +43,10 @@ class Printer:
         self._graph, self._real, self._given = graph, real, dict(given or {})
 
     def statements(self, targets: Sequence[tuple[str, int]]) -> list[str]:
-        """``place = expression;`` for every pair of a C place and a node; what is shared is computed once."""
+        """``place = expression;`` for every pair of a C place and a node; what is shared is computed once.
+
+        Sine and cosine of one argument are one call of ``sin_cos`` of the C runtime.
+        """
         ends = [node for _, node in targets]
         order = self._graph.reachable(ends, self._given)
         uses = Counter(ends)
@@ -56,13 +56,30 @@ class Printer:
                 uses.update(entry.args * (2 if entry.op in ("SQ", "SIGN") else 1))
         text: dict[int, str] = {}
         lines: list[str] = []
+        turns: dict[int, int] = {}
         for node in order:
+            if self._turns(node):
+                text[node] = self._turned(node, text, turns, lines)
+                continue
             text[node] = self._text(node, text)
             if self._needs_name(node, text[node], uses[node]):
                 name = f"a{len(lines)}"
                 lines.append(f"const real {name} = {_bare(text[node])};")
                 text[node] = name
         return lines + [f"{place} = {_bare(text[node])};" for place, node in targets]
+
+    def _turns(self, node: int) -> bool:
+        return node not in self._given and self._graph.nodes[node].op in ("SIN", "COS")
+
+    def _turned(self, node: int, text: Mapping[int, str], turns: dict[int, int], lines: list[str]) -> str:
+        """Name of a sine or cosine, computed with its fellow where the argument is met first."""
+        entry = self._graph.nodes[node]
+        (angle,) = entry.args
+        if angle not in turns:
+            turns[angle] = k = len(lines)
+            lines.append(f"real s{k}, c{k};")
+            lines.append(f"sin_cos({_bare(text[angle])}, &s{k}, &c{k});")
+        return f"{entry.op[0].lower()}{turns[angle]}"
 
     def _needs_name(self, node: int, text: str, uses: int) -> bool:
         if node in self._given or not self._graph.nodes[node].args:

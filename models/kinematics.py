@@ -50,6 +50,7 @@ class SymbolicModel:
     world (4, 4)            sensor frame to tool
     reading_shift (k,)      what effects add to the columns of all sensors, mm or rad
     states                  by name, what effects may ask of the present state (``truepose.models.states``)
+    values                  of all parameters and ports by name, with the shifts of effects
     """
 
     machine: Machine
@@ -71,6 +72,7 @@ class SymbolicModel:
     energies: Mapping[str, ca.SX]
     reading_shift: ca.SX
     states: Mapping[str, ca.SX]
+    values: Mapping[str, ca.SX]
 
     @property
     def equations(self) -> ca.SX:
@@ -134,6 +136,7 @@ def symbolic_model(
         energies=assembly.energies,
         reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), marks, seen)) if seen else shift,
         states=(present.directions() if ports else {}) | seen,
+        values=shifted,
     )
     return replace(model, home=_assembled(model)) if len(model.home) else model
 

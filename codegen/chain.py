@@ -1,0 +1,137 @@
+"""C functions of an open chain: what its moves are, the tool's pose, the axes of the moves.
+
+A pose is computed line by line: each line of [R|p] takes the same steps from the base to the tool, so that three
+lines fill the lanes of a vector, or one piece of code runs three times where memory is short.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.models.chain import Chain
+from truepose.models.kinematics import SymbolicModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ChainExpressions:
+    """Inputs and outputs of the functions.
+
+    moves (nv,)      values of the moves at readings q
+    first (3, 4)     where the chain starts: lines of the first move's frame in the nominal base frame, [R|p]
+    line (4,), axes  one line [x y z p] of the tool's pose from that of the first frame, ``start`` (4,), with sine ``s``
+                     and cosine ``c`` of turns (``s`` of a slide is its length); and for each move the line of its
+                     axis, then of its origin (2 nv,)
+    mixed (6 nq,)    columns by readings from columns by moves (6 nv,); None where they are the same
+    """
+
+    chain: Chain
+    start: ca.SX
+    s: ca.SX
+    c: ca.SX
+    columns: ca.SX
+    moves: ca.SX
+    first: ca.SX
+    line: ca.SX
+    axes: ca.SX
+    mixed: ca.SX | None
+    readings: int
+
+    @property
+    def six(self) -> bool:
+        """Whether six readings make a square Jacobian, which has a solver of its own."""
+        return self.readings == 6
+
+    @classmethod
+    def of(cls, model: SymbolicModel, chain: Chain) -> ChainExpressions:
+        """The expressions of a model's chain."""
+        count = len(chain.moves)
+        columns, start = ca.SX.sym("A", 6 * count), ca.SX.sym("start", 4)
+        s, c = ca.SX.sym("s", count), ca.SX.sym("c", count)
+        line, axes = _line(chain, start, s, c)
+        slopes = ca.jacobian(chain.values, model.q)
+        mixed = ca.vec(ca.reshape(columns, 6, count) @ slopes)
+        return cls(
+            chain=chain,
+            start=start,
+            s=s,
+            c=c,
+            columns=columns,
+            moves=chain.values,
+            first=chain.moves[0].before[:3, :],
+            line=line,
+            axes=axes,
+            mixed=None if _is_identity(slopes) else mixed,
+            readings=len(model.readings),
+        )
+
+
+def pivot_order(model: SymbolicModel, chain: ChainExpressions, samples: Array, reach: float) -> list[int]:
+    """Rows of [v; reach w] in the order in which elimination without exchanges takes its pivots.
+
+    Each is the one that is typically largest over the ``samples`` (n, nq) of readings.
+    """
+    jacobians = _jacobians(model, chain, samples, reach)
+    order: list[int] = []
+    for k in range(jacobians.shape[2]):
+        with np.errstate(divide="ignore"):
+            size = np.log(np.abs(jacobians[:, :, k])).clip(-30.0).mean(axis=0)
+        row = max((i for i in range(6) if i not in order), key=lambda i: float(size[i].round(6)))
+        order.append(row)
+        pivot = jacobians[:, row, k]
+        safe = np.where(np.abs(pivot) > 1e-9, pivot, 1.0)
+        factor = jacobians[:, :, k] / safe[:, None]
+        factor[:, row] = 0.0
+        jacobians -= factor[:, :, None] * jacobians[:, row, None, :]
+    return order
+
+
+def _jacobians(model: SymbolicModel, chain: ChainExpressions, samples: Array, reach: float) -> Array:
+    """(n, 6, nq) columns [v; reach w] at the tool, in the nominal frame of the base."""
+    turns = ca.DM([float(move.turn) for move in chain.chain.moves])
+    values = chain.moves
+    inputs = ca.vertcat(chain.start, chain.s, chain.c)
+    state = ca.vertcat(turns * ca.sin(values) + (1 - turns) * values, ca.cos(values))
+    outputs = ca.vertcat(chain.line, chain.axes)
+    at = [ca.substitute(outputs, inputs, ca.vertcat(chain.first[i, :].T, state)) for i in range(3)]
+    lines = ca.horzcat(*at).T  # (3, 4 + 2 nv)
+    columns = []
+    for k, move in enumerate(chain.chain.moves):
+        axis, origin = lines[:, 4 + 2 * k], lines[:, 5 + 2 * k]
+        v, w = ca.cross(axis, lines[:, 3] - origin), reach * axis
+        columns.append(ca.vertcat(v, w) if move.turn else ca.vertcat(axis, ca.SX.zeros(3, 1)))
+    jacobian = ca.horzcat(*columns) @ ca.jacobian(values, model.q)
+    function = ca.Function("J", [model.q, model.p, model.z], [ca.densify(jacobian)])
+    return np.array([np.array(function(q, model.p_home, model.z_home)) for q in samples])
+
+
+def _line(chain: Chain, start: ca.SX, s: ca.SX, c: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """One line of the tool's pose, and of every move's axis and origin; all lines have one form."""
+    line, origin = start[:3].T, start[3]
+    axes = []
+    for k, move in enumerate(chain.moves):
+        if k:
+            line, origin = _carried(line, origin, move.before)
+        axes += [line[2], origin]
+        if move.turn:
+            x, y = line[0], line[1]
+            line = ca.horzcat(c[k] * x + s[k] * y, c[k] * y - s[k] * x, line[2])
+        else:
+            origin = origin + line[2] * s[k]
+    line, origin = _carried(line, origin, chain.after)
+    return ca.vertcat(line.T, origin), ca.vertcat(*axes)
+
+
+def _carried(line: ca.SX, origin: ca.SX, pose: ca.SX) -> tuple[ca.SX, ca.SX]:
+    return line @ pose[:3, :3], origin + line @ pose[:3, 3]
+
+
+def _is_identity(slopes: ca.SX) -> bool:
+    if slopes.shape[0] != slopes.shape[1] or not slopes.is_constant():
+        return False
+    return bool(np.array_equal(np.array(ca.DM(slopes)), np.eye(slopes.shape[0])))
