@@ -23,6 +23,7 @@ from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.names import check_machine_name, comment, identifiers
 from truepose.codegen.printer import Real, literal
 from truepose.codegen.reference import slopes_of, strain_of
+from truepose.codegen.wrappers import wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.models.kinematics import SymbolicModel, symbolic_model
@@ -58,6 +59,7 @@ def generate(
     texts = render(machine, real, nominal=nominal)
     with atomic_directory(directory) as partial:
         for name, text in texts.items():
+            (partial / name).parent.mkdir(exist_ok=True)
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
     return [Path(directory) / name for name in texts]
 
@@ -91,7 +93,7 @@ def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None 
     files = {f"{name}_kin.h": "kin.h.j2", f"{name}_kin.c": "kin.c.j2", "example.c": "example.c.j2"}
     files |= {"CMakeLists.txt": "CMakeLists.txt.j2", "README.md": "README.md.j2"}
     texts = {file: environment.get_template(template).render(context) for file, template in files.items()}
-    return {**texts, "test_vectors.csv": _vectors(model, layout)}
+    return {**texts, "test_vectors.csv": _vectors(model, layout), **wrappers(context, environment)}
 
 
 def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:

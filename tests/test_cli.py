@@ -47,6 +47,7 @@ COMMANDS = (
     "simulate",
     "compensate",
     "codegen",
+    "export",
     "effects",
     "challenge",
 )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from truepose.identification.predict import predict
     from truepose.identification.simulate import parse_effect, simulate
     from truepose.identification.write_machine import write_calibrated
+    from truepose.models.export.write import export
     from truepose.models.load import load_machine
 
 __version__ = "0.1.0"
@@ -34,6 +35,7 @@ _HOMES = {
     "diagnosis_json": "truepose.identification.export",
     "drift": "truepose.identification.drift.analysis",
     "estimate": "truepose.identification.estimate",
+    "export": "truepose.models.export.write",
     "fit_json": "truepose.identification.export",
     "generate": "truepose.codegen.c",
     "identifiability": "truepose.identification.identifiability.analysis",
@@ -55,6 +57,7 @@ __all__ = [
     "diagnosis_json",
     "drift",
     "estimate",
+    "export",
     "fit_json",
     "generate",
     "identifiability",

@@ -12,6 +12,7 @@ from truepose.commands.challenge import challenge
 from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
 from truepose.commands.drift import drift
+from truepose.commands.export import export
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
 from truepose.commands.plan import plan
@@ -38,6 +39,7 @@ for _command in (
     simulate,
     compensate,
     codegen,
+    export,
     challenge,
     effects,
 ):

@@ -1,0 +1,159 @@
+"""A machine without loops as rigid links with numbers in place of parameters: what robot description formats hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.models import lie
+from truepose.models.assembly import frame_of, placed_frame
+from truepose.models.machine import Machine
+from truepose.models.mechanism import AXES, BASE, COORDINATES, Actuator, Direction, Joint
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TreeJoint:
+    """A joint from link to link: ``origin`` (4, 4) mm, then the motion by its reading about or along ``axis`` (3,).
+
+    ``kind`` is revolute, prismatic or fixed; ``range`` in mm or rad, None where the machine file states none.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array
+    range: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Joints in an order in which parents come first, from the nominal frame of the base.
+
+    A link's frame is where its joint leaves it; ``offsets`` (4, 4) lead from there to the frame of the body of that
+    name. ``flange`` is the link that carries the tool, ``tool`` (4, 4) the tool frame in it, ``world`` (4, 4) the
+    base in the sensor's frame.
+    """
+
+    name: str
+    joints: tuple[TreeJoint, ...]
+    offsets: Mapping[str, Array]
+    flange: str
+    tool: Array
+    world: Array
+
+    def pose(self, readings: Mapping[str, float]) -> Array:
+        """Tool in the nominal frame of the base, (4, 4) mm, at readings in mm and rad by joint name."""
+        links = {BASE: np.eye(4)}
+        for joint in self.joints:
+            reached = links[joint.parent] @ joint.origin
+            links[joint.child] = reached @ motion(joint, readings.get(joint.name, 0.0))
+        out: Array = links[self.flange] @ self.tool
+        return out
+
+    def path(self) -> tuple[TreeJoint, ...]:
+        """The joints from the base to the flange, in order."""
+        above = {joint.child: joint for joint in self.joints}
+        out, link = [], self.flange
+        while link in above:
+            out.append(above[link])
+            link = out[-1].parent
+        return tuple(out[::-1])
+
+
+def tree_of(machine: Machine, values: Mapping[str, float], what: str) -> Tree:
+    """The links of a machine whose parameters and ports have these ``values`` (mm, rad).
+
+    Raises InputError, which ``what`` (the format) opens, where the machine is no tree of driven and fixed joints.
+    """
+    _check(machine, values, what)
+    mechanism = machine.mechanism
+    symbols = {name: ca.SX(value) for name, value in values.items()}
+    drives = {actuator.drives: actuator for actuator in mechanism.actuators}
+    offsets = {BASE: _motion(symbols, BASE)}
+    joints = []
+    for joint in mechanism.tree:
+        placement = _number(placed_frame(joint, {joint.parent: ca.SX.eye(4)}, symbols))
+        origin = offsets[joint.parent] @ placement
+        offsets[joint.child] = np.eye(4)
+        axis, limits, name, kind = np.array([0.0, 0.0, 1.0]), None, joint.name, "fixed"
+        if joint.name in drives:
+            actuator = drives[joint.name]
+            axis, limits, name, kind = _axis(joint, values), actuator.range, actuator.reading, joint.kind
+            zero = TreeJoint(name, kind, joint.parent, joint.child, origin, axis)
+            origin = origin @ motion(zero, _zero(actuator, values))
+            offsets[joint.child] = _motion(symbols, joint.name)
+        joints.append(TreeJoint(name, kind, joint.parent, joint.child, origin, axis, limits))
+    at_flange = offsets[mechanism.flange] @ _motion(symbols, "tool") @ _number(frame_of(symbols, "tool"))
+    world = _number(frame_of(symbols, "base"))
+    return Tree(machine.name, tuple(joints), offsets, mechanism.flange, at_flange, world)
+
+
+def motion(joint: TreeJoint, displacement: float) -> Array:
+    """(4, 4) motion of a joint by mm or rad; the identity for a fixed one."""
+    out = np.eye(4)
+    if joint.kind == "prismatic":
+        out[:3, 3] = displacement * joint.axis
+    elif joint.kind == "revolute":
+        out[:3, :3] = turn(joint.axis, displacement)
+    return out
+
+
+def turn(axis: Array, angle: float) -> Array:
+    """(3, 3) rotation about a unit vector (3,), rad."""
+    return _number(lie.axis_rotation(ca.SX(ca.DM(axis)), ca.SX(angle)))
+
+
+def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
+    mechanism = machine.mechanism
+    closing: Sequence[str] = [*(j.name for j in mechanism.closing), *(rod.name for rod in mechanism.rods)]
+    if closing:
+        raise InputError(
+            f"{machine.name}: found loops, closed by {', '.join(closing)}, expected an open machine: "
+            f"{what} holds trees only"
+        )
+    passive = [joint for joint in mechanism.passive if COORDINATES[joint.kind]]
+    if passive:
+        raise InputError(
+            f"{machine.name}: joint {passive[0].name!r}: found a {passive[0].kind} joint that nothing drives, "
+            f"expected revolute and prismatic joints with `actuated: true` for {what}"
+        )
+    for actuator in mechanism.actuators:
+        gain = values[actuator.gain] if actuator.gain else 1.0
+        if gain != 1.0 or actuator.reading_unit != actuator.unit:
+            raise InputError(
+                f"{machine.name}: joint {actuator.reading!r}: found a gain of {gain:g} {actuator.unit} per "
+                f"{actuator.reading_unit}, expected readings in mm and rad with gain 1 for {what}"
+            )
+
+
+def _zero(actuator: Actuator, values: Mapping[str, float]) -> float:
+    """Displacement at reading 0, mm or rad."""
+    return (values[actuator.offset] if actuator.offset else 0.0) + values[actuator.displacement]
+
+
+def _axis(joint: Joint, values: Mapping[str, float]) -> Array:
+    if not isinstance(joint.axis, Direction):
+        return np.array(joint.axis)
+    known = [0.0 if name is None else values[name] for name in joint.axis.components]
+    third = joint.axis.sign * np.sqrt(1.0 - np.sum(np.square(known)))
+    pairs = zip(known, joint.axis.components, strict=True)
+    return np.array([third if name is None else value for value, name in pairs])
+
+
+def _motion(symbols: Mapping[str, ca.SX], frame: str) -> Array:
+    """(4, 4) error motion of a joint, of the base or of the tool's mount."""
+    xyz_rpy = [symbols[f"{frame}.motion.{axis}"] for axis in AXES]
+    return _number(lie.rpy_transform(xyz_rpy[:3], xyz_rpy[3:]))
+
+
+def _number(expression: ca.SX) -> Array:
+    return np.array(ca.evalf(expression).full(), dtype=float)

@@ -1,0 +1,66 @@
+"""``export``: a calibrated machine for programs that read other formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truepose.commands.common import (
+    JsonOption,
+    MachineArg,
+    PluginOption,
+    check_file,
+    finish,
+    progress,
+    reported,
+)
+
+OutputOption = Annotated[
+    Path,
+    typer.Option(
+        "-o", "--output", metavar="FILE", help="File to write (.urdf or .yaml).", show_default=False
+    ),
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option(
+        "--format", help="Format; where not given, the file's suffix tells.", metavar="urdf|ur-kinematics"
+    ),
+]
+
+
+def export(
+    machine: MachineArg,
+    output: OutputOption,
+    format: FormatOption = None,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """The calibrated geometry as a URDF, or as the kinematics file of Universal Robots' ROS packages.
+
+    Effects that are no constants fit in neither: they are left out, with a note that says how far that moves the tool.
+
+    Example: truepose export result/calibrated.yaml -o arm.urdf
+    """
+    with reported(plugin):
+        from truepose.models.export.write import export as write
+        from truepose.models.export.write import format_of
+        from truepose.models.load import load_machine
+
+        check_file(output)
+        chosen = format_of(output, format)
+        with progress("exporting"):
+            loaded = load_machine(machine)
+            done = write(loaded, output, chosen)
+        summary = {
+            "command": "export",
+            "machine": loaded.name,
+            "format": done.format,
+            "left_out": {label: {"value": size, "unit": "mm"} for label, size in done.left_out.items()},
+            "lost": {"value": done.lost, "unit": "mm"},
+            "frozen": done.frozen,
+            "files": [str(output)],
+        }
+        finish(summary, [str(output)], done.notes, as_json=as_json)

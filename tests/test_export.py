@@ -1,0 +1,403 @@
+"""Exported machines read back: by this package, by a few lines of numpy, and what the formats cannot hold."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import casadi as ca
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+import truepose
+from support.generated_machines import BODIES, HEAD, machine_of
+from truepose.cli import app
+from truepose.errors import InputError
+from truepose.models.export.numbers import text, xyz_rpy
+from truepose.models.export.write import render
+from truepose.models.kinematics import symbolic_model
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+SAME = 1e-9
+"""mm, and mm on a reach of a metre: rounding of a dozen products is a thousandth of it."""
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+MOUNTED = (
+    "frames: {base: {in: world, xyz: [40, -3, 700], rpy: [1, 2, 30]}, tool: {in: flange, xyz: [3, 4, 50]}}\n"
+)
+BRANCHED = """  type: graph
+  bodies: [base, column, boom, hand, camera]
+  flange: hand
+  joints:
+    - {name: pan, kind: revolute, parent: base, child: column, xyz: [1, 2, 300], rpy: [0.1, 0.2, 0.3],
+       axis: [0.1, -0.2, 0.97], offset: 3, actuated: true, range: [-170, 170]}
+    - {name: lift, kind: prismatic, parent: column, child: boom, xyz: [50, 0, 0], rpy: [10, 90, 5],
+       axis: [0.6, 0, -0.8], offset: 12.5, actuated: true}
+    - {name: mount, kind: fixed, parent: boom, child: hand, xyz: [0, 120, 3], rpy: [0, -90, 0.02]}
+    - {name: look, kind: revolute, parent: column, child: camera, xyz: [0, 0, 80], actuated: true, range: [-90, 90]}
+masses:
+  boom: {kg: 3.0, com: [10, 20, 30], in: boom}
+  motor: {kg: 1.0, com: [-30, 0, 0], in: boom}
+  gripper: {kg: 0.5, com: [0, 0, 40], in: tool}
+"""
+TILTED = """  type: graph
+  bodies: [base, a, b, c, d, e, f, plate]
+  flange: plate
+  joints:
+    - {name: j1, kind: revolute, parent: base, child: a, xyz: [1, 0, 160], axis: [0, 0.001, 1], actuated: true}
+    - {name: j2, kind: revolute, parent: a, child: b, xyz: [0, 130, 0], axis: [0, 1, 0], offset: -90, actuated: true}
+    - {name: j3, kind: revolute, parent: b, child: c, xyz: [0, -100, 420], axis: [0, 1, 0.002], actuated: true}
+    - {name: j4, kind: revolute, parent: c, child: d, xyz: [0, 0, 390], axis: [0, -1, 0], actuated: true}
+    - {name: j5, kind: revolute, parent: d, child: e, xyz: [0, 95, 0], axis: [0, 0, -1], actuated: true}
+    - {name: j6, kind: revolute, parent: e, child: f, xyz: [0, 0, 95], axis: [0, 1, 0], actuated: true}
+    - {name: plate, kind: fixed, parent: f, child: plate, xyz: [0, 82, 1], rpy: [-90, 0, 0.1]}
+"""
+EXTRA = {
+    "branched": BRANCHED + MOUNTED,
+    "tilted": TILTED + MOUNTED,
+    "mounted": BODIES["nano"].split("frames")[0] + MOUNTED,
+}
+
+
+def written(where: Path, name: str, body: str | None = None) -> Machine:
+    if body is None and name in BODIES:
+        return machine_of(where, name)
+    file = where / f"{name}.yaml"
+    file.write_text(HEAD.format(name=name) + (body or EXTRA[name]))
+    return load_machine(file)
+
+
+def readings_of(machine: Machine, count: int = 20) -> list[dict[str, float]]:
+    """Random readings, mm and rad: within ranges where there are some."""
+    rng = np.random.default_rng(4)
+    actuators = machine.mechanism.actuators
+    limits = [a.range or ((-3.0, 3.0) if a.unit == "rad" else (-200.0, 200.0)) for a in actuators]
+    low, high = np.transpose(limits)
+    rows = rng.uniform(low, high, (count, len(low))).tolist()
+    return [dict(zip(machine.mechanism.readings, row, strict=True)) for row in rows]
+
+
+def pose_of(
+    machine: Machine, *, world: bool = False, effects: bool = False
+) -> Callable[[dict[str, float]], Array]:
+    """Tool in the base's or the sensor's frame, from the machine's own expressions, drivers at their defaults."""
+    model = symbolic_model(machine, machine.effects if effects else ())
+    at = ca.Function("pose", [model.q, model.z, model.p], [model.world if world else model.pose])
+    fixed = (model.z_home, model.p_home)
+    return lambda readings: np.array(at([readings[name] for name in model.readings], *fixed))
+
+
+def frame(xyz: str | list[float], rpy: str | list[float]) -> Array:
+    """(4, 4) in mm of an origin in m and rad; roll, pitch, yaw about fixed axes."""
+    xyz, rpy = ([float(v) for v in (w.split() if isinstance(w, str) else w)] for w in (xyz, rpy))
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), np.multiply(xyz, 1000)
+    return out
+
+
+def urdf_pose(urdf: str, readings: dict[str, float], tip: str, root: str) -> Array:
+    """Forward kinematics of a URDF in m and rad by the format's definition, (4, 4) in mm; readings in mm and rad."""
+    robot = ElementTree.fromstring(urdf)
+    above = {j.find("child").get("link"): j for j in robot.findall("joint")}  # type: ignore[union-attr]
+    out, link = np.eye(4), tip
+    while link != root:
+        joint = above[link]
+        origin, axis = joint.find("origin"), joint.find("axis")
+        assert origin is not None
+        step = frame(origin.get("xyz", ""), origin.get("rpy", ""))
+        move = np.eye(4)
+        if axis is not None:
+            along = np.array([float(v) for v in axis.get("xyz", "").split()])
+            value = readings[joint.get("name", "")]
+            if joint.get("type") == "prismatic":
+                move[:3, 3] = along * value
+            else:
+                move[:3, :3] = Rotation.from_rotvec(along * value).as_matrix()
+        out = step @ move @ out
+        link = joint.find("parent").get("link")  # type: ignore[union-attr, assignment]
+    return out
+
+
+def same(a: Array, b: Array) -> None:
+    np.testing.assert_allclose(a[:3, 3], b[:3, 3], rtol=0, atol=SAME)
+    np.testing.assert_allclose(a[:3, :3], b[:3, :3], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["arm", "nano", "scara", "redundant", *EXTRA])
+def test_a_urdf_read_back_puts_the_tool_where_the_machine_does(tmp_path: Path, name: str) -> None:
+    machine = written(tmp_path, name)
+    truepose.export(machine, tmp_path / "out.urdf")
+    back = tmp_path / "back.yaml"
+    section = "mechanism: {type: urdf, file: out.urdf, base_link: base, tip_link: tool}\n"
+    back.write_text(f"schema: truepose/machine/1\nname: back\nunits: {{angle: rad}}\n{section}")
+    again = load_machine(back)
+    read, own = pose_of(again), pose_of(machine)
+    for readings in readings_of(machine):
+        same(read(readings), own(readings))
+    ranges = {a.reading: a.range for a in machine.mechanism.actuators}
+    for actuator in again.mechanism.actuators:
+        stated = ranges[actuator.reading]
+        if stated is not None:
+            np.testing.assert_allclose(actuator.range or (), stated, rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["arm", "nano", "scara", "redundant", *EXTRA])
+def test_a_urdf_read_by_others_puts_the_tool_where_the_machine_does(tmp_path: Path, name: str) -> None:
+    machine = written(tmp_path, name)
+    urdf = render(machine, "urdf").text
+    own, seen = pose_of(machine), pose_of(machine, world=True)
+    for readings in readings_of(machine):
+        same(urdf_pose(urdf, readings, "tool", "base"), own(readings))
+        if '"world"' in urdf:
+            same(urdf_pose(urdf, readings, "tool", "world"), seen(readings))
+    assert ('"world"' in urdf) == (name in EXTRA)
+
+
+@pytest.mark.parametrize("name", ["arm", "tilted"])
+def test_the_kinematics_of_an_arm_are_six_frames_and_turns_about_z(tmp_path: Path, name: str) -> None:
+    machine = written(tmp_path, name)
+    out = render(machine, "ur-kinematics").text
+    section = yaml.safe_load(out)["kinematics"]
+    assert list(section) == [*LINKS, "hash"]
+    assert re.fullmatch(r"calib_\d+", section["hash"])
+    rest = re.search(
+        r"^# Not held: wrist_3 to tool: x (\S+), y (\S+), z (\S+), roll (\S+), pitch (\S+), yaw (\S+)$",
+        out,
+        re.M,
+    )
+    assert rest is not None
+    tool = frame(list(rest.groups())[:3], list(rest.groups())[3:])  # type: ignore[arg-type]
+    fields = [[section[link][f] for f in ("x", "y", "z", "roll", "pitch", "yaw")] for link in LINKS]
+    own = pose_of(machine)
+    for readings in readings_of(machine):
+        at = np.eye(4)
+        for values, angle in zip(fields, readings.values(), strict=True):
+            turned = np.eye(4)
+            turned[:3, :3] = Rotation.from_euler("z", angle).as_matrix()
+            at = at @ frame(values[:3], values[3:]) @ turned
+        same(at @ tool, own(readings))
+
+
+def test_an_arm_as_drawn_has_the_numbers_of_the_robots_own_description(tmp_path: Path) -> None:
+    """UR10: ``config/ur10/default_kinematics.yaml`` of ur_description, whose wrist_3 is written (pi/2, pi, pi)."""
+    rows = [(0, 0, 127.3), (90, 0, 0), (0, -612, 0), (0, -572.3, 163.941), (90, 0, 115.7), (-90, 0, 92.2)]
+    joints = "".join(
+        f"    - {{name: q{k}, kind: revolute, alpha: {a}, d: {d}, r: {r}}}\n"
+        for k, (a, d, r) in enumerate(rows, 1)
+    )
+    machine = written(tmp_path, "ur10", f"  type: serial\n  joints:\n{joints}")
+    section = yaml.safe_load(render(machine, "ur-kinematics").text)["kinematics"]
+    expected = {
+        "shoulder": (0, 0, 0.1273, 0, 0, 0),
+        "upper_arm": (0, 0, 0, np.pi / 2, 0, 0),
+        "forearm": (-0.612, 0, 0, 0, 0, 0),
+        "wrist_1": (-0.5723, 0, 0.163941, 0, 0, 0),
+        "wrist_2": (0, -0.1157, 0, np.pi / 2, 0, 0),
+        "wrist_3": (0, 0.0922, 0, np.pi / 2, np.pi, np.pi),
+    }
+    for link, values in expected.items():
+        found = [section[link][f] for f in ("x", "y", "z", "roll", "pitch", "yaw")]
+        np.testing.assert_allclose(
+            frame(found[:3], found[3:]), frame(list(values[:3]), list(values[3:])), atol=1e-12
+        )
+
+
+def test_masses_stand_where_the_machine_has_them(tmp_path: Path) -> None:
+    machine = written(tmp_path, "branched")
+    robot = ElementTree.fromstring(render(machine, "urdf").text)
+    links = {link.get("name"): link.find("inertial") for link in robot.findall("link")}
+    assert [name for name, inertial in links.items() if inertial is not None] == ["boom", "tool"]
+    inertial = links["boom"]
+    assert inertial is not None
+    values = {element.tag: element.attrib for element in inertial}
+    assert float(values["mass"]["value"]) == 4.0
+    np.testing.assert_allclose(
+        [float(v) for v in values["origin"]["xyz"].split()], [0.0, 0.015, 0.0225], atol=1e-15
+    )
+    # two points of 3 and 1 kg, d apart: reduced mass times the square of the distance across each axis
+    d = np.array([0.04, 0.02, 0.03])
+    reduced = 3.0 * 1.0 / 4.0
+    assert float(values["inertia"]["ixx"]) == pytest.approx(reduced * (d[1] ** 2 + d[2] ** 2))
+    assert float(values["inertia"]["ixy"]) == pytest.approx(-reduced * d[0] * d[1])
+
+
+CONSTANT = """tolerances: {length: 0.1, angle: 0.1}
+effects:
+  - {effect: wrong-constant, place: [q2.d], parameters: {value: {value: 7.0, unit: mm}}}
+  - {effect: zero-shift, place: [q1], parameters: {zero: {value: 0.5, unit: mm}}}
+  - {effect: frame-shift, place: [tool], parameters: {x: {value: 0.2, unit: mm}, rz: {value: 0.01, unit: rad}}}
+  - {effect: frame-shift, place: [base], parameters: {y: {value: 0.3, unit: mm}, rx: {value: 0.02, unit: rad}}}
+"""
+
+
+@pytest.mark.parametrize("name", ["mounted", "arm"])
+def test_effects_that_are_constants_are_held(tmp_path: Path, name: str) -> None:
+    body = (EXTRA | BODIES)[name].split("masses")[0]
+    effects = CONSTANT if name == "mounted" else CONSTANT.replace("0.5, unit: mm", "0.005, unit: rad")
+    machine = written(tmp_path, "shifted", body + effects)
+    done = render(machine, "urdf")
+    assert done.left_out == {} and done.lost == 0.0
+    assert [next(iter(drivers)) for drivers in done.frozen.values()] == 3 * ["session.after.1"]
+    own = pose_of(machine, effects=True)
+    for readings in readings_of(machine):
+        same(urdf_pose(done.text, readings, "tool", "base"), own(readings))
+    if name == "arm":
+        assert "Not held: wrist_3 to tool" in render(machine, "ur-kinematics").text
+
+
+def test_what_is_left_out_is_said_with_its_size(tmp_path: Path) -> None:
+    machine = written(tmp_path, "arm")
+    done = render(machine, "urdf")
+    assert set(done.left_out) == {"actuator-scale@q4", "joint-compliance@q2"}
+    assert done.frozen == {"thermal-expansion@link3": {"temperature.link3": 20.0}}
+    own = pose_of(machine, effects=True)
+    moved = [
+        own(r)[:3, 3] - urdf_pose(done.text, r, "tool", "base")[:3, 3] for r in readings_of(machine, 200)
+    ]
+    # the largest of 64 poses is near that of 200 others, as both cover the same ranges
+    assert done.lost == pytest.approx(np.max(np.linalg.norm(moved, axis=1)), rel=0.2)
+    assert max(done.left_out.values()) > 0.5 * done.lost
+    (left, frozen) = done.notes
+    assert re.search(r"leaves out: actuator-scale@q4 \([\d.]+ mm\), .* together up to [\d.]+ mm", left)
+    assert "temperature.link3 = 20" in frozen
+    for note in done.notes:
+        assert note in done.text
+    assert all(
+        f"# {note}\n" in render(machine, "ur-kinematics").text
+        for note in render(machine, "ur-kinematics").notes
+    )
+
+
+def test_a_note_names_the_largest_and_the_file_all(tmp_path: Path) -> None:
+    entries = [
+        f"  - {{effect: transmission-error, place: [q{k}], order: {n}, parameters: "
+        f"{{a: {{value: {0.0001 * k * n}, unit: rad}}}}}}\n"
+        for k in (1, 2, 3, 4)
+        for n in (1, 2)
+    ]
+    body = BODIES["arm"].split("masses")[0] + "effects:\n" + "".join(entries)
+    done = render(written(tmp_path, "many", body), "urdf")
+    assert len(done.left_out) == 8
+    (note,) = done.notes
+    assert "and 3 more; together" in note
+    sizes = [float(size) for size in re.findall(r"\(([\d.]+) mm\)", note)]
+    assert len(sizes) == 5 and sizes == sorted(sizes, reverse=True)
+    assert all(label in done.text for label in done.left_out)
+
+
+def test_names_that_are_taken_are_not_taken_again(tmp_path: Path) -> None:
+    names = {"hand": "tool", "camera": "flange", "column": "world", "mount": "tool_joint"}
+    body = EXTRA["branched"].split("masses")[0] + MOUNTED
+    for old, new in names.items():
+        body = re.sub(rf"\b{old}\b", new, body)
+    machine = written(tmp_path, "taken", body)
+    urdf = render(machine, "urdf").text
+    robot = ElementTree.fromstring(urdf)
+    for kind in ("link", "joint"):
+        found = [element.get("name") for element in robot.findall(kind)]
+        assert len(set(found)) == len(found)
+    own = pose_of(machine)
+    for readings in readings_of(machine, 3):
+        same(urdf_pose(urdf, readings, "tool_", "base"), own(readings))
+
+
+def test_a_comment_stays_a_comment(tmp_path: Path) -> None:
+    body = BODIES["arm"].replace("q4", "q--4-").replace("[q--4-]", "['q--4-']")
+    ElementTree.fromstring(render(written(tmp_path, "dashes", body), "urdf").text)
+
+
+def test_the_same_machine_gives_the_same_bytes(tmp_path: Path) -> None:
+    machine = written(tmp_path, "arm")
+    for file in ("a.urdf", "a.yaml"):
+        truepose.export(machine, tmp_path / file)
+        first = (tmp_path / file).read_bytes()
+        truepose.export(load_machine(tmp_path / "arm.yaml"), tmp_path / file)
+        assert (tmp_path / file).read_bytes() == first
+    one = yaml.safe_load(render(machine, "ur-kinematics").text)["kinematics"]["hash"]
+    other = written(tmp_path, "arm2", BODIES["arm"].replace("128.1", "128.2"))
+    assert yaml.safe_load(render(other, "ur-kinematics").text)["kinematics"]["hash"] != one
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "message"),
+    [
+        (
+            "turns",
+            "out.urdf",
+            r"turns: found loops, closed by leg1, .*leg6, expected an open machine: URDF holds trees",
+        ),
+        ("planar", "out.urdf", r"planar: found loops, closed by p2, p3, expected an open machine"),
+        ("hybrid", "out.yaml", r"expected an open machine: ur-kinematics holds trees only"),
+        (
+            "redundant",
+            "out.yaml",
+            r"found joints q1 \(revolute\), .*q7.*expected one chain of six revolute joints",
+        ),
+        ("nano", "out.yaml", r"found joints q1 \(prismatic\).*expected one chain of six revolute joints"),
+        (
+            "arm",
+            "out.txt",
+            r"found the suffix '\.txt', expected \.urdf, \.yaml, \.yml, or --format urdf\|ur-kinematics",
+        ),
+    ],
+)
+def test_what_a_format_cannot_hold_is_refused(tmp_path: Path, name: str, file: str, message: str) -> None:
+    machine = written(tmp_path, name)
+    with pytest.raises(InputError, match=message):
+        truepose.export(machine, tmp_path / file)
+    assert not (tmp_path / file).exists()
+
+
+def test_the_machine_file_is_not_written_over(tmp_path: Path) -> None:
+    machine = written(tmp_path, "arm")
+    before = (tmp_path / "arm.yaml").read_text()
+    with pytest.raises(InputError, match=r"found the machine file itself"):
+        truepose.export(machine, tmp_path / "arm.yaml")
+    assert (tmp_path / "arm.yaml").read_text() == before
+
+
+def test_joints_that_nothing_drives_are_refused(tmp_path: Path) -> None:
+    body = BRANCHED.replace(", actuated: true, range: [-90, 90]", "")
+    with pytest.raises(InputError, match="joint 'look': found a revolute joint that nothing drives"):
+        render(written(tmp_path, "loose", body), "urdf")
+
+
+def test_the_command_writes_says_and_refuses(tmp_path: Path) -> None:
+    written(tmp_path, "arm")
+    source, out = str(tmp_path / "arm.yaml"), tmp_path / "arm.xml"
+    done = CliRunner().invoke(app, ["export", source, "-o", str(out), "--format", "urdf"])
+    assert done.exit_code == 0
+    assert done.stdout == f"{out}\n"
+    assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["note", "note"]
+    assert out.read_text() == render(load_machine(source), "urdf").text
+    spoken = CliRunner().invoke(app, ["export", source, "-o", str(tmp_path / "k.yaml"), "--json"])
+    said = json.loads(spoken.stdout)
+    assert said["format"] == "ur-kinematics" and said["left_out"]["joint-compliance@q2"]["unit"] == "mm"
+    assert len(said["notes"]) == 2 and spoken.stderr == ""
+    wrong = CliRunner().invoke(app, ["export", source, "-o", str(tmp_path / "k.mdh")])
+    assert wrong.exit_code == 2
+    assert wrong.stderr.startswith("error: ") and len(wrong.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("pitch", [90.0, -90.0, 89.99999999, 0.0, 180.0])
+def test_roll_pitch_and_yaw_lose_no_digit(pitch: float) -> None:
+    rng = np.random.default_rng(2)
+    for roll, yaw in rng.uniform(-np.pi, np.pi, (20, 2)):
+        rotation = Rotation.from_euler("xyz", [roll, np.radians(pitch), yaw]).as_matrix()
+        given = np.eye(4)
+        given[:3, :3] = rotation
+        np.testing.assert_allclose(frame(*map(list, xyz_rpy(given)))[:3, :3], rotation, rtol=0, atol=2e-15)
+
+
+def test_numbers_read_back_the_same() -> None:
+    values = np.random.default_rng(3).standard_normal(100) * 10.0 ** np.arange(-50, 50)
+    assert [float(word) for word in text(*values.tolist()).split()] == values.tolist()
+    assert text(0.0, 1.0, -2.5) == "0 1 -2.5"
