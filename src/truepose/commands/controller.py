@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, cast
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -18,13 +19,24 @@ from truepose.commands.common import (
 )
 from truepose.errors import InputError
 
+if TYPE_CHECKING:
+    from truepose.codegen.embedded.measure import Measurement
+
 RealOption = Annotated[str, typer.Option(help="Type of every number.", metavar="double|float")]
+MeasureOption = Annotated[
+    bool,
+    typer.Option(
+        "--measure",
+        help="Run it on an emulated Cortex-M7 (float: M4F) and state in README.md what it takes there.",
+    ),
+]
 
 
 def codegen(
     machine: MachineArg,
     output: DirectoryOption,
     real: RealOption = "double",
+    measure: MeasureOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -34,21 +46,29 @@ def codegen(
     """
     with reported(plugin):
         from truepose.codegen.c import generate
+        from truepose.codegen.embedded.section import summary
+        from truepose.codegen.embedded.write import generate_measured
         from truepose.models.load import load_machine
 
         check_directory(output)
         if real not in ("double", "float"):
             raise InputError(f"--real: found {real!r}, expected 'double' or 'float'")
+        number = cast('Literal["double", "float"]', real)
         with progress("writing C"):
             loaded = load_machine(machine)
-            drawing = loaded.file.nominal if loaded.file else {}
-            paths = generate(
-                loaded, output, cast('Literal["double", "float"]', real), nominal=drawing or None
-            )
+            drawing = (loaded.file.nominal if loaded.file else {}) or None
+            measured: list[Measurement] = []
+            if measure:
+                paths, measured = generate_measured(loaded, output, number, nominal=drawing)
+            else:
+                paths = generate(loaded, output, number, nominal=drawing)
         files = sorted(str(path) for path in paths)
-        finish(
-            {"command": "codegen", "machine": loaded.name, "real": real, "files": files},
-            files,
-            [],
-            as_json=as_json,
-        )
+        payload: dict[str, object] = {
+            "command": "codegen",
+            "machine": loaded.name,
+            "real": real,
+            "files": files,
+        }
+        if measured:
+            payload["measured"] = [asdict(measurement) for measurement in measured]
+        finish(payload, [*files, *summary(measured)], [], as_json=as_json)
