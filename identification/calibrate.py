@@ -25,7 +25,7 @@ from truepose.identification.align import aligned_start
 from truepose.identification.bounds import Bounds, bounds_of
 from truepose.identification.estimate import FREE_WIDENING, Estimate, blame, estimate, result
 from truepose.identification.export import fit_json
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction import FIT, Predictor
 from truepose.identification.problem import Prior, Problem, prior_of
 from truepose.identification.recording import Recording
 from truepose.identification.relinearised import TUNING, Scaling, relinearised
@@ -123,7 +123,7 @@ class _Work:
 
     @cached_property
     def predictor(self) -> Predictor:
-        return Predictor(self.machine, self.recording, self.machine.effects)
+        return Predictor(self.machine, self.recording, self.machine.effects, visits=FIT)
 
     @cached_property
     def start(self) -> Array:

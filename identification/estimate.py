@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError
 from truepose.identification.decomposition import Decomposition
 from truepose.identification.leastsquares import Solution, Status, minimise, triangular
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction import FIT, Predictor
 from truepose.identification.problem import Prior, Problem, prior_of
 from truepose.identification.recording import Recording
 from truepose.identification.relinearised import Shrunk
@@ -188,7 +188,7 @@ def estimate(
     place of damped Gauss-Newton. Raises InputError for too few rows, ConvergenceError naming the parameters
     responsible when no minimum is reached.
     """
-    predictor = predictor or Predictor(machine, recording, effects)
+    predictor = predictor or Predictor(machine, recording, effects, visits=FIT)
     prior = prior or prior_of(machine, effects)
     p = predictor.model.p_home.copy() if start is None else start.astype(float)
     used = ~recording.validation if exclude is None else ~recording.validation & ~exclude

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from truepose.codegen.batch import BatchFunction
+from truepose.codegen.gram import GramFunction
 from truepose.errors import InputError
 from truepose.identification.readings import Block, Sight, joined, sights
 from truepose.identification.recording import Recording
@@ -29,10 +30,15 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _MAX_NEWTON = 40
 _BLOCK = 1024
+FIT = 5
+"""How often a fit visits each row, about."""
 
 
 class Predictor:
-    """Residuals, poses and loads of one machine with some effects over one recording."""
+    """Residuals, poses and loads of one machine with some effects over one recording.
+
+    ``visits``: how often each row will be evaluated (FIT in a fit), by which it is settled whether compiling pays.
+    """
 
     def __init__(
         self,
@@ -41,6 +47,7 @@ class Predictor:
         effects: Sequence[PlacedEffect] = (),
         *,
         ports: bool = False,
+        visits: int = 1,
     ) -> None:
         self.machine, self.recording = machine, recording
         self.model = symbolic_model(machine, effects, ports=ports)
@@ -51,13 +58,17 @@ class Predictor:
             self.z[:, k] = self.model.z_home[k] if recorded is None else recorded
         m = self.model
         inputs, flat, twist = [m.x, m.q, m.z, m.p], ca.vec(m.world[:3, :]), twist_rows(m.world)
-        self._closure = BatchFunction("closure", inputs, [m.equations, ca.jacobian(m.equations, m.x), m.gap])
-        self._pose = BatchFunction("pose", inputs, [m.world])
+        self.evaluations = visits * len(self.q)
+        self.sums: dict[tuple[int, ...], GramFunction] = {}
+        """Normal equations by free entries of p, where a fit has asked for them."""
+        closure, n = [m.equations, ca.jacobian(m.equations, m.x), m.gap], self.evaluations
+        self._closure = BatchFunction("closure", inputs, closure, rows=n)
+        self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
         outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
         outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
         outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
-        self._kinematics = BatchFunction("kinematics", inputs, outputs)
-        self._sensors = sights(machine, m.names)
+        self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
+        self._sensors = sights(machine, m.names, n)
         self.origin = _origin(recording) if any(s.differs_from_row for s in machine.sensors) else None
         self._scale = coordinate_scale(machine, len(m.home), m.gap.numel())
 
@@ -68,8 +79,16 @@ class Predictor:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What the sensors have to say of how they take this recording."""
-        return tuple(c for s in self.machine.sensors for c in s.cautions(self.recording.labels))
+        """What the sensors have to say of how they take this recording, and what of it takes longer than it need."""
+        told = [c for s in self.machine.sensors for c in s.cautions(self.recording.labels)]
+        functions = (
+            self._closure,
+            self._pose,
+            self._kinematics,
+            *(f for s in self._sensors for f in s.functions),
+        )
+        slow = dict.fromkeys(f.engine.why for f in functions if f.engine.missed)
+        return (*told, *(f"{why}: evaluated by CasADi's virtual machine, more slowly" for why in slow))
 
     def assemble(self, p: Array, start: Array | None = None) -> tuple[Array, Mask]:
         """Passive coordinates (n, nx) that close the loops, and which rows could be assembled.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.normal import NormalEquations
 from truepose.identification.prediction import Predictor
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
@@ -74,6 +75,7 @@ class Problem:
         """Unknowns that compared rows share (points of sockets): readings that say nothing of parameters."""
         self.readings = int(self.used.sum()) * len(predictor.channels) - self.levels
         self._check_size()
+        self._normal = NormalEquations.of(predictor, prior.free)
 
     def at(self, t: Array) -> Array:
         """(np,) parameters at a step."""
@@ -89,8 +91,21 @@ class Problem:
             yield np.full((1, len(t) + 1), np.nan)
             return
         self.x = np.where(good[:, None], x, self.x) if x.shape[1] else x
-        yield from self.data(p, self.x)
+        few = self._few_rows(p)
+        yield from self.data(p, self.x) if few is None else [few]
         yield self.prior_rows(p)
+
+    def _few_rows(self, p: Array) -> Array | None:
+        """Rows of [J r] with the sums of all readings, where they are many and steps cannot tell the difference."""
+        if self._normal is None:
+            return None
+        free = self.prior.free
+        scale = self.prior.scale[free]
+        least = float(np.min((scale / self.prior.sigma[free]) ** 2, initial=np.inf))
+        rows = self._normal.rows(p, self.used * self.weights, scale, least)
+        if rows is None:
+            self._normal = None
+        return rows
 
     def data(self, p: Array, x: Array) -> Iterable[Array]:
         """Rows of [J r] of the readings alone."""

@@ -39,8 +39,9 @@ class Program:
         outputs = [model.world, turn @ ca.jacobian(flat, model.p), turn @ ca.jacobian(flat, model.x)]
         for value in (model.reading_shift, model.closure):
             outputs += [value, ca.jacobian(value, model.p), ca.jacobian(value, model.x)]
-        self._model = BatchFunction("simultaneous", [model.x, model.q, model.z, model.p], outputs)
-        self._sensors = sights(machine, model.names)
+        rows = problem.predictor.evaluations
+        self._model = BatchFunction("simultaneous", [model.x, model.q, model.z, model.p], outputs, rows=rows)
+        self._sensors = sights(machine, model.names, rows)
         self._comparisons = problem.predictor.comparisons(problem.used * problem.weights)
         self._compares = any(c is not None for c in self._comparisons)
         # rows that are not fitted matter where readings compare rows

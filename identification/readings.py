@@ -72,11 +72,11 @@ class Sight:
     shift_by: Array
 
 
-def sights(machine: Machine, names: Sequence[str]) -> list[SensorFunctions]:
-    """Functions of every sensor; ``names`` are the entries of p."""
+def sights(machine: Machine, names: Sequence[str], rows: int) -> list[SensorFunctions]:
+    """Functions of every sensor, for ``rows`` rows; ``names`` are the entries of p."""
     out, first = [], 0
     for sensor in machine.sensors:
-        out.append(SensorFunctions(sensor, names, slice(first, first + len(sensor.columns))))
+        out.append(SensorFunctions(sensor, names, slice(first, first + len(sensor.columns)), rows))
         first += len(sensor.columns)
     return out
 
@@ -84,10 +84,10 @@ def sights(machine: Machine, names: Sequence[str]) -> list[SensorFunctions]:
 class SensorFunctions:
     """One sensor as functions of the pose of the tool; ``names`` are the entries of p.
 
-    ``columns`` are its own among those of all sensors.
+    ``columns`` are its own among those of all sensors; ``functions`` are for ``rows`` rows.
     """
 
-    def __init__(self, sensor: Sensor, names: Sequence[str], columns: slice) -> None:
+    def __init__(self, sensor: Sensor, names: Sequence[str], columns: slice, rows: int) -> None:
         self.sensor, self._columns = sensor, columns
         own = [*(parameter.name for parameter in sensor.parameters), *sensor.reads]
         self._own = np.array([names.index(name) for name in own], dtype=int)
@@ -97,12 +97,13 @@ class SensorFunctions:
         moved = lie.transform(world[:3, :3] + lie.skew(small[3:]) @ world[:3, :3], world[:3, 3] + small[:3])
         inputs = [ca.vec(world), ca.vertcat(*s.values()) if s else ca.SX(0, 1), y]
         predicted = sensor.predict(moved, s)
-        self._predict = _differentiated(
-            "predict", predicted + y if sensor.columns else predicted, inputs, small
-        )
+        predicted = predicted + y if sensor.columns else predicted
+        self._predict = _differentiated("predict", predicted, inputs, small, rows)
+        self.functions = [self._predict]
         if not sensor.compares:
             # what an effect adds to a reading is taken off the reading: no sensor need know of it
-            self._residual = _differentiated("residual", sensor.residual(moved, s, y), inputs, small)
+            self._residual = _differentiated("residual", sensor.residual(moved, s, y), inputs, small, rows)
+            self.functions.append(self._residual)
 
     def block(
         self,
@@ -159,11 +160,11 @@ class SensorFunctions:
         return value[..., 0], jacobian
 
 
-def _differentiated(name: str, value: ca.SX, inputs: list[ca.SX], small: ca.SX) -> BatchFunction:
+def _differentiated(name: str, value: ca.SX, inputs: list[ca.SX], small: ca.SX, rows: int) -> BatchFunction:
     """The value with its derivatives by a small twist of the pose, the sensor's constants and its columns."""
     outputs = [value, *(ca.jacobian(value, by) for by in (small, inputs[1], inputs[2]))]
     still = [ca.substitute(output, small, ca.SX.zeros(6)) for output in outputs]
-    return BatchFunction(name, inputs, still)
+    return BatchFunction(name, inputs, still, rows=rows)
 
 
 __all__ = ["Block", "SensorFunctions", "Sight", "joined", "sights"]

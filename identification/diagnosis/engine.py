@@ -36,7 +36,7 @@ from truepose.identification.diagnosis.selection import (
 )
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.estimate import FREE_WIDENING, Estimate, estimate
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction import FIT, Predictor
 from truepose.identification.recording import Recording
 from truepose.models.machine import Machine
 
@@ -90,7 +90,7 @@ def diagnose(
 
 def _null_fits(machine: Machine, recording: Recording) -> _Fits:
     known = machine.effects
-    predictor = Predictor(machine, recording, known)
+    predictor = Predictor(machine, recording, known, visits=FIT)
     start = aligned_start(predictor)
     rough = estimate(machine, recording, known, start=start, loss="huber", predictor=predictor)
     far = outliers.outlying_rows(rough, ~recording.validation)

@@ -172,7 +172,8 @@ class _ShiftFunction:
         self.layout: list[tuple[list[str], slice]] = layout
         groups = (q, z, values, loads, states)
         inputs = [ca.vertcat(*group.values()) if group else ca.SX(0, 1) for group in groups]
-        self._function = BatchFunction("shifts", inputs, [ca.vertcat(*outputs) if outputs else ca.SX(0, 1)])
+        together = ca.vertcat(*outputs) if outputs else ca.SX(0, 1)
+        self._function = BatchFunction("shifts", inputs, [together], rows=len(recording.q))
 
     def __call__(
         self, names: Sequence[str], p: Array, loads: Mapping[str, Array], states: Mapping[str, Array]

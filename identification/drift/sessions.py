@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.leastsquares import triangular
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction import FIT, Predictor
 from truepose.identification.problem import Prior, Problem
 from truepose.identification.recording import Recording
 from truepose.models.machine import Machine
@@ -67,7 +67,7 @@ def sessions_of(machine: Machine, recording: Recording) -> tuple[tuple[Session, 
         )
     found.sort(key=lambda item: item[:2])
     return tuple(
-        Session(label, time, rows, Predictor(machine, rows, machine.effects))
+        Session(label, time, rows, Predictor(machine, rows, machine.effects, visits=FIT))
         for _, label, time, rows in found
     ), tuple(notes)
 

@@ -1,0 +1,232 @@
+"""Expressions as C99 that evaluates several rows at once, in vector types of GCC and Clang.
+
+``LanePrinter`` prints statements over ``lanes`` (a number of each of LANES rows) and ``real`` (what all rows share);
+``lane_runtime`` is the C they need before them: the types, and helpers that work lane by lane.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from truepose.codegen.expressions import Graph, Node
+from truepose.codegen.lane_runtime import BINARY, UNARY, lane_runtime
+from truepose.codegen.printer import Printer, Real, literal
+
+_ARITHMETIC = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/"}
+_TESTS = {"LT": "<", "LE": "<=", "EQ": "==", "NE": "!="}
+_CALLS = {op: op.lower() for op in (*UNARY, *BINARY, "FLOOR")} | {"CONSTPOW": "pow"}
+_TURNS = {"SIN": "s", "COS": "c"}
+_LONGEST_INLINE = 56
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One or two C statements: the name they give a value, if any, and the names that they read."""
+
+    text: str
+    name: str = ""
+    reads: frozenset[str] = frozenset()
+    shared: bool = False
+
+
+@dataclass(frozen=True)
+class _Text:
+    """How a node's value is written, and which names that reads; ``named`` texts can be pointed at."""
+
+    text: str
+    reads: frozenset[str]
+    shared: bool
+    named: bool
+
+
+class LanePrinter(Printer):
+    """Prints entries of a graph for LANES rows at once.
+
+    Inputs named in ``shared`` are arrays of ``real``, all others arrays of ``lanes``; what depends on shared ones
+    alone stays ``real``. ``given`` nodes are read from the places it names, of the type that their inputs tell.
+    ``helpers`` (in ``lane_runtime``'s words) grows with what was printed.
+    """
+
+    def __init__(
+        self, graph: Graph, real: Real, shared: Iterable[str], given: Mapping[int, str] | None = None
+    ) -> None:
+        super().__init__(graph, real, given)
+        names = frozenset(shared)
+        self._shared = [False] * len(graph.nodes)
+        for k, node in enumerate(graph.nodes):
+            leaf = node.op == "CONST" or (node.op == "INPUT" and node.leaf.split("[")[0] in names)
+            self._shared[k] = leaf or (bool(node.args) and all(self._shared[a] for a in node.args))
+        self.helpers: set[str] = set()
+
+    def is_shared(self, node: int) -> bool:
+        """Whether all rows share a node's value."""
+        return self._shared[node]
+
+    def statements(self, targets: Sequence[tuple[str, int]]) -> list[str]:
+        """``place = expression;`` for every pair of a C place (of ``lanes``) and a node."""
+        return [statement.text for statement in self.parts(targets)]
+
+    def parts(self, targets: Sequence[tuple[str, int]], *, shared: bool = False) -> list[Statement]:
+        """The statements one by one; with ``shared`` the places are of ``real``, as are their nodes."""
+        ends = [node for _, node in targets]
+        order = self._graph.reachable(ends, self._given)
+        written = _Written(self, self._uses(order, ends))
+        for node in order:
+            written.add(node)
+        for place, node in targets:
+            end = written.texts[node]
+            text = end.text if shared or not end.shared else f"LANES_OF({end.text})"
+            written.lines.append(Statement(f"{place} = {text};", reads=end.reads))
+        return written.lines
+
+    def _uses(self, order: Iterable[int], ends: Iterable[int]) -> Counter[int]:
+        uses = Counter(ends)
+        for node in order:
+            if node not in self._given:
+                entry = self._graph.nodes[node]
+                uses.update(entry.args * (2 if entry.op in ("SQ", "SIGN") else 1))
+        return uses
+
+    def leaf(self, node: int) -> _Text:
+        """A given node, an input or a constant."""
+        entry, shared = self._graph.nodes[node], self._shared[node]
+        if node in self._given:
+            return _Text(self._given[node], frozenset(), shared, True)
+        if entry.op == "INPUT":
+            return _Text(entry.leaf, frozenset(), shared, True)
+        value = literal(float(entry.leaf), self._real)
+        return _Text(f"({value})" if value.startswith("-") else value, frozenset(), True, False)
+
+    def entry(self, node: int) -> Node | None:
+        """The operation that a node is, None for a leaf."""
+        entry = self._graph.nodes[node]
+        return entry if entry.args and node not in self._given else None
+
+    def written(self, entry: Node, args: Sequence[_Text]) -> str:
+        """An operation as an expression of its arguments' texts."""
+        if all(a.shared for a in args):
+            if entry.op in _TURNS:
+                return f"{entry.op.lower()}{'f' if self._real == 'float' else ''}({args[0].text})"
+            return self._operation(entry, [a.text for a in args])
+        op, texts = entry.op, [a.text for a in args]
+        if op in _ARITHMETIC:
+            return f"({texts[0]} {_ARITHMETIC[op]} {texts[1]})"
+        wide = [f"LANES_OF({a.text})" if a.shared else a.text for a in args]
+        return self._by_macro(op, wide)
+
+    def _by_macro(self, op: str, args: Sequence[str]) -> str:
+        a, b = args[0], args[-1]
+        one, two, zero = (literal(v, self._real) for v in (1.0, 2.0, 0.0))
+        of_zero, of_one = f"LANES_OF({zero})", f"LANES_OF({one})"
+        forms = {
+            "NEG": f"(-{a})",
+            "SQ": f"({a} * {a})",
+            "TWICE": f"({two} * {a})",
+            "INV": f"({one} / {a})",
+            "FABS": f"LANES_ABS({a})",
+            "COPYSIGN": f"LANES_SIGNED({a}, {b})",
+            "NOT": f"LANES_TEST({a} == {of_zero})",
+            "AND": f"LANES_TEST(({a} != {of_zero}) & ({b} != {of_zero}))",
+            "OR": f"LANES_TEST(({a} != {of_zero}) | ({b} != {of_zero}))",
+            "IF_ELSE_ZERO": f"LANES_KEEP({a} != {of_zero}, {b})",
+            "FMIN": f"LANES_SELECT(({a} < {b}) | ({b} != {b}), {a}, {b})",
+            "FMAX": f"LANES_SELECT(({a} > {b}) | ({b} != {b}), {a}, {b})",
+            "SIGN": f"LANES_SELECT({a} > {of_zero}, {of_one}, LANES_SELECT({a} < {of_zero}, LANES_OF(-{one}), {a}))",
+        }
+        if op in _TESTS:
+            return f"LANES_TEST({a} {_TESTS[op]} {b})"
+        if op in forms:
+            return forms[op]
+        raise NotImplementedError(f"found CasADi's operation {op}, which has no counterpart in lanes here")
+
+
+class _Written:
+    """Statements as they come about, and how each node so far is written."""
+
+    def __init__(self, printer: LanePrinter, uses: Counter[int]) -> None:
+        self._printer, self._uses = printer, uses
+        self.texts: dict[int, _Text] = {}
+        self.lines: list[Statement] = []
+        self._turns: dict[int, str] = {}
+        self._count = 0
+
+    def add(self, node: int) -> None:
+        """Write one node; its arguments are written already."""
+        entry = self._printer.entry(node)
+        if entry is None:
+            self.texts[node] = self._printer.leaf(node)
+            return
+        shared = self._printer.is_shared(node)
+        if entry.op in _TURNS and not shared:
+            self.texts[node] = self._turned(entry)
+        elif entry.op in (*_CALLS, "CEIL") and not shared:
+            self.texts[node] = self._called(entry)
+        else:
+            self.texts[node] = self._expressed(node, entry, shared)
+
+    def _expressed(self, node: int, entry: Node, shared: bool) -> _Text:
+        plain = entry.op in _ARITHMETIC or entry.op in ("NEG", "TWICE", "INV") or shared
+        args = [self.texts[a] if plain or self.texts[a].shared else self._pointed(a) for a in entry.args]
+        text = self._printer.written(entry, args)
+        reads = frozenset[str]().union(*(a.reads for a in args))
+        if plain and self._uses[node] <= 1 and len(text) <= _LONGEST_INLINE:
+            return _Text(text, reads, shared, False)
+        return self._named(f"const {'real' if shared else 'lanes'} {{}} = {_bare(text)};", reads, shared)
+
+    def _named(self, form: str, reads: frozenset[str], shared: bool = False) -> _Text:
+        name = f"a{self._count}"
+        self._count += 1
+        self.lines.append(Statement(form.format(name), name, reads, shared))
+        return _Text(name, frozenset({name}), shared, True)
+
+    def _pointed(self, node: int) -> _Text:
+        """A node of lanes that has a name: it can be pointed at, and be read twice."""
+        here = self.texts[node]
+        if here.shared:
+            here = self._named(f"const lanes {{}} = LANES_OF({here.text});", here.reads)
+        elif not here.named:
+            here = self.texts[node] = self._named(f"const lanes {{}} = {_bare(here.text)};", here.reads)
+        return here
+
+    def _called(self, entry: Node) -> _Text:
+        """A function of the lane runtime: lanes go by address, so that no call depends on the vector ABI."""
+        if entry.op == "CEIL":
+            (a,) = (self._pointed(k) for k in entry.args)
+            minus = self._named(f"const lanes {{}} = -{a.text};", a.reads)
+            down = self._call("floor", [minus])
+            return self._named(f"const lanes {{}} = -{down.text};", down.reads)
+        return self._call(_CALLS[entry.op], [self._pointed(k) for k in entry.args])
+
+    def _call(self, name: str, args: Sequence[_Text]) -> _Text:
+        self._printer.helpers.add(name)
+        pointers = ", ".join(f"&{a.text}" for a in args)
+        reads = frozenset[str]().union(*(a.reads for a in args))
+        return self._named(f"lanes {{0}}; lanes_{name}({pointers}, &{{0}});", reads)
+
+    def _turned(self, entry: Node) -> _Text:
+        """A sine or cosine, computed with its fellow where their argument is met first."""
+        (angle,) = entry.args
+        if angle not in self._turns:
+            a = self._pointed(angle)
+            self._printer.helpers.add("sincos")
+            k = self._turns[angle] = str(self._count)
+            self._count += 1
+            text = f"lanes s{k}, c{k}; lanes_sincos(&{a.text}, &s{k}, &c{k});"
+            self.lines.append(Statement(text, f"s{k} c{k}", a.reads))
+        name = _TURNS[entry.op] + self._turns[angle]
+        return _Text(name, frozenset({name}), False, True)
+
+
+def _bare(text: str) -> str:
+    """Without the outer pair of brackets, where it encloses everything."""
+    depth = 0
+    for k, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0:
+            return text[1:-1] if text.startswith("(") and k == len(text) - 1 else text
+    return text
+
+
+__all__ = ["LanePrinter", "Statement", "lane_runtime"]
