@@ -7,17 +7,19 @@ derivative of both. What depends on parameters and drivers alone is computed onc
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
-import numpy as np
 
 from truepose.codegen.chain import ChainExpressions
 from truepose.codegen.expressions import Graph
+from truepose.codegen.lane_runtime import lane_runtime
+from truepose.codegen.lanes import LanePrinter
+from truepose.codegen.layout import Layout
+from truepose.codegen.loop_blocks import ROOTS, Loops, write_loops
 from truepose.codegen.printer import Printer, Real
-from truepose.codegen.reference import strain_of
-from truepose.models import lie
 from truepose.models.chain import chain_of
 from truepose.models.kinematics import SymbolicModel
 
@@ -32,10 +34,14 @@ class Blocks:
     """Texts of the functions, and what of them is kept.
 
     ``chain`` is None where loops have to be closed; ``moves`` are the kinds of its moves, True for a turn.
+    ``loops`` is None for an open chain. ``lane_texts`` are the functions of a chain of six readings, or of legs in
+    closed form, for several rows at once, after what they need.
     """
 
     texts: tuple[str, ...]
+    lane_texts: tuple[str, ...]
     chain: ChainExpressions | None
+    loops: Loops | None
     _graph: Graph
     _kept: tuple[int, ...]
 
@@ -91,32 +97,52 @@ class _Writer:
             _Planned(title, name, f"const model *m, {arguments}", targets, given or {}, lines)
         )
 
-    def texts(self) -> tuple[list[str], list[int]]:
-        """The functions, that of kept values first, and the nodes that are kept."""
-        kept = self.graph.kept(node for plan in self.planned for _, node in plan.targets)
-        places = {node: f"k[{k}]" for k, node in enumerate(kept, len(self.first))}
-        kept = [*self.first, *kept]
+    @cached_property
+    def kept(self) -> list[int]:
+        """Nodes that are kept, in order; nothing may be planned after it is known."""
+        return [*self.first, *self.graph.kept(node for plan in self.planned for _, node in plan.targets)]
+
+    @property
+    def _places(self) -> dict[int, str]:
+        return {node: f"k[{k}]" for k, node in enumerate(self.kept) if k >= len(self.first)}
+
+    def texts(self) -> list[str]:
+        """The functions, that of kept values first."""
+        kept = self.kept
         own = Printer(self.graph, self.real).statements([(f"k[{k}]", node) for k, node in enumerate(kept)])
         title = "Values that depend on p and z alone."
         fill = _function(title, "fixed_of", "const real *p, const real *z, real *k", own)
-        return [fill, *(self._text(plan, places) for plan in self.planned)], kept
+        return [fill, *(self._text(plan) for plan in self.planned)]
 
-    def _text(self, plan: _Planned, places: Mapping[int, str]) -> str:
-        statements = Printer(self.graph, self.real, {**places, **plan.given}).statements(plan.targets)
+    def _text(self, plan: _Planned) -> str:
+        statements = Printer(self.graph, self.real, {**self._places, **plan.given}).statements(plan.targets)
         return _function(plan.title, plan.name, plan.arguments, statements, lines=plan.lines)
 
+    def lane_texts(self, planned: Iterable[_Planned], needed: Iterable[str]) -> list[str]:
+        """What they need, ``needed`` included, and the functions for several rows at once: all but the model is a row's own."""
+        texts, helpers = [], set(needed)
+        for plan in planned:
+            printer = LanePrinter(self.graph, self.real, ("p", "z", "start"), {**self._places, **plan.given})
+            statements = printer.statements(plan.targets)
+            arguments = plan.arguments.replace("real", "lanes")
+            texts.append(_function(plan.title, plan.name, arguments, statements))
+            helpers |= printer.helpers
+        return [lane_runtime(self.real, helpers), *texts]
 
-def blocks_of(model: SymbolicModel, real: Real) -> Blocks:
+
+def blocks_of(model: SymbolicModel, layout: Layout, real: Real) -> Blocks:
     """C functions of the model."""
     chain = chain_of(model)
     writer = _Writer(real)
     expressions = ChainExpressions.of(model, chain) if chain else None
+    loops = None if expressions else Loops.of(model, layout, real)
     if expressions:
         _write_chain(writer, model, expressions)
-    else:
-        _write_loops(writer, model)
-    texts, kept = writer.texts()
-    return Blocks(tuple(texts), expressions, writer.graph, tuple(kept))
+    if loops:
+        write_loops(writer, model, loops)
+    by_lanes = [plan for plan in writer.planned if plan.name == ROOTS or (expressions and expressions.six)]
+    lanes = writer.lane_texts(by_lanes, () if loops else ("load", "store", "sincos")) if by_lanes else []
+    return Blocks(tuple(writer.texts()), tuple(lanes), expressions, loops, writer.graph, tuple(writer.kept))
 
 
 _Entries = Callable[[str, Mapping[str, ca.SX], ca.SX], _Targets]
@@ -124,7 +150,7 @@ _Entries = Callable[[str, Mapping[str, ca.SX], ca.SX], _Targets]
 
 def _write_lines(writer: _Writer, entries: _Entries, chain: ChainExpressions) -> None:
     """The functions that are run once for every line of a pose."""
-    inputs = {"": chain.start, "s": chain.s, "c": chain.c}
+    inputs = {"start": chain.start, "s": chain.s, "c": chain.c}
     first = {node: f"k[{_PADDED * k} + j]" for k, (_, node) in enumerate(entries("", inputs, chain.start))}
     writer.first = [node for _, node in entries("", {}, ca.vec(ca.vertcat(chain.first, ca.SX.zeros(1, 4))))]
 
@@ -169,37 +195,6 @@ def _write_chain(writer: _Writer, model: SymbolicModel, chain: ChainExpressions)
             [(f"J[{_of_column(k)}]", node) for k, (_, node) in enumerate(mixed)],
             given={node: f"A[{_of_column(k)}]" for k, (_, node) in enumerate(leaves)},
         )
-
-
-def _write_loops(writer: _Writer, model: SymbolicModel) -> None:
-    nq, nx, nc = len(model.readings), len(model.home), model.closure.numel()
-    y = ca.vertcat(model.q, model.x)
-    pose = ca.vec(model.pose[:3, :].T)  # row by row
-    derivative = ca.vertcat(_twists(model.pose, y), ca.jacobian(model.closure, y))
-    inputs = {"p": model.p, "z": model.z, "q": model.q, "x": model.x}
-    T, c, J, gap = writer.graph.add(inputs, [pose, model.closure, ca.vec(derivative.T), model.gap])
-    to_pose: _Targets = [(f"T[{k}]", node) for k, node in enumerate(T)]
-    to_loops: _Targets = [(f"r[{6 + k}]", writer.graph.negative(node)) for k, node in enumerate(c)]
-    places: _Targets = [(f"J[{k}]", node) for k, node in enumerate(J)]
-    of_loops = [places[(6 + i) * (nq + nx) + nq + j] for i in range(nc) for j in range(nx)]
-    state = "const real *q, const real *x"
-    writer.function("Pose of the tool.", "pose_of", f"{state}, real *T", to_pose)
-    title = "What the loops lack to close, and its negative derivative by x."
-    writer.function(title, "loops_of", f"{state}, real *r, real *J", to_loops + of_loops)
-    if np.isfinite(strain_of(model)):
-        to_gap: _Targets = [(f"g[{k}]", node) for k, node in enumerate(gap)]
-        title = "What loops with more equations than unknowns lack to close, at best as little as the parts are strained."
-        writer.function(title, "strain_of", f"{state}, real *g", to_gap)
-    title = "Pose, what the loops lack to close, and the derivative [twist; closure] by (q, x)."
-    writer.function(title, "all_of", f"{state}, real *T, real *r, real *J", to_pose + to_loops + places)
-
-
-def _twists(pose: ca.SX, y: ca.SX) -> ca.SX:
-    """Derivative (6, ny) of a pose as twists [v; w] at its origin, in the frame the pose is told in."""
-    rotation = pose[:3, :3]
-    by_y = ca.jacobian(ca.vec(rotation), y)
-    turns = [lie.vee(ca.reshape(by_y[:, k], 3, 3) @ rotation.T) for k in range(y.numel())]
-    return ca.vertcat(ca.jacobian(pose[:3, 3], y), ca.horzcat(*turns))
 
 
 def _function(

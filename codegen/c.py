@@ -18,6 +18,7 @@ import jinja2
 import numpy as np
 
 from truepose.codegen.blocks import Blocks, blocks_of
+from truepose.codegen.branches import branches_of
 from truepose.codegen.chain import pivot_order
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.names import check_machine_name, comment, identifiers
@@ -31,11 +32,15 @@ from truepose.models.machine import Machine
 
 MAX_ITER = 1000
 """Evaluations of the model that one inverse may take."""
+CLOSED_MAX_ITER = 400
+"""The same of a closed chain: the worst of 10^5 random starts took 150."""
 _LIMITS = {
     "fk_limit": 300,
     "attempt_limit": 40,
     "seed_limit": 20,
-    "polish_limit": 8,
+    "care_limit": 16,
+    "all_iter": 4000,
+    "polish_limit": 12,
     "leaps": 6,
     "patience": 2,
 }
@@ -67,13 +72,18 @@ def generate(
 def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None = None) -> dict[str, str]:
     """The files of ``generate`` as texts by file name."""
     model = symbolic_model(machine, machine.effects)
-    layout, blocks = layout_of(model, real), blocks_of(model, real)
+    layout = layout_of(model, real)
+    blocks = blocks_of(model, layout, real)
     ideal = _nominal(model, nominal)
     context = {
         **_common(model, layout, real),
         "blocks": blocks.texts,
+        "fixed_block": blocks.texts[0],
+        "lane_blocks": blocks.lane_texts,
         "trig": any("sin_cos(" in text for text in blocks.texts),
         "moves": blocks.moves,
+        **(blocks.loops.context if blocks.loops else dict.fromkeys(("loops", "whole", "roots", "legs"))),
+        "per_unit": np.array(layout.bounded).astype(bool) / layout.unknown,
         "six": blocks.chain is not None and blocks.chain.six,
         "mixed": blocks.chain is not None and blocks.chain.mixed is not None,
         **_elimination(model, blocks, layout, real),
@@ -91,6 +101,7 @@ def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None 
     )
     name = machine.name
     files = {f"{name}_kin.h": "kin.h.j2", f"{name}_kin.c": "kin.c.j2", "example.c": "example.c.j2"}
+    files |= {f"{name}_batch.h": "batch.h.j2", f"{name}_batch.c": "batch.c.j2"}
     files |= {"CMakeLists.txt": "CMakeLists.txt.j2", "README.md": "README.md.j2"}
     texts = {file: environment.get_template(template).render(context) for file, template in files.items()}
     return {**texts, "test_vectors.csv": _vectors(model, layout), **wrappers(context, environment)}
@@ -115,6 +126,8 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "pi": math.pi,
         "limit": "1e37f" if single else "1e300",
         "chord": 1e-2 if single else 2e-3,
+        "variants": 12,
+        "longest": 0.5,
         "small_turn": 0.1 if single else 0.03,
         "smallest": 1e-9 if single else 1e-13,
         "stride": 0.5 if nx else 1.0,
@@ -127,7 +140,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "ng": model.gap.numel(),
         "strain": strain_of(model),
         "forces": forces,
-        "max_iter": MAX_ITER,
+        "max_iter": CLOSED_MAX_ITER if nx else MAX_ITER,
         **_LIMITS,
         "p0": model.p_home,
         "z0": model.z_home if len(model.z_home) else np.zeros(1),
@@ -156,7 +169,7 @@ def _example(layout: Layout, single: bool) -> dict[str, Any]:
 
 
 def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[float]:
-    """Nominal p: geometry as told, effects at zero."""
+    """Nominal p: geometry as told, the tool's frame as calibrated, effects at zero."""
     geometry = model.machine.geometry
     unknown = [name for name in nominal or {} if name not in geometry]
     if unknown:
@@ -169,17 +182,19 @@ def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[
             f"nominal: found {broken[0]} = {(nominal or {})[broken[0]]}, expected a finite number"
         )
     own = dict(zip(model.names, model.p_home, strict=True))
-    return [float((nominal or {}).get(name, own[name])) if name in geometry else 0.0 for name in model.names]
+    drawn = {name: value for name, value in (nominal or {}).items() if not name.startswith("tool.")}
+    return [float(drawn.get(name, own[name])) if name in geometry else 0.0 for name in model.names]
 
 
 def _elimination(model: SymbolicModel, blocks: Blocks, layout: Layout, real: Real) -> dict[str, Any]:
     """Order of the pivots of six columns, and the smallest to go on with: rounding grows by their inverse."""
     if blocks.chain is None or not blocks.chain.six:
-        return {"order": [], "pivots": [], "per_mm": []}
+        return {"branches": None, "order": [], "pivots": [], "per_mm": []}
     share = 1e-9 if real == "double" else 1e-3
     samples = np.array([q for q, _ in layout.vectors])
     per_mm = 1.0 / layout.unknown
     return {
+        "branches": branches_of(model, blocks.chain, layout.reach, layout.turns),
         "order": pivot_order(model, blocks.chain, samples, layout.reach),
         "pivots": [float(f"{share * size:.3g}") for size in per_mm],
         "per_mm": per_mm,

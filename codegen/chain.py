@@ -76,7 +76,7 @@ def pivot_order(model: SymbolicModel, chain: ChainExpressions, samples: Array, r
 
     Each is the one that is typically largest over the ``samples`` (n, nq) of readings.
     """
-    jacobians = _jacobians(model, chain, samples, reach)
+    jacobians, _ = jacobians_and_tools(model, chain, samples, reach)
     order: list[int] = []
     for k in range(jacobians.shape[2]):
         with np.errstate(divide="ignore"):
@@ -91,8 +91,10 @@ def pivot_order(model: SymbolicModel, chain: ChainExpressions, samples: Array, r
     return order
 
 
-def _jacobians(model: SymbolicModel, chain: ChainExpressions, samples: Array, reach: float) -> Array:
-    """(n, 6, nq) columns [v; reach w] at the tool, in the nominal frame of the base."""
+def jacobians_and_tools(
+    model: SymbolicModel, chain: ChainExpressions, samples: Array, reach: float
+) -> tuple[Array, Array]:
+    """(n, 6, nq) columns [v; reach w] at the tool, and its poses (n, 3, 4), in the nominal frame of the base."""
     turns = ca.DM([float(move.turn) for move in chain.chain.moves])
     values = chain.moves
     inputs = ca.vertcat(chain.start, chain.s, chain.c)
@@ -106,8 +108,10 @@ def _jacobians(model: SymbolicModel, chain: ChainExpressions, samples: Array, re
         v, w = ca.cross(axis, lines[:, 3] - origin), reach * axis
         columns.append(ca.vertcat(v, w) if move.turn else ca.vertcat(axis, ca.SX.zeros(3, 1)))
     jacobian = ca.horzcat(*columns) @ ca.jacobian(values, model.q)
-    function = ca.Function("J", [model.q, model.p, model.z], [ca.densify(jacobian)])
-    return np.array([np.array(function(q, model.p_home, model.z_home)) for q in samples])
+    outputs = [ca.densify(jacobian), ca.densify(lines[:, :4])]
+    function = ca.Function("J", [model.q, model.p, model.z], outputs)
+    found = [[np.array(part) for part in function(q, model.p_home, model.z_home)] for q in samples]
+    return np.array([jacobian for jacobian, _ in found]), np.array([tool for _, tool in found])
 
 
 def _line(chain: Chain, start: ca.SX, s: ca.SX, c: ca.SX) -> tuple[ca.SX, ca.SX]:

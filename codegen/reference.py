@@ -61,6 +61,10 @@ class Reference:
             x = solved
         return np.array(self._pose(q, z, p, x))
 
+    def passive(self, q: Array) -> Array | None:
+        """Passive coordinates (nx,) at readings ``q`` (nq,), from the home assembly; None where the loops do not close."""
+        return self._newton(q, self.model.home, self.model.p_home, self.model.z_home)
+
     def samples(self, low: Array, high: Array, near: Array, count: int) -> Iterator[tuple[Array, Array]]:
         """``count`` readings spread between ``low`` and ``high`` (nq,), with their poses.
 

@@ -5,209 +5,117 @@ the calibrated machine, with its effects, for the readings that put it there. ``
 al. (2019), eq. (16) and Fig. 4, for controllers that know the nominal inverse kinematics only: the predicted pose
 error, B times the errors of the parameters, is taken off the target, and the nominal machine is solved for that. It
 leaves what is of second order in the errors.
+
+Long paths go through the machine's generated C, compiled on the spot (``compensation_compiled``); the rest, and the rows
+that the C leaves, go through Newton's method in numpy, on all rows at once (``compensation_rows``).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.codegen.batch import BatchFunction
 from truepose.errors import InputError
+from truepose.identification.compensation_compiled import CompiledKinematics, NotCompiledError
+from truepose.identification.compensation_rows import (
+    Compensation,
+    Follower,
+    Method,
+    Rows,
+    ideal_constants,
+    twists_between,
+)
 from truepose.identification.inverse import MET
-from truepose.identification.predict import predictor_for
 from truepose.identification.recording import Recording
-from truepose.models import lie
-from truepose.models.home import coordinate_scale
-from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-Method = Literal["exact", "first-order"]
+Mask = NDArray[np.bool_]
 METHODS: tuple[Method, ...] = ("exact", "first-order")
-_BLOCK = 8192
-_NEWTON = 30
-_SETTLED = 1e-13
-_LONGEST = 0.1
-"""Longest step of an unknown: part of the machine's size, or rad."""
+COMPILED_FROM = 20_000
+"""Rows from which a path repays the compiler."""
+_BLOCK = 65_536
+_NEAR = 0.05
+"""Largest correction that is taken from the C as it is, part of the machine's size or rad; beyond it lie other
+assemblies."""
+_PROBES = 8
+_COLUMNS = ("command", "target", "before", "after")
 
 
-@dataclass(frozen=True)
-class Compensation:
-    """Readings ``command`` (n, nq) for the path's ``nominal`` ones, in mm and rad (or the column's own unit).
-
-    target (n, 4, 4): the sensor-frame poses that are meant. before, after (n, 6): twists [mm, rad] from the target to
-    where the calibrated machine stands with nominal commands, and with the corrected ones.
-    """
-
-    readings: tuple[str, ...]
-    nominal: Array
-    command: Array
-    target: Array
-    before: Array
-    after: Array
-
-
-def compensate(machine: Machine, path: Recording, *, method: Method = "exact") -> Compensation:
+def compensate(
+    machine: Machine, path: Recording, *, method: Method = "exact", compiled_from: int = COMPILED_FROM
+) -> Compensation:
     """Commands for every row of ``path``, whose readings are nominal; drivers are the path's own.
 
-    Nominal values are those of the file's ``nominal:``. Raises InputError naming the first row that cannot be
-    followed: out of reach, or with a joint out of its range.
+    Nominal values are those of the file's ``nominal:``. Paths of ``compiled_from`` rows and more are solved by the
+    generated C where there is a compiler; results agree within what counts as met (1e-9 of the machine's size, and
+    1e-9 rad). Raises InputError naming the first row that cannot be followed: out of reach, or with a joint out of its
+    range.
     """
     if method not in METHODS:
         raise InputError(f"--method: found {method!r}, expected one of {', '.join(METHODS)}")
-    follower = _Follower(machine, path)
-    parts = [
-        follower.follow(slice(start, start + _BLOCK), method) for start in range(0, max(len(path), 1), _BLOCK)
-    ]
-    joined = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("nominal", "command", "target", "before", "after")
-    )
-    return Compensation(machine.mechanism.readings, *joined)
+    follower = Follower(machine, path)
+    if method != "exact" or len(path) < compiled_from:
+        return follower.by_numpy(np.arange(len(path)), method)
+    return _compiled(machine, follower)
 
 
-def ideal_constants(machine: Machine, model: SymbolicModel) -> Array:
-    """(np,) the drawing's joints and links with the calibrated frames, and no effect."""
-    drawing = machine.file.nominal if machine.file else {}
-    mechanism = {parameter.name for parameter in machine.mechanism.parameters}
-    geometry = {parameter.name for parameter in machine.parameters}
-    out = model.p_home.copy()
-    for k, name in enumerate(model.names):
-        if name in mechanism:
-            out[k] = drawing.get(name, out[k])
-        elif name not in geometry:
-            out[k] = 0.0
-    return out
+def _compiled(machine: Machine, follower: Follower) -> Compensation:
+    """By the generated C; rows that it leaves, and all where it cannot be had, by numpy."""
+    every = np.arange(len(follower.nominal))
+    try:
+        kinematics = _kinematics(machine, follower, every)
+    except NotCompiledError as exc:
+        return replace(follower.by_numpy(every, "exact"), solved_by=f"numpy: {exc}")
+    whole, left = _empty(follower), []
+    for start in range(0, len(every), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        part, solved = _solved(kinematics, follower, every[rows])
+        for name in _COLUMNS:
+            getattr(whole, name)[rows] = getattr(part, name)
+        left.append(every[rows][~solved])
+    others = np.concatenate(left)
+    if not len(others):
+        return replace(whole, solved_by="compiled C")
+    own = follower.by_numpy(others, "exact")
+    for name in _COLUMNS:
+        getattr(whole, name)[others] = getattr(own, name)
+    return replace(whole, solved_by=f"compiled C; {len(others)} rows by numpy")
 
 
-class _Follower:
-    """One machine along one path, some rows at a time, so that memory stays flat."""
-
-    def __init__(self, machine: Machine, path: Recording) -> None:
-        # no reading is looked at: a sensor that counts changes may count them from any row
-        self._predictor = predictor_for(machine, replace(path, from_row=np.arange(len(path))))
-        self._machine, self._path, self._z = machine, path, self._predictor.z
-        model = self._predictor.model
-        self._real, self._ideal = model.p_home, ideal_constants(machine, model)
-        scale = coordinate_scale(machine, len(model.home), model.gap.numel())
-        lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
-        self._size = max([1.0, *lengths, *scale.size])
-        units = [a.reading_unit for a in machine.mechanism.actuators]
-        self._unit = np.array([self._size if unit == "mm" else 1.0 for unit in units] + [*scale.size])
-        self._closed = max(scale.gap if np.isfinite(scale.gap) else 0.0, MET * self._size)
-        self._gap = _gap_of(model, self._size)
-
-    def follow(self, rows: slice, method: Method) -> Compensation:
-        """Rows of the path, from their own readings: corrections are small."""
-        predictor, q = self._predictor, self._path.q[rows]
-        predictor.q, predictor.z = q, self._z[rows]
-        x = self._assembled(self._ideal, rows)
-        if method == "exact":
-            target, _ = predictor.poses(self._ideal, x)
-            command = self._readings(rows, target, self._real, x)
-        else:
-            target, twist = predictor.twists(self._ideal, x)
-            aim = _displaced(target, twist @ (self._ideal - self._real))
-            command = self._readings(rows, aim, self._ideal, x)
-        self._check_ranges(command, rows)
-        before = self._errors(target, rows)
-        predictor.q = command
-        return Compensation(predictor.model.readings, q, command, target, before, self._errors(target, rows))
-
-    def _readings(self, block: slice, target: Array, p: Array, x: Array) -> Array:
-        """(n, nq) readings that put the tool of constants ``p`` at ``target`` (n, 4, 4): Newton, all rows at once."""
-        q, z = self._path.q[block], self._z[block]
-        nq = q.shape[1]
-        u = np.hstack([q, x]) / self._unit
-        goal = target.transpose(0, 2, 1).reshape(len(target), 16)
-        rows, left = np.arange(len(u)), np.full((len(u), 3), np.inf)
-        for _ in range(_NEWTON):
-            at = u[rows] * self._unit
-            gap, slope = self._gap(at[:, :nq], at[:, nq:], z[rows], p, goal[rows])
-            step = _least(slope * self._unit, gap[..., 0])
-            step /= np.maximum(1.0, np.max(np.abs(step), axis=1, keepdims=True) / _LONGEST)
-            u[rows] -= step
-            parts = np.split(np.abs(gap[..., 0]), [3, 6], axis=1)
-            left[rows] = np.column_stack([np.max(part, axis=1, initial=0.0) for part in parts])
-            rows = rows[~(np.max(np.abs(step), axis=1) < _SETTLED * (1 + np.max(np.abs(u[rows]), axis=1)))]
-            if not len(rows):
-                break
-        self._check_met(left * np.array([self._size, 1.0, self._size]), block)
-        out: Array = u[:, :nq] * self._unit[:nq]
-        return out
-
-    def _assembled(self, p: Array, rows: slice) -> Array:
-        x, good = self._predictor.assemble(p)
-        if not good.all():
-            row = self._where(rows, int(np.argmin(good)))
-            raise InputError(f"{row}: the mechanism cannot be assembled there; mend or drop the row")
-        return x
-
-    def _errors(self, target: Array, rows: slice) -> Array:
-        """(n, 6) twists from the target to where the calibrated machine puts the tool."""
-        poses, _ = self._predictor.poses(self._real, self._assembled(self._real, rows))
-        turned = lie.log_so3(poses[:, :3, :3] @ target[:, :3, :3].transpose(0, 2, 1))
-        return np.hstack([poses[:, :3, 3] - target[:, :3, 3], turned])
-
-    def _where(self, rows: slice, row: int) -> str:
-        return self._path.where(rows.start + row)
-
-    def _check_met(self, left: Array, rows: slice) -> None:
-        """Refuse rows whose pose is not met, or whose loops are not closed: (n, 3) mm, rad, mm."""
-        met = (left[:, 0] <= MET * self._size) & (left[:, 1] <= MET) & (left[:, 2] <= self._closed)
-        if not met.all():
-            row = int(np.argmin(met))
-            raise InputError(
-                f"{self._where(rows, row)}: found no readings that put the tool where the path asks "
-                f"({left[row, 0]:.3g} mm and {left[row, 1]:.3g} rad are left), expected a pose within reach"
-            )
-
-    def _check_ranges(self, command: Array, rows: slice) -> None:
-        for k, actuator in enumerate(self._machine.mechanism.actuators):
-            low, high = actuator.range or (-np.inf, np.inf)
-            slack = MET * (high - low) if np.isfinite(high - low) else 0.0
-            out = (command[:, k] < low - slack) | (command[:, k] > high + slack)
-            if out.any():
-                row = int(np.argmax(out))
-                raise InputError(
-                    f"{self._where(rows, row)}, column {actuator.reading!r}: found that the corrected command would "
-                    f"be {command[row, k]:.6g} {actuator.reading_unit}, expected it in the joint's range "
-                    f"[{low:.6g}, {high:.6g}] {actuator.reading_unit}"
-                )
+def _empty(follower: Follower) -> Compensation:
+    """Room for every row: a path in parts and as a whole would take twice the memory."""
+    n, nq = follower.nominal.shape
+    command, target, before, after = (np.empty((n, *shape)) for shape in ((nq,), (4, 4), (6,), (6,)))
+    return Compensation(follower.readings, follower.nominal, command, target, before, after)
 
 
-def _gap_of(model: SymbolicModel, size: float) -> BatchFunction:
-    """What is left to a pose and to closed loops, (3 + 3 + nc, 1) in parts of ``size`` and rad, with its derivative."""
-    goal, unknown = ca.SX.sym("goal", 4, 4), ca.vertcat(model.q, model.x)
-    place = (model.world[:3, 3] - goal[:3, 3]) / size
-    turn = lie.log_so3_sx(model.world[:3, :3] @ goal[:3, :3].T)
-    gap = ca.vertcat(place, turn, model.equations / size)
-    inputs = [model.q, model.x, model.z, model.p, ca.vec(goal)]
-    return BatchFunction("gap", inputs, [gap, ca.jacobian(gap, unknown)])
+def _kinematics(machine: Machine, follower: Follower, every: Rows) -> CompiledKinematics:
+    """The machine's C, once it has been seen to agree with the model. Raises NotCompiledError."""
+    kinematics = CompiledKinematics(machine)
+    rows = every[:: max(len(every) // _PROBES, 1)]
+    poses, found = kinematics.fk(follower.ideal, follower.z[rows], follower.nominal[rows])
+    if found.any():
+        apart = np.abs(twists_between(follower.targets(rows[found]), poses[found]))
+        if not np.max(apart / ([follower.size] * 3 + [1.0] * 3)) <= MET:
+            raise NotCompiledError("the C and the model assemble this machine differently")
+    return kinematics
 
 
-def _least(slope: Array, gap: Array) -> Array:
-    """(n, nu) steps: the smallest of the least-squares ones where unknowns and equations differ in number."""
-    if slope.shape[1] == slope.shape[2]:
-        try:
-            return np.asarray(np.linalg.solve(slope, gap[..., None]))[..., 0]
-        except np.linalg.LinAlgError:
-            pass
-    out: Array = (np.linalg.pinv(slope) @ gap[..., None])[..., 0]
-    return out
+def _solved(kinematics: CompiledKinematics, follower: Follower, rows: Rows) -> tuple[Compensation, Mask]:
+    """Rows (k,) as the C solves them, and which of them can be taken as they are (k,)."""
+    q, z = follower.nominal[rows], follower.z[rows]
+    target, meant = kinematics.fk(follower.ideal, z, q)
+    command, reached = kinematics.ik(follower.real, z, target, q)
+    (now, stands), (then, met) = kinematics.fk(follower.real, z, q), kinematics.fk(follower.real, z, command)
+    before, after = twists_between(target, now), twists_between(target, then)
+    good = meant & reached & stands & met & follower.within(command).all(axis=1)
+    good &= np.max(np.abs(command - q) / follower.reach, axis=1) <= _NEAR
+    good &= np.max(np.abs(after[:, :3]), axis=1) <= MET * follower.size
+    good &= np.max(np.abs(after[:, 3:]), axis=1) <= MET
+    return Compensation(follower.readings, q, command, target, before, after), good
 
 
-def _displaced(poses: Array, twist: Array) -> Array:
-    """(n, 4, 4) poses moved by twists (n, 6): p + v, Exp(w) R."""
-    out = poses.copy()
-    out[:, :3, 3] += twist[:, :3]
-    out[:, :3, :3] = lie.exp_so3(twist[:, 3:]) @ poses[:, :3, :3]
-    return out
-
-
-__all__ = ["METHODS", "Compensation", "Method", "compensate", "ideal_constants"]
+__all__ = ["COMPILED_FROM", "METHODS", "Compensation", "Method", "compensate", "ideal_constants"]

@@ -5,6 +5,7 @@ Poses stand in the nominal frame of the base, as in the generated C: columns x y
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.compensation import Compensation, ideal_constants
-from truepose.identification.inverse import Inverse, PoseSolver, Reach
+from truepose.identification.compensation import COMPILED_FROM, Compensation, ideal_constants
+from truepose.identification.compensation_compiled import CompiledKinematics, NotCompiledError, base_frame
+from truepose.identification.inverse import MET, Inverse, PoseSolver, Reach
+from truepose.identification.path_file import read_path_table, with_columns
 from truepose.identification.recording import Recording, read_recording
 from truepose.identification.recording_file import JointColumn, joint_unit
-from truepose.identification.table import Column, Table, read_table
+from truepose.identification.table import Table
 from truepose.models import lie
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
@@ -24,6 +27,9 @@ from truepose.models.units import UnitSystem, close_matches, convert
 
 Array = NDArray[np.float64]
 POSE = {"x": "mm", "y": "mm", "z": "mm", "rx": "rad", "ry": "rad", "rz": "rad"}
+_BLOCK = 8192
+_MARKS = 500
+"""Rows along a long path that are solved here, for the C to start from."""
 
 
 def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
@@ -32,7 +38,7 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
     Raises InputError naming file, row and column: neither joints nor poses, a pose out of the nominal machine's
     reach, a joint out of its range.
     """
-    table, joints = read_table(path), machine.mechanism.readings
+    table, joints = read_path_table(path), machine.mechanism.readings
     poses = not any(name in table for name in joints) and all(name in table for name in POSE)
     if poses:
         table = _with_joints(machine, table)
@@ -53,7 +59,12 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
         unit = table.unit(joint.name, joint_unit(joint, _units(machine)), joint.unit)
         corrected[joint.name] = convert(found.command[:, k], joint.unit, unit)
     headers = {c.name: c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in table.columns}
-    return pd.DataFrame({header: corrected.get(name, table.cells[name]) for name, header in headers.items()})
+    return pd.DataFrame(
+        {
+            header: corrected[name] if name in corrected else table.cells[name]
+            for name, header in headers.items()
+        }
+    )
 
 
 def _with_joints(machine: Machine, table: Table) -> Table:
@@ -66,17 +77,51 @@ def _with_joints(machine: Machine, table: Table) -> Table:
     poses = np.broadcast_to(np.eye(4), (table.n_rows, 4, 4)).copy()
     poses[:, :3, 3] = np.column_stack(parts[:3])
     poses[:, :3, :3] = lie.exp_so3(np.column_stack(parts[3:]))
-    ideal = ideal_constants(machine, symbolic_model(machine, machine.effects))
-    found = PoseSolver(machine, ideal).inverse(_base(machine) @ poses)
-    _check_reach(table, found)
-    columns, cells = list(table.columns), dict(table.cells)
-    for k, joint in enumerate(_columns(machine)):
-        columns.append(Column(joint.name))
-        cells[joint.name] = convert(found.q[:, k], joint.unit, joint_unit(joint, units)).tolist()
-    return Table(table.file, tuple(columns), cells, table.n_rows)
+    q = _nominal_joints(machine, table, base_frame(machine) @ poses)
+    return with_columns(
+        table,
+        {
+            joint.name: convert(q[:, k], joint.unit, joint_unit(joint, units))
+            for k, joint in enumerate(_columns(machine))
+        },
+    )
 
 
-def _check_reach(table: Table, found: Inverse) -> None:
+def _nominal_joints(machine: Machine, table: Table, poses: Array) -> Array:
+    """(n, nq) readings of the machine with nominal links at sensor-frame poses (n, 4, 4).
+
+    Many rows are solved by the generated C, each from the last row before it that is solved here: where a pose has
+    several solutions, those in between take the same one.
+    """
+    solver = PoseSolver(machine, ideal_constants(machine, symbolic_model(machine, machine.effects)))
+    rows = np.arange(len(poses))
+    q, solved = np.zeros((len(poses), len(machine.mechanism.readings))), np.zeros(len(poses), dtype=bool)
+    if len(poses) >= COMPILED_FROM:
+        with contextlib.suppress(NotCompiledError):
+            q, solved = _by_compiled(machine, solver, poses)
+    left = rows[~solved]
+    for start in range(0, len(left), _BLOCK):
+        part = left[start : start + _BLOCK]
+        found = solver.inverse(poses[part])
+        _check_reach(table, part, found)
+        q[part] = found.q
+    return q
+
+
+def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Readings (n, nq) by the generated C, and which rows it solved. Raises NotCompiledError."""
+    kinematics = CompiledKinematics(machine)
+    marks = np.arange(0, len(poses), -(-len(poses) // _MARKS))
+    known = solver.inverse(poses[marks])
+    guess = np.where(known.solved[:, None], known.q, solver.model.q_home)
+    guess = np.repeat(guess, np.diff([*marks, len(poses)]), axis=0)
+    q, solved = kinematics.ik(solver.p, np.tile(solver.z, (len(poses), 1)), poses, guess)
+    again, assembled = kinematics.fk(solver.p, np.tile(solver.z, (len(poses), 1)), q)
+    apart = np.abs(again - poses) / np.where(np.arange(4) == 3, solver.size, 1.0)
+    return q, solved & assembled & (np.max(apart, axis=(1, 2)) <= MET)
+
+
+def _check_reach(table: Table, rows: NDArray[np.intp], found: Inverse) -> None:
     if found.solved.all():
         return
     row = int(np.argmin(found.solved))
@@ -85,18 +130,9 @@ def _check_reach(table: Table, found: Inverse) -> None:
     else:
         why = f"{found.position[row]:.3g} mm and {found.rotation[row]:.3g} rad are left"
     raise InputError(
-        f"{table.file}: row {row + 1}: found a pose that the nominal machine cannot take ({why}), "
+        f"{table.file}: row {rows[row] + 1}: found a pose that the nominal machine cannot take ({why}), "
         "expected one within reach"
     )
-
-
-def _base(machine: Machine) -> Array:
-    """(4, 4) nominal frame of the base in the sensor's frame, as calibrated."""
-    value = {parameter.name: parameter.nominal for parameter in machine.frames}
-    out = np.eye(4)
-    out[:3, :3] = lie.rpy_matrix(np.array([value[f"base.r{axis}"] for axis in "xyz"]))
-    out[:3, 3] = [value[f"base.{axis}"] for axis in "xyz"]
-    return out
 
 
 def _columns(machine: Machine) -> list[JointColumn]:

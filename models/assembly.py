@@ -28,9 +28,18 @@ class Assembly:
 
 
 def assemble(
-    machine: Machine, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX], z: Mapping[str, ca.SX], x: ca.SX
+    machine: Machine,
+    values: Mapping[str, ca.SX],
+    q: Mapping[str, ca.SX],
+    z: Mapping[str, ca.SX],
+    x: ca.SX,
+    poses: Mapping[str, ca.SX] | None = None,
 ) -> Assembly:
-    """Place every body: ``values`` of parameters and ports, readings ``q``, drivers ``z``, passive ``x``."""
+    """Place every body: ``values`` of parameters and ports, readings ``q``, drivers ``z``, passive ``x``.
+
+    Bodies named in ``poses`` stand where it says (4, 4), whatever their joints are.
+    """
+    given = poses or {}
     mechanism = machine.mechanism
     displacement = {a.drives: displacement_of(machine, a.reading, values, q) for a in mechanism.actuators}
     passive, offset = {}, 0
@@ -40,13 +49,21 @@ def assemble(
         offset += size
     bodies = {BASE: _motion(values, "base")}
     for joint in mechanism.tree:
-        bodies[joint.child] = bodies[joint.parent] @ _joint(joint, values, displacement, passive)
+        if joint.child in given:
+            bodies[joint.child] = given[joint.child]
+        else:
+            bodies[joint.child] = bodies[joint.parent] @ _joint(joint, values, displacement, passive)
     closure = [_closing(joint, bodies, values, displacement) for joint in mechanism.closing]
     closure += [_rod(rod, bodies, values, displacement) for rod in mechanism.rods]
     tool = ca.mtimes([bodies[mechanism.flange], _motion(values, "tool"), frame_of(values, "tool")])
     gap = ca.vertcat(*closure) if closure else ca.SX(0, 1)
     square = _least_squares(gap, x) if gap.numel() > x.numel() else gap
     return Assembly(bodies, square, gap, tool, _energies(machine, bodies, tool, z))
+
+
+def tool_on_flange(values: Mapping[str, ca.SX]) -> ca.SX:
+    """Pose (4, 4) of the tool in the flange's frame."""
+    return _motion(values, "tool") @ frame_of(values, "tool")
 
 
 def rod_ends(rod: Rod, bodies: Mapping[str, ca.SX], values: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
@@ -112,20 +129,22 @@ def _joint(
     for step in joint.placement:
         out = out @ _step(step, values[step.parameter])
     if joint.name in displacement:
-        return ca.mtimes([out, _moved(joint, displacement[joint.name], values), _motion(values, joint.name)])
+        return ca.mtimes(
+            [out, moved_by(joint, displacement[joint.name], values), _motion(values, joint.name)]
+        )
     if joint.name in passive:
-        return out @ _moved(joint, passive[joint.name], values)
+        return out @ moved_by(joint, passive[joint.name], values)
     return out
 
 
-def _moved(joint: Joint, coordinate: ca.SX, values: Mapping[str, ca.SX]) -> ca.SX:
+def moved_by(joint: Joint, coordinate: ca.SX, values: Mapping[str, ca.SX]) -> ca.SX:
     if joint.kind == "universal":
         return lie.rot_x(coordinate[0]) @ lie.rot_y(coordinate[1])
     if joint.kind == "spherical":
         return lie.transform(lie.mrp_rotation(coordinate), ca.SX.zeros(3, 1))
     if joint.kind == "free":
         return lie.transform(lie.mrp_rotation(coordinate[3:]), coordinate[:3])
-    axis = _axis(joint, values)
+    axis = axis_of(joint, values)
     if joint.kind == "prismatic":
         return lie.transform(ca.SX.eye(3), axis * coordinate)
     if joint.axis == (0.0, 0.0, 1.0):
@@ -133,7 +152,7 @@ def _moved(joint: Joint, coordinate: ca.SX, values: Mapping[str, ca.SX]) -> ca.S
     return lie.transform(lie.axis_rotation(axis, coordinate), ca.SX.zeros(3, 1))
 
 
-def _axis(joint: Joint, values: Mapping[str, ca.SX]) -> ca.SX:
+def axis_of(joint: Joint, values: Mapping[str, ca.SX]) -> ca.SX:
     if not isinstance(joint.axis, Direction):
         return ca.SX(ca.DM(joint.axis))
     known = [values[name] for name in joint.axis.components if name is not None]
@@ -155,7 +174,7 @@ def _closing(
     """Closure residual of a joint that closes a loop: what of the relative pose its kind forbids."""
     frame = placed_frame(joint, bodies, values)
     if joint.name in displacement:
-        frame = frame @ _moved(joint, displacement[joint.name], values)
+        frame = frame @ moved_by(joint, displacement[joint.name], values)
     child = bodies[joint.child]
     gap = frame[:3, :3].T @ (child[:3, 3] - frame[:3, 3])
     turn = frame[:3, :3].T @ child[:3, :3]
@@ -165,13 +184,13 @@ def _closing(
         return ca.vertcat(gap, MM_PER_M * turn[0, 1])  # the cross's axes stay perpendicular
     if joint.kind == "fixed" or joint.name in displacement:
         return ca.vertcat(gap, MM_PER_M * lie.vee(turn))
-    axis, across = _axis(joint, values), _across(joint)
+    axis, across = axis_of(joint, values), across_of(joint)
     if joint.kind == "revolute":
         return ca.vertcat(gap, MM_PER_M * (across @ ca.cross(axis, turn @ axis)))
     return ca.vertcat(across @ ca.cross(axis, gap), MM_PER_M * lie.vee(turn))
 
 
-def _across(joint: Joint) -> ca.SX:
+def across_of(joint: Joint) -> ca.SX:
     """Two rows (2, 3) across the joint's nominal axis, or across its largest component where it may turn."""
     if isinstance(joint.axis, Direction):
         axis = [float(name is None) for name in joint.axis.components]

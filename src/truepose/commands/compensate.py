@@ -20,6 +20,8 @@ from truepose.commands.common import (
 from truepose.commands.tables import write_table
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from truepose.identification.compensation import Compensation
 
 PathArg = Annotated[
@@ -65,9 +67,20 @@ def compensate(
             loaded = load_machine(machine)
             table, rows = load_path(loaded, path)
             found = compensation.compensate(loaded, rows, method=method)  # type: ignore[arg-type]
-            write_table(output, commands(table, loaded, found))
-        summary = {"command": "compensate", "method": method, **_figures(found), "files": [str(output)]}
+            _write(output, commands(table, loaded, found))
+        how = {"method": method, "solved_by": found.solved_by}
+        summary = {"command": "compensate", **how, **_figures(found), "files": [str(output)]}
         finish(summary, _lines(found, output), [*rows.notes, *unheard(loaded, rows)], as_json=as_json)
+
+
+def _write(path: Path, frame: pd.DataFrame) -> None:
+    from truepose.files import atomic_write_text
+    from truepose.identification.path_file import csv_text
+
+    if path.suffix.lower() in {".parquet", ".pq"}:
+        write_table(path, frame)
+    else:
+        atomic_write_text(path, csv_text(frame))
 
 
 def _figures(found: Compensation) -> dict[str, object]:
@@ -98,7 +111,7 @@ def _lines(found: Compensation, output: Path) -> list[str]:
         return f"{position:.4g} mm, {rotation:.4g} deg"
 
     return [
-        f"{output}: {len(found.command)} rows",
+        f"{output}: {len(found.command)} rows, solved by {found.solved_by}",
         f"  largest pose error, as the calibrated model has it: {words(found.before)} with the path's commands, "
         f"{words(found.after)} with these",
     ]
