@@ -25,6 +25,7 @@ from truepose.models.kinematics import SymbolicModel
 
 _LOCALS = {"p": "const real *p = m->p;", "z": "const real *z = m->z;", "k": "const real *k = m->k;"}
 _Targets = list[tuple[str, int]]
+_EVALUATION = ("moves_of", "chain_line", "mix", "all_of")
 _PADDED = 4
 """Places of a line's entry in what is kept: of three lines, and a fourth one of zeros that may fill a vector."""
 
@@ -35,13 +36,15 @@ class Blocks:
 
     ``chain`` is None where loops have to be closed; ``moves`` are the kinds of its moves, True for a turn.
     ``loops`` is None for an open chain. ``lane_texts`` are the functions of a chain of six readings, or of legs in
-    closed form, for several rows at once, after what they need.
+    closed form, for several rows at once, after what they need. ``operations`` are those of one evaluation with its
+    derivative.
     """
 
     texts: tuple[str, ...]
     lane_texts: tuple[str, ...]
     chain: ChainExpressions | None
     loops: Loops | None
+    operations: int
     _graph: Graph
     _kept: tuple[int, ...]
 
@@ -114,6 +117,17 @@ class _Writer:
         fill = _function(title, "fixed_of", "const real *p, const real *z, real *k", own)
         return [fill, *(self._text(plan) for plan in self.planned)]
 
+    def operations(self) -> int:
+        """Operations of one evaluation with its derivative; three lines of a pose count three times."""
+        count = 0
+        for plan in self.planned:
+            if plan.name in _EVALUATION:
+                given = {**self._places, **plan.given}
+                nodes = self.graph.reachable((node for _, node in plan.targets), given)
+                own = sum(1 for node in nodes if node not in given and self.graph.nodes[node].args)
+                count += own * (3 if plan.lines else 1)
+        return count
+
     def _text(self, plan: _Planned) -> str:
         statements = Printer(self.graph, self.real, {**self._places, **plan.given}).statements(plan.targets)
         return _function(plan.title, plan.name, plan.arguments, statements, lines=plan.lines)
@@ -142,7 +156,8 @@ def blocks_of(model: SymbolicModel, layout: Layout, real: Real) -> Blocks:
         write_loops(writer, model, loops)
     by_lanes = [plan for plan in writer.planned if plan.name == ROOTS or (expressions and expressions.six)]
     lanes = writer.lane_texts(by_lanes, () if loops else ("load", "store", "sincos")) if by_lanes else []
-    return Blocks(tuple(writer.texts()), tuple(lanes), expressions, loops, writer.graph, tuple(writer.kept))
+    texts, operations = tuple(writer.texts()), writer.operations()
+    return Blocks(texts, tuple(lanes), expressions, loops, operations, writer.graph, tuple(writer.kept))
 
 
 _Entries = Callable[[str, Mapping[str, ca.SX], ca.SX], _Targets]

@@ -55,11 +55,7 @@ def branches_of(
     if not np.allclose(turn, 1.0, atol=0.1):
         return None
     axes, points = w / np.sqrt(turn), tool[:, 3] - np.cross(v, w) / turn
-    for kind in ("wrist", "parallel"):
-        found = _drawn(kind, axes, points, tool, reach)  # type: ignore[arg-type]
-        if found is not None:
-            return found
-    return None
+    return _drawn("wrist", axes, points, tool, reach) or _drawn("parallel", axes, points, tool, reach)
 
 
 def _drawn(
@@ -83,5 +79,6 @@ def _drawn(
 def _meeting(axes: Array, points: Array) -> tuple[Array, float]:
     """The point next to lines (k, 3), and how far the farthest of them passes by."""
     off = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    meeting = np.linalg.lstsq(off.reshape(-1, 3), (off @ points[:, :, None]).ravel(), rcond=1e-6)[0]
+    solution = np.linalg.lstsq(off.reshape(-1, 3), (off @ points[:, :, None]).ravel(), rcond=1e-6)[0]
+    meeting = np.asarray(solution, dtype=float)
     return meeting, float(np.max(np.linalg.norm((off @ (meeting - points)[:, :, None])[..., 0], axis=1)))

@@ -82,13 +82,14 @@ def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None 
         "lane_blocks": blocks.lane_texts,
         "trig": any("sin_cos(" in text for text in blocks.texts),
         "moves": blocks.moves,
+        "operations": blocks.operations,
         **(blocks.loops.context if blocks.loops else dict.fromkeys(("loops", "whole", "roots", "legs"))),
         "per_unit": np.array(layout.bounded).astype(bool) / layout.unknown,
         "six": blocks.chain is not None and blocks.chain.six,
         "mixed": blocks.chain is not None and blocks.chain.mixed is not None,
         **_elimination(model, blocks, layout, real),
-        "kept": blocks.kept(model.p_home, model.z_home),
-        "drawn": blocks.kept(ideal, model.z_home),
+        "kept": blocks.kept(model.p_home.tolist(), model.z_home.tolist()),
+        "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
     }
     environment = jinja2.Environment(

@@ -108,8 +108,8 @@ def jacobians_and_tools(
         v, w = ca.cross(axis, lines[:, 3] - origin), reach * axis
         columns.append(ca.vertcat(v, w) if move.turn else ca.vertcat(axis, ca.SX.zeros(3, 1)))
     jacobian = ca.horzcat(*columns) @ ca.jacobian(values, model.q)
-    outputs = [ca.densify(jacobian), ca.densify(lines[:, :4])]
-    function = ca.Function("J", [model.q, model.p, model.z], outputs)
+    results = [ca.densify(jacobian), ca.densify(lines[:, :4])]
+    function = ca.Function("columns", [model.q, model.p, model.z], results)
     found = [[np.array(part) for part in function(q, model.p_home, model.z_home)] for q in samples]
     return np.array([jacobian for jacobian, _ in found]), np.array([tool for _, tool in found])
 

@@ -169,7 +169,7 @@ def _roots(
         # of the two forms of one root, the one whose sum does not cancel
         readings.append(-c[k] / (b[k] + root) if leading[k] else (root - b[k]) / a[k])
     found = ca.vertcat(*readings)
-    lack = (c + found * (2 * b + a * found)) / ca.DM(typical[0, :, 2])
+    lack = (c + found * (2 * b + a * found)) / ca.DM([float(f"{size:.6g}") for size in typical[0, :, 2]])
     return Roots(found, under, lack)
 
 
