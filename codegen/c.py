@@ -31,9 +31,11 @@ from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import Machine
 
 MAX_ITER = 1000
-"""Evaluations of the model that one inverse may take."""
+"""Evaluations of the model that one inverse of an open chain may take."""
+SPARE_MAX_ITER = 4000
+"""The same where there are joints to spare, whose ranges leave many solutions outside."""
 CLOSED_MAX_ITER = 400
-"""The same of a closed chain: the worst of 10^5 random starts took 150."""
+"""The same of a closed chain."""
 _LIMITS = {
     "fk_limit": 300,
     "attempt_limit": 40,
@@ -141,7 +143,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "ng": model.gap.numel(),
         "strain": strain_of(model),
         "forces": forces,
-        "max_iter": CLOSED_MAX_ITER if nx else MAX_ITER,
+        "max_iter": CLOSED_MAX_ITER if nx else SPARE_MAX_ITER if len(layout.near) > 6 else MAX_ITER,
         **_LIMITS,
         "p0": model.p_home,
         "z0": model.z_home if len(model.z_home) else np.zeros(1),
