@@ -24,7 +24,7 @@ from .problems import ProblemFiles, Problems
 Array = NDArray[np.float64]
 DRIVER = Path(__file__).parent / "drivers" / "generated.c"
 Flags = tuple[str, ...]
-NATIVE: Flags = ("-O3", "-march=native")
+NATIVE: Flags = ("-O3", "-march=native", "-ffp-contract=fast")
 PLAIN: Flags = ("-O2",)
 _STANDARD = ("-std=c99", "-D_POSIX_C_SOURCE=199309L")
 
