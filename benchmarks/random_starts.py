@@ -28,7 +28,10 @@ BUNDLED = [
     for name in ("nanopositioner", "telescope", "polisher")
 ]
 DRIVER = Path(__file__).with_suffix(".c")
-HEAD = "| machine | poses | solved | codes 1, 2, 3 | us a pose, with the clock | largest error, mm and entry of R | fk_from elsewhere |"
+HEAD = (
+    "| machine | poses | solved | codes 1, 2, 3 | us a pose, with the clock | largest error, mm and entry of R "
+    "| fk_from elsewhere |"
+)
 
 
 def row(machine: Machine, poses: int, real: str) -> str:

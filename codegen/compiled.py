@@ -1,6 +1,7 @@
-"""C text to functions of this process: compiled by the system's C compiler for this processor, and kept.
+"""C texts to functions of this process: compiled by the system's C compiler for this processor, and kept.
 
-``load`` gives the library of a C text from the cache, or compiles it. ``NotCompiledError`` says why there is none.
+``load`` gives the library of a C text, or of several files, from the cache, or compiles it. ``NotCompiledError`` says why
+there is none.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,6 +24,7 @@ FLAGS = ("-std=c99", "-O2", "-march=native", "-fno-math-errno", "-shared", "-fPI
 FUSED = {False: "-ffp-contract=off", True: "-ffp-contract=fast"}
 PATIENCE = 600.0
 """Seconds after which a compiler is given up."""
+_ONE = "source.c"
 
 
 class NotCompiledError(Exception):
@@ -36,13 +38,18 @@ class Compiler:
     path: str
     version: str
 
-    def build(self, source: str, flags: Sequence[str], library: Path) -> None:
-        """Write the library of a C text. Raises NotCompiledError with the first thing the compiler has to say."""
-        command = [self.path, *flags, "-x", "c", "-", "-lm", "-o", str(library)]
+    def build(self, sources: Mapping[str, str], flags: Sequence[str], library: Path) -> None:
+        """Write the library of C texts by file name, which are put beside it; those named ``*.c`` are compiled.
+
+        Raises NotCompiledError with the first thing the compiler has to say.
+        """
+        files = {library.parent / name: text for name, text in sources.items()}
+        units = [str(path) for path in files if path.suffix == ".c"]
+        command = [self.path, *flags, *units, "-lm", "-o", str(library)]
         try:
-            done = subprocess.run(
-                command, input=source, capture_output=True, text=True, timeout=PATIENCE, check=False
-            )
+            for path, text in files.items():
+                path.write_text(text, encoding="utf-8", newline="\n")
+            done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
         except (OSError, subprocess.TimeoutExpired) as exc:
             raise NotCompiledError(f"{self.path} failed: {exc}") from None
         if done.returncode != 0 or not library.exists():
@@ -50,17 +57,20 @@ class Compiler:
             raise NotCompiledError(f"{self.path} failed: {said.strip() or f'exit code {done.returncode}'}")
 
 
-def load(source: str, *, fused: bool = False) -> ctypes.CDLL:
-    """The library of a C text; ``TRUEPOSE_CC`` names the compiler, or none where it is empty.
+def load(source: str | Mapping[str, str], *, fused: bool = False) -> ctypes.CDLL:
+    """The library of a C text, or of several by file name, ``*.c`` and the headers that they include by these names.
 
+    ``TRUEPOSE_CC`` names the compiler, or none where it is empty.
     ``fused`` lets products be added without rounding, faster, but not digit for digit as CasADi does. Raises NotCompiledError.
     """
     flags = (*FLAGS, FUSED[fused])
     compiler = _compiler(os.environ.get("TRUEPOSE_CC"), os.environ.get("PATH", ""))
-    making = "\0".join([source, compiler.path, compiler.version, *flags, _processor()])
+    sources = {_ONE: source} if isinstance(source, str) else source
+    texts = [part for item in sources.items() for part in item]
+    making = "\0".join([*texts, compiler.path, compiler.version, *flags, _processor()])
     key = hashlib.sha256(making.encode()).hexdigest()[:40]
     try:
-        return library_cache().load(key, lambda path: compiler.build(source, flags, path))
+        return library_cache().load(key, lambda path: compiler.build(sources, flags, path))
     except OSError as exc:
         raise NotCompiledError(f"what {compiler.path} made cannot be loaded: {exc}") from None
 

@@ -18,7 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.compensation_compiled import CompiledKinematics, NotCompiledError
+from truepose.identification.compensation_compiled import (
+    CompiledKinematics,
+    NotCompiledError,
+    base_frame,
+    shared_out,
+)
 from truepose.identification.compensation_rows import (
     Compensation,
     Follower,
@@ -36,7 +41,7 @@ Mask = NDArray[np.bool_]
 METHODS: tuple[Method, ...] = ("exact", "first-order")
 COMPILED_FROM = 20_000
 """Rows from which a path repays the compiler."""
-_BLOCK = 65_536
+_BLOCK = 8192
 _NEAR = 0.05
 """Largest correction that is taken from the C as it is, part of the machine's size or rad; beyond it lie other
 assemblies."""
@@ -66,17 +71,16 @@ def _compiled(machine: Machine, follower: Follower) -> Compensation:
     """By the generated C; rows that it leaves, and all where it cannot be had, by numpy."""
     every = np.arange(len(follower.nominal))
     try:
-        kinematics = _kinematics(machine, follower, every)
+        way = _Way(machine, follower)
     except NotCompiledError as exc:
         return replace(follower.by_numpy(every, "exact"), solved_by=f"numpy: {exc}")
-    whole, left = _empty(follower), []
-    for start in range(0, len(every), _BLOCK):
-        rows = slice(start, start + _BLOCK)
-        part, solved = _solved(kinematics, follower, every[rows])
-        for name in _COLUMNS:
-            getattr(whole, name)[rows] = getattr(part, name)
-        left.append(every[rows][~solved])
-    others = np.concatenate(left)
+    whole, solved = _empty(follower), np.zeros(len(every), dtype=bool)
+
+    def part(rows: slice) -> None:
+        solved[rows] = way.follow(rows, whole)
+
+    shared_out(part, len(every), _BLOCK)
+    others = every[~solved]
     if not len(others):
         return replace(whole, solved_by="compiled C")
     own = follower.by_numpy(others, "exact")
@@ -88,34 +92,53 @@ def _compiled(machine: Machine, follower: Follower) -> Compensation:
 def _empty(follower: Follower) -> Compensation:
     """Room for every row: a path in parts and as a whole would take twice the memory."""
     n, nq = follower.nominal.shape
-    command, target, before, after = (np.empty((n, *shape)) for shape in ((nq,), (4, 4), (6,), (6,)))
+    command, target, before, after = (np.zeros((n, *shape)) for shape in ((nq,), (4, 4), (6,), (6,)))
+    target[:, 3, 3] = 1.0
     return Compensation(follower.readings, follower.nominal, command, target, before, after)
 
 
-def _kinematics(machine: Machine, follower: Follower, every: Rows) -> CompiledKinematics:
-    """The machine's C, once it has been seen to agree with the model. Raises NotCompiledError."""
-    kinematics = CompiledKinematics(machine)
-    rows = every[:: max(len(every) // _PROBES, 1)]
-    poses, found = kinematics.fk(follower.ideal, follower.z[rows], follower.nominal[rows])
-    if found.any():
-        apart = np.abs(twists_between(follower.targets(rows[found]), poses[found]))
-        if not np.max(apart / ([follower.size] * 3 + [1.0] * 3)) <= MET:
-            raise NotCompiledError("the C and the model assemble this machine differently")
-    return kinematics
+class _Way:
+    """A path by the machine's C, once that has been seen to agree with the model. Raises NotCompiledError."""
 
+    def __init__(self, machine: Machine, follower: Follower) -> None:
+        self._kinematics, self._follower, self._base = CompiledKinematics(machine), follower, base_frame(machine)
+        every = np.arange(len(follower.nominal))
+        rows = every[:: max(len(every) // _PROBES, 1)]
+        poses, found = self._meant(follower.nominal[rows])
+        if found.any():
+            apart = np.abs(twists_between(follower.targets(rows[found]), self._seen(poses[found])))
+            if not np.max(apart / ([follower.size] * 3 + [1.0] * 3)) <= MET:
+                raise NotCompiledError("the C and the model assemble this machine differently")
 
-def _solved(kinematics: CompiledKinematics, follower: Follower, rows: Rows) -> tuple[Compensation, Mask]:
-    """Rows (k,) as the C solves them, and which of them can be taken as they are (k,)."""
-    q, z = follower.nominal[rows], follower.z[rows]
-    target, meant = kinematics.fk(follower.ideal, z, q)
-    command, reached = kinematics.ik(follower.real, z, target, q)
-    (now, stands), (then, met) = kinematics.fk(follower.real, z, q), kinematics.fk(follower.real, z, command)
-    before, after = twists_between(target, now), twists_between(target, then)
-    good = meant & reached & stands & met & follower.within(command).all(axis=1)
-    good &= np.max(np.abs(command - q) / follower.reach, axis=1) <= _NEAR
-    good &= np.max(np.abs(after[:, :3]), axis=1) <= MET * follower.size
-    good &= np.max(np.abs(after[:, 3:]), axis=1) <= MET
-    return Compensation(follower.readings, q, command, target, before, after), good
+    def follow(self, rows: slice, whole: Compensation) -> Mask:
+        """Fill in rows as the C solves them; which of them can be taken as they are (k,)."""
+        kinematics, follower = self._kinematics, self._follower
+        q, z = follower.nominal[rows], follower.z[rows]
+        target, meant = self._meant(q)
+        command, reached = kinematics.ik(target, q, z)
+        (now, stands), (then, met) = kinematics.fk(q, z), kinematics.fk(command, z)
+        before, after = twists_between(target, now), twists_between(target, then)
+        good = meant & reached & stands & met & follower.within(command).all(axis=1)
+        good &= np.max(np.abs(command - q) / follower.reach, axis=1) <= _NEAR
+        good &= np.max(np.abs(after[:, :3]), axis=1) <= MET * follower.size
+        good &= np.max(np.abs(after[:, 3:]), axis=1) <= MET
+        whole.command[rows], whole.target[rows, :3] = command, self._seen(target)
+        whole.before[rows], whole.after[rows] = self._turned(before), self._turned(after)
+        return np.asarray(good)
+
+    def _meant(self, q: Array) -> tuple[Array, Mask]:
+        """Poses (k, 3, 4) that nominal readings mean; the drawing has no effects, and no need of drivers."""
+        return self._kinematics.fk(q, p=self._follower.ideal)
+
+    def _seen(self, poses: Array) -> Array:
+        """Poses (k, 3, 4) in the sensor's frame."""
+        out: Array = self._base[:3, :3] @ poses
+        out[:, :, 3] += self._base[:3, 3]
+        return out
+
+    def _turned(self, twists: Array) -> Array:
+        """Twists (k, 6) in the directions of the sensor's frame."""
+        return (twists.reshape(-1, 2, 3) @ self._base[:3, :3].T).reshape(-1, 6)
 
 
 __all__ = ["COMPILED_FROM", "METHODS", "Compensation", "Method", "compensate", "ideal_constants"]

@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.compensation import COMPILED_FROM, Compensation, ideal_constants
-from truepose.identification.compensation_compiled import CompiledKinematics, NotCompiledError, base_frame
+from truepose.identification.compensation_compiled import (
+    CompiledKinematics,
+    NotCompiledError,
+    base_frame,
+    shared_out,
+)
 from truepose.identification.inverse import MET, Inverse, PoseSolver, Reach
 from truepose.identification.path_file import read_path_table, with_columns
 from truepose.identification.recording import Recording, read_recording
@@ -77,7 +82,7 @@ def _with_joints(machine: Machine, table: Table) -> Table:
     poses = np.broadcast_to(np.eye(4), (table.n_rows, 4, 4)).copy()
     poses[:, :3, 3] = np.column_stack(parts[:3])
     poses[:, :3, :3] = lie.exp_so3(np.column_stack(parts[3:]))
-    q = _nominal_joints(machine, table, base_frame(machine) @ poses)
+    q = _nominal_joints(machine, table, poses)
     return with_columns(
         table,
         {
@@ -88,7 +93,7 @@ def _with_joints(machine: Machine, table: Table) -> Table:
 
 
 def _nominal_joints(machine: Machine, table: Table, poses: Array) -> Array:
-    """(n, nq) readings of the machine with nominal links at sensor-frame poses (n, 4, 4).
+    """(n, nq) readings of the machine with nominal links at poses (n, 4, 4) in the nominal frame of the base.
 
     Many rows are solved by the generated C, each from the last row before it that is solved here: where a pose has
     several solutions, those in between take the same one.
@@ -102,7 +107,7 @@ def _nominal_joints(machine: Machine, table: Table, poses: Array) -> Array:
     left = rows[~solved]
     for start in range(0, len(left), _BLOCK):
         part = left[start : start + _BLOCK]
-        found = solver.inverse(poses[part])
+        found = solver.inverse(base_frame(machine) @ poses[part])
         _check_reach(table, part, found)
         q[part] = found.q
     return q
@@ -112,13 +117,19 @@ def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Ar
     """Readings (n, nq) by the generated C, and which rows it solved. Raises NotCompiledError."""
     kinematics = CompiledKinematics(machine)
     marks = np.arange(0, len(poses), -(-len(poses) // _MARKS))
-    known = solver.inverse(poses[marks])
+    known = solver.inverse(base_frame(machine) @ poses[marks])
     guess = np.where(known.solved[:, None], known.q, solver.model.q_home)
-    guess = np.repeat(guess, np.diff([*marks, len(poses)]), axis=0)
-    q, solved = kinematics.ik(solver.p, np.tile(solver.z, (len(poses), 1)), poses, guess)
-    again, assembled = kinematics.fk(solver.p, np.tile(solver.z, (len(poses), 1)), q)
-    apart = np.abs(again - poses) / np.where(np.arange(4) == 3, solver.size, 1.0)
-    return q, solved & assembled & (np.max(apart, axis=(1, 2)) <= MET)
+    q, good = np.repeat(guess, np.diff([*marks, len(poses)]), axis=0), np.zeros(len(poses), dtype=bool)
+
+    def part(rows: slice) -> None:
+        wanted = poses[rows, :3]
+        q[rows], solved = kinematics.ik(wanted, q[rows], p=solver.p)
+        again, assembled = kinematics.fk(q[rows], p=solver.p)
+        apart = np.abs(again - wanted) / np.where(np.arange(4) == 3, solver.size, 1.0)
+        good[rows] = solved & assembled & (np.max(apart, axis=(1, 2)) <= MET)
+
+    shared_out(part, len(poses), _BLOCK)
+    return q, good
 
 
 def _check_reach(table: Table, rows: NDArray[np.intp], found: Inverse) -> None:
