@@ -80,6 +80,8 @@ class _Writer:
     planned: list[_Planned] = field(default_factory=list)
     first: list[int] = field(default_factory=list)
     """Nodes that are kept in the first places, in this order."""
+    then: list[int] = field(default_factory=list)
+    """Nodes that are kept behind them, in this order."""
 
     def nodes(self, inputs: Mapping[str, ca.SX], expression: ca.SX) -> list[int]:
         """Nodes of an expression's entries."""
@@ -103,11 +105,13 @@ class _Writer:
     @cached_property
     def kept(self) -> list[int]:
         """Nodes that are kept, in order; nothing may be planned after it is known."""
-        return [*self.first, *self.graph.kept(node for plan in self.planned for _, node in plan.targets)]
+        read = self.graph.kept(node for plan in self.planned for _, node in plan.targets)
+        return [*self.first, *self.then, *(node for node in read if node not in self.then)]
 
     @property
     def _places(self) -> dict[int, str]:
-        return {node: f"k[{k}]" for k, node in enumerate(self.kept) if k >= len(self.first)}
+        places = {node: f"k[{k}]" for k, node in enumerate(self.kept) if k >= len(self.first)}
+        return {node: place for node, place in places.items() if self.graph.nodes[node].args}
 
     def texts(self) -> list[str]:
         """The functions, that of kept values first."""
@@ -168,6 +172,9 @@ def _write_lines(writer: _Writer, entries: _Entries, chain: ChainExpressions) ->
     inputs = {"start": chain.start, "s": chain.s, "c": chain.c}
     first = {node: f"k[{_PADDED * k} + j]" for k, (_, node) in enumerate(entries("", inputs, chain.start))}
     writer.first = [node for _, node in entries("", {}, ca.vec(ca.vertcat(chain.first, ca.SX.zeros(1, 4))))]
+
+    if chain.steps is not None and chain.six:
+        writer.then = [node for _, node in entries("", {}, chain.steps)]
 
     def lines(name: str, expression: ca.SX) -> _Targets:
         return [

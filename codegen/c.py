@@ -14,7 +14,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from truepose.codegen.blocks import Blocks, blocks_of
@@ -24,6 +23,7 @@ from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.names import check_machine_name, comment, identifiers
 from truepose.codegen.printer import Real, literal
 from truepose.codegen.reference import slopes_of, strain_of
+from truepose.codegen.texts import environment
 from truepose.codegen.wrappers import wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
@@ -47,7 +47,6 @@ _LIMITS = {
     "patience": 2,
 }
 _EXAMPLES = 8
-_TEMPLATES = Path(__file__).parent / "templates"
 
 
 def generate(
@@ -89,25 +88,18 @@ def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None 
         "per_unit": np.array(layout.bounded).astype(bool) / layout.unknown,
         "six": blocks.chain is not None and blocks.chain.six,
         "mixed": blocks.chain is not None and blocks.chain.mixed is not None,
+        "rolled": blocks.chain is not None and blocks.chain.six and blocks.chain.steps is not None,
         **_elimination(model, blocks, layout, real),
         "kept": blocks.kept(model.p_home.tolist(), model.z_home.tolist()),
         "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
     }
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
     name = machine.name
     files = {f"{name}_kin.h": "kin.h.j2", f"{name}_kin.c": "kin.c.j2", "example.c": "example.c.j2"}
     files |= {f"{name}_batch.h": "batch.h.j2", f"{name}_batch.c": "batch.c.j2"}
     files |= {"CMakeLists.txt": "CMakeLists.txt.j2", "README.md": "README.md.j2"}
-    texts = {file: environment.get_template(template).render(context) for file, template in files.items()}
-    return {**texts, "test_vectors.csv": _vectors(model, layout), **wrappers(context, environment)}
+    texts = {file: environment().get_template(template).render(context) for file, template in files.items()}
+    return {**texts, "test_vectors.csv": _vectors(model, layout), **wrappers(context)}
 
 
 def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:

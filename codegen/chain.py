@@ -28,6 +28,9 @@ class ChainExpressions:
                      and cosine ``c`` of turns (``s`` of a slide is its length); and for each move the line of its
                      axis, then of its origin (2 nv,)
     mixed (6 nq,)    columns by readings from columns by moves (6 nv,); None where they are the same
+    steps (n,)       the same chain as numbers for a loop over its moves, where all are turns by the readings and constants: for
+                     every move [offset, cosine and sine of the tilt about x before it, x, y, z before it], the first
+                     ones from the first frame; then R column after column and p of the tool's placement; else None
     """
 
     chain: Chain
@@ -40,6 +43,7 @@ class ChainExpressions:
     line: ca.SX
     axes: ca.SX
     mixed: ca.SX | None
+    steps: ca.SX | None
     readings: int
 
     @property
@@ -55,6 +59,8 @@ class ChainExpressions:
         s, c = ca.SX.sym("s", count), ca.SX.sym("c", count)
         line, axes = _line(chain, start, s, c)
         slopes = ca.jacobian(chain.values, model.q)
+        own = _is_identity(slopes)
+        offsets = ca.substitute(chain.values, model.q, ca.SX.zeros(model.q.shape))
         mixed = ca.vec(ca.reshape(columns, 6, count) @ slopes)
         return cls(
             chain=chain,
@@ -62,11 +68,12 @@ class ChainExpressions:
             s=s,
             c=c,
             columns=columns,
-            moves=chain.values,
+            moves=model.q + offsets if own else chain.values,
             first=chain.moves[0].before[:3, :],
             line=line,
             axes=axes,
-            mixed=None if _is_identity(slopes) else mixed,
+            mixed=None if own else mixed,
+            steps=_steps(chain, offsets) if own and all(move.turn for move in chain.moves) else None,
             readings=len(model.readings),
         )
 
@@ -129,6 +136,15 @@ def _line(chain: Chain, start: ca.SX, s: ca.SX, c: ca.SX) -> tuple[ca.SX, ca.SX]
             origin = origin + line[2] * s[k]
     line, origin = _carried(line, origin, chain.after)
     return ca.vertcat(line.T, origin), ca.vertcat(*axes)
+
+
+def _steps(chain: Chain, offsets: ca.SX) -> ca.SX:
+    """Numbers of a chain of turns, whose placements but the first are tilts about x."""
+    rows = []
+    for k, move in enumerate(chain.moves):
+        before = move.before if k else ca.SX.eye(4)
+        rows.append(ca.vertcat(offsets[k], before[1, 1], before[2, 1], before[:3, 3]))
+    return ca.vertcat(*rows, ca.vec(chain.after[:3, :]))
 
 
 def _carried(line: ca.SX, origin: ca.SX, pose: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -8,15 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
-from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from truepose.codegen.printer import Real, literal
+from truepose.codegen.texts import environment
 
-_TEMPLATES = Path(__file__).parent / "templates"
 UNARY: tuple[str, ...] = ("SQRT", "EXP", "LOG", "TAN", "ASIN", "ACOS", "ATAN", "SINH", "COSH", "TANH")
 UNARY += ("ASINH", "ACOSH", "ATANH", "ERF", "LOG1P", "EXPM1")
 BINARY = ("POW", "ATAN2", "FMOD", "HYPOT", "REMAINDER")
@@ -89,20 +85,7 @@ def lane_runtime(real: Real, helpers: Iterable[str]) -> str:
         "sine": SINE[real],
         "cosine": COSINE[real],
     }
-    return _template().render(context)
-
-
-@cache
-def _template() -> jinja2.Template:
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
-    return environment.get_template("lanes.c.j2")
+    return environment().get_template("lanes.c.j2").render(context)
 
 
 __all__ = ["BINARY", "COSINE", "FARTHEST", "QUARTER_TURN", "SINE", "UNARY", "lane_runtime"]

@@ -9,12 +9,12 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-import jinja2
+from truepose.codegen.texts import environment
 
 _TEMPLATES = {"kin.py": "kin.py.j2", "kin.hpp": "kin.hpp.j2", "sfun.c": "sfun.c.j2"}
 
 
-def wrappers(context: Mapping[str, Any], environment: jinja2.Environment) -> dict[str, str]:
+def wrappers(context: Mapping[str, Any]) -> dict[str, str]:
     """Texts of ``wrappers/NAME_kin.py``, ``wrappers/NAME_kin.hpp`` and ``wrappers/NAME_sfun.c`` by file name.
 
     ``context`` says what the C says: ``name``, ``real``, ``joints`` (place, name, unit), ``parameters`` and
@@ -22,7 +22,9 @@ def wrappers(context: Mapping[str, Any], environment: jinja2.Environment) -> dic
     """
     full = {**context, "quoted": _quoted}
     return {
-        f"wrappers/{context['name']}_{ending}": environment.get_template(f"wrappers/{template}").render(full)
+        f"wrappers/{context['name']}_{ending}": environment()
+        .get_template(f"wrappers/{template}")
+        .render(full)
         for ending, template in _TEMPLATES.items()
     }
 

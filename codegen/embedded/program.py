@@ -7,17 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import jinja2
-
 from truepose.codegen.embedded.source import Source
 from truepose.codegen.embedded.targets import Target
 from truepose.codegen.embedded.toolchain import Toolchain, run
 from truepose.codegen.printer import literal
+from truepose.codegen.texts import TEMPLATES, environment
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")
 _SECTIONS = ("-ffunction-sections", "-fdata-sections")
 _FRAMES = "-fcallgraph-info=su"
-_TEMPLATES = Path(__file__).parent.parent / "templates" / "embedded"
 LONG_LOOP = 3_000_000
 """Turns of the longest loop of known cost; longer than any inverse is expected to take."""
 
@@ -84,14 +82,6 @@ def build(source: Source, compiler: Compiler, where: Path) -> Path:
 
 def write_program(source: Source, target: Target, where: Path) -> Path:
     """Write all sources of the test program into ``where``; the linker script's path."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
     context = {
         "name": source.name,
         "target": target,
@@ -103,9 +93,9 @@ def write_program(source: Source, target: Target, where: Path) -> Path:
         "numbers": lambda values: ", ".join(literal(float(v), source.real) for v in values),
     }
     for file in ("driver.c", "link.ld"):
-        text = environment.get_template(f"{file}.j2").render(context)
+        text = environment().get_template(f"embedded/{file}.j2").render(context)
         (where / file).write_text(text, encoding="utf-8")
-    shutil.copy(_TEMPLATES / "start.S", where)
+    shutil.copy(TEMPLATES / "embedded" / "start.S", where)
     for suffix in ("c", "h"):
         shutil.copy(source.directory / f"{source.name}_kin.{suffix}", where)
     return where / "link.ld"
