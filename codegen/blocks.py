@@ -13,7 +13,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from truepose.codegen.chain import ChainExpressions
+from truepose.codegen.chain import FIRST, STEP, ChainExpressions
 from truepose.codegen.expressions import Graph
 from truepose.codegen.lane_runtime import lane_runtime
 from truepose.codegen.lanes import LanePrinter
@@ -26,6 +26,9 @@ from truepose.models.kinematics import SymbolicModel
 _LOCALS = {"p": "const real *p = m->p;", "z": "const real *z = m->z;", "k": "const real *k = m->k;"}
 _Targets = list[tuple[str, int]]
 _EVALUATION = ("moves_of", "chain_line", "mix", "all_of")
+_OWN = {"ATAN2": "arctan"}
+_NO_TILT = (8, 9)
+"""Entries of a frame that a tilt is not computed from."""
 _PADDED = 4
 """Places of a line's entry in what is kept: of three lines, and a fourth one of zeros that may fill a vector."""
 
@@ -80,8 +83,10 @@ class _Writer:
     planned: list[_Planned] = field(default_factory=list)
     first: list[int] = field(default_factory=list)
     """Nodes that are kept in the first places, in this order."""
-    then: list[int] = field(default_factory=list)
-    """Nodes that are kept behind them, in this order."""
+    own: list[int] = field(default_factory=list)
+    """Of a chain in steps, its moves' own offsets."""
+    frames: list[list[int]] = field(default_factory=list)
+    """And the frames that become tilts, line after line."""
 
     def nodes(self, inputs: Mapping[str, ca.SX], expression: ca.SX) -> list[int]:
         """Nodes of an expression's entries."""
@@ -106,20 +111,37 @@ class _Writer:
     def kept(self) -> list[int]:
         """Nodes that are kept, in order; nothing may be planned after it is known."""
         read = self.graph.kept(node for plan in self.planned for _, node in plan.targets)
-        return [*self.first, *self.then, *(node for node in read if node not in self.then)]
+        return [*self.first, *read]
 
     @property
     def _places(self) -> dict[int, str]:
-        places = {node: f"k[{k}]" for k, node in enumerate(self.kept) if k >= len(self.first)}
-        return {node: place for node, place in places.items() if self.graph.nodes[node].args}
+        return {node: f"k[{k}]" for k, node in enumerate(self.kept) if k >= len(self.first)}
 
     def texts(self) -> list[str]:
         """The functions, that of kept values first."""
-        kept = self.kept
-        own = Printer(self.graph, self.real).statements([(f"k[{k}]", node) for k, node in enumerate(kept)])
         title = "Values that depend on p and z alone."
-        fill = _function(title, "fixed_of", "const real *p, const real *z, real *k", own)
+        lines, apart = self._tilts()
+        rest = [(f"k[{k}]", node) for k, node in enumerate(self.kept) if k not in apart]
+        lines += Printer(self.graph, self.real, own=_OWN).statements(rest)
+        fill = _function(title, "fixed_of", "const real *p, const real *z, real *k", lines)
         return [fill, *(self._text(plan) for plan in self.planned)]
+
+    def _tilts(self) -> tuple[list[str], set[int]]:
+        """Statements that compute the steps of a chain frame by frame, and the places that they fill."""
+        if not self.frames:
+            return [], set()
+        offsets = [(f"k[{FIRST + STEP * i}]", node) for i, node in enumerate(self.own)]
+        lines = self._block(offsets)
+        for i, frame in enumerate(self.frames, start=1):
+            entries = [(f"F[{k}]", node) for k, node in enumerate(frame) if k not in _NO_TILT]
+            lines += self._block(entries, "real F[12];", f"tilt_of(F, k + {FIRST + STEP * i});")
+        behind = range(FIRST + STEP, FIRST + STEP * len(self.own))
+        return lines, {FIRST, *behind}
+
+    def _block(self, targets: _Targets, before: str = "", behind: str = "") -> list[str]:
+        """Statements in a scope of their own."""
+        inside = Printer(self.graph, self.real, own=_OWN).statements(targets)
+        return ["{", *(f"    {line}" for line in (before, *inside, behind) if line), "}"]
 
     def operations(self) -> int:
         """Operations of one evaluation with its derivative; three lines of a pose count three times."""
@@ -133,14 +155,18 @@ class _Writer:
         return count
 
     def _text(self, plan: _Planned) -> str:
-        statements = Printer(self.graph, self.real, {**self._places, **plan.given}).statements(plan.targets)
+        statements = Printer(self.graph, self.real, {**self._places, **plan.given}, _OWN).statements(
+            plan.targets
+        )
         return _function(plan.title, plan.name, plan.arguments, statements, lines=plan.lines)
 
     def lane_texts(self, planned: Iterable[_Planned], needed: Iterable[str]) -> list[str]:
         """What they need, ``needed`` included, and the functions for several rows at once: all but the model is a row's own."""
         texts, helpers = [], set(needed)
         for plan in planned:
-            printer = LanePrinter(self.graph, self.real, ("p", "z", "start"), {**self._places, **plan.given})
+            printer = LanePrinter(
+                self.graph, self.real, ("p", "z", "k", "start"), {**self._places, **plan.given}
+            )
             statements = printer.statements(plan.targets)
             arguments = plan.arguments.replace("real", "lanes")
             texts.append(_function(plan.title, plan.name, arguments, statements))
@@ -169,12 +195,14 @@ _Entries = Callable[[str, Mapping[str, ca.SX], ca.SX], _Targets]
 
 def _write_lines(writer: _Writer, entries: _Entries, chain: ChainExpressions) -> None:
     """The functions that are run once for every line of a pose."""
-    inputs = {"start": chain.start, "s": chain.s, "c": chain.c}
+    inputs = {"k": chain.kept, "start": chain.start, "s": chain.s, "c": chain.c}
     first = {node: f"k[{_PADDED * k} + j]" for k, (_, node) in enumerate(entries("", inputs, chain.start))}
     writer.first = [node for _, node in entries("", {}, ca.vec(ca.vertcat(chain.first, ca.SX.zeros(1, 4))))]
 
-    if chain.steps is not None and chain.six:
-        writer.then = [node for _, node in entries("", {}, chain.steps)]
+    writer.first += [node for _, node in entries("", {}, chain.steps)]
+    if chain.six:
+        writer.own = [node for _, node in entries("", {}, chain.own)]
+        writer.frames = [[node for _, node in entries("", {}, ca.vec(frame.T))] for frame in chain.frames]
 
     def lines(name: str, expression: ca.SX) -> _Targets:
         return [
@@ -203,7 +231,7 @@ def _write_chain(writer: _Writer, model: SymbolicModel, chain: ChainExpressions)
         nodes = writer.nodes({**fixed, **inputs}, expression)
         return [(f"{name}[{k}]", node) for k, node in enumerate(nodes)]
 
-    q = {"q": model.q}
+    q = {"q": model.q, "k": chain.kept}
     moves = entries("v", q, chain.moves)
     writer.function("Angles and lengths of the moves.", "moves_of", "const real *q, real *v", moves)
     _write_lines(writer, entries, chain)

@@ -73,6 +73,9 @@ def _drawn(
     axes[list(alike)] = signs[list(alike), None] * common
     points[list(last)] = meeting
     side = across(axes[5] if kind == "wrist" else common)[0]
+    # without the digits that another mathematical library would give
+    axes, tool, common, side = (np.round(part, 13) + 0.0 for part in (axes, tool, common, side))
+    points, meeting = np.round(points, 9) + 0.0, np.round(meeting, 9) + 0.0
     return Branches(kind, axes, points, tool, common, signs[1:4], meeting, side)
 
 

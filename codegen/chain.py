@@ -12,10 +12,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.models.chain import Chain
+from truepose.models import lie
+from truepose.models.chain import Chain, Move
 from truepose.models.kinematics import SymbolicModel
 
 Array = NDArray[np.float64]
+FIRST = 16
+"""Kept numbers of the first frame: lines of [R|p], filled up to four."""
+STEP = 6
+"""Kept numbers of a move."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +33,12 @@ class ChainExpressions:
                      and cosine ``c`` of turns (``s`` of a slide is its length); and for each move the line of its
                      axis, then of its origin (2 nv,)
     mixed (6 nq,)    columns by readings from columns by moves (6 nv,); None where they are the same
-    steps (n,)       the same chain as numbers for a loop over its moves, where all are turns by the readings and constants: for
-                     every move [offset, cosine and sine of the tilt about x before it, x, y, z before it], the first
-                     ones from the first frame; then R column after column and p of the tool's placement; else None
+    steps (n,)       what is constant in a chain of turns by the readings: for every move [offset, cosine and sine of the
+                     tilt about x before it, x, y, z before it], of the first behind the first frame; then R column
+                     after column and p of the tool's placement. Empty for other chains
+    frames           of such a chain, for every move but the first: its own frame (3, 4), before it became a tilt
+    own (nv,)        and the offset of every move before that
+    kept             (16 + n,) stands for the steps in the other expressions, in its places behind the first 16
     """
 
     chain: Chain
@@ -43,7 +51,10 @@ class ChainExpressions:
     line: ca.SX
     axes: ca.SX
     mixed: ca.SX | None
-    steps: ca.SX | None
+    steps: ca.SX
+    frames: tuple[ca.SX, ...]
+    own: ca.SX
+    kept: ca.SX
     readings: int
 
     @property
@@ -51,16 +62,26 @@ class ChainExpressions:
         """Whether six readings make a square Jacobian, which has a solver of its own."""
         return self.readings == 6
 
+    def written_out(self, expression: ca.SX) -> ca.SX:
+        """An expression with the steps in the places of what is kept."""
+        return ca.substitute(expression, self.kept, ca.vertcat(ca.SX.zeros(FIRST), self.steps))
+
     @classmethod
     def of(cls, model: SymbolicModel, chain: Chain) -> ChainExpressions:
         """The expressions of a model's chain."""
         count = len(chain.moves)
         columns, start = ca.SX.sym("A", 6 * count), ca.SX.sym("start", 4)
         s, c = ca.SX.sym("s", count), ca.SX.sym("c", count)
-        line, axes = _line(chain, start, s, c)
         slopes = ca.jacobian(chain.values, model.q)
-        own = _is_identity(slopes)
-        offsets = ca.substitute(chain.values, model.q, ca.SX.zeros(model.q.shape))
+        same = _is_identity(slopes)
+        steps = _steps(chain, model.q) if same and all(move.turn for move in chain.moves) else ca.SX(0, 1)
+        kept = ca.SX.sym("k", FIRST + steps.numel())
+        plain = chain.plain if steps.numel() else ()
+        if steps.numel():
+            places = zip(ca.vertsplit(steps), ca.vertsplit(kept[FIRST:]), strict=True)
+            held = ca.vertcat(*(step if step.is_constant() else place for step, place in places))
+            chain = _of_steps(chain, held, model.q)
+        line, axes = _line(chain, start, s, c)
         mixed = ca.vec(ca.reshape(columns, 6, count) @ slopes)
         return cls(
             chain=chain,
@@ -68,12 +89,15 @@ class ChainExpressions:
             s=s,
             c=c,
             columns=columns,
-            moves=model.q + offsets if own else chain.values,
+            moves=chain.values,
             first=chain.moves[0].before[:3, :],
             line=line,
             axes=axes,
-            mixed=None if own else mixed,
-            steps=_steps(chain, offsets) if own and all(move.turn for move in chain.moves) else None,
+            mixed=None if same else mixed,
+            steps=steps,
+            frames=tuple(move.before[:3, :] for move in plain[1:]),
+            own=ca.substitute(ca.vertcat(*(move.value for move in plain)), model.q, 0 * model.q),
+            kept=kept,
             readings=len(model.readings),
         )
 
@@ -103,10 +127,10 @@ def jacobians_and_tools(
 ) -> tuple[Array, Array]:
     """(n, 6, nq) columns [v; reach w] at the tool, and its poses (n, 3, 4), in the nominal frame of the base."""
     turns = ca.DM([float(move.turn) for move in chain.chain.moves])
-    values = chain.moves
+    values = chain.written_out(chain.moves)
     inputs = ca.vertcat(chain.start, chain.s, chain.c)
     state = ca.vertcat(turns * ca.sin(values) + (1 - turns) * values, ca.cos(values))
-    outputs = ca.vertcat(chain.line, chain.axes)
+    outputs = chain.written_out(ca.vertcat(chain.line, chain.axes))
     at = [ca.substitute(outputs, inputs, ca.vertcat(chain.first[i, :].T, state)) for i in range(3)]
     lines = ca.horzcat(*at).T  # (3, 4 + 2 nv)
     columns = []
@@ -138,13 +162,26 @@ def _line(chain: Chain, start: ca.SX, s: ca.SX, c: ca.SX) -> tuple[ca.SX, ca.SX]
     return ca.vertcat(line.T, origin), ca.vertcat(*axes)
 
 
-def _steps(chain: Chain, offsets: ca.SX) -> ca.SX:
-    """Numbers of a chain of turns, whose placements but the first are tilts about x."""
+def _steps(chain: Chain, q: ca.SX) -> ca.SX:
+    """Numbers of a chain of turns by q and constants, whose placements but the first are tilts about x."""
+    offsets = ca.substitute(chain.values, q, ca.SX.zeros(q.shape))
     rows = []
     for k, move in enumerate(chain.moves):
         before = move.before if k else ca.SX.eye(4)
         rows.append(ca.vertcat(offsets[k], before[1, 1], before[2, 1], before[:3, 3]))
-    return ca.vertcat(*rows, ca.vec(chain.after[:3, :]))
+    return ca.densify(ca.vertcat(*rows, ca.vec(chain.after[:3, :])))
+
+
+def _of_steps(chain: Chain, steps: ca.SX, q: ca.SX) -> Chain:
+    """The chain again from its numbers."""
+    moves = []
+    for k, move in enumerate(chain.moves):
+        offset, c, s, *p = ca.vertsplit(steps[STEP * k : STEP * (k + 1)])
+        tilt = ca.vertcat(ca.horzcat(1, 0, 0), ca.horzcat(0, c, -s), ca.horzcat(0, s, c))
+        before = lie.transform(tilt, ca.vertcat(*p)) if k else move.before
+        moves.append(Move(True, q[k] + offset, before))
+    tool = ca.reshape(steps[STEP * len(moves) :], 3, 4)
+    return Chain(tuple(moves), lie.transform(tool[:, :3], tool[:, 3]))
 
 
 def _carried(line: ca.SX, origin: ca.SX, pose: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -39,7 +39,8 @@ class Layout:
     low, high (nq,)        joint ranges, widened by the tolerance; unlimited: -+1e30
     start, width (nq,)     where the starts of the inverse are spread
     turns (nq,)            whether a joint repeats after a full turn
-    near (nq,)             readings at the home assembly
+    near (nq,)             readings at the home assembly, where iterations start: to nine decimals
+    home (nx,)             passive coordinates there, likewise
     position, rotation     tolerances of a solved pose, mm and rad; ``closure`` in mm
     share, tight           shares of the tolerances: within which a pose is solved, at which iterations stop
     """
@@ -54,6 +55,7 @@ class Layout:
     width: Array
     turns: tuple[bool, ...]
     near: Array
+    home: Array
     position: float
     rotation: float
     closure: float
@@ -70,7 +72,7 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
     reference = Reference(model)
     near = _near(reference)
     low, high = _sampled(machine, near, length)
-    vectors = tuple(reference.samples(low, high, near, _VECTORS))
+    vectors = tuple((q, _rounded(pose)) for q, pose in reference.samples(low, high, near, _VECTORS))
     reach = max([length, *(float(np.linalg.norm(pose[:3, 3])) for _, pose in vectors)])
     # rounded, so that a last digit of another mathematical library does not change the code
     reach = float(f"{reach:.6g}")
@@ -99,6 +101,7 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
         width=width,
         turns=tuple(a.unit == "rad" and a.gain is None for a in actuators),
         near=near,
+        home=_steady(model.home),
         position=position,
         rotation=rotation,
         closure=share * position if single else 1e-8,
@@ -112,7 +115,20 @@ def _near(reference: Reference) -> Array:
     """Readings (nq,) at the home assembly: the middle of the ranges, or what the loops ask for."""
     actuators = reference.model.machine.mechanism.actuators
     middle = np.array([np.mean(a.range) if a.range else 0.0 for a in actuators])
-    return middle if all(a.range for a in actuators) else reference.home_readings(middle)
+    return _steady(middle if all(a.range for a in actuators) else reference.home_readings(middle))
+
+
+def _steady(values: Array) -> Array:
+    """Values without the digits in which another mathematical library would end an iteration; no -0."""
+    steady: Array = np.round(values, 9) + 0.0
+    return steady
+
+
+def _rounded(pose: Array) -> Array:
+    """A pose (4, 4) without the digits that another mathematical library would give: 1e-12, and 1e-9 mm."""
+    out = np.round(pose, 12) + 0.0
+    out[:3, 3] = _steady(pose[:3, 3])
+    return out
 
 
 def _longest(machine: Machine) -> float:

@@ -37,10 +37,19 @@ def literal(value: float, real: Real) -> str:
 
 
 class Printer:
-    """Prints entries of a graph as C statements; ``given`` nodes are read from the places it names."""
+    """Prints entries of a graph as C statements; ``given`` nodes are read from the places it names.
 
-    def __init__(self, graph: Graph, real: Real, given: Mapping[int, str] | None = None) -> None:
-        self._graph, self._real, self._given = graph, real, dict(given or {})
+    ``own`` names functions of the C runtime that stand in for those of the C library, by operation.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        real: Real,
+        given: Mapping[int, str] | None = None,
+        own: Mapping[str, str] | None = None,
+    ) -> None:
+        self._graph, self._real, self._given, self._own = graph, real, dict(given or {}), dict(own or {})
 
     def statements(self, targets: Sequence[tuple[str, int]]) -> list[str]:
         """``place = expression;`` for every pair of a C place and a node; what is shared is computed once.
@@ -112,6 +121,8 @@ class Printer:
         }
         if op in _INFIX:
             return f"({a} {_INFIX[op]} {b})"
+        if op in self._own:
+            return f"{self._own[op]}({', '.join(_bare(arg) for arg in args)})"
         if op in _CALLS:
             return (
                 f"{_CALLS[op]}{'f' if self._real == 'float' else ''}({', '.join(_bare(arg) for arg in args)})"

@@ -28,7 +28,6 @@ from truepose.identification.compensation_rows import (
     Compensation,
     Follower,
     Method,
-    Rows,
     ideal_constants,
     twists_between,
 )
@@ -101,7 +100,8 @@ class _Way:
     """A path by the machine's C, once that has been seen to agree with the model. Raises NotCompiledError."""
 
     def __init__(self, machine: Machine, follower: Follower) -> None:
-        self._kinematics, self._follower, self._base = CompiledKinematics(machine), follower, base_frame(machine)
+        self._kinematics, self._follower = CompiledKinematics(machine), follower
+        self._base = base_frame(machine)
         every = np.arange(len(follower.nominal))
         rows = every[:: max(len(every) // _PROBES, 1)]
         poses, found = self._meant(follower.nominal[rows])

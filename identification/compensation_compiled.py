@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _NAME = "path"
 """In the C, whatever the machine is called: its own name need not be one of C's."""
-_FILES = tuple(f"{_NAME}_{part}" for part in ("kin.h", "kin.c", "batch.h", "batch.c"))
 _POINTERS = {"fk_n": 3, "ik_n": 4}
 """Of a function, behind the number of rows."""
 
@@ -48,7 +47,7 @@ class CompiledKinematics:
             texts = render(replace(machine, name=_NAME), "double")
         except (InputError, NotImplementedError) as exc:  # a machine that has no C
             raise NotCompiledError(str(exc)) from None
-        self._library = load({name: texts[name] for name in _FILES})
+        self._library = load({name: text for name, text in texts.items() if name.startswith(f"{_NAME}_")})
         for name, pointers in _POINTERS.items():
             function = getattr(self._library, f"{_NAME}_{name}")
             function.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_int] + [ctypes.c_void_p] * pointers

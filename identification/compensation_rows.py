@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truepose.codegen.batch import BatchFunction
 from truepose.errors import InputError
-from truepose.identification.inverse import MET
+from truepose.identification.inverse import MET, loop_scales
 from truepose.identification.predict import predictor_for
 from truepose.identification.recording import Recording
 from truepose.models import lie
@@ -83,9 +83,10 @@ class Follower:
         lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
         self.size = max([1.0, *lengths, *scale.size])
         units = [a.reading_unit for a in machine.mechanism.actuators]
-        self._unit = np.array([self.size if unit == "mm" else 1.0 for unit in units] + [*scale.size])
+        share, unknown = loop_scales(machine, model, self.size)
+        self._unit = np.array([self.size if unit == "mm" else 1.0 for unit in units] + [*unknown])
         self._closed = max(scale.gap if np.isfinite(scale.gap) else 0.0, MET * self.size)
-        self._gap = _gap_of(model, self.size)
+        self._gap = _gap_of(model, self.size, share)
 
     @property
     def reach(self) -> Array:
@@ -203,12 +204,15 @@ class Follower:
             )
 
 
-def _gap_of(model: SymbolicModel, size: float) -> BatchFunction:
-    """What is left to a pose and to closed loops, (3 + 3 + nc, 1) in parts of ``size`` and rad, with its derivative."""
+def _gap_of(model: SymbolicModel, size: float, share: Array) -> BatchFunction:
+    """What is left to a pose and to closed loops, (3 + 3 + nc, 1) in parts of ``size`` and rad, with its derivative.
+
+    ``share`` (nc,) is what the loops' equations are multiplied by.
+    """
     goal, unknown = ca.SX.sym("goal", 4, 4), ca.vertcat(model.q, model.x)
     place = (model.world[:3, 3] - goal[:3, 3]) / size
     turn = lie.log_so3_sx(model.world[:3, :3] @ goal[:3, :3].T)
-    gap = ca.vertcat(place, turn, model.equations / size)
+    gap = ca.vertcat(place, turn, model.equations * share)
     inputs = [model.q, model.x, model.z, model.p, ca.vec(goal)]
     return BatchFunction("gap", inputs, [gap, ca.jacobian(gap, unknown)])
 

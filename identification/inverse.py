@@ -21,7 +21,7 @@ from truepose.codegen.batch import BatchFunction
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.home import coordinate_scale
-from truepose.models.kinematics import symbolic_model
+from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -35,6 +35,7 @@ RESTARTS = 8
 _SETTLED, _FLAT = 1e-13, 1e-8
 _LEAST_DAMPING, _MOST_DAMPING = 1e-14, 1e8
 _ROTATION_ERROR = 1e-6
+_GRAVITY = (0.0, 0.0, -9.80665)
 
 
 class Reach(IntEnum):
@@ -95,18 +96,17 @@ class PoseSolver:
         scale = coordinate_scale(machine, len(model.home), model.gap.numel())
         lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
         self.size = max([1.0, *lengths, *scale.size])
-        actuators = machine.mechanism.actuators
-        self._unit = np.array(
-            [self.size if a.reading_unit == "mm" else 1.0 for a in actuators] + [*scale.size]
-        )
+        share, unit = loop_scales(machine, model, self.size)
+        readings = [self.size if a.reading_unit == "mm" else 1.0 for a in machine.mechanism.actuators]
+        self._unit = np.array([*readings, *unit])
         self._gap = scale.gap if np.isfinite(scale.gap) else MET * self.size
+        closure = model.equations * share
         target, unknown = ca.SX.sym("target", 4, 4), ca.vertcat(model.q, model.x)
         turn = lie.log_so3_sx(model.world[:3, :3] @ target[:3, :3].T)
-        gap = ca.vertcat(model.equations / self.size, (model.world[:3, 3] - target[:3, 3]) / self.size, turn)
+        gap = ca.vertcat(closure, (model.world[:3, 3] - target[:3, 3]) / self.size, turn)
         inputs = [model.q, model.x, model.z, model.p]
         self._pose = BatchFunction("pose", inputs, [model.world])
         self._to_pose = BatchFunction("gap", [*inputs, ca.vec(target)], [gap, ca.jacobian(gap, unknown)])
-        closure = model.equations / self.size
         self._closure = BatchFunction("closure", inputs, [closure, ca.jacobian(closure, model.x)])
 
     def forward(self, q: Array) -> tuple[Array, Mask]:
@@ -189,6 +189,22 @@ class PoseSolver:
         return out
 
 
+def loop_scales(machine: Machine, model: SymbolicModel, size: float) -> tuple[Array, Array]:
+    """Factors (ne,) that make the loops' equations parts of ``size`` (mm), and units (nx,) of their unknowns: mm, rad, N.
+
+    Leg forces, and what they balance, count in parts of the machine's weight: in N and N mm they would hide the lengths.
+    """
+    scale = coordinate_scale(machine, len(model.home), model.gap.numel())
+    share, unit = np.full(model.equations.numel(), 1.0 / size), scale.size.copy()
+    forces = int(np.sum(np.isinf(scale.limit)))
+    if forces:  # their balance has a row for each coordinate
+        gravity = machine.gravity or _GRAVITY
+        weight = max(1.0, sum(mass.kg for mass in machine.masses)) * float(np.linalg.norm(gravity))
+        unit[-forces:] = weight
+        share[-forces:] *= scale.size[:forces] / weight
+    return share, unit
+
+
 def _better(best: Inverse, again: Inverse, rows: NDArray[np.intp], size: float) -> Inverse:
     """``best`` with those of ``rows`` replaced that came out better: met, then in range, then nearer."""
 
@@ -259,4 +275,4 @@ def _step(slope: Array, r: Array, damping: Array) -> Array:
     return -out
 
 
-__all__ = ["MET", "Inverse", "PoseSolver", "Reach", "inverse"]
+__all__ = ["MET", "Inverse", "PoseSolver", "Reach", "inverse", "loop_scales"]

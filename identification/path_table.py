@@ -21,10 +21,9 @@ from truepose.identification.compensation_compiled import (
     shared_out,
 )
 from truepose.identification.inverse import MET, Inverse, PoseSolver, Reach
-from truepose.identification.path_file import read_path_table, with_columns
 from truepose.identification.recording import Recording, read_recording
 from truepose.identification.recording_file import JointColumn, joint_unit
-from truepose.identification.table import Table
+from truepose.identification.table import Table, read_table
 from truepose.models import lie
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
@@ -43,7 +42,7 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
     Raises InputError naming file, row and column: neither joints nor poses, a pose out of the nominal machine's
     reach, a joint out of its range.
     """
-    table, joints = read_path_table(path), machine.mechanism.readings
+    table, joints = read_table(path), machine.mechanism.readings
     poses = not any(name in table for name in joints) and all(name in table for name in POSE)
     if poses:
         table = _with_joints(machine, table)
@@ -66,7 +65,7 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
     headers = {c.name: c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in table.columns}
     return pd.DataFrame(
         {
-            header: corrected[name] if name in corrected else table.cells[name]
+            header: corrected[name] if name in corrected else list(table.cells[name])
             for name, header in headers.items()
         }
     )
@@ -83,8 +82,7 @@ def _with_joints(machine: Machine, table: Table) -> Table:
     poses[:, :3, 3] = np.column_stack(parts[:3])
     poses[:, :3, :3] = lie.exp_so3(np.column_stack(parts[3:]))
     q = _nominal_joints(machine, table, poses)
-    return with_columns(
-        table,
+    return table.with_numbers(
         {
             joint.name: convert(q[:, k], joint.unit, joint_unit(joint, units))
             for k, joint in enumerate(_columns(machine))

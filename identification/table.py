@@ -2,7 +2,7 @@
 
 Nothing here knows a robot. `read_table` keeps the cells as they stand; `Table.numbers`, `integers` and
 `texts` turn a column into values and refuse, naming file, row and column, whatever is none. Rows count
-from 1: the first line of data.
+from 1: the first line of data. Large files are read by whole columns (`columns`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import csv
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,8 +21,11 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.errors import InputError
+from truepose.identification.columns import ArrowCells, read_plain_csv
 from truepose.models.units import FloatArray, parse_unit
 
+LARGE = 1 << 20
+"""Bytes from which a text is read by columns."""
 _HEADER: Final = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$")
 _PARQUET_MAGIC: Final = b"PAR1"
 _LARGEST_INTEGER: Final = 2**53  # beyond it a float holds no odd number
@@ -66,6 +69,9 @@ class Table:
     def numbers(self, name: str) -> FloatArray:
         """A column as finite numbers, (n,). InputError for text, an empty cell, NaN or infinity."""
         cells = self.cells[name]
+        plain = cells.numbers() if isinstance(cells, ArrowCells) else None
+        if plain is not None:
+            return plain
         values = np.array([_number(cell) for cell in cells], dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
@@ -89,6 +95,12 @@ class Table:
             raise InputError(f"{self.where(name, labels.index(''))}: found an empty cell, expected a label")
         return labels
 
+    def with_numbers(self, added: Mapping[str, FloatArray]) -> Table:
+        """The table with further columns (n,) at its end."""
+        columns = (*self.columns, *(Column(name) for name in added))
+        cells = {name: ArrowCells(values) for name, values in added.items()}
+        return replace(self, columns=columns, cells={**self.cells, **cells})
+
 
 def read_table(path: Path | str) -> Table:
     """Read CSV (comma, ``#`` comments) or Parquet, told apart by content.
@@ -98,9 +110,7 @@ def read_table(path: Path | str) -> Table:
     """
     file = str(path)
     try:
-        with Path(path).open("rb") as stream:
-            parquet = stream.read(4) == _PARQUET_MAGIC
-        headers, columns = _read_parquet(Path(path)) if parquet else _read_csv(Path(path))
+        headers, columns = _read(Path(path))
     except OSError as exc:
         reason = exc.strerror or str(exc)
         raise InputError(f"{file}: cannot read the file: {reason}") from None
@@ -115,6 +125,15 @@ def read_table(path: Path | str) -> Table:
     if n_rows == 0:
         raise InputError(f"{file}: found no row of data, expected at least one")
     return Table(file, parsed, cells, n_rows)
+
+
+def _read(path: Path) -> tuple[list[str], Sequence[Sequence[object]]]:
+    """Headers, and cells column by column."""
+    with path.open("rb") as stream:
+        if stream.read(4) == _PARQUET_MAGIC:
+            return _read_parquet(path)
+    plain = read_plain_csv(path.read_bytes()) if path.stat().st_size >= LARGE else None
+    return _read_csv(path) if plain is None else plain
 
 
 def _parse_header(header: str) -> Column:
@@ -152,9 +171,9 @@ def _read_csv(path: Path) -> tuple[list[str], list[list[object]]]:
     return headers, columns
 
 
-def _read_parquet(path: Path) -> tuple[list[str], list[list[object]]]:
+def _read_parquet(path: Path) -> tuple[list[str], list[ArrowCells]]:
     table: Any = pq.ParquetFile(path).read()
-    return list(table.column_names), [column.to_pylist() for column in table.columns]
+    return list(table.column_names), [ArrowCells(column) for column in table.columns]
 
 
 def _number(cell: object) -> float:

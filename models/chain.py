@@ -34,10 +34,14 @@ class Move:
 
 @dataclass(frozen=True)
 class Chain:
-    """Nominal base frame to tool: before, move, before, move ... ``after`` (4, 4). Only values depend on readings."""
+    """Nominal base frame to tool: before, move, before, move ... ``after`` (4, 4). Only values depend on readings.
+
+    ``plain`` are the moves before turns on either side took in what they can of a placement between them.
+    """
 
     moves: tuple[Move, ...]
     after: ca.SX
+    plain: tuple[Move, ...] = ()
 
     @property
     def values(self) -> ca.SX:
@@ -64,7 +68,7 @@ def chain_of(model: SymbolicModel) -> Chain | None:
         upright = lie.transform(ca.SX(ca.DM(_from_z(motion.axis))), ca.SX.zeros(3, 1))
         moves.append(Move(motion.turn, motion.value, fixed @ upright))
         fixed = upright.T
-    return Chain(tuple(_sparse(moves)), fixed)
+    return Chain(tuple(_sparse(moves)), fixed, tuple(moves))
 
 
 def _sparse(moves: Sequence[Move]) -> list[Move]:
@@ -76,15 +80,15 @@ def _sparse(moves: Sequence[Move]) -> list[Move]:
             continue
         fixed = out[k].before
         a = ca.atan2(fixed[0, 2], -fixed[1, 2])
-        sine = ca.sqrt(fixed[0, 2] ** 2 + fixed[1, 2] ** 2)
+        sine = ca.sin(a) * fixed[0, 2] - ca.cos(a) * fixed[1, 2]
+        rest = lie.rot_z(a)[:3, :3].T @ fixed[:3, :]  # Rx(alpha) Rz(b), with what it is shifted by
         tilt = lie.transform(
             ca.vertcat(
                 ca.horzcat(1, 0, 0), ca.horzcat(0, fixed[2, 2], -sine), ca.horzcat(0, sine, fixed[2, 2])
             ),
-            lie.rot_z(-a)[:3, :3] @ fixed[:3, 3],
+            rest[:, 3],
         )
-        rest = tilt[:3, :3].T @ lie.rot_z(-a)[:3, :3] @ fixed[:3, :3]
-        b = ca.atan2(rest[1, 0], rest[0, 0])
+        b = ca.atan2(-rest[0, 1], rest[0, 0])
         out[k - 1] = replace(out[k - 1], value=out[k - 1].value + a)
         out[k] = Move(True, out[k].value + b, tilt)
     return out

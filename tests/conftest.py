@@ -6,6 +6,7 @@ One BLAS thread a worker, and no deadlines on a shared machine.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -20,6 +21,21 @@ from support.generated_c import Built, build  # noqa: E402
 
 settings.register_profile("truepose", deadline=None, derandomize=True)
 settings.load_profile("truepose")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``--update-golden``: see tests/test_codegen_golden.py."""
+    parser.addoption("--update-golden", action="store_true", help="write tests/golden as it is generated now")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _libraries(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Libraries that are compiled on the way are kept for this run only, all workers in one folder."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "libraries"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TRUEPOSE_CACHE", str(folder))
+        yield
 
 
 @pytest.fixture(scope="session")

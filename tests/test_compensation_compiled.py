@@ -1,11 +1,10 @@
-"""Long paths by the generated C: the same commands and the same refusals as by numpy, and the same tables. mm, rad."""
+"""Long paths by the generated C: the same commands and the same refusals as by numpy. mm, rad."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +18,12 @@ from truepose.cli import app
 from truepose.codegen import compiled
 from truepose.codegen.c import generate
 from truepose.errors import InputError
-from truepose.identification import path_file as files
-from truepose.identification import path_table
+from truepose.identification import compensation, path_table
 from truepose.identification.compensation import Compensation, compensate
 from truepose.identification.compensation_compiled import CompiledKinematics
-from truepose.identification.path_file import csv_text, read_path_table
 from truepose.identification.path_table import load_path
 from truepose.identification.predict import predictor_for
-from truepose.identification.table import read_table
+from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 
 Array = npt.NDArray[np.float64]
@@ -35,13 +32,6 @@ NUMPY = 10**9
 """More rows than any path here has."""
 ELBOW = (0.2, 0.3, 0.2, 0.1, 0.9, 0.3)
 """Joints of the arm around which it is nowhere near a singular pose."""
-
-
-@pytest.fixture(autouse=True)
-def _own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = tmp_path_factory.getbasetemp() / "libraries"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    monkeypatch.setenv("TRUEPOSE_CACHE", str(folder))
 
 
 def machine_and_path(kind: str, folder: Path, count: int = 60) -> tuple[Machine, Path]:
@@ -92,8 +82,7 @@ def test_the_controllers_function_means_the_same(kind: str, tmp_path: Path) -> N
     assert machine.file is not None
     out = tmp_path / "controller"
     generate(machine, out, nominal=machine.file.nominal)
-    texts = {name: (out / f"{machine.name}_kin.{name}").read_text() for name in ("h", "c")}
-    library = compiled.load(texts["c"].replace(f'#include "{machine.name}_kin.h"', texts["h"]))
+    library = compiled.load({path.name: path.read_text() for path in out.glob(f"{machine.name}_kin.[hc]")})
     function = getattr(library, f"{machine.name}_compensate")
     z, commands = predictor_for(machine, rows).z, np.empty_like(rows.q)
     for k, q in enumerate(rows.q):
@@ -178,83 +167,32 @@ def test_long_paths_of_poses_lead_to_the_same_joints(tmp_path: Path, monkeypatch
         load_path(machine, path)
 
 
-# --- tables ----------------------------------------------------------------------------------------------------
+@needs_compiler
+def test_drivers_at_the_machines_own_values_are_none(tmp_path: Path) -> None:
+    """Digit for digit: rows without drivers go through vector units, and the same they do with these."""
+    machine, path = machine_and_path("arm", tmp_path)
+    q = load_path(machine, path)[1].q
+    kinematics, own = CompiledKinematics(machine), symbolic_model(machine, machine.effects).z_home
+    z = np.tile(own, (len(q), 1))
+    poses, stands = kinematics.fk(q)
+    assert stands.all()
+    np.testing.assert_array_equal(kinematics.fk(q, z)[0], poses)
+    z[7] += 2.0
+    moved = np.any(kinematics.fk(q, z)[0] != poses, axis=(1, 2))
+    assert moved[7]
+    np.testing.assert_allclose(
+        kinematics.fk(q, z)[0][~(np.arange(len(q)) == 7)], np.delete(poses, 7, axis=0), atol=1e-9
+    )
 
 
-@pytest.fixture
-def _columns_always(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "LARGE", 0)
-    monkeypatch.setattr(files, "MANY", 0)
-
-
-@pytest.mark.usefixtures("_columns_always")
-@pytest.mark.parametrize(
-    "text",
-    [
-        "q1 [mm],note,q2\n1,a,2.50\n-1e-3,b c,+4\n",
-        "\ufeff# comment\n\nq1,note,q2\r\n 1 ,,2\r\n3,x,4\r\n",
-        'q1,note,q2\n1,"a, b",2\n',
-        "q1,note,q2\n1,a,2\n# between\n3,b,4\n",
-        "q1,note,q2\n\n1,a,2\n\n3,b,4\n",
-    ],
-)
-def test_a_table_is_the_same_by_columns(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "path.csv"
-    path.write_bytes(text.encode())
-    one, other = read_path_table(path), read_table(path)
-    assert (one.file, one.columns, one.n_rows) == (other.file, other.columns, other.n_rows)
-    for name in ("q1", "q2"):
-        np.testing.assert_array_equal(one.numbers(name), other.numbers(name))
-    assert {name: list(one.cells[name]) for name in one.names} == dict(other.cells)
-
-
-@pytest.mark.usefixtures("_columns_always")
-@pytest.mark.parametrize(
-    "text",
-    [
-        "q1,q2\n1,2\n3,high\n",
-        "q1,q2\n1,2\n3,\n",
-        "q1,q2\n1,2\n3,nan\n",
-        "q1,q2\n1,2\n3,1_000\n",
-        "q1,q2\n1,2\n3\n",
-        "q1,q2\n1,2\n3,4,5\n",
-        "q1,q1 [mm]\n1,2\n",
-        "q1,q2\n",
-        "",
-        "q1,q2\n1,\udcff\n",
-    ],
-)
-def test_what_is_wrong_with_a_table_is_said_the_same(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "path.csv"
-    path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    said = []
-    for read in (read_path_table, read_table):
-        with pytest.raises(InputError) as caught:
-            read(path).numbers("q2")
-        said.append(str(caught.value))
-    assert said[0] == said[1]
-
-
-@pytest.mark.usefixtures("_columns_always")
-def test_parquet_is_the_same_by_columns(tmp_path: Path) -> None:
-    data: dict[str, Any] = {"q1": [1.5, -2.0], "count": [3, 4], "note": ["a", "b"], "hot": [True, False]}
-    path = tmp_path / "path.parquet"
-    pd.DataFrame(data).to_parquet(path)
-    one, other = read_path_table(path), read_table(path)
-    for name in ("q1", "count"):
-        np.testing.assert_array_equal(one.numbers(name), other.numbers(name))
-    assert {name: list(one.cells[name]) for name in one.names} == dict(other.cells)
-    with pytest.raises(InputError, match="expected a finite number"):
-        one.numbers("hot")
-
-
-@pytest.mark.usefixtures("_columns_always")
-@pytest.mark.parametrize("note", [["a", "b c", ""], ["a, b", 'say "c"', "d"]])
-def test_what_is_written_reads_back_exactly(note: list[str], tmp_path: Path) -> None:
-    values = np.array([1 / 3, -1e-17, 6.02e23])
-    path = tmp_path / "commands.csv"
-    path.write_text(csv_text(pd.DataFrame({"q1 [mm]": values, "note": note})))
-    table = read_table(path)
-    np.testing.assert_array_equal(table.numbers("q1"), values)
-    assert list(table.cells["note"]) == note
-    assert table.columns[0].unit == "mm"
+@needs_compiler
+@pytest.mark.parametrize("block", [1, 7, 60])
+def test_how_a_path_is_cut_does_not_matter(
+    block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, path = machine_and_path("hexapod", tmp_path)
+    rows = load_path(machine, path)[1]
+    whole = compensate(machine, rows, compiled_from=1)
+    monkeypatch.setattr(compensation, "_BLOCK", block)
+    parts = compensate(machine, rows, compiled_from=1)
+    assert_same(machine, parts.command, whole.command)

@@ -1,0 +1,90 @@
+"""Columns of a large file as pyarrow holds them: numbers without a look at every cell, cells where they are asked for.
+
+``read_plain_csv`` takes plain numbers, texts and separators only, and leaves the rest (quotes, comments between rows, rows
+of the wrong length) to ``table.read_table``. So does ``ArrowCells.numbers`` with cells that are no plain numbers, and
+``Table.numbers``. Those also say what is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.compute as pc  # type: ignore[import-untyped]
+import pyarrow.csv as pacsv  # type: ignore[import-untyped]
+
+from truepose.models.units import FloatArray
+
+_NOT_PLAIN = (b'"', b"#", b"\0")
+
+
+class ArrowCells(Sequence[object]):
+    """Cells (n,) of a pyarrow array, or of numbers (n,)."""
+
+    def __init__(self, cells: Any) -> None:
+        self._cells = pa.array(cells) if isinstance(cells, np.ndarray) else cells
+
+    def __len__(self) -> int:
+        return len(self._cells)
+
+    def __getitem__(self, place: Any) -> Any:
+        return self._list[place]
+
+    def __iter__(self) -> Iterator[object]:
+        return iter(self._list)
+
+    @cached_property
+    def _list(self) -> list[object]:
+        out: list[object] = self._cells.to_pylist()
+        return out
+
+    def numbers(self) -> FloatArray | None:
+        """(n,) where all are finite numbers, or their plain texts; None for anything else."""
+        kind = self._cells.type
+        if self._cells.null_count or not (
+            pa.types.is_string(kind) or pa.types.is_integer(kind) or pa.types.is_floating(kind)
+        ):
+            return None
+        try:
+            values = pc.cast(self._cells, pa.float64(), safe=False)
+        except pa.ArrowException:
+            return None
+        out: FloatArray = np.array(values.to_numpy(), dtype=np.float64)
+        return out if np.isfinite(out).all() else None
+
+
+def read_plain_csv(data: bytes) -> tuple[list[str], list[ArrowCells]] | None:
+    """Headers, and columns of texts; None where the plain way cannot be taken."""
+    start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
+    while True:  # comments and empty lines before the header
+        end = data.find(b"\n", start)
+        line = data[start : end if end >= 0 else len(data)].strip()
+        if end < 0 or (line and not line.startswith(b"#")):
+            break
+        start = end + 1
+    if end < 0 or b'"' in line or any(data.find(mark, end) >= 0 for mark in _NOT_PLAIN):
+        return None
+    try:
+        names = line.decode("utf-8").split(",")
+        return (names, _columns(memoryview(data)[end + 1 :], len(names))) if len(names) > 1 else None
+    except (UnicodeDecodeError, pa.ArrowException):
+        return None
+
+
+def _columns(body: memoryview, count: int) -> list[ArrowCells]:
+    keys = [str(k) for k in range(count)]
+    read = pacsv.read_csv(
+        pa.BufferReader(pa.py_buffer(body)),
+        read_options=pacsv.ReadOptions(column_names=keys),
+        parse_options=pacsv.ParseOptions(quote_char=False),
+        convert_options=pacsv.ConvertOptions(
+            column_types=dict.fromkeys(keys, pa.string()), strings_can_be_null=False
+        ),
+    )
+    return [ArrowCells(column) for column in read.columns]
+
+
+__all__ = ["ArrowCells", "read_plain_csv"]

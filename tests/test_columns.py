@@ -1,0 +1,122 @@
+"""Large tables read and written by whole columns: the same values, cells and complaints as cell by cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from truepose.errors import InputError
+from truepose.identification import path_file, table
+from truepose.identification.columns import ArrowCells, read_plain_csv
+from truepose.identification.path_file import csv_text
+from truepose.identification.table import Column, Table, read_table
+
+
+@pytest.fixture
+def both(monkeypatch: pytest.MonkeyPatch) -> Any:
+    def read(path: Path) -> Iterator[Table]:
+        """As a large file, then as a small one."""
+        for large in (0, 1 << 30):
+            monkeypatch.setattr(table, "LARGE", large)
+            yield read_table(path)
+
+    return read
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [
+        ("q1 [mm],note,q2\n1,a,2.50\n-1e-3,b c,+4\n", True),
+        ("\ufeff# comment\n\nq1,note,q2\r\n 1 ,,2\r\n3,x,4\r\n", True),
+        ('q1,note,q2\n1,"a, b",2\n', False),
+        ("q1,note,q2\n1,a,2\n# between\n3,b,4\n", False),
+        ("q1,note,q2\n\n1,a,2\n\n3,b,4\n", True),
+    ],
+)
+def test_a_table_is_the_same_by_columns(text: str, plain: bool, tmp_path: Path, both: Any) -> None:
+    assert (read_plain_csv(text.encode()) is not None) == plain
+    path = tmp_path / "path.csv"
+    path.write_bytes(text.encode())
+    one, other = both(path)
+    assert (one.file, one.columns, one.n_rows) == (other.file, other.columns, other.n_rows)
+    for name in ("q1", "q2"):
+        np.testing.assert_array_equal(one.numbers(name), other.numbers(name))
+    assert {name: list(one.cells[name]) for name in one.names} == dict(other.cells)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "q1,q2\n1,2\n3,high\n",
+        "q1,q2\n1,2\n3,\n",
+        "q1,q2\n1,2\n3,nan\n",
+        "q1,q2\n1,2\n3,1_000\n",
+        "q1,q2\n1,2\n3\n",
+        "q1,q2\n1,2\n3,4,5\n",
+        "q1,q1 [mm]\n1,2\n",
+        "q1,q2\n",
+        "",
+        "q1,q2\n1,\udcff\n",
+    ],
+)
+def test_what_is_wrong_with_a_table_is_said_the_same(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "path.csv"
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    said = []
+    for large in (0, 1 << 30):
+        monkeypatch.setattr(table, "LARGE", large)
+        with pytest.raises(InputError) as caught:
+            read_table(path).numbers("q2")
+        said.append(str(caught.value))
+    assert said[0] == said[1]
+
+
+def test_columns_of_parquet_are_what_was_written(tmp_path: Path) -> None:
+    data: dict[str, Any] = {"q1": [1.5, -2.0], "count": [3, 4], "note": ["a", "b"], "hot": [True, False]}
+    path = tmp_path / "path.parquet"
+    pd.DataFrame(data).to_parquet(path)
+    found = read_table(path)
+    for name in ("q1", "count"):
+        np.testing.assert_array_equal(found.numbers(name), data[name])
+    assert {name: list(found.cells[name]) for name in found.names} == data
+    with pytest.raises(InputError, match="row 1, column 'hot': found True, expected a finite number"):
+        found.numbers("hot")
+
+
+def test_columns_are_added_behind_the_others() -> None:
+    found = Table("path", (Column("a"),), {"a": ["1", "2"]}, 2).with_numbers({"b": np.array([1 / 3, -0.0])})
+    assert found.names == ("a", "b")
+    np.testing.assert_array_equal(found.numbers("b"), [1 / 3, -0.0])
+    assert list(found.cells["b"]) == [1 / 3, -0.0]
+
+
+def test_cells_are_a_sequence() -> None:
+    cells = ArrowCells(np.array([1.0, 2.0, 4.0]))
+    assert (len(cells), cells[1], cells[-2:], cells.index(4.0), 3.0 in cells) == (
+        3,
+        2.0,
+        [2.0, 4.0],
+        2,
+        False,
+    )
+
+
+@pytest.mark.parametrize("note", [["a", "b c", ""], ["a, b", 'say "c"', "d"]])
+def test_what_is_written_reads_back_exactly(
+    note: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, both: Any
+) -> None:
+    monkeypatch.setattr(path_file, "MANY", 0)
+    values = np.array([1 / 3, -1e-17, 6.02e23])
+    path = tmp_path / "commands.csv"
+    path.write_text(csv_text(pd.DataFrame({"q1 [mm]": values, "note": note})))
+    for found in both(path):
+        np.testing.assert_array_equal(found.numbers("q1"), values)
+        assert list(found.cells["note"]) == note
+        assert found.columns[0].unit == "mm"
