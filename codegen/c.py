@@ -40,7 +40,7 @@ _LIMITS = {
     "fk_limit": 300,
     "attempt_limit": 40,
     "seed_limit": 20,
-    "care_limit": 16,
+    "care_limit": 40,
     "all_iter": 4000,
     "polish_limit": 12,
     "leaps": 6,
