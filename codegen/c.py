@@ -24,6 +24,7 @@ from truepose.codegen.names import check_machine_name, comment, identifiers
 from truepose.codegen.printer import Real, literal
 from truepose.codegen.reference import slopes_of, strain_of
 from truepose.codegen.texts import environment
+from truepose.codegen.trigonometry import trigonometry
 from truepose.codegen.wrappers import wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
@@ -118,7 +119,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "name": model.machine.name,
         "real": real,
         "f": "f" if single else "",
-        "pi": math.pi,
+        **trigonometry(real),
         "limit": "1e37f" if single else "1e300",
         "chord": 1e-2 if single else 2e-3,
         "variants": 12,

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from support.generated_c import needs_compiler
 from support.lane_functions import TARGETS, Evaluate, c_text, compiled
 from truepose.codegen.expressions import Graph
-from truepose.codegen.lane_runtime import COSINE, FARTHEST, QUARTER_TURN, SINE
 from truepose.codegen.lanes import LanePrinter
 from truepose.codegen.printer import Real
+from truepose.codegen.trigonometry import COSINE, FARTHEST, QUARTER_TURN, SINE
 
 pytestmark = needs_compiler
 mp: Any = pytest.importorskip("mpmath")  # comes with sympy

@@ -1,0 +1,74 @@
+/* example.c: forward and inverse kinematics of "arm3" against poses that truepose computed.
+   Prints the largest errors; exits with 0 when all are within tolerance. */
+#include "arm3_kin.h"
+
+#include <math.h>
+#include <stdio.h>
+
+typedef arm3_real real;
+
+enum { COUNT = 8 };
+
+static const real joints[COUNT][arm3_N] = {
+    { 0.0f, 0.0f, 0.0f },
+    { 2.4579928f, -1.122383f, 0.9888392f },
+    { -1.0181339f, 1.9440243f, 1.9776784f },
+    { 1.4398588f, 0.8216413f, -1.2222725f },
+    { -2.0362678f, -0.3007416f, -0.23343328f },
+    { 0.4217249f, -1.4231246f, 0.75540596f },
+    { 2.8797176f, 1.6432827f, 1.7442452f },
+    { -0.596409f, 0.5208997f, -1.4557058f },
+};
+
+static const real poses[COUNT][12] = {
+    { 0.9999935f, -0.00349065f, 0.0008726645f, 800.41504f, -0.0008726592f, 3.046168e-06f, 0.99999964f, 18.82146f, -0.0034906515f, -0.9999939f, 0.0f, 298.9778f },
+    { -0.7685086f, -0.100605614f, -0.6318806f, -455.022f, 0.6261449f, 0.084976315f, -0.7750623f, 343.39664f, 0.1316705f, -0.99129087f, -0.0023113417f, 707.1834f },
+    { -0.36994275f, 0.3728411f, 0.85095936f, -163.79329f, 0.6015812f, -0.6018593f, 0.5252289f, 302.50815f, 0.70798475f, 0.7062258f, -0.0016407223f, 175.77734f },
+    { 0.120065235f, 0.052828915f, -0.9913594f, 65.16677f, 0.913902f, 0.384163f, 0.13115604f, 642.1858f, 0.38777244f, -0.92175263f, -0.0021558315f, 143.27827f },
+    { -0.38702542f, -0.22878642f, 0.8932346f, -311.8076f, -0.7714924f, -0.4501919f, -0.44958508f, -666.0898f, 0.5049859f, -0.8631246f, -0.0022712965f, 594.8381f },
+    { 0.7175822f, 0.5635744f, -0.4092184f, 342.02246f, 0.32134724f, 0.25336963f, 0.9124362f, 174.31935f, 0.61790913f, -0.78624916f, 0.00071048515f, 912.37164f },
+    { 0.9355495f, -0.24032208f, -0.25882906f, 302.4465f, -0.2517956f, 0.06008296f, -0.9659136f, -100.87967f, 0.24768157f, 0.96883196f, -0.004301458f, -12.195701f },
+    { 0.4947548f, 0.6625985f, 0.5622997f, 512.68854f, -0.3357103f, -0.45108768f, 0.8269332f, -324.8391f, 0.80157113f, -0.59789896f, -0.00073666446f, 381.0869f },
+};
+
+/* How far the guess of the inverse stands from the solution. */
+static const real aside[arm3_N] = { 0.048089407f, 0.048089407f, 0.048089407f };
+
+static real larger(real a, real b)
+{
+    return a >= b ? a : b; /* a NaN b is told by the return code */
+}
+
+/* Largest position (mm) and rotation (entry of R) difference of two poses so far. */
+static void compare(const real *a, const real *b, real *position, real *rotation)
+{
+    int i;
+    for (i = 0; i < 12; ++i) {
+        real *worst = i % 4 == 3 ? position : rotation;
+        *worst = larger(*worst, fabsf(a[i] - b[i]));
+    }
+}
+
+int main(void)
+{
+    real position = 0.0f, rotation = 0.0f;
+    int k, j, failed = 0;
+    for (k = 0; k < COUNT; ++k) {
+        real T[12], q[arm3_N];
+        if (arm3_fk(0, 0, joints[k], T) != 0) {
+            ++failed;
+            continue;
+        }
+        compare(T, poses[k], &position, &rotation);
+        for (j = 0; j < arm3_N; ++j) {
+            q[j] = joints[k][j] + aside[j];
+        }
+        if (arm3_ik(0, 0, poses[k], q, q) != 0 || arm3_fk_from(0, 0, q, poses[k], T) != 0) {
+            ++failed;
+            continue;
+        }
+        compare(T, poses[k], &position, &rotation);
+    }
+    printf("arm3: %d of %d poses failed; largest error %.2e mm, %.2e rad\n", failed, COUNT, (double)position, (double)rotation);
+    return failed == 0 && position <= 0.00623838f && rotation <= 6e-06f ? 0 : 1;
+}
