@@ -31,7 +31,7 @@ from truepose.files import atomic_directory
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import Machine
 
-MAX_ITER = 1000
+MAX_ITER = 1500
 """Evaluations of the model that one inverse of an open chain may take."""
 SPARE_MAX_ITER = 4000
 """The same where there are joints to spare, whose ranges leave many solutions outside."""

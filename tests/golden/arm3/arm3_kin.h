@@ -28,7 +28,7 @@ typedef float arm3_real;
 #define arm3_N 3 /* joints */
 #define arm3_NP 29 /* parameters */
 #define arm3_NZ 1 /* drivers */
-#define arm3_MAX_ITER 1000 /* evaluations of the model in one inverse, at most */
+#define arm3_MAX_ITER 1500 /* evaluations of the model in one inverse, at most */
 
 /* Places in p. */
 #define arm3_P_q1_beta 0 /* rad: q1.beta */

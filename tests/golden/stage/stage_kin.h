@@ -31,7 +31,7 @@ typedef double stage_real;
 #define stage_N 6 /* joints */
 #define stage_NP 42 /* parameters */
 #define stage_NZ 1 /* drivers (none: one unused place) */
-#define stage_MAX_ITER 1000 /* evaluations of the model in one inverse, at most */
+#define stage_MAX_ITER 1500 /* evaluations of the model in one inverse, at most */
 
 /* Places in p. */
 #define stage_P_q1_beta 0 /* rad: q1.beta */
