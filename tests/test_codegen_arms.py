@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.generated_c import needs_compiler
-from support.six_joint_arms import ARMS, BUILT, DRAWN, BuiltArm, apart, built, errors, search
+from support.six_joint_arms import ARMS, BUILT, DRAWN, BuiltArm, apart, built, counted, errors, search
 from truepose.codegen.branches import branches_of
 from truepose.codegen.chain import ChainExpressions
 from truepose.codegen.layout import layout_of
@@ -116,6 +117,23 @@ def test_any_pose_is_reached_from_any_guess(root_directory: Path, name: str) -> 
     found = [made.ik(pose, guess) for pose, guess in zip(poses, guesses, strict=True)]
     assert {code for code, _ in found} == {0}
     meets(made, np.array([joints for _, joints in found]), poses)
+
+
+@pytest.mark.parametrize("name", BUILT)
+def test_no_inverse_takes_more_evaluations_than_it_says(root_directory: Path, name: str) -> None:
+    """Poses out of reach by little and by much, and in reach; the bound is spent, and not more than spent."""
+    made = counted(root_directory, name)
+    header = (made.directory / f"{name}_kin.h").read_text()
+    limit = int(re.findall(rf"#define {name}_MAX_ITER (\d+)", header)[0])
+    count = ctypes.c_int.in_dll(made.library, "evaluations")
+    poses, guesses = made.arm.poses(made.arm.readings(60, seed=3)), made.arm.readings(60, seed=4)
+    poses[:, [3, 7, 11]] *= np.linspace(0.9, 3.0, 60)[:, None]
+    spent = []
+    for pose, guess in zip(poses, guesses, strict=True):
+        count.value = 0
+        made.ik(pose, guess)
+        spent.append(count.value)
+    assert 0.9 * limit < max(spent) <= limit
 
 
 @pytest.mark.parametrize("name", BUILT)

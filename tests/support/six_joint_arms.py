@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -195,6 +196,21 @@ def built(where: Path, name: str, flags: tuple[str, ...] = ()) -> BuiltArm:
     ]
     subprocess.run(command, cwd=directory, check=True)
     return BuiltArm(arm, directory, ctypes.CDLL(str(directory / "lib.so")))
+
+
+@cache
+def counted(where: Path, name: str) -> BuiltArm:
+    """One of ARMS whose C counts its evaluations of the model, in ``evaluations`` of the library."""
+    made = built(where, name)
+    assert COMPILER is not None
+    text = (made.directory / f"{name}_kin.c").read_text()
+    body = r"(static void (?:chain_of|end_of)\(const model \*m, const stand \*at, [^)]*\)\n\{\n    int j;\n)"
+    text, places = re.subn(body, r"\1    ++evaluations;\n", text)
+    assert places == 2
+    (made.directory / "counted.c").write_text("int evaluations;\n" + text)
+    command = [COMPILER, "-O1", "-shared", "-fPIC", "counted.c", "-lm", "-o", "counted.so"]
+    subprocess.run(command, cwd=made.directory, check=True)
+    return replace(made, library=ctypes.CDLL(str(made.directory / "counted.so")))
 
 
 def _turn(axis: int, angle: Array) -> Array:
