@@ -27,13 +27,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from truepose.identification.compensation import compensate
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
-from truepose.identification.path_file import csv_text
-from truepose.identification.path_table import commands, load_path
-from truepose.identification.simulate import simulate, with_inputs
-from truepose.identification.write_machine import write_calibrated
+from truepose.identification.compensation.compensate import compensate
+from truepose.identification.compensation.path_file import csv_text
+from truepose.identification.compensation.path_table import commands, load_path
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.simulate import simulate, with_inputs
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

@@ -33,13 +33,13 @@ from truepose.challenge.simulator.writing import recording_text
 from truepose.errors import TrueposeError
 from truepose.identification.diagnosis import engine
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.export import diagnosis_json, json_text
-from truepose.identification.load import load_recording
-from truepose.identification.planning.discriminate import discriminate
-from truepose.identification.planning.discriminate_explanations import Explanation, class_of
-from truepose.identification.planning.discriminate_factors import Offer
-from truepose.identification.planning.discriminate_result import Experiment
-from truepose.identification.planning.table import experiment_table
+from truepose.identification.planning.discriminate.experiment import discriminate
+from truepose.identification.planning.discriminate.explanations import Explanation, class_of
+from truepose.identification.planning.discriminate.factors import Offer
+from truepose.identification.planning.discriminate.result import Experiment
+from truepose.identification.planning.pose_file import experiment_table
+from truepose.identification.recording.load import load_recording
+from truepose.identification.report.results import diagnosis_json, json_text
 from truepose.models.load import load_machine, resolve_place
 from truepose.models.machine import Machine
 

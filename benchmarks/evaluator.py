@@ -25,7 +25,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.codegen.gram import GramFunction
+from truepose.codegen.evaluation.gram import GramFunction
 
 Array = NDArray[np.float64]
 Sums = Callable[[Array, Array], Array]

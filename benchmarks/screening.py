@@ -14,14 +14,14 @@ import time
 from importlib.resources import files
 from pathlib import Path
 
-from truepose.identification.align import aligned_start
 from truepose.identification.diagnosis.candidates import catalogue
 from truepose.identification.diagnosis.evidence import grid_for
 from truepose.identification.diagnosis.selection import rank
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
+from truepose.identification.fit.align import aligned_start
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 

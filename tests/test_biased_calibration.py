@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 from truepose.cli import app
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification.biased import LinearEstimate, Spectrum, decompose, liu, pcr, ridge
-from truepose.identification.calibrate import calibrate
-from truepose.identification.covariance import Covariance
-from truepose.identification.estimate import Estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.fit.biased import LinearEstimate, Spectrum, decompose, liu, pcr, ridge
+from truepose.identification.fit.calibrate import calibrate
+from truepose.identification.fit.covariance import Covariance
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -192,7 +192,7 @@ def test_an_unknown_base_is_not_pulled_anywhere(tmp_path: Path) -> None:
 def test_an_iteration_that_does_not_rest_names_what_moves(
     chain: Machine, recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("truepose.identification.relinearised.LIMIT", 1)
+    monkeypatch.setattr("truepose.identification.fit.relinearised.LIMIT", 1)
     with pytest.raises(ConvergenceError, match=r"iteration limit.*1 iterations.*responsible: "):
         calibrate(chain, recording, estimator="liu", tuning=0.5)
 

@@ -19,12 +19,12 @@ from support.moving_machines import record, written
 from support.solvers import ARM, MACHINES, MADE, bounded, read_machines, simulated
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.bounds import Bounds, bounds_of
-from truepose.identification.calibrate import calibrate
-from truepose.identification.estimate import estimate
-from truepose.identification.prediction import Predictor
-from truepose.identification.problem import Problem, prior_of
-from truepose.identification.program import Program
+from truepose.identification.fit.bounds import Bounds, bounds_of
+from truepose.identification.fit.calibrate import calibrate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.problem import Problem, prior_of
+from truepose.identification.fit.program import Program
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

@@ -31,7 +31,7 @@ from truepose.challenge.simulator.base import (
 from truepose.challenge.sizing import LARGEST, LIMIT_SNR, detection_limit
 from truepose.challenge.strata import UndrawnError
 from truepose.cli import app
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
 
 Array = NDArray[np.float64]
 SIGMA, LENGTH, ANGLE = 0.01, 0.1, 0.0005

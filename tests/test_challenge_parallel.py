@@ -24,8 +24,8 @@ from truepose.challenge.simulator.polisher import Polisher
 from truepose.challenge.simulator.ported import PortedMachine, Work
 from truepose.challenge.simulator.telescope import Telescope, TelescopeTargets
 from truepose.challenge.simulator.writing import recording_text
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

@@ -18,8 +18,8 @@ from truepose.challenge.simulator.base import Campaign, Imperfection, Plan, Simu
 from truepose.challenge.simulator.campaigns import joined
 from truepose.challenge.simulator.registry import MACHINES as REGISTERED
 from truepose.challenge.simulator.writing import recording_text
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 each_machine = pytest.mark.parametrize("machine", MACHINES, ids=lambda m: str(m.name))

@@ -299,7 +299,7 @@ def test_a_fit_without_a_minimum_names_parameters_and_leaves_nothing(
     command: str, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The iteration limit is put below what the fit needs."""
-    from truepose.identification import estimate, leastsquares
+    from truepose.identification.fit import estimate, leastsquares
 
     minimise = leastsquares.minimise
 

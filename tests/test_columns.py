@@ -11,10 +11,11 @@ import pandas as pd
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification import path_file, table
-from truepose.identification.columns import ArrowCells, read_plain_csv
-from truepose.identification.path_file import csv_text
-from truepose.identification.table import Column, Table, read_table
+from truepose.identification.compensation import path_file
+from truepose.identification.compensation.path_file import csv_text
+from truepose.identification.recording import table
+from truepose.identification.recording.arrow_columns import ArrowCells, read_plain_csv
+from truepose.identification.recording.table import Column, Table, read_table
 
 
 @pytest.fixture

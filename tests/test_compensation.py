@@ -15,10 +15,10 @@ from typer.testing import CliRunner, Result
 
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.compensation import Compensation, Method, compensate
-from truepose.identification.path_table import commands, load_path
-from truepose.identification.predict import predict
-from truepose.identification.recording import Recording
+from truepose.identification.compensation.compensate import Compensation, Method, compensate
+from truepose.identification.compensation.path_table import commands, load_path
+from truepose.identification.prediction.predict import predict
+from truepose.identification.recording.recording import Recording
 from truepose.models.lie import log_so3
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

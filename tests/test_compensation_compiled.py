@@ -15,14 +15,15 @@ from typer.testing import CliRunner
 from support.generated_c import needs_compiler
 from test_compensation import calibrated, path_file
 from truepose.cli import app
-from truepose.codegen import compiled
 from truepose.codegen.c import generate
+from truepose.codegen.evaluation import compiled
 from truepose.errors import InputError
-from truepose.identification import compensation, path_table
-from truepose.identification.compensation import Compensation, compensate
-from truepose.identification.compensation_compiled import CompiledKinematics
-from truepose.identification.path_table import load_path
-from truepose.identification.predict import predictor_for
+from truepose.identification.compensation import compensate as compensation
+from truepose.identification.compensation import path_table
+from truepose.identification.compensation.compensate import Compensation, compensate
+from truepose.identification.compensation.compiled import CompiledKinematics
+from truepose.identification.compensation.path_table import load_path
+from truepose.identification.prediction.predict import predictor_for
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 

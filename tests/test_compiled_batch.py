@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from support.built_machines import TEXTS, manufactured, read_machines, simulated
 from support.engines import compile_all, compile_none
 from support.generated_c import needs_compiler
-from truepose.codegen import compiled, engine, rowwise
-from truepose.codegen.batch import BatchFunction
-from truepose.codegen.cache import library_cache
-from truepose.identification.calibrate import calibrate
+from truepose.codegen.evaluation import compiled, engine, rowwise
+from truepose.codegen.evaluation.batch import BatchFunction
+from truepose.codegen.evaluation.cache import library_cache
+from truepose.identification.fit.calibrate import calibrate
 
 Array = NDArray[np.float64]
 
@@ -201,7 +201,7 @@ def test_processes_share_a_cache(cache: Path, tmp_path: Path) -> None:
     script = tmp_path / "one.py"
     script.write_text(
         "import casadi as ca, numpy as np\n"
-        "from truepose.codegen.batch import BatchFunction\n"
+        "from truepose.codegen.evaluation.batch import BatchFunction\n"
         "x = ca.SX.sym('x')\n"
         "f = BatchFunction('f', [x], [ca.sin(x) * x], rows=10**9)\n"
         "assert f(np.ones((5, 1)))[0].sum() > 4 and f.engine.compiled, f.engine\n"

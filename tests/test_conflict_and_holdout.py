@@ -15,7 +15,7 @@ from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.parts import inflations, kind_of, part_classes
 from truepose.identification.diagnosis.signatures import Linearisation
-from truepose.identification.recording import Recording
+from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
 READINGS, FREE = 60, 12

@@ -20,8 +20,8 @@ import pytest
 from numpy.typing import NDArray
 
 from support.telescope_legs import UNEVEN, leg_rows
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.kinematics import SymbolicModel, symbolic_model

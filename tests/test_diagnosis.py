@@ -22,9 +22,9 @@ from truepose.identification.diagnosis import alarms
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import FREE_WIDENING, estimate, prior_of
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
+from truepose.identification.fit.estimate import FREE_WIDENING, estimate, prior_of
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -19,18 +19,18 @@ from truepose.identification.diagnosis.classes import missed_chi2
 from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.selection import rank
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
-from truepose.identification.planning.discriminate import discriminate
-from truepose.identification.planning.discriminate_criterion import Contest, Race, chosen
-from truepose.identification.planning.discriminate_explanations import EXPECTED, Class, explanation
-from truepose.identification.planning.discriminate_factors import MOST, Factor, Offer, factors, settings
-from truepose.identification.planning.discriminate_rows import Rows, recording_of, signals
-from truepose.identification.planning.discriminate_targets import Target, with_targets
-from truepose.identification.planning.discriminate_words import sentences
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.planning.discriminate.criterion import Contest, Race, chosen
+from truepose.identification.planning.discriminate.experiment import discriminate
+from truepose.identification.planning.discriminate.explanations import EXPECTED, Class, explanation
+from truepose.identification.planning.discriminate.factors import MOST, Factor, Offer, factors, settings
+from truepose.identification.planning.discriminate.rows import Rows, recording_of, signals
+from truepose.identification.planning.discriminate.targets import Target, with_targets
 from truepose.identification.planning.information import PoseInformation
-from truepose.identification.planning.table import experiment_table
-from truepose.identification.simulate import parse_effect, simulate, with_inputs
+from truepose.identification.planning.pose_file import experiment_table
+from truepose.identification.prediction.simulate import parse_effect, simulate, with_inputs
+from truepose.identification.recording.load import load_recording
+from truepose.identification.report.experiment_words import sentences
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

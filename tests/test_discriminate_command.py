@@ -13,11 +13,11 @@ from support import MACHINES
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, poses, telescope
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.planning.discriminate import discriminate
-from truepose.identification.planning.discriminate_explanations import class_of
-from truepose.identification.planning.discriminate_factors import Offer
-from truepose.identification.planning.discriminate_targets import Target
-from truepose.identification.planning.discriminate_words import experiment_json, sentences
+from truepose.identification.planning.discriminate.experiment import discriminate
+from truepose.identification.planning.discriminate.explanations import class_of
+from truepose.identification.planning.discriminate.factors import Offer
+from truepose.identification.planning.discriminate.targets import Target
+from truepose.identification.report.experiment_words import experiment_json, sentences
 from truepose.models.load import load_machine
 
 NAMELESS = {"effect": "unknown", "place": ["q2"], "probability": 0.5}

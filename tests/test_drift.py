@@ -24,8 +24,8 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.drift.analysis import Drift, drift
 from truepose.identification.drift.evidence import Point, Stack, state, weigh
-from truepose.identification.drift.words import drift_json, drift_lines
-from truepose.identification.load import load_recording
+from truepose.identification.recording.load import load_recording
+from truepose.identification.report.drift_words import drift_json, drift_lines
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from support.effects import with_effect
 from support.telescope_legs import leg_rows
 from support.tool_pose import HEAD, pose
-from truepose.identification.history import creep_sum, stop_operator
+from truepose.identification.recording.history import creep_sum, stop_operator
 from truepose.models.effects.base import PlacedEffect, Shifts, Site, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

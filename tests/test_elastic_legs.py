@@ -25,7 +25,7 @@ from support.telescope_models import (
 )
 from truepose.challenge.simulator.telescope_ring import beams
 from truepose.errors import InputError
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.elastic import Ends, Flexibility, Segment, strain_energy
 from truepose.models.kinematics import symbolic_model

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from support.sensor_bench import STAGE, STAGE_HEAD, Bench
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.outliers import fringes_by_row, miscounted_fringes
-from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.export import diagnosis_json
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.recording.recording import Recording
+from truepose.identification.report.results import diagnosis_json
 
 UM = 1e3
 HALF = 1.56e-3 / 2

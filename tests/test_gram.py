@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from support.engines import compile_all, compile_none
 from support.generated_c import needs_compiler
-from truepose.codegen import gram
-from truepose.codegen.batch import BatchFunction
-from truepose.codegen.gram import GramFunction
+from truepose.codegen.evaluation import gram
+from truepose.codegen.evaluation.batch import BatchFunction
+from truepose.codegen.evaluation.gram import GramFunction
 
 Array = NDArray[np.float64]
 ENGINES = [pytest.param("compiled", marks=needs_compiler), "virtual machine"]

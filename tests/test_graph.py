@@ -22,7 +22,7 @@ from support.loop_closed_forms import (
     planar_pose,
 )
 from truepose.errors import InputError
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import Machine

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from support.graph_machines import machine_of, poses, recorded, spread
 from support.loop_closed_forms import PLANAR, Planar, delta_position, near, planar_pose
-from truepose.identification.estimate import estimate
-from truepose.identification.prediction import Predictor
-from truepose.identification.write_machine import write_calibrated
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.load import load_machine
 

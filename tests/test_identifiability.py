@@ -17,13 +17,13 @@ from support import MACHINES
 from support.short_arm import JOINTS, POSITION, arm, status, written
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.decomposition import Decomposition
-from truepose.identification.estimate import estimate
+from truepose.identification.fit.decomposition import Decomposition
+from truepose.identification.fit.estimate import estimate
 from truepose.identification.identifiability.analysis import drawn_poses, identifiability
-from truepose.identification.identifiability.words import identifiability_lines, unseen_sentences
-from truepose.identification.load import load_recording
-from truepose.identification.observability import identifiable
-from truepose.identification.simulate import simulate
+from truepose.identification.identifiability.observability import identifiable
+from truepose.identification.prediction.simulate import simulate
+from truepose.identification.recording.load import load_recording
+from truepose.identification.report.identifiability_words import identifiability_lines, unseen_sentences
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

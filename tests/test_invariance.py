@@ -14,14 +14,14 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from truepose.identification.calibrate import calibrate
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.estimate import Estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
-from truepose.identification.simulate import parse_effect, simulate
+from truepose.identification.fit.calibrate import calibrate
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

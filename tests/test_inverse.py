@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truepose.identification.inverse import PoseSolver
+from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.load import load_machine
 
 POLISHER = Path(__file__).resolve().parent.parent / "models" / "machines" / "polisher" / "machine.yaml"

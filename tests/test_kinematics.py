@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from support.closed_kinematics import INVERSE, base_to_flange, chain, leg_end, platform_pose, rail, readings
 from support.moving_machines import HEXAPODS, SERIAL, TEXTS, drawn, named, nominal, read_machines, record
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.kinematics import symbolic_model

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.leastsquares import Solution, Status, minimise, triangular
+from truepose.identification.fit.leastsquares import Solution, Status, minimise, triangular
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parents[2] / "shared/data/nist-strd"

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.moving_machines import record
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.mechanism import AXES, BASE, Actuator, Direction, Joint, JointKind, Mechanism, Step
 from truepose.models.parameters import Parameter

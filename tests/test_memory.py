@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from truepose.identification.history import creep_sum, line_of_full_loop, stop_operator
-from truepose.identification.memory import column_behind
-from truepose.identification.recording import JointColumn, Recording, read_recording
+from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
+from truepose.identification.recording.memory import column_behind
+from truepose.identification.recording.recording import JointColumn, Recording, read_recording
 from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import pytest
 
 from support.moving_machines import ARM, FRAMED, POSE, PUS, record, written
 from truepose.errors import InputError
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models.kinematics import symbolic_model
 from truepose.models.mechanism import AXES
 

@@ -27,8 +27,8 @@ from truepose.identification.diagnosis.remainder import pile
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.selection import Selection
 from truepose.identification.diagnosis.unnamed import UNNAMED
-from truepose.identification.estimate import Estimate
-from truepose.identification.load import load_recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

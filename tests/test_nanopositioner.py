@@ -19,11 +19,16 @@ from typer.testing import CliRunner
 from support.studies import BENCHMARKS, study_module
 from truepose.cli import app
 from truepose.errors import InputError
+from truepose.identification.compensation.inverse import PoseSolver, Reach, inverse
+from truepose.identification.compensation.reflection import (
+    ReflectionControl,
+    light_frame,
+    mirror_poses,
+    reflections,
+)
 from truepose.identification.diagnosis import engine
-from truepose.identification.inverse import PoseSolver, Reach, inverse
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.reflection import ReflectionControl, light_frame, mirror_poses, reflections
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

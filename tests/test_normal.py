@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from support.built_machines import manufactured, read_machines, simulated
 from support.engines import compile_all, compile_none
 from support.generated_c import needs_compiler
-from truepose.identification.estimate import estimate, prior_of
-from truepose.identification.normal import NormalEquations
-from truepose.identification.prediction import FIT, Predictor
-from truepose.identification.problem import Problem
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import estimate, prior_of
+from truepose.identification.fit.normal import NormalEquations
+from truepose.identification.fit.problem import Problem
+from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 pytestmark = needs_compiler

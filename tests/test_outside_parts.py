@@ -14,8 +14,8 @@ import pytest
 
 from support.moving_machines import POSE, record, written
 from truepose.errors import InputError
-from truepose.identification.estimate import estimate
-from truepose.identification.prediction import Predictor
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models.builders.base import builders
 from truepose.models.context import BuildContext
 from truepose.models.mechanism import BASE, Actuator, Joint, Mechanism, Step

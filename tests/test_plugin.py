@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from truepose.cli import app
-from truepose.identification.load import load_recording
-from truepose.identification.predict import predict
-from truepose.identification.simulate import simulate
+from truepose.identification.prediction.predict import predict
+from truepose.identification.prediction.simulate import simulate
+from truepose.identification.recording.load import load_recording
 from truepose.models.builders.base import builders
 from truepose.models.effects.base import effects
 from truepose.models.kinematics import symbolic_model

@@ -14,10 +14,10 @@ import pytest
 from typer.testing import CliRunner
 
 from truepose.cli import app
-from truepose.identification.load import load_recording
-from truepose.identification.predict import predict
-from truepose.identification.recording import Recording
-from truepose.identification.simulate import simulate
+from truepose.identification.prediction.predict import predict
+from truepose.identification.prediction.simulate import simulate
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -11,11 +11,11 @@ import numpy.typing as npt
 import pytest
 
 from support.studies import BENCHMARKS, study_module
-from truepose.identification.calibrate import calibrate
-from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.simulate import parse_effect
+from truepose.identification.fit.calibrate import calibrate
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.simulate import parse_effect
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 ROOT = Path(__file__).resolve().parent.parent

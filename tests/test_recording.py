@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
-from truepose.identification.recording import JointColumn, read_recording
+from truepose.identification.recording.recording import JointColumn, read_recording
 from truepose.models.units import UnitSystem
 
 SHARED = Path(__file__).parents[1].parent / "shared"

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.recordings import BASIC, read
-from truepose.identification.history import exponential_lag, latest_earlier_row
+from truepose.identification.recording.history import exponential_lag, latest_earlier_row
 
 
 def test_from_is_local_to_a_file_and_survives_a_subset(tmp_path: Path) -> None:

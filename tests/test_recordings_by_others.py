@@ -15,8 +15,8 @@ import pytest
 
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 ROOT = Path(__file__).parents[1]

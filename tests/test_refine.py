@@ -28,11 +28,11 @@ from truepose.identification.diagnosis.selection import (
     weight,
 )
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
-from truepose.identification.write_machine import write_calibrated
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import Coefficient, PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -21,9 +21,9 @@ from support.built_machines import (
 )
 from support.moving_machines import written
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification import estimate as estimating
-from truepose.identification.estimate import estimate
-from truepose.identification.leastsquares import minimise
+from truepose.identification.fit import estimate as estimating
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.leastsquares import minimise
 from truepose.models.machine import Machine
 
 
@@ -112,7 +112,7 @@ def test_a_fit_that_does_not_converge_names_what_still_moves(
     truth[[p.name for p in machine.parameters].index("tool.x")] += 20.0
     recording = simulated(machine, truth, rng)
     monkeypatch.setattr(
-        "truepose.identification.estimate.minimise", lambda *a, **k: minimise(*a, **(k | {"limit": 1}))
+        "truepose.identification.fit.estimate.minimise", lambda *a, **k: minimise(*a, **(k | {"limit": 1}))
     )
     with pytest.raises(ConvergenceError, match=r"iteration limit.*responsible: .*tool\.x"):
         estimate(machine, recording)

@@ -12,9 +12,9 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import JointColumn, read_recording
-from truepose.identification.table import Column, Table
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import JointColumn, read_recording
+from truepose.identification.recording.table import Column, Table
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 from truepose.models.screws import ScrewModel, screw_model

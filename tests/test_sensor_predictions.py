@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from support.closed_kinematics import readings
 from support.moving_machines import ARM, FRAMED, MOVERS, drawn, named, nominal, record, written
 from truepose.errors import InputError
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.mechanism import AXES
 

@@ -28,12 +28,12 @@ from support.socket_arm import (
 )
 from truepose.errors import InputError
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
-from truepose.identification.predict import predict
-from truepose.identification.prediction import Predictor
-from truepose.identification.simulate import simulate
-from truepose.identification.write_machine import write_calibrated
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.predict import predict
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.simulate import simulate
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

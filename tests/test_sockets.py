@@ -26,10 +26,10 @@ from support.socket_arm import (
     residuals,
     table,
 )
-from truepose.identification.calibrate import calibrate
 from truepose.identification.diagnosis.summary import rms_by_kind
-from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.prediction import Predictor
+from truepose.identification.fit.calibrate import calibrate
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models.sensors.socket import Seats
 
 Array = NDArray[np.float64]

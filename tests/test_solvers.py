@@ -14,12 +14,12 @@ from support.built_machines import FRAMES, manufactured, nominal
 from support.moving_machines import record, written
 from support.solvers import GRAPHS, MACHINES, MADE, SAME, apart, bounded, hexapod, read_machines, simulated
 from truepose.errors import ConvergenceError
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.problem import Problem, prior_of
-from truepose.identification.program import Program
-from truepose.identification.simultaneous import OPTIONS
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.problem import Problem, prior_of
+from truepose.identification.fit.program import Program
+from truepose.identification.fit.simultaneous import OPTIONS
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

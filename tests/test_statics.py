@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from support.closed_kinematics import base_to_flange, chain, leg_end, readings, ups_inverse
 from support.moving_machines import SERIAL, drawn, named, nominal, read_machines, record
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine

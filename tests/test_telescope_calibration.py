@@ -12,9 +12,9 @@ import pytest
 
 from support.telescope_models import MODELS, TRAVEL, campaigns, fits, machine_of, recording_of, simulator
 from truepose.errors import InputError
-from truepose.identification.implicit import ClosurePredictor
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
+from truepose.identification.fit.implicit import ClosurePredictor
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 
 

@@ -27,10 +27,10 @@ from support.telescope_models import (
 )
 from truepose.codegen.c import generate
 from truepose.errors import InputError
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.write_machine import write_calibrated
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.flexure import SHAPE, gain

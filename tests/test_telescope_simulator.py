@@ -15,7 +15,7 @@ import yaml
 from support.studies import BENCHMARKS, study_module
 from truepose.challenge.simulator.telescope_ring import beams, ring, rotations, simulation, statics
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.load import load_recording
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 ROOT = Path(__file__).resolve().parent.parent

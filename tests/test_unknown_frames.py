@@ -10,9 +10,9 @@ import pytest
 
 from support.built_machines import ARM, MADE, POSE, UNKNOWN, manufactured, nominal, read_machines, simulated
 from support.moving_machines import written
-from truepose.identification.align import aligned_start
-from truepose.identification.estimate import estimate
-from truepose.identification.prediction import Predictor
+from truepose.identification.fit.align import aligned_start
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.machine import Machine
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from support import MACHINES
 from support.short_arm import POSITION, arm, status
 from truepose.errors import InputError
-from truepose.identification.decomposition import Decomposition
+from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.analysis import drawn_poses, identifiability
+from truepose.identification.identifiability.observability import Direction, Knowledge, nearly_unseen
 from truepose.identification.identifiability.patterns import patterns
 from truepose.identification.identifiability.subset import (
     Columns,
@@ -22,9 +23,8 @@ from truepose.identification.identifiability.subset import (
     sequential_subset,
     spectral_reduction,
 )
-from truepose.identification.identifiability.words import identifiability_lines, unseen_sentences
-from truepose.identification.observability import Direction, Knowledge, nearly_unseen
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.report.identifiability_words import identifiability_lines, unseen_sentences
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

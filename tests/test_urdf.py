@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
-from truepose.identification.write_machine import write_calibrated
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.recording.load import load_recording
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truepose.identification.covariance import Covariance
-from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.load import load_recording
-from truepose.identification.recording import Recording
-from truepose.identification.simulate import parse_effect, simulate
-from truepose.identification.write_machine import calibrated_document, write_calibrated
+from truepose.identification.fit.covariance import Covariance
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.write_machine import calibrated_document, write_calibrated
+from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -11,7 +11,7 @@ import numpy as np
 
 from drifting_arm.arm import FREE, write_sequence
 from truepose.identification.drift.analysis import Drift, drift
-from truepose.identification.load import load_recording
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 

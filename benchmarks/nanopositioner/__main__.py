@@ -15,7 +15,7 @@ from nanopositioner.plan import Motions, paper_plan
 from nanopositioner.recordings import write
 from nanopositioner.study import BUNDLE, identify, identify_extrinsic, machine, recorded
 from nanopositioner.tables import DAY_0
-from truepose.identification.load import load_recording
+from truepose.identification.recording.load import load_recording
 
 FIGURES = Path(__file__).resolve().parents[2] / "docs" / "figures"
 ERRORS = tuple(round(0.002 * k, 3) for k in range(7))

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.estimate import Estimate, estimate, prior_of
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
-from truepose.identification.reflection import mirror_poses
+from truepose.identification.compensation.reflection import mirror_poses
+from truepose.identification.fit.estimate import Estimate, estimate, prior_of
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 from truepose.models.sensors.distance import Distance

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.reflection import Held, ReflectionControl
+from truepose.identification.compensation.reflection import Held, ReflectionControl
 
 from .geometry import Constants, lengths
 from .study import machine

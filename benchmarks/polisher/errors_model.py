@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from truepose.identification.prediction import Predictor
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models.machine import Machine
 from truepose.models.screws import screw_model
 

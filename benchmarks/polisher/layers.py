@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from truepose.identification import biased
-from truepose.identification.compensation import Method, compensate
-from truepose.identification.estimate import estimate
-from truepose.identification.path_table import POSE, load_path
-from truepose.identification.write_machine import write_calibrated
+from truepose.identification.compensation.compensate import Method, compensate
+from truepose.identification.compensation.path_table import POSE, load_path
+from truepose.identification.fit import biased
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.write_machine import write_calibrated
 from truepose.models import lie
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import JointColumn, Recording, read_recording
-from truepose.identification.table import Column, Table
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import JointColumn, Recording, read_recording
+from truepose.identification.recording.table import Column, Table
 from truepose.models.machine import Machine
 from truepose.models.units import UnitSystem
 

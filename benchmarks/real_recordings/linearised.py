@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from real_recordings.common import Array, Mask
-from truepose.identification.align import aligned_start
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
+from truepose.identification.fit.align import aligned_start
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")

@@ -10,10 +10,10 @@ import pandas as pd
 
 from real_recordings.common import rms, say
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

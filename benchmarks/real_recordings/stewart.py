@@ -9,9 +9,9 @@ import numpy as np
 
 from real_recordings.common import say
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.estimate import Estimate
-from truepose.identification.load import load_recording
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.load import load_machine
 

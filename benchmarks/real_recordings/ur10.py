@@ -13,12 +13,12 @@ import numpy as np
 import pandas as pd
 
 from real_recordings.common import FILES, HELD_OUT, say
-from truepose.identification.align import aligned_start
 from truepose.identification.diagnosis.summary import rms_by_kind
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.fit.align import aligned_start
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 

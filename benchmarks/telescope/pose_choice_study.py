@@ -25,10 +25,10 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.estimate import estimate
-from truepose.identification.load import load_recording
+from truepose.identification.fit.estimate import estimate
 from truepose.identification.planning.plan import Plan, plan
 from truepose.identification.planning.supply import CANDIDATES
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from telescope_simulator import nominal_machine, simulate
 
+from truepose.identification.fit.implicit import ClosurePredictor
+from truepose.identification.fit.subset_estimate import SubsetEstimate, columns_at_drawing, estimate_subset
 from truepose.identification.identifiability.subset import Columns
-from truepose.identification.implicit import ClosurePredictor
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.subset_estimate import SubsetEstimate, columns_at_drawing, estimate_subset
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from truepose.codegen.c import generate
 from truepose.errors import InputError
-from truepose.identification.calibrate import calibrate
-from truepose.identification.compensation import ideal_constants
+from truepose.identification.compensation.compensate import ideal_constants
+from truepose.identification.compensation.path_table import load_path
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.load import load_recording
-from truepose.identification.path_table import load_path
-from truepose.identification.predict import predictor_for
-from truepose.identification.recording import Recording
-from truepose.identification.simulate import parse_effect
-from truepose.identification.write_machine import write_calibrated
+from truepose.identification.fit.calibrate import calibrate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.predict import predictor_for
+from truepose.identification.prediction.simulate import parse_effect
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.compensation import ideal_constants
-from truepose.identification.compensation_compiled import base_frame
-from truepose.identification.inverse import PoseSolver
-from truepose.identification.path_table import POSE, load_path
-from truepose.identification.reflection import ReflectionControl, reflections
+from truepose.identification.compensation.compensate import ideal_constants
+from truepose.identification.compensation.compiled import base_frame
+from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.compensation.path_table import POSE, load_path
+from truepose.identification.compensation.reflection import ReflectionControl, reflections
 from truepose.models import lie
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine

@@ -16,9 +16,9 @@ from scipy.stats import f as fisher
 
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
 from truepose.identification.diagnosis.signatures import Linearisation
-from truepose.identification.estimate import Estimate
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
 RAISED = 0.01

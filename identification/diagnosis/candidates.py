@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.identification.diagnosis.unnamed import UNNAMED, Unnamed
-from truepose.identification.memory import column_behind
-from truepose.identification.recording import Recording
+from truepose.identification.recording.memory import column_behind
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import PAYLOAD, Machine
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from truepose.identification.diagnosis.signatures import Linearisation
-from truepose.identification.estimate import FREE_WIDENING
+from truepose.identification.fit.estimate import FREE_WIDENING
 
 Array = NDArray[np.float64]
 DRAWS = 999

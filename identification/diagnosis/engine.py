@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
-from truepose.identification.align import aligned_start
 from truepose.identification.diagnosis import classes, doubt, outliers, remainder, summary
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.findings import (
@@ -35,9 +34,10 @@ from truepose.identification.diagnosis.selection import (
     select,
 )
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import FREE_WIDENING, Estimate, estimate
-from truepose.identification.prediction import FIT, Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.fit.align import aligned_start
+from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
+from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof
-from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.history import order_in_time
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.history import order_in_time
+from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -17,8 +17,8 @@ from truepose.identification.diagnosis.alarms import (
 from truepose.identification.diagnosis.evidence import evidence
 from truepose.identification.diagnosis.selection import Selection
 from truepose.identification.diagnosis.signatures import Linearisation
-from truepose.identification.estimate import Estimate
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
 
 CLEAR_P = 1e-3
 """An alarm below this p is no chance: the model fails."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from truepose.identification.diagnosis.selection import Ranking
-from truepose.identification.estimate import Estimate
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
 
 
 def notes(

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from truepose.identification.estimate import Estimate
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.distance import Distance
 

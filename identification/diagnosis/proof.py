@@ -18,9 +18,9 @@ from truepose.identification.diagnosis.holdout import ROLE, held_out, held_out_b
 from truepose.identification.diagnosis.result import Proof
 from truepose.identification.diagnosis.selection import rank
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
-from truepose.identification.estimate import Estimate
-from truepose.identification.history import order_in_time
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.history import order_in_time
+from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -106,7 +106,7 @@ def _injected(
 
 def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:
     """Held-out ratio of as many free waves of the readings, in each residual channel, as the terms have coefficients."""
-    from truepose.identification.prediction import Predictor
+    from truepose.identification.prediction.predictor import Predictor
 
     count = sum(len(e.coefficients) for e in after.effects)
     predictor = Predictor(before.machine, recording, before.effects)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.evidence import Grid, evidence
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import Estimate
+from truepose.identification.fit.estimate import Estimate
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]

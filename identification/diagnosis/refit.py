@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]

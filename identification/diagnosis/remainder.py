@@ -11,8 +11,8 @@ from truepose.identification.diagnosis.alarms import Structure
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.result import Finding, Remainder
 from truepose.identification.diagnosis.unnamed import Unnamed
-from truepose.identification.estimate import Estimate
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
 
 
 def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remainder:

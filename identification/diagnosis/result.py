@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.candidates import Untestable
 from truepose.identification.diagnosis.unnamed import UNNAMED
-from truepose.identification.estimate import Estimate
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 

@@ -25,7 +25,7 @@ from truepose.identification.diagnosis.evidence import (
 from truepose.identification.diagnosis.refine import refined
 from truepose.identification.diagnosis.refit import refit
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
-from truepose.identification.estimate import Estimate
+from truepose.identification.fit.estimate import Estimate
 from truepose.models.effects.base import SERIES
 
 Array = NDArray[np.float64]

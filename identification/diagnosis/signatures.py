@@ -14,12 +14,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.codegen.batch import BatchFunction
+from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.diagnosis.parts import part_classes
-from truepose.identification.estimate import Estimate
-from truepose.identification.prediction import Predictor
-from truepose.identification.readings import Block
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.sensor_rows import Block
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.result import FitSummary
-from truepose.identification.estimate import Estimate
+from truepose.identification.fit.estimate import Estimate
 from truepose.models.sensors.base import Channel
 
 Array = NDArray[np.float64]

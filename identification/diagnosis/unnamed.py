@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from truepose.identification.recording import Recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site
 from truepose.models.effects.common import sensor_at, sensor_names
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point

@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification.align import aligned_start
-from truepose.identification.decomposition import Decomposition
 from truepose.identification.drift.durability import Durability, durability
 from truepose.identification.drift.evidence import Point, Stack, grid, state
 from truepose.identification.drift.selection import Selection, candidates_of, select
 from truepose.identification.drift.sessions import Session, bounded, linearised, sessions_of
 from truepose.identification.drift.sizes import Movement, joint_parameters, movements
-from truepose.identification.estimate import Estimate, estimate
+from truepose.identification.fit.align import aligned_start
+from truepose.identification.fit.decomposition import Decomposition
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.identifiability.observability import Knowledge, units_of
 from truepose.identification.identifiability.patterns import Blind
-from truepose.identification.observability import Knowledge, units_of
-from truepose.identification.problem import Prior, prior_of
-from truepose.identification.recording import Recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from scipy.linalg import helmert, solve_triangular
 from scipy.special import logsumexp
 
-from truepose.identification.decomposition import ROUNDING
 from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.parts import INFLATED, INFLATIONS
 from truepose.identification.drift.sessions import Linear
-from truepose.identification.problem import Prior
+from truepose.identification.fit.decomposition import ROUNDING
+from truepose.identification.fit.problem import Prior
 
 Array = NDArray[np.float64]
 SIZES = np.geomspace(1e-6, 3.0, 27)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
 from truepose.identification.drift.evidence import Point, Stack, State, state, weigh
-from truepose.identification.problem import Prior
+from truepose.identification.fit.problem import Prior
 from truepose.models.machine import FRAMES, Machine
 
 Array = NDArray[np.float64]

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.leastsquares import triangular
-from truepose.identification.prediction import FIT, Predictor
-from truepose.identification.problem import Prior, Problem
-from truepose.identification.recording import Recording
+from truepose.identification.fit.leastsquares import triangular
+from truepose.identification.fit.problem import Prior, Problem
+from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

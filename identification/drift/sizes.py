@@ -12,7 +12,7 @@ from scipy import stats
 
 from truepose.identification.drift.evidence import Stack, State, information, state
 from truepose.identification.drift.selection import Selection
-from truepose.identification.problem import Prior
+from truepose.identification.fit.problem import Prior
 
 Array = NDArray[np.float64]
 SURE = 0.95

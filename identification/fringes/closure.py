@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.history import order_in_time
-from truepose.identification.recording import Recording
+from truepose.identification.recording.history import order_in_time
+from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.align import aligned_start
-from truepose.identification.decomposition import Decomposition, Observability
-from truepose.identification.identifiability.patterns import Blind
-from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_readings
-from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
-from truepose.identification.observability import (
+from truepose.identification.fit.align import aligned_start
+from truepose.identification.fit.decomposition import Decomposition, Observability
+from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.identifiability.observability import (
     Direction,
     Knowledge,
     determined,
@@ -27,9 +25,11 @@ from truepose.identification.observability import (
     units_of,
     unseen,
 )
-from truepose.identification.prediction import Predictor
-from truepose.identification.problem import Prior, prior_of
-from truepose.identification.recording import Recording
+from truepose.identification.identifiability.patterns import Blind
+from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_readings
+from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.observability import Direction, Knowledge, unseen
+from truepose.identification.identifiability.observability import Direction, Knowledge, unseen
 from truepose.models.machine import FRAMES, Machine
 
 Array = NDArray[np.float64]

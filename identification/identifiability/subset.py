@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.decomposition import ROUNDING, Decomposition
-from truepose.identification.estimate import Estimate
+from truepose.identification.fit.decomposition import ROUNDING, Decomposition
+from truepose.identification.fit.estimate import Estimate
 from truepose.models.units import close_matches
 
 Array = NDArray[np.float64]

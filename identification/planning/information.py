@@ -16,11 +16,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.codegen.batch import BatchFunction
+from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
-from truepose.identification.prediction import Predictor
-from truepose.identification.problem import prior_of
-from truepose.identification.recording import Recording, frozen
+from truepose.identification.fit.problem import prior_of
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording, frozen
 from truepose.models import lie
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel

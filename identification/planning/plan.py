@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.decomposition import Decomposition, Observability
+from truepose.identification.fit.decomposition import Decomposition, Observability
 from truepose.identification.planning.continuous import Landscape, climb
 from truepose.identification.planning.criteria import CRITERIA, Criterion, Objective
 from truepose.identification.planning.exchange import Pool, exchange
 from truepose.identification.planning.information import PoseInformation, Poses
+from truepose.identification.planning.pose_file import rounded
 from truepose.identification.planning.supply import Supply
-from truepose.identification.planning.table import rounded
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.recording import Recording
+from truepose.identification.recording.recording import Recording
 from truepose.identification.report.numbers import unit_symbol
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel

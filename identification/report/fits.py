@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.result import Diagnosis, FitSummary
-from truepose.identification.estimate import Estimate
+from truepose.identification.fit.estimate import Estimate
 from truepose.models.machine import Machine
 
 Mask = NDArray[np.bool_]

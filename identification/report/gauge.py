@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.estimate import Estimate
-from truepose.identification.report.words import several
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.report.diagnosis_words import several
 
 Array = NDArray[np.float64]
 TAKES_PART = 1e-2

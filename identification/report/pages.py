@@ -8,9 +8,10 @@ from typing import Any
 
 from truepose.identification.diagnosis.result import Diagnosis, FitSummary
 from truepose.identification.diagnosis.summary import summarise
-from truepose.identification.estimate import Estimate
-from truepose.identification.recording import Recording
-from truepose.identification.report import render, words
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
+from truepose.identification.report import diagnosis_words as words
+from truepose.identification.report import render
 from truepose.identification.report.document import Block, Document, Section, Text, Tone
 from truepose.identification.report.figures import style
 from truepose.identification.report.fits import fit_column

@@ -10,43 +10,43 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from truepose.codegen.c import generate
-    from truepose.identification.calibrate import calibrate
-    from truepose.identification.compensation import compensate
+    from truepose.identification.compensation.compensate import compensate
+    from truepose.identification.compensation.inverse import inverse
     from truepose.identification.diagnosis.engine import diagnose
     from truepose.identification.drift.analysis import drift
-    from truepose.identification.estimate import estimate
-    from truepose.identification.export import diagnosis_json, fit_json
+    from truepose.identification.fit.calibrate import calibrate
+    from truepose.identification.fit.estimate import estimate
+    from truepose.identification.fit.write_machine import write_calibrated
     from truepose.identification.identifiability.analysis import identifiability
-    from truepose.identification.inverse import inverse
-    from truepose.identification.load import load_recording
     from truepose.identification.planning.plan import plan
-    from truepose.identification.predict import predict
-    from truepose.identification.simulate import parse_effect, simulate
-    from truepose.identification.write_machine import write_calibrated
+    from truepose.identification.prediction.predict import predict
+    from truepose.identification.prediction.simulate import parse_effect, simulate
+    from truepose.identification.recording.load import load_recording
+    from truepose.identification.report.results import diagnosis_json, fit_json
     from truepose.models.export.write import export
     from truepose.models.load import load_machine
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "calibrate": "truepose.identification.calibrate",
-    "compensate": "truepose.identification.compensation",
+    "calibrate": "truepose.identification.fit.calibrate",
+    "compensate": "truepose.identification.compensation.compensate",
     "diagnose": "truepose.identification.diagnosis.engine",
-    "diagnosis_json": "truepose.identification.export",
+    "diagnosis_json": "truepose.identification.report.results",
     "drift": "truepose.identification.drift.analysis",
-    "estimate": "truepose.identification.estimate",
+    "estimate": "truepose.identification.fit.estimate",
     "export": "truepose.models.export.write",
-    "fit_json": "truepose.identification.export",
+    "fit_json": "truepose.identification.report.results",
     "generate": "truepose.codegen.c",
     "identifiability": "truepose.identification.identifiability.analysis",
-    "inverse": "truepose.identification.inverse",
+    "inverse": "truepose.identification.compensation.inverse",
     "load_machine": "truepose.models.load",
-    "load_recording": "truepose.identification.load",
-    "parse_effect": "truepose.identification.simulate",
+    "load_recording": "truepose.identification.recording.load",
+    "parse_effect": "truepose.identification.prediction.simulate",
     "plan": "truepose.identification.planning.plan",
-    "predict": "truepose.identification.predict",
-    "simulate": "truepose.identification.simulate",
-    "write_calibrated": "truepose.identification.write_machine",
+    "predict": "truepose.identification.prediction.predict",
+    "simulate": "truepose.identification.prediction.simulate",
+    "write_calibrated": "truepose.identification.fit.write_machine",
 }
 
 __all__ = [

@@ -55,7 +55,7 @@ def demo(
     """
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose
-        from truepose.identification.load import load_recording
+        from truepose.identification.recording.load import load_recording
         from truepose.models.load import load_machine
 
         if name not in bundled():

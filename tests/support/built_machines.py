@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from support.moving_machines import record, written
 from support.telescope_legs import leg_rows
-from truepose.identification.estimate import Estimate
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from truepose.codegen import engine
+from truepose.codegen.evaluation import engine
 
 
 def compile_all(monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:

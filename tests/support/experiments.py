@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from support import MACHINES
-from truepose.identification.planning.discriminate import discriminate
-from truepose.identification.planning.discriminate_explanations import Class, explanation
-from truepose.identification.planning.discriminate_factors import Offer
-from truepose.identification.planning.discriminate_result import Experiment
+from truepose.identification.planning.discriminate.experiment import discriminate
+from truepose.identification.planning.discriminate.explanations import Class, explanation
+from truepose.identification.planning.discriminate.factors import Offer
+from truepose.identification.planning.discriminate.result import Experiment
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine, Mass
 

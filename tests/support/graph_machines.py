@@ -13,9 +13,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from support import MACHINES
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

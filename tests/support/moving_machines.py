@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from support.telescope_legs import UNEVEN, leg_rows
-from truepose.identification.recording import Recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.recording import JointColumn, Recording, read_recording
+from truepose.identification.recording.recording import JointColumn, Recording, read_recording
 from truepose.models.units import UnitSystem
 
 JOINTS = (JointColumn("s", "mm", (0.0, 100.0)), JointColumn("r", "rad", (-math.pi, math.pi)))

@@ -19,9 +19,9 @@ from truepose.identification.diagnosis.result import (
     Proof,
     Quantity,
 )
-from truepose.identification.estimate import Estimate, prior_of
-from truepose.identification.leastsquares import Solution, Status
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate, prior_of
+from truepose.identification.fit.leastsquares import Solution, Status
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -11,9 +11,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

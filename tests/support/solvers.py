@@ -14,10 +14,10 @@ from support.built_machines import simulated as simulated_within
 from support.graph_machines import machine_of
 from support.moving_machines import written
 from support.telescope_legs import leg_rows
-from truepose.identification.bounds import Bounds, bounds_of
-from truepose.identification.estimate import Estimate, estimate
-from truepose.identification.recording import Recording
-from truepose.identification.simultaneous import simultaneous
+from truepose.identification.fit.bounds import Bounds, bounds_of
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.simultaneous import simultaneous
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from support.studies import study_module
-from truepose.identification.load import load_recording
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.report import words
+from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.document import Block, Card, Items, Plot, Section, Table, Text
 from truepose.identification.report.numbers import known, p_value, percent, significant, uncertain
 

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.estimate import Estimate
-from truepose.identification.report import gauge, words
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.report import diagnosis_words as words
+from truepose.identification.report import gauge
 from truepose.identification.report.document import Block, Items, Section, Table, Text
 from truepose.identification.report.numbers import significant
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.estimate import Estimate
+from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report.document import Block, Plot, Section, Text
 from truepose.identification.report.figures import parameters, style
 from truepose.models.machine import Machine

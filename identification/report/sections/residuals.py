@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.estimate import Estimate
-from truepose.identification.recording import Recording
-from truepose.identification.report import words
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
+from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.curves import curves
 from truepose.identification.report.document import Block, Plot, Section, Text
 from truepose.identification.report.drivers import Column, columns, component_groups

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.estimate import Estimate
-from truepose.identification.report import words
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.curves import coupling_matrix
 from truepose.identification.report.document import Block, Plot, Section, Table, Text
 from truepose.identification.report.figures import style

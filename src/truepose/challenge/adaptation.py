@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from truepose.challenge.simulator.base import Specimen
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.estimate import FREE_WIDENING, Estimate, estimate
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
-from truepose.identification.widening import FRAME
+from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
+from truepose.identification.fit.widening import FRAME
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -24,8 +24,8 @@ from truepose.challenge.simulator.writing import recording_text
 from truepose.challenge.solutions import Geometry, HeldOut, Reference, Solution, Truth
 from truepose.challenge.strata import Draft, UndrawnError, draft
 from truepose.errors import ConvergenceError
-from truepose.identification.estimate import Estimate
-from truepose.identification.recording import Recording
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 

@@ -19,10 +19,10 @@ def sit(plugins: Sequence[str] = ()) -> None:
     from truepose.commands.tables import write_table
     from truepose.files import atomic_write_text
     from truepose.identification.diagnosis.engine import diagnose
-    from truepose.identification.export import diagnosis_json, json_text
-    from truepose.identification.load import load_recording
-    from truepose.identification.predict import predict
-    from truepose.identification.write_machine import write_calibrated
+    from truepose.identification.fit.write_machine import write_calibrated
+    from truepose.identification.prediction.predict import predict
+    from truepose.identification.recording.load import load_recording
+    from truepose.identification.report.results import diagnosis_json, json_text
     from truepose.models.load import load_machine
     from truepose.models.registry import load_plugin
 

@@ -14,14 +14,14 @@ from truepose.challenge.measures import held_out_error, parameter_bias
 from truepose.challenge.rivals import INDISTINCT, rivals
 from truepose.challenge.solutions import Geometry, HeldOut, Reference
 from truepose.errors import TrueposeError
-from truepose.identification.align import aligned_start
-from truepose.identification.estimate import FREE_WIDENING, Estimate, estimate
-from truepose.identification.export import parameters_json
-from truepose.identification.load import load_recording
-from truepose.identification.predict import predict
-from truepose.identification.prediction import Predictor
-from truepose.identification.recording import Recording
-from truepose.identification.write_machine import write_calibrated
+from truepose.identification.fit.align import aligned_start
+from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.predict import predict
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
+from truepose.identification.report.results import parameters_json
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

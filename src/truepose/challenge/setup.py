@@ -15,8 +15,8 @@ from truepose.challenge.adaptation import Adaptation, with_readings
 from truepose.challenge.simulator.base import Campaign, Imperfection, Kind, Plan, SimulatedMachine, Specimen
 from truepose.challenge.simulator.campaigns import joined
 from truepose.challenge.simulator.writing import recording_text
-from truepose.identification.load import load_recording
-from truepose.identification.recording import Recording
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

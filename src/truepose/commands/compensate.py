@@ -22,7 +22,7 @@ from truepose.commands.tables import write_table
 if TYPE_CHECKING:
     import pandas as pd
 
-    from truepose.identification.compensation import Compensation
+    from truepose.identification.compensation.compensate import Compensation
 
 PathArg = Annotated[
     Path,
@@ -57,9 +57,9 @@ def compensate(
     Example: truepose compensate result/calibrated.yaml path.csv -o commands.csv
     """
     with reported(plugin):
-        from truepose.identification import compensation
-        from truepose.identification.path_table import commands, load_path
-        from truepose.identification.predict import unheard
+        from truepose.identification.compensation import compensate as compensation
+        from truepose.identification.compensation.path_table import commands, load_path
+        from truepose.identification.prediction.predict import unheard
         from truepose.models.load import load_machine
 
         check_file(output)
@@ -75,7 +75,7 @@ def compensate(
 
 def _write(path: Path, frame: pd.DataFrame) -> None:
     from truepose.files import atomic_write_text
-    from truepose.identification.path_file import csv_text
+    from truepose.identification.compensation.path_file import csv_text
 
     if path.suffix.lower() in {".parquet", ".pq"}:
         write_table(path, frame)

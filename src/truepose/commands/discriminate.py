@@ -14,7 +14,7 @@ from truepose.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from truepose.identification.planning.discriminate_result import Experiment
+    from truepose.identification.planning.discriminate.result import Experiment
     from truepose.models.machine import Machine
 
 DiscriminateOption = Annotated[
@@ -129,13 +129,13 @@ def run(
     say: Callable[[str], None],
 ) -> tuple[Experiment, pd.DataFrame, list[str], dict[str, object]]:
     """The experiment, its table, its lines and its JSON."""
-    from truepose.identification.load import load_recording
-    from truepose.identification.planning.discriminate import discriminate
-    from truepose.identification.planning.discriminate_explanations import Class, class_of, explanation
-    from truepose.identification.planning.discriminate_factors import Offer
-    from truepose.identification.planning.discriminate_targets import Target
-    from truepose.identification.planning.discriminate_words import experiment_json, sentences
-    from truepose.identification.planning.table import experiment_table
+    from truepose.identification.planning.discriminate.experiment import discriminate
+    from truepose.identification.planning.discriminate.explanations import Class, class_of, explanation
+    from truepose.identification.planning.discriminate.factors import Offer
+    from truepose.identification.planning.discriminate.targets import Target
+    from truepose.identification.planning.pose_file import experiment_table
+    from truepose.identification.recording.load import load_recording
+    from truepose.identification.report.experiment_words import experiment_json, sentences
 
     if asked.diagnosis is not None:
         wanted = class_of(asked.diagnosis, machine, asked.names)

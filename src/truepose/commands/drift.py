@@ -59,8 +59,8 @@ def drift(
     """
     with reported(plugin):
         from truepose.identification.drift.analysis import drift as run
-        from truepose.identification.drift.words import drift_json, drift_lines
-        from truepose.identification.load import load_recording
+        from truepose.identification.recording.load import load_recording
+        from truepose.identification.report.drift_words import drift_json, drift_lines
         from truepose.models.load import load_machine
 
         if output is not None:
@@ -97,9 +97,9 @@ def _wanted(texts: Sequence[str]) -> dict[str, float]:
 def _write(found: Drift, output: Path) -> list[str]:
     """drift.json and report.html, both or none."""
     from truepose.files import atomic_directory, atomic_write_text
-    from truepose.identification.drift.report import drift_html
-    from truepose.identification.drift.words import drift_json
-    from truepose.identification.export import json_text
+    from truepose.identification.report.drift_page import drift_html
+    from truepose.identification.report.drift_words import drift_json
+    from truepose.identification.report.results import json_text
 
     with atomic_directory(output) as partial:
         atomic_write_text(partial / "drift.json", json_text(drift_json(found)))

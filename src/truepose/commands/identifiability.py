@@ -59,8 +59,11 @@ def identifiability(
     """
     with reported(plugin):
         from truepose.identification.identifiability.analysis import identifiability as run
-        from truepose.identification.identifiability.words import identifiability_json, identifiability_lines
-        from truepose.identification.load import load_recording
+        from truepose.identification.recording.load import load_recording
+        from truepose.identification.report.identifiability_words import (
+            identifiability_json,
+            identifiability_lines,
+        )
         from truepose.models.load import load_machine
 
         single = output is not None and output.suffix.lower() == ".json"
@@ -79,7 +82,7 @@ def identifiability(
 def _write(document: dict[str, Any], output: Path, single: bool) -> list[str]:
     """The JSON as the file ``output``, or into the directory of that name."""
     from truepose.files import atomic_directory, atomic_write_text
-    from truepose.identification.export import json_text
+    from truepose.identification.report.results import json_text
 
     if single:
         atomic_write_text(output, json_text(document))

@@ -23,8 +23,8 @@ from truepose.commands.words import calibration_lines, diagnosis_lines, diagnosi
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
-    from truepose.identification.calibrate import Calibration
     from truepose.identification.diagnosis.result import Diagnosis
+    from truepose.identification.fit.calibrate import Calibration
 
 EstimatorOption = Annotated[
     str,
@@ -68,8 +68,8 @@ def calibrate(
     Example: truepose calibrate machine.yaml day1.csv day2.csv -o result
     """
     with reported(plugin):
-        from truepose.identification.calibrate import calibrate as run
-        from truepose.identification.load import load_recording
+        from truepose.identification.fit.calibrate import calibrate as run
+        from truepose.identification.recording.load import load_recording
         from truepose.models.load import load_machine
 
         check_directory(output)
@@ -112,7 +112,7 @@ def diagnose(
     """
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
-        from truepose.identification.load import load_recording
+        from truepose.identification.recording.load import load_recording
         from truepose.models.load import load_machine
 
         check_directory(output)
@@ -132,9 +132,9 @@ def diagnose(
 def write_calibration(result: Calibration, output: Path) -> list[str]:
     """The three files of a calibration, whole or not at all."""
     from truepose.files import atomic_directory
-    from truepose.identification.export import json_text
+    from truepose.identification.fit.write_machine import write_calibrated
     from truepose.identification.report import calibration_html
-    from truepose.identification.write_machine import write_calibrated
+    from truepose.identification.report.results import json_text
 
     with atomic_directory(output) as partial:
         write_calibrated(partial / "calibrated.yaml", result.fit, result.recording)
@@ -146,9 +146,9 @@ def write_calibration(result: Calibration, output: Path) -> list[str]:
 def write_diagnosis(result: Diagnosis, output: Path, truth: dict[str, object] | None = None) -> list[str]:
     """The three files of a diagnosis, whole or not at all; ``truth`` is for the report's last page alone."""
     from truepose.files import atomic_directory
-    from truepose.identification.export import diagnosis_json, json_text
+    from truepose.identification.fit.write_machine import write_calibrated
     from truepose.identification.report import report_html
-    from truepose.identification.write_machine import write_calibrated
+    from truepose.identification.report.results import diagnosis_json, json_text
 
     with atomic_directory(output) as partial:
         _write(partial / "diagnosis.json", json_text(diagnosis_json(result)))

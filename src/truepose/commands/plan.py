@@ -108,9 +108,9 @@ def plan(
             _check_calibration_options(method, criterion)
             _discriminate(machine, n, output, asked, candidates, seed, as_json)
             return
-        from truepose.identification.load import load_recording
         from truepose.identification.planning.plan import plan as run
-        from truepose.identification.planning.table import plan_table
+        from truepose.identification.planning.pose_file import plan_table
+        from truepose.identification.recording.load import load_recording
         from truepose.models.load import load_machine
 
         check_file(output)

@@ -58,8 +58,8 @@ def predict(
     Example: truepose predict result/improved.yaml recording.csv -o predicted.csv
     """
     with reported(plugin):
-        from truepose.identification import predict as prediction
-        from truepose.identification.load import load_recording
+        from truepose.identification.prediction import predict as prediction
+        from truepose.identification.recording.load import load_recording
         from truepose.models.load import load_machine
 
         check_file(output)
@@ -88,9 +88,9 @@ def simulate(
     Example: truepose simulate machine.yaml poses.csv -o out.csv --effect "axis-coupling@q3+q2:k=1e-4"
     """
     with reported(plugin):
-        from truepose.identification import simulate as simulation
-        from truepose.identification.load import load_recording
-        from truepose.identification.predict import unheard
+        from truepose.identification.prediction import simulate as simulation
+        from truepose.identification.prediction.predict import unheard
+        from truepose.identification.recording.load import load_recording
         from truepose.models.load import load_machine
 
         check_file(output)

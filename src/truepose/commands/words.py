@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from truepose.identification.calibrate import Calibration
     from truepose.identification.diagnosis.result import Alternative, Diagnosis
+    from truepose.identification.fit.calibrate import Calibration
 
 
 SHOWN = 6
@@ -15,7 +15,7 @@ SHOWN = 6
 
 def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict[str, object]:
     """What ``--json`` prints of a diagnosis: its document's main parts, and the files."""
-    from truepose.identification.export import diagnosis_json
+    from truepose.identification.report.results import diagnosis_json
 
     whole = diagnosis_json(result)
     kept = {

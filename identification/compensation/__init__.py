@@ -1,0 +1,1 @@
+"""Commands that make the real machine follow a path."""

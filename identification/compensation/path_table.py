@@ -1,0 +1,155 @@
+"""A path to follow as a table: nominal joint values, or poses of the tool that nominal joints are solved for.
+
+Poses stand in the nominal frame of the base, as in the generated C: columns x y z and the rotation vector rx ry rz.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.compensation.compensate import COMPILED_FROM, Compensation, ideal_constants
+from truepose.identification.compensation.compiled import (
+    CompiledKinematics,
+    NotCompiledError,
+    base_frame,
+    shared_out,
+)
+from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
+from truepose.identification.recording.file import JointColumn, joint_unit
+from truepose.identification.recording.recording import Recording, read_recording
+from truepose.identification.recording.table import Table, read_table
+from truepose.models import lie
+from truepose.models.kinematics import symbolic_model
+from truepose.models.machine import Machine
+from truepose.models.units import UnitSystem, close_matches, convert
+
+Array = NDArray[np.float64]
+POSE = {"x": "mm", "y": "mm", "z": "mm", "rx": "rad", "ry": "rad", "rz": "rad"}
+_BLOCK = 8192
+_MARKS = 500
+"""Rows along a long path that are solved here, for the C to start from."""
+
+
+def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
+    """The path's table with a column for every joint, and its rows.
+
+    Raises InputError naming file, row and column: neither joints nor poses, a pose out of the nominal machine's
+    reach, a joint out of its range.
+    """
+    table, joints = read_table(path), machine.mechanism.readings
+    poses = not any(name in table for name in joints) and all(name in table for name in POSE)
+    if poses:
+        table = _with_joints(machine, table)
+    for name in joints:
+        if name not in table:
+            raise InputError(
+                f"{path}: missing column {name!r}, expected the joints {', '.join(joints)}, or the tool's poses in "
+                f"{', '.join(POSE)}; {close_matches(name, table.names)}"
+            )
+    used = POSE if poses else {}
+    return table, read_recording([table], _columns(machine), used, _units(machine), need_readings=False)
+
+
+def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFrame:
+    """The table with the joints' columns corrected, each in its own unit."""
+    corrected = {}
+    for k, joint in enumerate(_columns(machine)):
+        unit = table.unit(joint.name, joint_unit(joint, _units(machine)), joint.unit)
+        corrected[joint.name] = convert(found.command[:, k], joint.unit, unit)
+    headers = {c.name: c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in table.columns}
+    return pd.DataFrame(
+        {
+            header: corrected[name] if name in corrected else list(table.cells[name])
+            for name, header in headers.items()
+        }
+    )
+
+
+def _with_joints(machine: Machine, table: Table) -> Table:
+    """The table with nominal joints for its poses."""
+    units = _units(machine)
+    parts = []
+    for name, internal in POSE.items():
+        own = {"mm": units.length, "rad": units.angle}[internal]
+        parts.append(convert(table.numbers(name), table.unit(name, own, internal), internal))
+    poses = np.broadcast_to(np.eye(4), (table.n_rows, 4, 4)).copy()
+    poses[:, :3, 3] = np.column_stack(parts[:3])
+    poses[:, :3, :3] = lie.exp_so3(np.column_stack(parts[3:]))
+    q = _nominal_joints(machine, table, poses)
+    return table.with_numbers(
+        {
+            joint.name: convert(q[:, k], joint.unit, joint_unit(joint, units))
+            for k, joint in enumerate(_columns(machine))
+        },
+    )
+
+
+def _nominal_joints(machine: Machine, table: Table, poses: Array) -> Array:
+    """(n, nq) readings of the machine with nominal links at poses (n, 4, 4) in the nominal frame of the base.
+
+    Many rows are solved by the generated C, each from the last row before it that is solved here: where a pose has
+    several solutions, those in between take the same one.
+    """
+    solver = PoseSolver(machine, ideal_constants(machine, symbolic_model(machine, machine.effects)))
+    rows = np.arange(len(poses))
+    q, solved = np.zeros((len(poses), len(machine.mechanism.readings))), np.zeros(len(poses), dtype=bool)
+    if len(poses) >= COMPILED_FROM:
+        with contextlib.suppress(NotCompiledError):
+            q, solved = _by_compiled(machine, solver, poses)
+    left = rows[~solved]
+    for start in range(0, len(left), _BLOCK):
+        part = left[start : start + _BLOCK]
+        found = solver.inverse(base_frame(machine) @ poses[part])
+        _check_reach(table, part, found)
+        q[part] = found.q
+    return q
+
+
+def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Readings (n, nq) by the generated C, and which rows it solved. Raises NotCompiledError."""
+    kinematics = CompiledKinematics(machine)
+    marks = np.arange(0, len(poses), -(-len(poses) // _MARKS))
+    known = solver.inverse(base_frame(machine) @ poses[marks])
+    guess = np.where(known.solved[:, None], known.q, solver.model.q_home)
+    q, good = np.repeat(guess, np.diff([*marks, len(poses)]), axis=0), np.zeros(len(poses), dtype=bool)
+
+    def part(rows: slice) -> None:
+        wanted = poses[rows, :3]
+        q[rows], solved = kinematics.ik(wanted, q[rows], p=solver.p)
+        again, assembled = kinematics.fk(q[rows], p=solver.p)
+        apart = np.abs(again - wanted) / np.where(np.arange(4) == 3, solver.size, 1.0)
+        good[rows] = solved & assembled & (np.max(apart, axis=(1, 2)) <= MET)
+
+    shared_out(part, len(poses), _BLOCK)
+    return q, good
+
+
+def _check_reach(table: Table, rows: NDArray[np.intp], found: Inverse) -> None:
+    if found.solved.all():
+        return
+    row = int(np.argmin(found.solved))
+    if found.status[row] == Reach.JOINT_RANGE:
+        why = f"{', '.join(found.saturated(row))} would have to leave the range"
+    else:
+        why = f"{found.position[row]:.3g} mm and {found.rotation[row]:.3g} rad are left"
+    raise InputError(
+        f"{table.file}: row {rows[row] + 1}: found a pose that the nominal machine cannot take ({why}), "
+        "expected one within reach"
+    )
+
+
+def _columns(machine: Machine) -> list[JointColumn]:
+    return [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
+
+
+def _units(machine: Machine) -> UnitSystem:
+    return machine.file.units if machine.file else UnitSystem()
+
+
+__all__ = ["POSE", "commands", "load_path"]

@@ -1,0 +1,261 @@
+"""Rows of a path solved in numpy, for any machine: Newton's method on all rows at once, and what is refused.
+
+Use ``compensation.compensate``; this is the half of it that needs no compiler.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.codegen.evaluation.batch import BatchFunction
+from truepose.errors import InputError
+from truepose.identification.compensation.inverse import MET, loop_scales
+from truepose.identification.prediction.predict import predictor_for
+from truepose.identification.recording.recording import Recording
+from truepose.models import lie
+from truepose.models.home import coordinate_scale
+from truepose.models.kinematics import SymbolicModel
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.intp]
+Method = Literal["exact", "first-order"]
+_BLOCK = 8192
+_NEWTON = 30
+_SETTLED = 1e-13
+_LONGEST = 0.1
+"""Longest step of an unknown: part of the machine's size, or rad."""
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Readings ``command`` (n, nq) for the path's ``nominal`` ones, in mm and rad (or the column's own unit).
+
+    target (n, 4, 4): the sensor-frame poses that are meant. before, after (n, 6): twists [mm, rad] from the target to
+    where the calibrated machine stands with nominal commands, and with the corrected ones. ``solved_by`` says how.
+    """
+
+    readings: tuple[str, ...]
+    nominal: Array
+    command: Array
+    target: Array
+    before: Array
+    after: Array
+    solved_by: str = "numpy"
+
+
+def ideal_constants(machine: Machine, model: SymbolicModel) -> Array:
+    """(np,) the drawing's joints and links with the calibrated frames, and no effect."""
+    drawing = machine.file.nominal if machine.file else {}
+    mechanism = {parameter.name for parameter in machine.mechanism.parameters}
+    geometry = {parameter.name for parameter in machine.parameters}
+    out = model.p_home.copy()
+    for k, name in enumerate(model.names):
+        if name in mechanism:
+            out[k] = drawing.get(name, out[k])
+        elif name not in geometry:
+            out[k] = 0.0
+    return out
+
+
+class Follower:
+    """One machine along one path, some rows at a time, so that memory stays flat.
+
+    ``real``, ``ideal`` (np,): constants of the machine, and those that the path's readings mean. ``z`` (n, nz) drivers,
+    ``size`` of the machine in mm.
+    """
+
+    def __init__(self, machine: Machine, path: Recording) -> None:
+        # no reading is looked at: a sensor that counts changes may count them from any row
+        self._predictor = predictor_for(machine, replace(path, from_row=np.arange(len(path))))
+        self._predictor.origin = None
+        self._machine, self._path, self.z = machine, path, self._predictor.z
+        model = self._predictor.model
+        self.real, self.ideal = model.p_home, ideal_constants(machine, model)
+        scale = coordinate_scale(machine, len(model.home), model.gap.numel())
+        lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
+        self.size = max([1.0, *lengths, *scale.size])
+        units = [a.reading_unit for a in machine.mechanism.actuators]
+        share, unknown = loop_scales(machine, model, self.size)
+        self._unit = np.array([self.size if unit == "mm" else 1.0 for unit in units] + [*unknown])
+        self._closed = max(scale.gap if np.isfinite(scale.gap) else 0.0, MET * self.size)
+        self._gap = _gap_of(model, self.size, share)
+
+    @property
+    def reach(self) -> Array:
+        """(nq,) readings that move their joint by the machine's size, or by 1 rad."""
+        values = self._machine.geometry
+        gains = [values[a.gain].nominal if a.gain else 1.0 for a in self._machine.mechanism.actuators]
+        units = [a.unit for a in self._machine.mechanism.actuators]
+        return np.array([self.size if unit == "mm" else 1.0 for unit in units]) / np.abs(gains)
+
+    @property
+    def nominal(self) -> Array:
+        """(n, nq) the path's own readings."""
+        return self._path.q
+
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self._machine.mechanism.readings
+
+    def by_numpy(self, rows: Rows, method: Method) -> Compensation:
+        """Rows (k,) of the path, ascending; the first of them that cannot be followed is refused (InputError)."""
+        # the same blocks whatever rows are asked for, so that the same row is named
+        ends = np.flatnonzero(np.diff(rows // _BLOCK)) + 1
+        return joined([self._follow(part, method) for part in np.split(rows, ends)])
+
+    def targets(self, rows: Rows) -> Array:
+        """(k, 4, 4) sensor-frame poses that rows (k,) mean."""
+        self._predictor.q, self._predictor.z = self._path.q[rows], self.z[rows]
+        return self._predictor.poses(self.ideal, self._assembled(self.ideal, rows))[0]
+
+    def within(self, command: Array) -> Mask:
+        """(n, nq) commands in their joints' ranges."""
+        out = np.ones(command.shape, dtype=bool)
+        for k, actuator in enumerate(self._machine.mechanism.actuators):
+            low, high = actuator.range or (-np.inf, np.inf)
+            slack = MET * (high - low) if np.isfinite(high - low) else 0.0
+            out[:, k] = (command[:, k] >= low - slack) & (command[:, k] <= high + slack)
+        return out
+
+    def _follow(self, rows: Rows, method: Method) -> Compensation:
+        """Rows of the path, from their own readings: corrections are small."""
+        predictor, q = self._predictor, self._path.q[rows]
+        predictor.q, predictor.z = q, self.z[rows]
+        x = self._assembled(self.ideal, rows)
+        if method == "exact":
+            target, _ = predictor.poses(self.ideal, x)
+            command = self._readings(rows, target, self.real, x)
+        else:
+            target, twist = predictor.twists(self.ideal, x)
+            aim = _displaced(target, twist @ (self.ideal - self.real))
+            command = self._readings(rows, aim, self.ideal, x)
+        self._check_ranges(command, rows)
+        before = self._errors(target, rows)
+        predictor.q = command
+        return Compensation(self.readings, q, command, target, before, self._errors(target, rows))
+
+    def _readings(self, block: Rows, target: Array, p: Array, x: Array) -> Array:
+        """(n, nq) readings that put the tool of constants ``p`` at ``target`` (n, 4, 4): Newton, all rows at once."""
+        q, z = self._path.q[block], self.z[block]
+        nq = q.shape[1]
+        u = np.hstack([q, x]) / self._unit
+        goal = target.transpose(0, 2, 1).reshape(len(target), 16)
+        rows, left = np.arange(len(u)), np.full((len(u), 3), np.inf)
+        for _ in range(_NEWTON):
+            at = u[rows] * self._unit
+            gap, slope = self._gap(at[:, :nq], at[:, nq:], z[rows], p, goal[rows])
+            step = _least(slope * self._unit, gap[..., 0])
+            step /= np.maximum(1.0, np.max(np.abs(step), axis=1, keepdims=True) / _LONGEST)
+            u[rows] -= step
+            parts = np.split(np.abs(gap[..., 0]), [3, 6], axis=1)
+            left[rows] = np.column_stack([np.max(part, axis=1, initial=0.0) for part in parts])
+            rows = rows[~(np.max(np.abs(step), axis=1) < _SETTLED * (1 + np.max(np.abs(u[rows]), axis=1)))]
+            if not len(rows):
+                break
+        self._check_met(left * np.array([self.size, 1.0, self.size]), block)
+        out: Array = u[:, :nq] * self._unit[:nq]
+        return out
+
+    def _assembled(self, p: Array, rows: Rows) -> Array:
+        x, good = self._predictor.assemble(p)
+        if not good.all():
+            row = self._where(rows, int(np.argmin(good)))
+            raise InputError(f"{row}: the mechanism cannot be assembled there; mend or drop the row")
+        return x
+
+    def _errors(self, target: Array, rows: Rows) -> Array:
+        """(n, 6) twists from the target to where the calibrated machine puts the tool."""
+        poses, _ = self._predictor.poses(self.real, self._assembled(self.real, rows))
+        return twists_between(target, poses)
+
+    def _where(self, rows: Rows, row: int) -> str:
+        return self._path.where(int(rows[row]))
+
+    def _check_met(self, left: Array, rows: Rows) -> None:
+        """Refuse rows whose pose is not met, or whose loops are not closed: (n, 3) mm, rad, mm."""
+        met = (left[:, 0] <= MET * self.size) & (left[:, 1] <= MET) & (left[:, 2] <= self._closed)
+        if not met.all():
+            row = int(np.argmin(met))
+            raise InputError(
+                f"{self._where(rows, row)}: found no readings that put the tool where the path asks "
+                f"({left[row, 0]:.3g} mm and {left[row, 1]:.3g} rad are left), expected a pose within reach"
+            )
+
+    def _check_ranges(self, command: Array, rows: Rows) -> None:
+        for k, (actuator, within) in enumerate(
+            zip(self._machine.mechanism.actuators, self.within(command).T, strict=True)
+        ):
+            if within.all() or actuator.range is None:
+                continue
+            row, (low, high) = int(np.argmin(within)), actuator.range
+            raise InputError(
+                f"{self._where(rows, row)}, column {actuator.reading!r}: found that the corrected command would "
+                f"be {command[row, k]:.6g} {actuator.reading_unit}, expected it in the joint's range "
+                f"[{low:.6g}, {high:.6g}] {actuator.reading_unit}"
+            )
+
+
+def _gap_of(model: SymbolicModel, size: float, share: Array) -> BatchFunction:
+    """What is left to a pose and to closed loops, (3 + 3 + nc, 1) in parts of ``size`` and rad, with its derivative.
+
+    ``share`` (nc,) is what the loops' equations are multiplied by.
+    """
+    goal, unknown = ca.SX.sym("goal", 4, 4), ca.vertcat(model.q, model.x)
+    place = (model.world[:3, 3] - goal[:3, 3]) / size
+    turn = lie.log_so3_sx(model.world[:3, :3] @ goal[:3, :3].T)
+    gap = ca.vertcat(place, turn, model.equations * share)
+    inputs = [model.q, model.x, model.z, model.p, ca.vec(goal)]
+    return BatchFunction("gap", inputs, [gap, ca.jacobian(gap, unknown)])
+
+
+def _least(slope: Array, gap: Array) -> Array:
+    """(n, nu) steps: the smallest of the least-squares ones where unknowns and equations differ in number."""
+    if slope.shape[1] == slope.shape[2]:
+        try:
+            return np.asarray(np.linalg.solve(slope, gap[..., None]))[..., 0]
+        except np.linalg.LinAlgError:
+            pass
+    out: Array = (np.linalg.pinv(slope) @ gap[..., None])[..., 0]
+    return out
+
+
+def joined(parts: Sequence[Compensation]) -> Compensation:
+    """One after the other."""
+    names = ("nominal", "command", "target", "before", "after")
+    nominal, command, target, before, after = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in names
+    )
+    return Compensation(parts[0].readings, nominal, command, target, before, after)
+
+
+def twists_between(target: Array, poses: Array) -> Array:
+    """(n, 6) twists [mm, rad] from targets to poses (n, 4, 4), told at the target's origin."""
+    turn = poses[:, :3, :3] @ target[:, :3, :3].transpose(0, 2, 1)
+    twice = [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]]
+    out = np.column_stack([poses[:, :3, 3] - target[:, :3, 3], *twice])
+    sine = np.linalg.norm(out[:, 3:], axis=1) / 2
+    small = (sine < 0.5) & (np.trace(turn, axis1=1, axis2=2) > 1.0)  # where its sine tells the angle
+    near = np.where(small & (sine > 0), sine, 1.0)
+    out[:, 3:] *= np.where(sine > 0, np.arcsin(np.minimum(near, 1.0)) / near, 1.0)[:, None] / 2
+    out[~small, 3:] = lie.log_so3(turn[~small])
+    return out
+
+
+def _displaced(poses: Array, twist: Array) -> Array:
+    """(n, 4, 4) poses moved by twists (n, 6): p + v, Exp(w) R."""
+    out = poses.copy()
+    out[:, :3, 3] += twist[:, :3]
+    out[:, :3, :3] = lie.exp_so3(twist[:, 3:]) @ poses[:, :3, :3]
+    return out
+
+
+__all__ = ["Compensation", "Follower", "Method", "Rows", "ideal_constants", "joined", "twists_between"]

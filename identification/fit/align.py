@@ -1,0 +1,85 @@
+"""Starting values of frames nobody measured: where the base stands and how the tool is turned.
+
+A frame of infinite or wide tolerance may be anywhere, and Gauss-Newton needs to start within about a
+radian of it. Points of the sensor (position channels, three a point) give the base by a rigid fit
+(Kabsch); rotation channels give the tool's turn as the mean rotation left over.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.prediction.predictor import Predictor
+from truepose.models import lie
+from truepose.models.machine import Machine
+from truepose.models.mechanism import AXES
+
+Array = NDArray[np.float64]
+WIDE_ANGLE = 0.2
+WIDE_LENGTH = 50.0
+
+
+def aligned_start(predictor: Predictor) -> Array:
+    """(np,) parameters with base (and tool rotation) where the readings put them, as far as they may move."""
+    p = predictor.model.p_home.copy()
+    machine = predictor.machine
+    if not _wide(machine, "base"):
+        return p
+    for _ in range(3):
+        x, good = predictor.assemble(p)
+        names, values, _, poses = predictor.columns(p, x)
+        rows = good & ~predictor.recording.validation
+        predicted, measured = _points(predictor, names, values, rows)
+        if len(predicted) < 3:
+            return p
+        rotation, shift = _kabsch(predicted, measured)
+        _move_base(predictor, p, rotation, shift)
+        if not _wide(machine, "tool") or not _turn_tool(predictor, p, rows, rotation @ poses[rows, :3, :3]):
+            break
+    return p
+
+
+def _wide(machine: Machine, frame: str) -> bool:
+    tolerance = [machine.geometry[f"{frame}.{a}"].tolerance for a in AXES]
+    return max(tolerance[:3]) > WIDE_LENGTH or max(tolerance[3:]) > WIDE_ANGLE
+
+
+def _points(
+    predictor: Predictor, names: list[str], values: Array, rows: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Predicted and measured points (k, 3) of every point that has three position channels."""
+    predicted, measured = [], []
+    channels = [c.name for c in predictor.channels if c.kind == "position" and c.name in names]
+    for k in range(0, len(channels), 3):
+        triple = channels[k : k + 3]
+        predicted.append(values[rows][:, [names.index(c) for c in triple]])
+        measured.append(np.column_stack([predictor.recording.readings[c][rows] for c in triple]))
+    return (np.vstack(predicted), np.vstack(measured)) if predicted else (np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def _kabsch(source: Array, target: Array) -> tuple[Array, Array]:
+    """Rotation and shift that bring ``source`` onto ``target`` in least squares."""
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    u, _, vt = np.linalg.svd((target - b).T @ (source - a))
+    rotation = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
+    return rotation, b - rotation @ a
+
+
+def _move_base(predictor: Predictor, p: Array, rotation: Array, shift: Array) -> None:
+    at = [predictor.model.names.index(f"base.{a}") for a in AXES]
+    p[at[:3]] = rotation @ p[at[:3]] + shift
+    p[at[3:]] = lie.rpy_of(rotation @ lie.rpy_matrix(p[at[3:]]))
+
+
+def _turn_tool(predictor: Predictor, p: Array, rows: NDArray[np.bool_], predicted: Array) -> bool:
+    channels = [c.name for c in predictor.channels if c.kind == "rotation"]
+    if len(channels) != 3:
+        return False
+    measured = lie.exp_so3(np.column_stack([predictor.recording.readings[c][rows] for c in channels]))
+    mean = np.mean(np.swapaxes(predicted, 1, 2) @ measured, axis=0)
+    u, _, vt = np.linalg.svd(mean)
+    turn = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
+    at = [predictor.model.names.index(f"tool.{a}") for a in AXES]
+    p[at[3:]] = lie.rpy_of(lie.rpy_matrix(p[at[3:]]) @ turn)
+    return True

@@ -1,0 +1,121 @@
+"""Between which values parameters may be: what physics says, and what the user's machine file says.
+
+Lengths of rods are positive, components of unit vectors stay within one, coefficients of effects keep their
+physical bounds; ``bounds:`` of a machine file, ``{leg1.length: [499, 501]}`` in the file's units, narrows them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.fit.problem import Prior, Problem
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
+from truepose.models.mechanism import Direction
+from truepose.models.parameters import Parameter
+from truepose.models.units import UnitSystem, close_matches
+
+Array = NDArray[np.float64]
+DIMENSIONS = {"mm": "length", "rad": "angle"}
+AT_BOUND = 1e-9
+"""Part of a step's size that still counts as standing at a bound."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """low, high (np,) of every entry of p (mm, rad, an effect's own unit); stated (np,): by the user."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    low: Array
+    high: Array
+    stated: NDArray[np.bool_]
+
+    def steps(self, problem: Problem) -> tuple[Array, Array]:
+        """(n_free,) the same for the scaled steps of a problem."""
+        free, scale = problem.prior.free, problem.prior.scale[problem.prior.free]
+        return (self.low[free] - problem.p[free]) / scale, (self.high[free] - problem.p[free]) / scale
+
+    def notes(self, prior: Prior, p: Array, *, kept: bool) -> list[str]:
+        """What stands at a bound, and, of a solver that keeps none, what is beyond one the user stated."""
+        out = []
+        for k in prior.free:
+            margin = AT_BOUND * prior.scale[k]
+            beyond = p[k] < self.low[k] - margin or p[k] > self.high[k] + margin
+            at = not beyond and (p[k] < self.low[k] + margin or p[k] > self.high[k] - margin)
+            value = f"{self.names[k]} = {p[k]:.9g} {self.units[k]}"
+            if beyond and self.stated[k] and not kept:
+                within = f"[{self.low[k]:.9g}, {self.high[k]:.9g}]"
+                out.append(f"{value} is out of its bounds {within}; --solver ipopt keeps bounds")
+            elif at and kept:
+                out.append(f"{value} stands at its bound; its std is that without the bound")
+        return out
+
+
+def bounds_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Bounds:
+    """Bounds of every parameter and coefficient.
+
+    Raises InputError naming file and field for a name that means nothing and for bounds that are empty.
+    """
+    names = [p.name for p in machine.parameters]
+    units = [p.unit for p in machine.parameters]
+    low = np.full(len(names), -np.inf)
+    high = np.full(len(names), np.inf)
+    for rod in machine.mechanism.rods:
+        if rod.length in names:
+            low[names.index(rod.length)] = 0.0
+    for direction in directions(machine):
+        for name in direction:
+            low[names.index(name)], high[names.index(name)] = -1.0, 1.0
+    for effect in effects:
+        names += [f"{effect.label}:{c.name}" for c in effect.coefficients]
+        units += [c.unit for c in effect.coefficients]
+        low = np.append(low, [c.lower for c in effect.coefficients])
+        high = np.append(high, [c.upper for c in effect.coefficients])
+    stated = np.zeros(len(names), dtype=bool)
+    for name, given in (machine.file.bounds if machine.file else {}).items():
+        k = _place(name, names, machine)
+        first, last = _internal(given, machine.geometry.get(name), machine)
+        low[k], high[k], stated[k] = max(low[k], first), min(high[k], last), True
+        if low[k] >= high[k]:
+            raise InputError(
+                f"{_where(machine)}.{name}: found {list(given)}, expected bounds with values that physics allows"
+            )
+    return Bounds(tuple(names), tuple(units), low, high, stated)
+
+
+def directions(machine: Machine) -> list[tuple[str, ...]]:
+    """Names of the components that are parameters of each unit vector: their squares add to less than one."""
+    axes = [joint.axis for joint in machine.mechanism.joints if isinstance(joint.axis, Direction)]
+    return [tuple(name for name in axis.components if name is not None) for axis in axes]
+
+
+def _where(machine: Machine) -> str:
+    return f"{machine.file.path if machine.file else machine.name}: bounds"
+
+
+def _place(name: str, names: Sequence[str], machine: Machine) -> int:
+    if name not in names:
+        raise InputError(f"{_where(machine)}.{name}: no such parameter; {close_matches(name, names)}")
+    return names.index(name)
+
+
+def _internal(
+    given: tuple[float, float], parameter: Parameter | None, machine: Machine
+) -> tuple[float, float]:
+    """Bounds in mm and rad; those of effects, and plain numbers, are in their own unit already."""
+    units = machine.file.units if machine.file else UnitSystem()
+    if parameter is None:
+        return given
+    dimension = "gain" if parameter.part == "gain" else DIMENSIONS.get(parameter.unit)
+    if dimension is None:
+        return given
+    return units.to_internal(given[0], dimension), units.to_internal(given[1], dimension)
+
+
+__all__ = ["Bounds", "bounds_of", "directions"]

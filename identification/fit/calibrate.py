@@ -1,0 +1,250 @@
+"""Calibration as one call: the estimate that was asked for, and the free fit beside it.
+
+``map`` holds parameters by their tolerances; ``huber`` is ``map`` with a loss that bends for outliers.
+``ols`` trusts readings alone (directions they do not see stay at the drawing); ``liu``, ``ridge`` and ``pcr``
+do so too, but give up a little of their unbiasedness where columns are nearly dependent
+(``truepose.identification.fit.biased``).
+
+``gn`` starts undamped, ``lm`` damped; where one finds no minimum the other is tried, and a note says so.
+``ipopt`` keeps bounds and takes the passive joints as unknowns (``truepose.identification.fit.simultaneous``).
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import ConvergenceError, InputError
+from truepose.identification.fit.align import aligned_start
+from truepose.identification.fit.bounds import Bounds, bounds_of
+from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, blame, estimate, result
+from truepose.identification.fit.problem import Prior, Problem, prior_of
+from truepose.identification.fit.relinearised import TUNING, Scaling, relinearised
+from truepose.identification.fit.simultaneous import simultaneous
+from truepose.identification.fit.widening import untied
+from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.recording.recording import Recording
+from truepose.identification.report.results import fit_json
+from truepose.models.machine import Machine
+from truepose.models.units import close_matches
+
+Array = NDArray[np.float64]
+ESTIMATORS = ("map", "ols", "liu", "ridge", "pcr", "huber")
+DAMPING = {"gn": 0.0, "lm": 1e-4}
+"""Initial damping."""
+TIGHT = 1e-13
+"""What is left to gain of half the sum of squares: the same readings told otherwise give the same digits."""
+SOLVERS = (*DAMPING, "ipopt")
+SCALINGS: tuple[Scaling, ...] = ("tolerance", "unit", "raw")
+BIAS = "std is the estimator's 1-sigma with {} taken as known; its bias towards the drawing is not in it"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The fit, the free fit (None when it found no minimum), and what was fitted how."""
+
+    fit: Estimate
+    free: Estimate | None
+    recording: Recording
+    notes: tuple[str, ...]
+    method: dict[str, str]
+
+    @cached_property
+    def fit_json(self) -> dict[str, Any]:
+        """The content of ``fit.json``."""
+        return fit_json(self.fit, self.recording, self.free, notes=self.notes, method=self.method)
+
+
+def calibrate(
+    machine: Machine,
+    recording: Recording,
+    *,
+    estimator: str = "map",
+    solver: str = "gn",
+    scaling: Scaling = "tolerance",
+    tuning: float | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Calibration:
+    """Fit the machine with the effects of its file.
+
+    ``scaling`` is the unit of the columns of ``liu``, ``ridge`` and ``pcr``, on which their bias depends, and
+    ``tuning`` Liu's d, ridge's k or the number of components where it is not to be chosen by rule (see
+    ``relinearised``). Raises InputError for an estimator, solver or scaling that does not exist or do not go
+    together, for bounds that cannot be kept and for too few rows, ConvergenceError naming the parameters
+    responsible.
+    """
+    _check("estimator", estimator, ESTIMATORS)
+    _check("solver", solver, SOLVERS)
+    _check("scaling", scaling, SCALINGS)
+    biased = estimator in TUNING and estimator != "ols"
+    if biased and solver == "ipopt":
+        raise InputError(
+            f"--solver: found 'ipopt' with --estimator {estimator}, which relinearises by itself and keeps no "
+            "bounds; expected gn or lm, or the estimators map, ols or huber"
+        )
+    work = _Work(machine, recording, solver, bounds_of(machine, machine.effects))
+    progress("fitting")
+    method = {"estimator": estimator, "solver": solver}
+    if biased:
+        fit, notes = work.linear(estimator, scaling, tuning)
+        assert fit.shrunk is not None
+        method |= {"scaling": scaling, TUNING[estimator]: f"{fit.shrunk.tuning:.6g}"}
+    elif estimator == "ols":
+        fit, notes = work.least_squares()
+    else:
+        fit, notes = work.fitted(loss="huber" if estimator == "huber" else "gauss")
+    progress("fitting without tolerances")
+    free, more = work.free(fit.p)
+    notes = [
+        *recording.notes,
+        *work.predictor.cautions,
+        *_left_out(fit, recording),
+        *notes,
+        *work.at_bounds(fit),
+        *more,
+    ]
+    return Calibration(fit, free, recording, tuple(notes), method)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """One machine and recording, to be fitted in one way or another; each gives its estimate and notes."""
+
+    machine: Machine
+    recording: Recording
+    solver: str
+    bounds: Bounds
+
+    @cached_property
+    def predictor(self) -> Predictor:
+        return Predictor(self.machine, self.recording, self.machine.effects, visits=FIT)
+
+    @cached_property
+    def start(self) -> Array:
+        return aligned_start(self.predictor)
+
+    @cached_property
+    def tolerances(self) -> Prior:
+        return prior_of(self.machine, self.machine.effects)
+
+    @cached_property
+    def flat(self) -> Prior:
+        """The same parameters without tolerances; what is exactly known stays so."""
+        sigma: Array = np.where(self.tolerances.sigma > 0, np.inf, 0.0)
+        return replace(self.tolerances, sigma=sigma)
+
+    @cached_property
+    def near(self) -> Estimate:
+        """The fit under tolerances, where estimators that have none start."""
+        return self.fitted()[0]
+
+    @cached_property
+    def independent(self) -> tuple[Prior, Array, str]:
+        """Parameters that the readings tell apart, without tolerances; where they start; what was held."""
+        near = self.near
+        prior = untied(Problem(self.predictor, self.tolerances, near.p, ~self.recording.validation))
+        start = np.where(prior.sigma > 0, near.p, self.tolerances.mean)
+        held = len(self.tolerances.free) - len(prior.free)
+        note = (
+            f"the readings alone cannot tell all {len(self.tolerances.free)} parameters apart: {held} of them were "
+            "held at the drawing, those that depend on others or show less than a tenth of a sigma a tolerance"
+        )
+        return prior, start, note
+
+    def fitted(self, solver: str | None = None, **options: Any) -> tuple[Estimate, list[str]]:
+        """By the solver asked for; of gn and lm by the other where that one finds no minimum."""
+        solver = solver or self.solver
+        common = {"start": self.start, "predictor": self.predictor, "tolerance": TIGHT, **options}
+        fitting = partial(estimate, self.machine, self.recording, self.machine.effects, **common)
+        if solver == "ipopt":
+            return fitting(solver=partial(simultaneous, bounds=self.bounds)), []
+        try:
+            return fitting(damping=DAMPING[solver]), []
+        except ConvergenceError as first:
+            other = next(name for name in DAMPING if name != solver)
+            try:
+                fit = fitting(damping=DAMPING[other])
+            except ConvergenceError:
+                raise first from None
+        return fit, [f"{solver} found no minimum, {other} did; this is its result"]
+
+    def linear(
+        self, name: str, scaling: Scaling = "tolerance", tuning: float | None = None
+    ) -> tuple[Estimate, list[str]]:
+        """A linear estimator, relinearised from the fit under tolerances.
+
+        Where it finds no rest, parameters that depend on others are held at the drawing, and a note says so.
+        """
+        try:
+            return self._linear(self.flat, self.near.p, name, scaling, tuning)
+        except ConvergenceError:
+            prior, start, note = self.independent
+            fit, notes = self._linear(prior, start, name, scaling, tuning)
+            return fit, [*notes, note]
+
+    def _linear(
+        self, prior: Prior, p: Array, name: str, scaling: Scaling, tuning: float | None
+    ) -> tuple[Estimate, list[str]]:
+        problem = Problem(self.predictor, prior, p, ~self.recording.validation)
+        start = np.zeros(len(prior.free))
+        try:
+            solution, known = relinearised(problem, start, self.tolerances, name, scaling, tuning)
+        except InputError as exc:
+            raise InputError(f"{', '.join(self.recording.files)}: {exc}") from None
+        if not solution.status.ok or known is None:
+            raise ConvergenceError(blame(solution, prior))
+        fit = result(problem, solution, self.machine.effects)
+        if name == "ols":
+            return fit, []
+        return replace(fit, shrunk=known), [BIAS.format(TUNING[name])]
+
+    def least_squares(self) -> tuple[Estimate, list[str]]:
+        """Readings alone; unseen directions stay at the drawing."""
+        if self.solver != "ipopt":
+            with contextlib.suppress(ConvergenceError):  # curved valleys are walked down by damped steps
+                return self._linear(self.flat, self.near.p, "ols", "tolerance", None)
+        try:
+            # widening infinite tolerances only says that valleys may be flat
+            return self.fitted(prior=self.flat, widen=FREE_WIDENING)
+        except ConvergenceError:
+            prior, start, note = self.independent
+            fit, notes = self.fitted(prior=prior, start=start)
+            return fit, [*notes, note]
+
+    def free(self, start: Array) -> tuple[Estimate | None, list[str]]:
+        """The fit that tolerances, and no bounds, hardly hold; none, and a note, where it finds no minimum."""
+        damped = "lm" if self.solver == "ipopt" else self.solver
+        try:
+            return self.fitted(damped, start=start, widen=FREE_WIDENING)[0], []
+        except ConvergenceError as exc:
+            why = (
+                f"the fit with {FREE_WIDENING:g} times wider tolerances, for comparison, has no result: {exc}"
+            )
+            return None, [why]
+
+    def at_bounds(self, fit: Estimate) -> list[str]:
+        """What of the fit stands at a bound, or beyond one where the solver keeps none."""
+        return self.bounds.notes(fit.prior, fit.p, kept=self.solver == "ipopt")
+
+
+def _check(what: str, name: str, known: Sequence[str]) -> None:
+    if name not in known:
+        hint = close_matches(name, known)
+        ending = f"; {hint}" if hint.startswith("did") else ""
+        raise InputError(f"--{what}: found {name!r}, expected one of {', '.join(known)}{ending}")
+
+
+def _left_out(fit: Estimate, recording: Recording) -> list[str]:
+    return [
+        f"{recording.where(k)}: the mechanism cannot be assembled there; the row was left out"
+        for k in fit.unassembled
+    ]
+
+
+__all__ = ["ESTIMATORS", "SCALINGS", "SOLVERS", "Calibration", "calibrate"]

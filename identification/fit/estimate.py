@@ -1,0 +1,263 @@
+"""Estimates of a machine's parameters from a recording: maximum a posteriori, drawing tolerances the prior.
+
+Use ``estimate`` for a fit under tolerances, with ``widen`` for the free fit beside it and ``loss="huber"``
+against outliers. Parameters are scaled by their tolerance, readings by sigma, before anything is decomposed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import ConvergenceError
+from truepose.identification.fit.decomposition import Decomposition
+from truepose.identification.fit.leastsquares import Solution, Status, minimise, triangular
+from truepose.identification.fit.problem import Prior, Problem, prior_of
+from truepose.identification.fit.relinearised import Shrunk
+from truepose.identification.fit.widening import widened
+from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.recording.recording import Recording
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+Solver = Callable[[Problem, Array], Solution]
+"""A problem and where it starts, scaled steps (n_free,), to its minimum."""
+FREE_WIDENING = 100.0
+"""The free fit's tolerances, in drawing tolerances: they decide nothing, and the fit stays solvable.
+
+Frames keep theirs: moving the whole chain between base and tool changes no reading, so widening them too
+would only add a long curved valley to walk down.
+"""
+TOLERANCE = 1e-9
+"""A fit ends when half the sum of squares has less to gain; a step is then 1e-4 of a 1-sigma at most."""
+FREE_TOLERANCE = 1e-4
+"""The free fit ends when what is left to gain is below this share of the readings; it serves to show chi2."""
+STUBBORN = 1e-4
+"""Damping of the free fit, and of one that found no minimum with full steps."""
+TRIES = ((0.0, 100), (STUBBORN, 400))
+"""Damping of the first step and most iterations, one try after another. Under tolerances a fit is well posed and takes full
+steps, unless readings and tolerances conflict badly."""
+FREE_TRIES = ((STUBBORN, 400),)
+"""The same of the free fit, which walks down curved valleys."""
+UNKNOWN = 1e15
+"""1-sigma, in steps, of a direction that nothing determines."""
+HUBER = 1.345
+REWEIGHTINGS = 12
+SETTLED = 3e-3
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Result of a fit.
+
+    p (np,) parameters then effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by
+    sigma (NaN where a row cannot be assembled), used (n,) rows that were fitted, weights (n,) of the robust
+    loss, factor: triangular factor of [J r] of the readings, columns scaled by ``prior.scale`` and restricted
+    to ``prior.free``.
+    """
+
+    machine: Machine
+    effects: tuple[PlacedEffect, ...]
+    prior: Prior
+    p: Array
+    x: Array
+    residual: Array
+    used: NDArray[np.bool_]
+    weights: Array
+    factor: Array
+    solution: Solution
+    unassembled: tuple[int, ...]
+    shrunk: Shrunk | None = None
+    """What a linear (biased) estimator knows of itself; it has no prior, and its variance is not J'J's."""
+    levels: int = 0
+    """Unknowns that compared rows share; they cost readings."""
+
+    @property
+    def prior_weight(self) -> Array:
+        """Scale over tolerance of each free entry; 0 without a prior."""
+        free = self.prior.free
+        return np.where(
+            np.isinf(self.prior.sigma[free]), 0.0, self.prior.scale[free] / self.prior.sigma[free]
+        )
+
+    @cached_property
+    def decomposition(self) -> Decomposition:
+        """What readings and prior know of the free entries, in steps of ``prior.scale``: one SVD."""
+        return Decomposition.of(self.factor[:, : len(self.prior.free)], self.prior_weight)
+
+    @property
+    def known(self) -> Decomposition | Shrunk:
+        """Whose root and unknown directions are this estimate's: readings and prior, or a biased estimator."""
+        return self.decomposition if self.shrunk is None else self.shrunk
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(n_free, n_free) posterior covariance; directions nothing determines have a variance of 1e30."""
+        known = self.known
+        root = np.hstack([known.root, UNKNOWN * known.unknown.T]) * self.prior.scale[self.prior.free][:, None]
+        out: Array = root @ root.T
+        return out
+
+    @property
+    def std(self) -> Array:
+        """(np,) posterior 1-sigma; 0 for what is fixed."""
+        out = np.zeros(len(self.p))
+        out[self.prior.free] = np.sqrt(np.diag(self.covariance))
+        return out
+
+    @property
+    def null_space(self) -> Array:
+        """(k, n_free) directions, in steps of ``prior.scale``, that the readings alone cannot see."""
+        return self.decomposition.null_space
+
+    @property
+    def rank(self) -> int:
+        """How many directions of the free parameters the readings determine."""
+        return self.decomposition.rank
+
+    @property
+    def effective_parameters(self) -> float:
+        """Trace of the readings' share of the information: degrees of freedom that were really used."""
+        return self.known.effective
+
+    @property
+    def readings(self) -> int:
+        """Number of fitted readings, less the levels that compared rows share."""
+        return int(np.sum(self.residual[self.used] != 0.0)) - self.levels
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squared whitened residuals of the fitted rows."""
+        return float(np.sum(self.residual[self.used] ** 2))
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """chi2 over readings less effective parameters."""
+        return self.chi2 / max(self.readings - self.effective_parameters, 1.0)
+
+    @property
+    def in_tolerances(self) -> Array:
+        """(np,) (estimate - nominal) / drawing tolerance; 0 where the tolerance is zero or infinite."""
+        nominal = np.array([p.nominal for p in self.machine.parameters])
+        tolerance = np.array([p.tolerance for p in self.machine.parameters])
+        ok = (tolerance > 0) & np.isfinite(tolerance)
+        out = np.zeros(len(self.p))
+        out[: len(ok)][ok] = (self.p[: len(ok)][ok] - nominal[ok]) / tolerance[ok]
+        return out
+
+    @property
+    def worst_parameter_sigma(self) -> float:
+        """Largest |estimate - nominal| / tolerance."""
+        return float(np.max(np.abs(self.in_tolerances), initial=0.0))
+
+    def fitted_effects(self) -> tuple[PlacedEffect, ...]:
+        """The effects with their estimated coefficients."""
+        offset, out = len(self.machine.parameters), []
+        for effect in self.effects:
+            size = len(effect.coefficients)
+            out.append(effect.with_values(self.p[offset : offset + size].tolist()))
+            offset += size
+        return tuple(out)
+
+
+def estimate(
+    machine: Machine,
+    recording: Recording,
+    effects: Sequence[PlacedEffect] = (),
+    *,
+    widen: float = 1.0,
+    loss: str = "gauss",
+    start: Array | None = None,
+    exclude: NDArray[np.bool_] | None = None,
+    prior: Prior | None = None,
+    predictor: Predictor | None = None,
+    damping: float | None = None,
+    tolerance: float = TOLERANCE,
+    solver: Solver | None = None,
+) -> Estimate:
+    """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording``.
+
+    ``damping`` is that of the first step; without it full steps are taken, and damped ones where those find no
+    minimum. ``exclude`` leaves rows out; rows that cannot be assembled are left out and listed. A fit that is not
+    widened ends when half the sum of squares has less than ``tolerance`` left to gain. ``solver`` takes the
+    place of damped Gauss-Newton. Raises InputError for too few rows, ConvergenceError naming the parameters
+    responsible when no minimum is reached.
+    """
+    predictor = predictor or Predictor(machine, recording, effects, visits=FIT)
+    prior = prior or prior_of(machine, effects)
+    p = predictor.model.p_home.copy() if start is None else start.astype(float)
+    used = ~recording.validation if exclude is None else ~recording.validation & ~exclude
+    problem = Problem(predictor, prior, p, used)
+    if widen != 1.0:
+        prior = widened(problem, widen)
+        problem = Problem(predictor, prior, p, used)
+        tolerance = FREE_TOLERANCE * problem.readings
+    tries = TRIES if widen == 1.0 else FREE_TRIES
+    descents = [
+        partial(minimise, problem.blocks, damping=steps, tolerance=tolerance, limit=limit)
+        for steps, limit in (tries if damping is None else [(damping, tries[0][1])])
+    ]
+    for descend in [partial(solver, problem)] if solver else descents:
+        solution = _robust(problem, loss, descend)
+        if solution.status.ok:
+            break
+    else:
+        raise ConvergenceError("; ".join([blame(solution, prior), *predictor.cautions]))
+    return result(problem, solution, tuple(effects))
+
+
+def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ...]) -> Estimate:
+    """What a solution says of the parameters, with the readings' factor and all residuals there."""
+    p = problem.at(solution.t)
+    x, _ = problem.predictor.assemble(p, problem.x)
+    return Estimate(
+        machine=problem.predictor.machine,
+        effects=effects,
+        prior=problem.prior,
+        p=p,
+        x=x,
+        residual=problem.residuals(p, x),
+        used=problem.used,
+        weights=problem.weights,
+        factor=triangular(problem.data(p, x), len(problem.prior.free) + 1),
+        solution=solution,
+        unassembled=problem.unassembled,
+        levels=problem.levels,
+    )
+
+
+def _robust(problem: Problem, loss: str, solve: Callable[[Array], Solution]) -> Solution:
+    """Plain least squares, or Huber's loss on whole rows by reweighting until the weights settle."""
+    solution = solve(np.zeros(len(problem.prior.free)))
+    if loss == "gauss":
+        return solution
+    for _ in range(REWEIGHTINGS):  # far rows may be why plain least squares found no rest
+        size = np.sqrt(np.mean(problem.residuals(problem.at(solution.t), problem.x) ** 2, axis=1))
+        scale = max(float(np.median(size[problem.used])), 1e-300)
+        weights = np.minimum(1.0, HUBER * 1.2 * scale / np.maximum(size, 1e-300))
+        settled = np.max(np.abs(weights - problem.weights)[problem.used]) < SETTLED
+        problem.weights = weights
+        solution = solve(solution.t)
+        if settled:
+            break
+    return solution
+
+
+def blame(solution: Solution, prior: Prior) -> str:
+    """Name the parameters that still move most, in their own scale."""
+    names = np.array(prior.names)[prior.free]
+    moved = np.abs(solution.movement)
+    worst = [str(n) for n in names[np.argsort(-moved)[:3]]]
+    return (
+        f"the fit did not converge: {solution.status.value} after {solution.iterations} iterations; "
+        f"responsible: {', '.join(worst)} (largest last steps); "
+        "check their nominal values and units, or state tolerances for them"
+    )
+
+
+__all__ = ["Estimate", "Prior", "Solver", "Status", "blame", "estimate", "prior_of", "result"]

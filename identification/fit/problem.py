@@ -1,0 +1,146 @@
+"""The least-squares problem of a machine and a recording: a prior, and whitened blocks that a solver folds.
+
+``prior_of`` reads the tolerances; ``Problem`` gives rows of [J r] at scaled steps from a start. What a solver
+makes of them is not known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.fit.normal import NormalEquations
+from truepose.identification.prediction.predictor import Predictor
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Gaussian prior of every entry of p: mean, 1-sigma (0 fixed, inf none), scale of step, class of part."""
+
+    names: tuple[str, ...]
+    mean: Array
+    sigma: Array
+    scale: Array
+    parts: tuple[str, ...]
+
+    @property
+    def free(self) -> NDArray[np.intp]:
+        """Indices of what is estimated."""
+        return np.flatnonzero(self.sigma > 0)
+
+    def with_sigma(self, sigma: Array) -> Prior:
+        """The same parameters with other tolerances (np,)."""
+        return replace(self, sigma=sigma)
+
+
+def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
+    """Tolerances for geometry; for effects their spread, by default 100 times their largest size."""
+    parameters = machine.parameters
+    names = [p.name for p in parameters]
+    mean, sigma = [p.nominal for p in parameters], [p.tolerance for p in parameters]
+    scale, parts = [p.scale for p in parameters], [p.part for p in parameters]
+    for effect in effects:
+        for c in effect.coefficients:
+            names.append(f"{effect.label}:{c.name}")
+            mean.append(0.0)
+            sigma.append(effect.spread * c.scale)
+            scale.append(c.scale)
+            parts.append("effect")
+    return Prior(tuple(names), np.array(mean), np.array(sigma), np.array(scale), tuple(parts))
+
+
+class Problem:
+    """The whitened least-squares problem in scaled steps t (n_free,) from p (np,): readings, then prior.
+
+    ``used`` (n,) are the rows that are fitted, ``weights`` (n,) those of a robust loss, ``x`` (n, nx) the
+    passive coordinates at the latest step. Raises InputError when there are too few readings.
+    """
+
+    def __init__(self, predictor: Predictor, prior: Prior, p: Array, used: NDArray[np.bool_]) -> None:
+        self.predictor, self.prior, self.p, self.used = predictor, prior, p, used
+        self.weights = np.ones(len(used))
+        self.x, good = predictor.assemble(p)
+        self.assembled = good
+        self.unassembled = tuple(int(k) for k in np.flatnonzero(~good & used))
+        self.used = used & good
+        self.levels = sum(c.unknowns for c in predictor.comparisons(self.used) if c is not None)
+        """Unknowns that compared rows share (points of sockets): readings that say nothing of parameters."""
+        self.readings = int(self.used.sum()) * len(predictor.channels) - self.levels
+        self._check_size()
+        self._normal = NormalEquations.of(predictor, prior.free)
+
+    def at(self, t: Array) -> Array:
+        """(np,) parameters at a step."""
+        p = self.p.copy()
+        p[self.prior.free] += self.prior.scale[self.prior.free] * t
+        return p
+
+    def blocks(self, t: Array) -> Iterable[Array]:
+        """Rows of [J r] (k, n_free + 1) of readings and prior; NaN where a used row cannot be assembled."""
+        p = self.at(t)
+        x, good = self.predictor.assemble(p, self.x)
+        if not good[self.used].all():
+            yield np.full((1, len(t) + 1), np.nan)
+            return
+        self.x = np.where(good[:, None], x, self.x) if x.shape[1] else x
+        few = self._few_rows(p)
+        yield from self.data(p, self.x) if few is None else [few]
+        yield self.prior_rows(p)
+
+    def _few_rows(self, p: Array) -> Array | None:
+        """Rows of [J r] with the sums of all readings, where they are many and steps cannot tell the difference."""
+        if self._normal is None:
+            return None
+        free = self.prior.free
+        scale = self.prior.scale[free]
+        least = float(np.min((scale / self.prior.sigma[free]) ** 2, initial=np.inf))
+        rows = self._normal.rows(p, self.used * self.weights, scale, least)
+        if rows is None:
+            self._normal = None
+        return rows
+
+    def data(self, p: Array, x: Array) -> Iterable[Array]:
+        """Rows of [J r] of the readings alone."""
+        free, root = self.prior.free, np.sqrt(self.weights)
+        for block in self.predictor.blocks(p, x, self.used * self.weights):
+            rows = np.flatnonzero(self.used[block.rows])
+            w = root[block.rows][rows, None]
+            jacobian = block.jacobian[rows][:, :, free] * self.prior.scale[free] * w[..., None]
+            stacked = np.concatenate([jacobian, (block.residual[rows] * w)[..., None]], axis=2)
+            yield stacked.reshape(-1, len(free) + 1)
+
+    def prior_rows(self, p: Array) -> Array:
+        """Rows of [J r] of the tolerances, one for each free parameter."""
+        free = self.prior.free
+        sigma = self.prior.sigma[free]
+        weight = np.where(np.isinf(sigma), 0.0, self.prior.scale[free] / sigma)
+        pull = np.where(np.isinf(sigma), 0.0, (p[free] - self.prior.mean[free]) / sigma)
+        return np.column_stack([np.diag(weight), pull])
+
+    def residuals(self, p: Array, x: Array) -> Array:
+        """(n, m) whitened residuals of all rows."""
+        return np.concatenate(
+            [block.residual for block in self.predictor.blocks(p, x, self.used * self.weights)]
+        )
+
+    def _check_size(self) -> None:
+        recording = self.predictor.recording
+        known = int(np.sum(np.isfinite(self.prior.sigma[self.prior.free])))
+        free = len(self.prior.free)
+        if self.readings < free - known or self.readings == 0:
+            raise InputError(
+                f"{', '.join(recording.files)}: found {int(self.used.sum())} usable rows "
+                f"({self.readings} readings), expected at least as many readings as the {free - known} "
+                "parameters without a finite tolerance"
+            )
+
+
+__all__ = ["Prior", "Problem", "prior_of"]

@@ -1,0 +1,152 @@
+"""A fit as a machine file: the user's own document with the estimated values in place.
+
+``calibrated_document`` keeps everything the user wrote (order, units, tolerances) and adds what the fit
+found: ``effects:`` with values and 1-sigma, ``covariance:`` (see ``truepose.identification.fit.covariance``),
+``nominal:`` with the drawing values and ``sessions:`` with the session numbers that were fitted.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from truepose.errors import InputError
+from truepose.identification.fit.covariance import Covariance
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
+from truepose.models.machine_file import write_machine
+from truepose.models.mechanism import AXES, Direction
+from truepose.models.parameters import Parameter
+from truepose.models.units import UnitSystem
+
+FieldPath = tuple[str | int, ...]
+
+
+def write_calibrated(path: Path | str, estimate: Estimate, recording: Recording) -> None:
+    """Write the calibrated machine, whole or not at all."""
+    write_machine(path, calibrated_document(estimate, recording))
+
+
+def calibrated_document(estimate: Estimate, recording: Recording) -> dict[str, Any]:
+    """The machine file of a fit, as a document of its own: nothing is shared with the machine's.
+
+    Raises InputError when the machine has no file or a parameter stands nowhere in it.
+    """
+    machine = estimate.machine
+    if machine.file is None:
+        raise InputError(f"{machine.name}: found a machine without a file, expected one read by load_machine")
+    document: dict[str, Any] = _unshared(machine.file.raw)
+    if machine.mechanism.expanded is not None:
+        _expand(document, machine)
+    values = dict(zip(estimate.prior.names, estimate.p.tolist(), strict=True))
+    free = [parameter for parameter in machine.parameters if parameter.free]
+    for parameter in free:
+        _write_parameter(document, parameter, values[parameter.name], machine)
+    for direction in _directions(machine):
+        _write_direction(document, direction, values)
+    for key in ("effects", "covariance", "nominal", "sessions"):
+        document.pop(key, None)
+    if estimate.effects:
+        document["effects"] = _effect_entries(estimate)
+    document["covariance"] = Covariance.of(estimate).document()
+    drawing = machine.file.nominal
+    document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
+    document["sessions"] = list(recording.sessions)
+    return document
+
+
+def _expand(document: dict[str, Any], machine: Machine) -> None:
+    """The mechanism as the graph that its form is short for; a tool frame that the form implies is written out."""
+    assert machine.file is not None
+    document["mechanism"] = _unshared(machine.mechanism.expanded)
+    if machine.file.frames.tool.present or not machine.mechanism.tool_length:
+        return
+    frames = document.setdefault("frames", {})
+    geometry = machine.geometry
+    tool: dict[str, Any] = {"in": "flange", "xyz": [0.0] * 3, "rpy": [0.0] * 3}
+    tolerance: dict[str, list[float]] = {"xyz": [0.0] * 3, "rpy": [0.0] * 3}
+    for k, axis in enumerate(AXES):
+        part, parameter = "xyz" if k < 3 else "rpy", geometry[f"tool.{axis}"]
+        tool[part][k % 3] = in_file_units(parameter, parameter.nominal, machine.file.units)
+        tolerance[part][k % 3] = in_file_units(parameter, parameter.tolerance, machine.file.units)
+    frames["tool"] = {**tool, "tolerance": tolerance}
+
+
+def in_file_units(parameter: Parameter, value: float, units: UnitSystem) -> float:
+    """A parameter's value (mm, rad) as its machine file writes it."""
+    if parameter.part == "gain":
+        return float(units.from_internal(value, "gain"))
+    dimension = {"mm": "length", "rad": "angle"}.get(parameter.unit)
+    return float(value if dimension is None else units.from_internal(value, dimension))
+
+
+def _write_parameter(document: dict[str, Any], parameter: Parameter, value: float, machine: Machine) -> None:
+    assert machine.file is not None
+    if not parameter.field:
+        raise InputError(
+            f"{machine.file.path}: parameter {parameter.name!r} was estimated, but this mechanism's form has "
+            "no field for its value; give it tolerance 0 or describe the mechanism in another form"
+        )
+    _put(document, parameter.field, in_file_units(parameter, value, machine.file.units))
+
+
+def _directions(machine: Machine) -> list[Direction]:
+    """Axes that are estimated: at least one of their components is free."""
+    geometry = machine.geometry
+    axes = [joint.axis for joint in machine.mechanism.joints if isinstance(joint.axis, Direction)]
+    return [
+        axis for axis in axes if any(name is not None and geometry[name].free for name in axis.components)
+    ]
+
+
+def _write_direction(document: dict[str, Any], axis: Direction, values: Mapping[str, float]) -> None:
+    """All three components: two estimated, the third what makes the vector a unit vector."""
+    known = [values[name] for name in axis.components if name is not None]
+    third = axis.sign * math.sqrt(max(0.0, 1.0 - math.fsum(v * v for v in known)))
+    for k, name in enumerate(axis.components):
+        _put(document, (*axis.field[:-1], k), third if name is None else values[name])
+
+
+def _put(document: Any, path: FieldPath, value: float) -> None:
+    """Set one number, making the mappings and three-component lists that are not written out yet."""
+    here = document
+    for key, following in itertools.pairwise(path):
+        if isinstance(here, dict) and here.get(key) is None:
+            here[key] = [0.0, 0.0, 0.0] if isinstance(following, int) else {}
+        here = here[key]
+    here[path[-1]] = value
+
+
+def _effect_entries(estimate: Estimate) -> list[dict[str, Any]]:
+    std = dict(zip(estimate.prior.names, estimate.std.tolist(), strict=True))
+    return [effect_entry(effect, std) for effect in estimate.fitted_effects()]
+
+
+def effect_entry(effect: PlacedEffect, std: Mapping[str, float]) -> dict[str, Any]:
+    """One entry of ``effects:``; ``std`` by full name (label:coefficient)."""
+    parameters = {}
+    for c in effect.coefficients:
+        parameters[c.name] = {
+            "value": effect.values[c.name],
+            "unit": c.unit,
+            "std": std[f"{effect.label}:{c.name}"],
+        }
+    entry: dict[str, Any] = {"effect": effect.effect.slug, "place": list(effect.place)}
+    return {**entry, **dict(effect.settings), "parameters": parameters}
+
+
+def _unshared(value: Any) -> Any:
+    """A deep copy in which nothing is shared: two legs that alias one list become two lists."""
+    if isinstance(value, Mapping):
+        return {key: _unshared(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_unshared(item) for item in value]
+    return value
+
+
+__all__ = ["calibrated_document", "effect_entry", "in_file_units", "write_calibrated"]

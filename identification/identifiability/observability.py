@@ -1,0 +1,264 @@
+"""Which parameters the readings determine, and which combinations they cannot see, in words.
+
+``Knowledge`` is what readings and tolerances say of the free parameters, of a fit or of one to come.
+``unseen`` and ``nearly_unseen`` give directions that one parameter each leads, ``Direction.meaning`` says them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.fit.decomposition import Decomposition
+from truepose.identification.fit.estimate import Estimate, Prior
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+UNSEEN_SHARE = 1e-3
+"""A parameter that an unseen direction moves by more than this is not determined by readings alone."""
+LEAST_GAIN = 0.5
+"""Readings determine a parameter when they at least halve the variance that its tolerance leaves."""
+SMALLEST_PART = 0.02
+SMALLEST_LEAD = 0.1
+LEVER = 300.0
+"""mm at which angles are compared with lengths where the readings do not tell."""
+FAINT = 1e-9
+"""A column below this share of the largest is rounding."""
+_SHOWN = 10
+_NUMBERED = re.compile(r"^(?P<stem>\D+)(?P<number>\d+)\.(?P<rest>.+)$")
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """Free entries (n): names, units, values at which the readings' Jacobian was taken, 1-sigma of the prior
+    (inf without), steps; and the Jacobian's decomposition in these steps."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    value: Array
+    sigma: Array
+    scale: Array
+    decomposition: Decomposition
+
+    @classmethod
+    def of(cls, fit: Estimate) -> Knowledge:
+        """What a fit knows."""
+        units = units_of(fit.machine, fit.effects)
+        return cls.at(fit.prior, units, fit.p, fit.decomposition)
+
+    @classmethod
+    def at(cls, prior: Prior, units: Mapping[str, str], p: Array, decomposition: Decomposition) -> Knowledge:
+        """What is known at the parameters ``p`` (np,)."""
+        free = prior.free
+        names = tuple(prior.names[k] for k in free)
+        return cls(
+            names,
+            tuple(units[n] for n in names),
+            p[free],
+            prior.sigma[free],
+            prior.scale[free],
+            decomposition,
+        )
+
+    @property
+    def std(self) -> Array:
+        """(n,) 1-sigma from readings and tolerances together; inf where neither holds."""
+        return self.decomposition.std * self.scale
+
+    @cached_property
+    def lever(self) -> Array:
+        """(n,) mm that shows in the readings as much as one unit does: 1 for lengths, an arm for angles.
+
+        Entries of one unit share the median of their columns of the Jacobian; without one, ``LEVER`` serves.
+        """
+        parts = self.decomposition
+        column = np.linalg.norm(parts.singular[:, None] * parts.directions, axis=0) / self.scale
+        mm = _typical(column, [unit == "mm" for unit in self.units])
+        out = np.ones(len(self.names))
+        for unit in set(self.units) - {"mm"}:
+            same = [other == unit for other in self.units]
+            ratio = _typical(column, same) / mm if mm else 0.0
+            fallback = LEVER if unit == "rad" else LEVER * 1e-3 / self.scale[same]
+            out[same] = ratio or fallback
+        return out
+
+    def physical(self, directions: Array) -> Array:
+        """Directions (k, n) in steps as orthonormal ones in mm at a lever, of the same span."""
+        if not len(directions):
+            return directions
+        return np.linalg.qr((directions * self.scale * self.lever).T)[0].T
+
+
+def _typical(column: Array, among: Sequence[bool]) -> float:
+    """Median size of those columns that the readings see, 0 without any."""
+    some = column[among][column[among] > FAINT * np.max(column, initial=0.0)]
+    return float(np.median(some)) if len(some) else 0.0
+
+
+def units_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> dict[str, str]:
+    """Internal unit of every parameter and coefficient by its name."""
+    units = {parameter.name: parameter.unit for parameter in machine.parameters}
+    return units | {f"{e.label}:{c.name}": c.unit for e in effects for c in e.coefficients}
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Parameters that move together: by how much (mm, rad, or the unit of an effect), the leading one first.
+
+    ``size`` is how far the readings see it, in sigmas for one step in tolerances; 0 when they do not.
+    ``open_ended``: no tolerance holds it either.
+    """
+
+    parts: Mapping[str, float]
+    size: float = 0.0
+    open_ended: bool = False
+
+    @property
+    def meaning(self) -> str:
+        """A sentence: what moves with what, and who decided."""
+        return _sentence(tuple(self.parts), self.open_ended)
+
+
+def identifiable(fit: Estimate) -> Mapping[str, bool]:
+    """For each free entry: no unseen direction moves it, and the readings halve its variance at least."""
+    known = Knowledge.of(fit)
+    return {name: bool(flag) for name, flag in zip(known.names, determined(known), strict=True)}
+
+
+def determined(known: Knowledge, std: Array | None = None, blind: Array | None = None) -> NDArray[np.bool_]:
+    """(n,) the same for what is known; ``std`` (n,) and unseen directions ``blind`` (k, n) default to its own."""
+    std = known.std if std is None else std
+    moved = shares(known, known.decomposition.null_space if blind is None else blind)
+    return (moved < UNSEEN_SHARE) & (std**2 <= LEAST_GAIN * known.sigma**2)
+
+
+def shares(known: Knowledge, directions: Array) -> Array:
+    """(n,) how much of each entry directions (k, n) in steps move at most, in mm at a lever."""
+    if not len(directions):
+        return np.zeros(len(known.names))
+    out: Array = np.max(np.abs(known.physical(directions)), axis=0)
+    return out
+
+
+def unseen(known: Knowledge, directions: Array | None = None) -> tuple[Direction, ...]:
+    """The directions that the readings cannot see (or those given, in steps), frames leading where they can."""
+    rows = known.decomposition.null_space if directions is None else directions
+    return tuple(_direction(known, row) for row in _sparse(known.physical(rows), known.names))
+
+
+def unseen_directions(fit: Estimate) -> list[dict[str, object]]:
+    """One entry per direction that the readings cannot see: its parts (mm, rad) and a sentence."""
+    return [{"parts": dict(d.parts), "meaning": d.meaning} for d in unseen(Knowledge.of(fit))]
+
+
+def nearly_unseen(known: Knowledge) -> tuple[Direction, ...]:
+    """Directions that the readings see worse than the tolerances say, the least seen first.
+
+    Entries of infinite tolerance follow freely. ``size`` below 1: the readings alone would leave 1 / size
+    tolerances.
+    """
+    bounded = np.isfinite(known.sigma)
+    parts = known.decomposition
+    wide = parts.singular[: parts.rank, None] * parts.seen
+    free, held = wide[:, ~bounded], wide[:, bounded] * (known.sigma / known.scale)[bounded]
+    left = Decomposition.of(free.T, np.zeros(len(free))).seen if free.size else np.zeros((0, len(wide)))
+    own = held - left.T @ (left @ held)
+    found = Decomposition.of(own, np.ones(int(bounded.sum())))
+    weak = found.singular[: found.rank] < 1.0
+    rows = np.zeros((int(weak.sum()), len(known.names)))
+    rows[:, bounded] = found.seen[weak] * (known.sigma / known.scale)[bounded]
+    out = []
+    for row in _sparse(known.physical(rows), known.names):
+        step = (row / known.lever / known.sigma)[bounded]
+        size = float(np.linalg.norm(own @ step) / np.linalg.norm(step))
+        out.append(_direction(known, row, size))
+    return tuple(sorted(out, key=lambda d: d.size))
+
+
+def _direction(known: Knowledge, row: Array, size: float = 0.0) -> Direction:
+    """From a row in mm at a lever."""
+    order = np.argsort(-np.round(np.abs(row), 6), kind="stable")
+    parts = [int(k) for k in order if abs(row[k]) >= SMALLEST_PART]
+    open_ended = all(np.isinf(known.sigma[k]) for k in parts)
+    return Direction({known.names[k]: float(row[k] / known.lever[k]) for k in parts}, size, open_ended)
+
+
+def _sentence(names: Sequence[str], open_ended: bool) -> str:
+    who = "nothing decided, they stay at the drawing" if open_ended else "tolerances decided"
+    groups = grouped(sorted(names, key=lambda name: not name.startswith(("base.", "tool."))))
+    if len(names) == 1:
+        who = "nothing decided, it stays at the drawing" if open_ended else "its tolerance decided"
+        return f"{names[0]} alone is not seen; {who}"
+    rest = groups[1:] or groups
+    shown = ", ".join(rest[:_SHOWN]) + (f" and {len(rest) - _SHOWN} more" if len(rest) > _SHOWN else "")
+    if len(groups) == 1:
+        return f"moving {shown} together is not seen; {who}"
+    return f"moving {groups[0]} together with {shown} is not seen; {who}"
+
+
+def grouped(names: Sequence[str]) -> list[str]:
+    """Names with those that differ by a number only drawn together: ``leg1..leg6 a.x``."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        match = _NUMBERED.match(name)
+        key = (match["stem"], match["rest"]) if match else ("", name)
+        groups.setdefault(key, []).append(match["number"] if match else "")
+    out = []
+    for (stem, rest), numbers in groups.items():
+        if not stem:
+            out.append(rest)
+        elif len(numbers) == 1:
+            out.append(f"{stem}{numbers[0]}.{rest}")
+        else:
+            out.append(f"{_span(stem, sorted(int(n) for n in numbers))} {rest}")
+    return out
+
+
+def _span(stem: str, numbers: Sequence[int]) -> str:
+    if numbers[-1] - numbers[0] == len(numbers) - 1:
+        return f"{stem}{numbers[0]}..{stem}{numbers[-1]}"
+    return ", ".join(f"{stem}{n}" for n in numbers)
+
+
+def _sparse(basis: Array, names: Sequence[str]) -> Array:
+    """The same directions, each led by one parameter (row reduction): frames first; largest part 1."""
+    rows, free = basis.copy(), list(range(len(basis)))
+    frames = [k for k, name in enumerate(names) if name.startswith(("base.", "tool."))]
+    for pivot in frames:
+        lead = max(free, key=lambda i: abs(rows[i, pivot]), default=None)
+        if lead is not None and abs(rows[lead, pivot]) > SMALLEST_LEAD * np.max(np.abs(rows[lead])):
+            _reduce(rows, lead, pivot)
+            free.remove(lead)
+    while free:
+        lead, pivot = max(((i, int(np.argmax(np.abs(rows[i])))) for i in free), key=lambda at: abs(rows[at]))
+        _reduce(rows, lead, pivot)
+        free.remove(lead)
+    return rows / np.max(np.abs(rows), axis=1, keepdims=True) if len(rows) else rows
+
+
+def _reduce(rows: Array, lead: int, pivot: int) -> None:
+    """Make the pivot of one row 1 and take it out of all others."""
+    rows[lead] /= rows[lead, pivot]
+    for other in range(len(rows)):
+        if other != lead:
+            rows[other] -= rows[other, pivot] * rows[lead]
+
+
+__all__ = [
+    "Direction",
+    "Knowledge",
+    "determined",
+    "grouped",
+    "identifiable",
+    "nearly_unseen",
+    "shares",
+    "units_of",
+    "unseen",
+    "unseen_directions",
+]

@@ -1,0 +1,234 @@
+"""The experiment that splits explanations which a diagnosis cannot tell apart.
+
+``discriminate`` chooses rows (pose, payload, temperature, side, time) that maximise the expected log Bayes factor of
+whatever is true against its worst rival, geometry marginalised under its tolerances (``discriminate_criterion``),
+and says what each factor brings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.planning.discriminate.criterion import Race, chosen
+from truepose.identification.planning.discriminate.explanations import Class, Explanation
+from truepose.identification.planning.discriminate.factors import Factor, Offer, factors, unplanned
+from truepose.identification.planning.discriminate.pool import Pool, kind_of
+from truepose.identification.planning.discriminate.race import (
+    Field,
+    Hypothesis,
+    hypotheses,
+    ordered,
+    race,
+    shares,
+)
+from truepose.identification.planning.discriminate.result import Experiment, Pair, Worth
+from truepose.identification.planning.discriminate.rows import Rows, Signals, recording_of, signals
+from truepose.identification.planning.discriminate.targets import Target, with_targets
+from truepose.identification.recording.recording import Recording
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import PAYLOAD, Machine, Mass
+
+Array = NDArray[np.float64]
+DRAWS = 20
+"""Random sets of rows that the plan is compared with."""
+
+
+def discriminate(
+    machine: Machine,
+    n: int,
+    wanted: Class,
+    *,
+    offer: Offer | None = None,
+    recorded: Recording | None = None,
+    candidates: Array | None = None,
+    targets: Sequence[Target] = (),
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Experiment:
+    """``n`` rows that tell the explanations of ``wanted`` apart; the same from the same ``seed``.
+
+    ``offer`` says what may be varied beside the joints; sides of approach, time and sessions always are where an
+    explanation reads them. ``recorded`` are rows that exist already, ``candidates`` (c, nq) the only poses that may be
+    chosen; ``targets`` are weighed on the rows chosen. Raises InputError for fewer than two different explanations,
+    and as ``plan`` does.
+    """
+    _check(wanted.explanations, n)
+    offer = offer or Offer({})
+    parts = _parts(wanted)
+    machine, notes = _weighing(machine, parts, offer)
+    varied = factors(machine, parts, offer)
+    rng = np.random.default_rng(seed)
+    progress("looking at candidates")
+    pool = Pool.of(machine, varied, candidates, rng)
+    progress("looking at what they would tell")
+    stage = _Stage.of(machine, pool, parts, wanted, recorded, n)
+    progress("choosing rows")
+    design = chosen(stage.main, n) if stage.main.counted.any() else stage.drawn(n, rng)
+    values, rows = stage.values(design), pool.rows.take(np.flatnonzero(pool.main)[design])
+    random = [stage.worst(stage.values(stage.drawn(n, rng))) for _ in range(DRAWS)]
+    progress("weighing what is varied")
+    return Experiment(
+        machine=machine,
+        explanations=wanted.explanations,
+        rows=_in_order(rows),
+        reference=pool.reference if any(s.differs_from_row for s in machine.sensors) else None,
+        pairs=stage.pairs(wanted.explanations, values),
+        expected=stage.worst(values),
+        already=None if recorded is None else stage.worst(stage.values([])),
+        random=np.array(random),
+        worth=stage.worth(varied, n),
+        targets=tuple((target, stage.with_target(target, rows)) for target in targets),
+        seed=seed,
+        notes=(*wanted.notes, *notes, *unplanned(parts), *_unused(offer, varied)),
+    )
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """Rows with what they would tell, hypotheses about it, and the race between them on the rows that are offered.
+
+    exist: what rows that exist already tell.
+    """
+
+    machine: Machine
+    pool: Pool
+    field: Field
+    found: tuple[Hypothesis, ...]
+    exist: Signals | None
+    main: Race
+
+    @classmethod
+    def of(
+        cls,
+        machine: Machine,
+        pool: Pool,
+        parts: Sequence[PlacedEffect],
+        wanted: Class,
+        recorded: Recording | None,
+        n: int,
+    ) -> _Stage:
+        told = _told(machine, pool.rows, pool.reference, parts)
+        exist = None if recorded is None else signals(machine, recorded, parts)
+        base = np.zeros_like(told.gram) if exist is None else exist.gram
+        field = Field(told, base, parts, wanted.others)
+        everywhere = field.gram(pool.main) * (n / np.sum(pool.main)) + field.base
+        known = field.base
+        if exist is None:
+            nominal = pool.nominal()
+            known = field.gram(nominal) * (n / np.sum(nominal))
+        found = hypotheses(field, wanted.explanations, known, everywhere)
+        return cls(machine, pool, field, found, exist, race(field, found, pool.main))
+
+    def drawn(self, n: int, rng: np.random.Generator) -> list[int]:
+        """``n`` random rows of those that are offered."""
+        available = int(np.sum(self.pool.main))
+        return [int(row) for row in rng.choice(available, n, replace=n > available)]
+
+    def values(self, design: Sequence[int]) -> Array:
+        """(p,) expected log Bayes factors; 0 where no row tells."""
+        return _values(self.main, design)
+
+    def worst(self, values: Array) -> float:
+        """Of values (p,), the least of those pairs that the plan can tell apart; 0 without any."""
+        return float(np.min(values[self.main.counted])) if self.main.counted.any() else 0.0
+
+    def pairs(self, explanations: Sequence[Explanation], values: Array) -> tuple[Pair, ...]:
+        """Every ordered pair with its value."""
+        share, counted = shares(self.field, self.found, self.main, self.pool.main), self.main.counted
+        pairs = [(explanations[i], explanations[j]) for i, j in ordered(len(explanations))]
+        return tuple(
+            Pair(a, b, float(values[k]), float(share[k]), bool(counted[k]), a.twin_of(b))
+            for k, (a, b) in enumerate(pairs)
+        )
+
+    def worth(self, varied: Sequence[Factor], n: int) -> tuple[Worth, ...]:
+        """Plans with each kind of factor held, or offered where it was not."""
+        out = []
+        for kind, mask in [*self.pool.still.items(), *self.pool.beyond.items()]:
+            on = race(self.field, self.found, mask)
+            values = _values(on, chosen(on, n, exchange=False) if on.counted.any() else [])
+            more = on.counted & ~self.main.counted
+            same = tuple(f for f in varied if kind_of(f) == kind)
+            opened = float(np.min(values[more])) if more.any() else None
+            out.append(Worth(kind, same, kind in self.pool.still, self.worst(values), opened))
+        return tuple(out)
+
+    def with_target(self, target: Target, rows: Rows) -> float:
+        """Expected log Bayes factor of the worst pair on the same rows, with one more point of the rigid tool read."""
+        parts, others = self.field.parts, self.field.others
+        told = _told(with_targets(self.machine, [target]), rows, self.pool.reference, parts)
+        size = len(told.names) + told.effects.shape[2]
+        base = np.zeros((size, size)) if self.exist is None else self.exist.gram_among(told.names)
+        on = race(Field(told, base, parts, others), self.found, np.ones(len(rows), dtype=bool))
+        return self.worst(_values(on, list(range(len(rows)))))
+
+
+def _check(explanations: Sequence[Explanation], n: int) -> None:
+    names = [e.name for e in explanations]
+    if len(set(names)) < len(names) or len(names) < 2:
+        raise InputError(
+            f"--discriminate: found {' and '.join(names)}, expected two or more different explanations"
+        )
+    if n < 2:
+        raise InputError(f"found {n} rows, expected at least 2")
+
+
+def _parts(wanted: Class) -> tuple[PlacedEffect, ...]:
+    """Every effect of every version, each once."""
+    every = [part for e in wanted.explanations for form in e.forms for part in form]
+    return tuple({part.label: part for part in (*every, *wanted.others)}.values())
+
+
+def _weighing(machine: Machine, parts: Sequence[PlacedEffect], offer: Offer) -> tuple[Machine, list[str]]:
+    """The machine with a payload to be stepped, where loads matter and the file has none."""
+    asked = any(part.needs_load for part in parts) and machine.loaded
+    if not asked or any(mass.name == PAYLOAD for mass in machine.masses):
+        return machine, []
+    note = (
+        "the machine file has no mass called payload: it is taken to hang at the tool frame's origin; state "
+        "`payload: {kg: 0, com: [0, 0, 0], in: tool}` under masses before the diagnosis of what was measured"
+    )
+    hung = replace(machine, masses=(*machine.masses, Mass(PAYLOAD, 0.0, (0.0, 0.0, 0.0), "tool")))
+    return hung, [note] if PAYLOAD in offer.levels else []
+
+
+def _told(machine: Machine, rows: Rows, reference: Array, parts: Sequence[PlacedEffect]) -> Signals:
+    """Signals of rows, without the reference row before them."""
+    every = signals(machine, recording_of(machine, rows, reference), parts)
+    return every.take(np.arange(1, len(rows) + 1))
+
+
+def _values(on: Race, design: Sequence[int]) -> Array:
+    """(p,) expected log Bayes factors; 0 where no row tells."""
+    return np.where(on.counted, on.values(design), 0.0)
+
+
+def _in_order(rows: Rows) -> Rows:
+    """As one would measure: by session and time, and what takes long to change is changed seldom."""
+    slow = sorted(rows.drivers, key=lambda name: _SLOW.index(name.partition(".")[0]))
+    keys = [
+        *(rows.q[:, k] for k in range(rows.q.shape[1] - 1, -1, -1)),
+        *(rows.drivers[n] for n in reversed(slow)),
+    ]
+    return rows.take(np.lexsort(keys).astype(np.intp))
+
+
+_SLOW = ("session", "time", "pressure", "humidity", "temperature", "payload", "velocity", "approach")
+
+
+def _unused(offer: Offer, varied: Sequence[Factor]) -> list[str]:
+    read = {f.driver for f in varied}
+    shared = any(name.startswith("temperature.") for name in read)
+    return [
+        f"{driver!r} is offered but no explanation reads it: it is not varied"
+        for driver in offer.levels
+        if driver not in read and not (driver == "temperature.air" and shared)
+    ]
+
+
+__all__ = ["discriminate"]

@@ -1,0 +1,184 @@
+"""What an experiment may vary beside the joints: payload, temperatures, sides of approach, time, sessions, speeds.
+
+A factor is a driver of the recording with the levels it may be set to. What explanations read and nobody offered
+stays at its nominal value; a usual span of it says what offering it would bring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.kinematics import driver_default
+from truepose.models.machine import PAYLOAD, Machine
+from truepose.models.units import close_matches
+
+Array = NDArray[np.float64]
+SIDES = (1.0, -1.0)
+HOURS = (0.0, 0.5, 1.0, 1.5, 2.0)
+SESSIONS = (1.0, 2.0)
+WARMER, USUAL_PAYLOAD, USUAL_PRESSURE = 5.0, 5.0, (983.25, 1013.25, 1043.25)
+MOST = 24
+"""Settings of the factors that are tried at one pose; of more, some are drawn."""
+SESSION, TIME = "session", "time"
+OF_THE_WAY = ("stop", "loop")
+"""Drivers of what a joint's way leaves behind (``truepose.identification.recording.memory``)."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A driver that may be set. levels: internal units (kg, degC, s, hPa, mm/s or rad/s); session: its number.
+
+    nominal: the level that it has where it is not varied. offered: whether the experiment may vary it.
+    """
+
+    driver: str
+    levels: tuple[float, ...]
+    nominal: float
+    offered: bool
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What the user can vary: levels by driver, as ``payload``, ``temperature.leg1``, ``velocity.q2``."""
+
+    levels: Mapping[str, tuple[float, ...]]
+
+    @classmethod
+    def of(cls, machine: Machine, payload: str = "", named: Sequence[str] = ()) -> Offer:
+        """From ``0,2.5,5`` kg and texts such as ``temperature.leg1=15,20,30``. Raises InputError for bad levels."""
+        levels = {PAYLOAD: _numbers(payload, "--payload")} if payload else {}
+        for text in named:
+            driver, equals, values = text.partition("=")
+            driver = driver.strip()
+            _check_driver(machine, driver, text, bool(equals))
+            levels[driver] = _numbers(values, text)
+        return cls(levels)
+
+
+def factors(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> tuple[Factor, ...]:
+    """Every driver that the explanations read: offered, automatic (sides, time, sessions) or left at nominal.
+
+    Levels that nobody reads are left out: they could not help.
+    """
+    out = {}
+    for driver in _read(machine, parts, offer):
+        nominal = driver_default(machine, driver)
+        levels = offer.levels.get(driver)
+        if levels is None and driver.startswith("temperature."):
+            levels = offer.levels.get("temperature.air")
+        automatic = _automatic(driver)
+        if levels is not None:
+            # held still, it stays at the level closest to what the machine file means
+            nominal = min(levels, key=lambda level: abs(level - nominal))
+            out[driver] = Factor(driver, levels, nominal, len(levels) > 1)
+        elif automatic:
+            out[driver] = Factor(driver, automatic, automatic[0], True)
+        elif span := _usual(machine, driver):
+            out[driver] = Factor(driver, span, nominal, False)
+    return tuple(out.values())
+
+
+def settings(varied: Sequence[Factor], rng: np.random.Generator) -> Array:
+    """(s, f) settings of the factors to try at a pose: all, or the extreme ones and others at random."""
+    combined = list(product(*(factor.levels for factor in varied)))
+    every = np.array(combined, dtype=float).reshape(len(combined), len(varied))
+    if len(every) <= MOST:
+        return every
+    still = [factor.nominal for factor in varied]
+    nominal = np.flatnonzero(np.all(every == still, axis=1))
+    ends = np.array([[min(f.levels), max(f.levels)] for f in varied]).T
+    extreme = np.flatnonzero(np.all((every == ends[0]) | (every == ends[1]), axis=1))
+    first = np.concatenate([nominal, rng.permutation(extreme)])[: MOST // 2]
+    others = np.setdiff1d(np.arange(len(every)), first)
+    return np.asarray(every[np.concatenate([first, rng.choice(others, MOST - len(first), replace=False)])])
+
+
+def _read(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> list[str]:
+    """Drivers that the explanations read, payload where they ask for loads that it can change."""
+    names: list[str] = []
+    for part in parts:
+        names += [_column(name) for name in part.drivers]
+        if part.needs_load and machine.loaded:
+            names.append(PAYLOAD)
+    if "temperature.air" in offer.levels:  # one thermometer, whatever it stands for
+        names = [
+            "temperature.air" if n.startswith("temperature.") and n not in offer.levels else n for n in names
+        ]
+    return list(dict.fromkeys(names))
+
+
+def _column(driver: str) -> str:
+    """What has to be varied for a driver: the side of approach for what a joint's way leaves behind."""
+    kind, _, rest = driver.partition(".")
+    if kind in OF_THE_WAY:
+        return "approach." + rest.partition("~")[0]
+    return SESSION if kind == SESSION else driver.partition("~")[0]
+
+
+def unplanned(parts: Iterable[PlacedEffect]) -> list[str]:
+    """What rows of an experiment do not vary although an explanation depends on it, in words."""
+    kinds = {part.effect.slug: {name.partition(".")[0] for name in part.drivers} for part in parts}
+    short = [slug for slug, read in kinds.items() if read & set(OF_THE_WAY)]
+    creeping = [slug for slug, read in kinds.items() if "creep" in read]
+    notes = [
+        f"{slug}: every move counts as a long one; strokes that shrink are not planned" for slug in short
+    ]
+    return notes + [f"{slug}: the time since the last move is not planned" for slug in creeping]
+
+
+def _automatic(driver: str) -> tuple[float, ...]:
+    if driver.startswith("approach."):
+        return SIDES
+    if driver == TIME:
+        return tuple(3600.0 * h for h in HOURS)
+    return SESSIONS if driver == SESSION else ()
+
+
+def _usual(machine: Machine, driver: str) -> tuple[float, ...]:
+    """A usual span of a driver that was not offered, its nominal level first; empty where nobody can say."""
+    nominal = driver_default(machine, driver)
+    if driver == PAYLOAD:
+        return (0.0, nominal or USUAL_PAYLOAD)
+    if driver.startswith("temperature."):
+        return (nominal, nominal + WARMER)
+    if driver == "pressure":
+        return USUAL_PRESSURE
+    if driver.startswith("velocity."):
+        actuator = machine.mechanism.actuator(driver.removeprefix("velocity."))
+        low, high = actuator.range or (0.0, 0.0)
+        return (nominal, (high - low) / 10.0) if high > low else ()
+    return ()
+
+
+def _check_driver(machine: Machine, driver: str, text: str, complete: bool) -> None:
+    kind, _, place = driver.partition(".")
+    joints = machine.mechanism.readings
+    known = ["pressure", "humidity", *(f"velocity.{j}" for j in joints), "temperature.air"]
+    known += [f"temperature.{name}" for name in (*machine.mechanism.lengths, "tool")]
+    if not complete or (driver not in known and not (kind == "temperature" and place)):
+        raise InputError(
+            f"{text!r}: expected DRIVER=value,value,... such as temperature.leg1=15,20,30; "
+            f"{close_matches(driver, known)}"
+        )
+
+
+def _numbers(text: str, where: str) -> tuple[float, ...]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if not values or not np.isfinite(values).all():
+        raise InputError(f"{where}: found {text!r}, expected numbers with commas between, such as 0,2.5,5")
+    if where == "--payload" and min(values) < 0.0:
+        raise InputError(f"{where}: found {min(values):g} kg, expected masses that are not negative")
+    return tuple(sorted(set(values)))
+
+
+__all__ = ["OF_THE_WAY", "SESSION", "TIME", "Factor", "Offer", "factors", "settings", "unplanned"]

@@ -1,0 +1,121 @@
+"""Planned poses as the rows of a file: joints in the units of the machine file, rounded inside their ranges."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from truepose.models.machine import Machine
+from truepose.models.mechanism import Actuator
+from truepose.models.units import UnitSystem, compatible, convert
+
+if TYPE_CHECKING:
+    from truepose.identification.planning.discriminate.result import Experiment
+    from truepose.identification.planning.plan import Plan
+
+Array = NDArray[np.float64]
+_FINEST = 1e-12
+BETWEEN = 30.0
+"""Seconds from one row to the next, where time is planned."""
+
+
+def plan_table(plan: Plan) -> pd.DataFrame:
+    """``pose``, ``from`` where readings are changes, and the joints, in the units of the machine file.
+
+    Rows of the same joint values share a ``pose`` number: they are repeats.
+    """
+    n = len(plan.q)
+    data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    if plan.origin is None:
+        data["pose"] = _numbered(plan.q)
+    else:  # the number says which row a change counts from
+        data["pose"], data["from"] = np.arange(1, n + 1), plan.origin.astype(np.int64) + 1
+    return pd.DataFrame({**data, **_joints(plan.q, plan.machine)})
+
+
+def experiment_table(experiment: Experiment) -> pd.DataFrame:
+    """``pose``, ``from`` where readings are changes (all from the first row, a reference), ``session`` and ``time``
+    where they matter, the joints, then payload (kg), temperatures (degC), sides and other drivers.
+
+    Rows of one pose share a number when nothing but the side of approach differs: they are repeats.
+    """
+    rows, machine = experiment.rows, experiment.machine
+    q, drivers = rows.q, dict(rows.drivers)
+    data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    if experiment.reference is None:
+        held = [values for name, values in drivers.items() if not name.startswith(("approach.", "time"))]
+        data["pose"] = _numbered(np.column_stack([q, *held]))
+    else:
+        q = np.concatenate([experiment.reference[None], q])
+        drivers = {name: np.concatenate([values[:1], values]) for name, values in drivers.items()}
+        data["pose"], data["from"] = np.arange(1, len(q) + 1), np.ones(len(q), dtype=np.int64)
+    if "session" in drivers:
+        data["session"] = drivers.pop("session").astype(np.int64)
+    if "time" in drivers:
+        data["time"] = _one_by_one(drivers.pop("time"))
+    data |= _joints(q, machine)
+    for name, values in drivers.items():
+        kind, _, joint = name.partition(".")
+        actuator = machine.mechanism.actuator(joint) if kind == "velocity" else None
+        unit = None if actuator is None else (actuator.reading_unit, _unit(actuator, machine))
+        written = values if unit is None else convert(values, *unit)
+        data[name] = np.round(written, _decimals(written, _FINEST)) + 0.0
+    return pd.DataFrame(data)
+
+
+def _joints(q: Array, machine: Machine) -> dict[str, NDArray[np.float64] | NDArray[np.int64]]:
+    """Joint values (n, nq) by column, in the units of the machine file."""
+    data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    for k, actuator in enumerate(machine.mechanism.actuators):
+        written = convert(q[:, k], actuator.reading_unit, _unit(actuator, machine))
+        # what is left of the conversion's rounding would make long numbers of short ones
+        data[actuator.reading] = np.round(written, _decimals(written, _FINEST)) + 0.0
+    return data
+
+
+def _one_by_one(time: Array) -> Array:
+    """Times (n,), ascending, of rows that are due at once: one after the other."""
+    first = np.searchsorted(time, time)
+    return np.asarray(time + BETWEEN * (np.arange(len(time)) - first))
+
+
+def rounded(q: Array, machine: Machine, step: float) -> Array:
+    """Joint values (n, nq) rounded to about ``step`` of their range in the file's units, never out of it."""
+    out = q.copy()
+    for k, actuator in enumerate(machine.mechanism.actuators):
+        if actuator.range is None:
+            continue
+        unit = _unit(actuator, machine)
+        low, high = (convert(end, actuator.reading_unit, unit) for end in actuator.range)
+        decimals = _decimals(np.array([high - low]), step)
+        values = np.round(convert(q[:, k], actuator.reading_unit, unit), decimals)
+        out[:, k] = np.clip(convert(values, unit, actuator.reading_unit), *actuator.range)
+    return out
+
+
+def _decimals(values: Array, step: float) -> int:
+    """Decimals that resolve ``step`` of the largest value; 0 where all are zero."""
+    if not np.any(values):
+        return 0
+    return int(np.ceil(-np.log10(step * float(np.max(np.abs(values))))))
+
+
+def _unit(actuator: Actuator, machine: Machine) -> str:
+    """The unit of a joint's column: as recordings of this machine are read."""
+    units = machine.file.units if machine.file else UnitSystem()
+    if units.joint is not None and compatible(units.joint, actuator.reading_unit):
+        return units.joint
+    return {"mm": units.length, "rad": units.angle}.get(actuator.reading_unit, actuator.reading_unit)
+
+
+def _numbered(q: Array) -> NDArray[np.int64]:
+    """(n,) numbers from 1 in order of appearance, the same for the same joint values."""
+    _, first, group = np.unique(q, axis=0, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return np.asarray(1 + rank[group.reshape(-1)], dtype=np.int64)
+
+
+__all__ = ["experiment_table", "plan_table", "rounded"]

@@ -1,0 +1,1 @@
+"""What a machine's sensors should read: predictions with exact derivatives, and simulated recordings."""

@@ -1,0 +1,169 @@
+"""What the sensors should have read, row by row, with the 1-sigma of the model.
+
+``predict`` uses the machine's own effects with the recording's drivers. The 1-sigma is that of the model
+alone, without the sensor's noise: from the file's ``covariance:`` where it has one, else from tolerances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.fit.covariance import Covariance
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.memory import column_behind
+from truepose.identification.recording.recording import Recording
+from truepose.models import lie
+from truepose.models.machine import Machine
+from truepose.models.units import UnitSystem
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+POSE = ("pose.x", "pose.y", "pose.z", "pose.rx", "pose.ry", "pose.rz")
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Values and 1-sigma (n, k) of columns in internal units, poses (n, 4, 4); NaN where not ``good``."""
+
+    columns: Mapping[str, str]
+    values: Array
+    std: Array | None
+    poses: Array
+    good: Mask
+
+
+def predict(machine: Machine, recording: Recording) -> pd.DataFrame:
+    """One row for each row, in order: sensor columns, ``<column>.std``, pose.x ... pose.rz (rotation vector).
+
+    Columns are in the units of the machine file. Rows that cannot be assembled are NaN (see ``unassembled``).
+    """
+    found = predicted(predictor_for(machine, recording))
+    units = machine.file.units if machine.file else UnitSystem()
+    assert found.std is not None
+    data: dict[str, Array] = {}
+    for k, (name, unit) in enumerate(found.columns.items()):
+        data[name] = from_internal(found.values[:, k], unit, units)
+        data[f"{name}.std"] = from_internal(found.std[:, k], unit, units)
+    turns = np.full((len(recording), 3), np.nan)
+    turns[found.good] = lie.log_so3(found.poses[found.good, :3, :3])
+    pose = np.hstack([found.poses[:, :3, 3], turns])
+    for k, name in enumerate(POSE):
+        data[name] = from_internal(pose[:, k], "mm" if k < 3 else "rad", units)
+    return pd.DataFrame(data)
+
+
+def predictor_for(machine: Machine, recording: Recording) -> Predictor:
+    """Predictor with the machine's effects, whose sessions are those of the fit that wrote the file."""
+    known = machine.file.sessions if machine.file else ()
+    predictor = Predictor(machine, recording, machine.effects)
+    for k, name in enumerate(predictor.model.drivers):
+        recorded = recording.driver(name, known) if known else None
+        if recorded is not None:
+            predictor.z[:, k] = recorded
+    return predictor
+
+
+def predicted(predictor: Predictor, *, with_std: bool = True) -> Prediction:
+    """Values at the machine's own parameters; ``with_std=False`` leaves the 1-sigma out."""
+    machine, p = predictor.machine, predictor.model.p_home
+    columns = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
+    if any(sensor.differs_from_row for sensor in machine.sensors) and predictor.recording.from_row is None:
+        raise InputError(
+            f"{', '.join(predictor.recording.files)}: missing column 'from', which a change counts from"
+        )
+    x, good = predictor.assemble(p)
+    x[~good] = predictor.model.home
+    _, values, jacobian, poses = predictor.columns(p, x)
+    good = _complete(machine, predictor.recording, good)
+    values, poses = np.where(good[:, None], values, np.nan), np.where(good[:, None, None], poses, np.nan)
+    if not with_std:
+        return Prediction(columns, values, None, poses, good)
+    std = np.where(good[:, None], _std(machine, predictor, np.nan_to_num(jacobian)), np.nan)
+    return Prediction(columns, values, std, poses, good)
+
+
+def unassembled(recording: Recording, frame: pd.DataFrame) -> list[str]:
+    """A note for each row that has no prediction."""
+    rows = np.flatnonzero(frame[POSE[0]].isna().to_numpy())
+    return [
+        f"{recording.where(int(k))}: the mechanism cannot be assembled there; the row is empty" for k in rows
+    ]
+
+
+def unheard(machine: Machine, recording: Recording) -> list[str]:
+    """A note for each driver that the effects read and the rows do not log: it stands at its default."""
+    missing = [n for effect in machine.effects for n in effect.drivers if recording.driver(n) is None]
+    columns = dict.fromkeys(column_behind(name) for name in missing)
+    return [f"no column {name!r}: effects that depend on it see its default" for name in columns]
+
+
+def _complete(machine: Machine, recording: Recording, good: Mask) -> Mask:
+    """A change is known only when the row it counts from is known too."""
+    if recording.from_row is not None and any(sensor.differs_from_row for sensor in machine.sensors):
+        return good & good[recording.from_row]
+    return good
+
+
+def _std(machine: Machine, predictor: Predictor, jacobian: Array) -> Array:
+    """(n, k) 1-sigma of the columns: the file's covariance for what it names, tolerances for the rest."""
+    names, p_sigma = predictor.model.names, _stated(predictor)
+    variance = np.zeros(jacobian.shape[:2])
+    left = np.flatnonzero(p_sigma > 0)
+    scales = np.array(
+        [p.scale for p in machine.parameters] + [c.scale for e in machine.effects for c in e.coefficients]
+    )
+    section = machine.file.covariance if machine.file else None
+    if section is not None and machine.file is not None:
+        known = Covariance.read(section, f"{machine.file.path}: covariance")
+        missing = [name for name in known.names if name not in names]
+        if missing:
+            raise InputError(
+                f"{machine.file.path}: covariance.names: found {missing[0]!r}, no parameter of this machine"
+            )
+        at = np.array([names.index(name) for name in known.names], dtype=int)
+        variance = known.std(jacobian[..., at], scales[at]) ** 2
+        left = np.setdiff1d(left, at)
+    stated = Covariance.of_tolerances([names[k] for k in left], p_sigma[left])
+    out: Array = np.sqrt(variance + stated.std(jacobian[..., left], scales[left]) ** 2)
+    return out
+
+
+def _stated(predictor: Predictor) -> Array:
+    """(np,) 1-sigma as the file states it: tolerances, and the ``std`` of effects."""
+    machine = predictor.machine
+    sigma = [parameter.tolerance for parameter in machine.parameters]
+    specs = machine.file.effects if machine.file else ()
+    for k, effect in enumerate(machine.effects):
+        spec = specs[k] if k < len(specs) else None
+        for c in effect.coefficients:
+            own = (
+                spec.std_of(c.name, c.unit)
+                if spec is not None and spec.effect == effect.effect.slug
+                else None
+            )
+            sigma.append(own or 0.0)
+    return np.array(sigma)
+
+
+def from_internal(values: Array, unit: str, units: UnitSystem) -> Array:
+    """Values of a column (mm, rad, or another unit that stays) in the file's units."""
+    dimension = {"mm": "length", "rad": "angle"}.get(unit)
+    return values if dimension is None else units.from_internal(values, dimension)
+
+
+__all__ = [
+    "POSE",
+    "Prediction",
+    "from_internal",
+    "predict",
+    "predicted",
+    "predictor_for",
+    "unassembled",
+    "unheard",
+]

@@ -1,0 +1,261 @@
+"""What a machine's sensors should read for every row of a recording, with exact derivatives.
+
+Closed loops are solved by Newton's method with the exact derivative of the closure; derivatives of the pose
+follow from the implicit function theorem, dx/dp = -(dg/dx)^-1 dg/dp, never from differentiating iterations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from truepose.codegen.evaluation.batch import BatchFunction
+from truepose.codegen.evaluation.gram import GramFunction
+from truepose.errors import InputError
+from truepose.identification.prediction.sensor_rows import Block, Sight, joined, sights
+from truepose.identification.recording.recording import Recording
+from truepose.models import lie
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.home import coordinate_scale
+from truepose.models.kinematics import symbolic_model
+from truepose.models.machine import Machine
+from truepose.models.sensors.base import Channel, Comparison, Rows
+from truepose.models.statics import load_scale
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+_MAX_NEWTON = 40
+_BLOCK = 1024
+FIT = 5
+"""How often a fit visits each row, about."""
+
+
+class Predictor:
+    """Residuals, poses and loads of one machine with some effects over one recording.
+
+    ``visits``: how often each row will be evaluated (FIT in a fit), by which it is settled whether compiling pays.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        recording: Recording,
+        effects: Sequence[PlacedEffect] = (),
+        *,
+        ports: bool = False,
+        visits: int = 1,
+    ) -> None:
+        self.machine, self.recording = machine, recording
+        self.model = symbolic_model(machine, effects, ports=ports)
+        self.q = recording.q
+        self.z = np.empty((len(self.q), len(self.model.drivers)))
+        for k, name in enumerate(self.model.drivers):
+            recorded = recording.driver(name)
+            self.z[:, k] = self.model.z_home[k] if recorded is None else recorded
+        m = self.model
+        inputs, flat, twist = [m.x, m.q, m.z, m.p], ca.vec(m.world[:3, :]), twist_rows(m.world)
+        self.evaluations = visits * len(self.q)
+        self.sums: dict[tuple[int, ...], GramFunction] = {}
+        """Normal equations by free entries of p, where a fit has asked for them."""
+        closure, n = [m.equations, ca.jacobian(m.equations, m.x), m.gap], self.evaluations
+        self._closure = BatchFunction("closure", inputs, closure, rows=n)
+        self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
+        outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
+        outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
+        outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
+        self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
+        self._sensors = sights(machine, m.names, n)
+        self.origin = _origin(recording) if any(s.differs_from_row for s in machine.sensors) else None
+        self._scale = coordinate_scale(machine, len(m.home), m.gap.numel())
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Residual components of every sensor, in order."""
+        return tuple(channel for sensor in self.machine.sensors for channel in sensor.channels)
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What the sensors have to say of how they take this recording, and what of it takes longer than it need."""
+        told = [c for s in self.machine.sensors for c in s.cautions(self.recording.labels)]
+        functions = (
+            self._closure,
+            self._pose,
+            self._kinematics,
+            *(f for s in self._sensors for f in s.functions),
+        )
+        slow = dict.fromkeys(f.engine.why for f in functions if f.engine.missed)
+        return (*told, *(f"{why}: evaluated by CasADi's virtual machine, more slowly" for why in slow))
+
+    def assemble(self, p: Array, start: Array | None = None) -> tuple[Array, Mask]:
+        """Passive coordinates (n, nx) that close the loops, and which rows could be assembled.
+
+        A row that reads the change since another needs both.
+        """
+        n, nx = len(self.q), len(self.model.home)
+        x = np.tile(self.model.home, (n, 1)) if start is None else start.copy()
+        if nx == 0:
+            return x, np.ones(n, dtype=bool)
+        x, good = self._newton(x, self.q, self.z, p)
+        if good.any() and not good.all():
+            self._continue(x, good, p, _nearest(self.q, good))
+        if not good.all():
+            self._continue(x, good, p, None)
+        return x, good if self.origin is None else good & good[self.origin]
+
+    def _newton(self, x: Array, q: Array, z: Array, p: Array) -> tuple[Array, Mask]:
+        """Newton's method on every row at once, with short steps: the assembly must stay the same one."""
+        good = np.zeros(len(x), dtype=bool)
+        active = np.arange(len(x))
+        for _ in range(_MAX_NEWTON):
+            g, gx, gap = self._closure(x[active], q[active], z[active], p)
+            step = _solve(gx, g)[..., 0]
+            step /= np.maximum(1.0, np.max(np.abs(step) / self._scale.limit, axis=1))[:, None]
+            x[active] -= step
+            size = np.max(np.abs(step) / np.maximum(self._scale.size, 1e-3 * np.abs(x[active])), axis=1)
+            done = (size < 1e-11) & (np.max(np.abs(gap), axis=(1, 2)) < self._scale.gap)
+            good[active[done]] = True
+            active = active[~done & np.isfinite(size)]
+            if not len(active):
+                break
+        return x, good
+
+    def _continue(
+        self, x: Array, good: Mask, p: Array, origin: NDArray[np.intp] | None, steps: int = 8
+    ) -> None:
+        """Follow the rows that are not good from the row ``origin`` names, or from home."""
+        rows = np.flatnonzero(~good)
+        here = np.tile(self.model.home, (len(rows), 1)) if origin is None else x[origin]
+        first = np.tile(self.model.q_home, (len(rows), 1)) if origin is None else self.q[origin]
+        reached = np.zeros(len(rows), dtype=bool)
+        for fraction in np.linspace(0.0, 1.0, steps + 1):
+            q = first + fraction * (self.q[rows] - first)
+            here, reached = self._newton(here, q, self.z[rows], p)
+        x[rows[reached]], good[rows[reached]] = here[reached], True
+
+    def poses(self, p: Array, x: Array | None = None) -> tuple[Array, Mask]:
+        """Sensor-frame poses of the tool (n, 4, 4); rows that cannot be assembled are False."""
+        good = np.ones(len(self.q), dtype=bool)
+        if x is None:
+            x, good = self.assemble(p)
+        return self._pose(x, self.q, self.z, p)[0], good
+
+    def blocks(self, p: Array, x: Array, weight: Array | Mask | None = None) -> Iterator[Block]:
+        """Whitened residuals and exact Jacobians, some rows at a time, so that memory stays flat.
+
+        ``weight`` (n,) is what rows count in a level that compared rows share; by default 1, for validation 0.
+        """
+        comparisons = self.comparisons(weight)
+        step = _BLOCK if all(c is None for c in comparisons) else len(self.q)
+        for start in range(0, len(self.q), max(step, 1)):
+            rows = slice(start, min(start + step, len(self.q)))
+            sight = self._sight(rows, p, x)
+            pairs = zip(self._sensors, comparisons, strict=True)
+            yield joined(rows, [f.block(sight, p, self.recording, rows, c) for f, c in pairs])
+
+    def comparisons(self, weight: Array | Mask | None = None) -> list[Comparison | None]:
+        """How each sensor compares rows; None where each reading depends on its own row alone."""
+        counts = np.asarray(~self.recording.validation if weight is None else weight, dtype=float)
+        rows = Rows(self.origin, self.recording.labels, counts, self.recording.files)
+        return [sensor.comparison(rows) for sensor in self.machine.sensors]
+
+    def columns(self, p: Array, x: Array) -> tuple[list[str], Array, Array, Array]:
+        """Column names, predicted values (n, k), their Jacobian (n, k, np) and poses (n, 4, 4)."""
+        sight = self._sight(slice(0, len(self.q)), p, x)
+        names = [name for s in self.machine.sensors for name in s.columns]
+        pairs = zip(self._sensors, self.comparisons(), strict=True)
+        parts = [f.prediction(sight, p, c) for f, c in pairs]
+        values, slopes = np.hstack([v for v, _ in parts]), np.concatenate([j for _, j in parts], axis=1)
+        return names, values, slopes, sight.pose
+
+    def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
+        """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""
+        sight = self._sight(slice(0, len(self.q)), p, x)
+        return sight.pose, sight.twist
+
+    def states(self, p: Array, x: Array) -> dict[str, Array]:
+        """(n,) values of what effects may ask of the present state, by name."""
+        names = list(self.model.states)
+        if not names:
+            return {}
+        stacked = ca.vertcat(*self.model.states.values())
+        m = self.model
+        values = BatchFunction("states", [m.x, m.q, m.z, m.p], [stacked])(x, self.q, self.z, p)[0][..., 0]
+        return dict(zip(names, values.T, strict=True))
+
+    def loads(self, p: Array, x: Array) -> dict[str, Array]:
+        """Gravity's conjugate load (n,) at every port and parameter, by load case and name: N or N m."""
+        m = self.model
+        scale = [
+            (k, name, load_scale(self.machine, name)) for k, name in enumerate(m.names) if ":" not in name
+        ]
+        out: dict[str, Array] = {}
+        for case, energy in m.energies.items():
+            gradient = BatchFunction(
+                "energy", [m.x, m.q, m.z, m.p], [ca.gradient(energy, m.x).T, ca.gradient(energy, m.p).T]
+            )
+            vx, vp = gradient(x, self.q, self.z, p)
+            force = -vp[:, 0, :]
+            if x.shape[1]:
+                gx, gp = self._kinematics(x, self.q, self.z, p)[3:5]
+                multipliers = _solve(gx.transpose(0, 2, 1), vx.transpose(0, 2, 1))[..., 0]
+                force += np.einsum("nk,nkp->np", multipliers, gp)
+            out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
+        return out
+
+    def _sight(self, rows: slice, p: Array, x: Array) -> Sight:
+        """What the sensors have before them, with total derivatives by p."""
+        pose, tx, tp, gx, gp, shift, sx, sp = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
+        if x.shape[1]:
+            by_p = _solve(gx, gp)
+            tp, sp = tp - tx @ by_p, sp - sx @ by_p
+        return Sight(pose, tp, shift[..., 0], sp)
+
+
+def _solve(a: Array, b: Array) -> Array:
+    """Row-wise solution, by least squares where there are more equations; rows without one are NaN."""
+    if a.shape[1] != a.shape[2]:
+        a, b = a.transpose(0, 2, 1) @ a, a.transpose(0, 2, 1) @ b
+    try:
+        return np.asarray(np.linalg.solve(a, b))
+    except np.linalg.LinAlgError:
+        out = np.full(b.shape, np.nan)
+        for k in range(len(a)):
+            if np.isfinite(a[k]).all() and np.linalg.matrix_rank(a[k]) == len(a[k]):
+                out[k] = np.linalg.solve(a[k], b[k])
+        return out
+
+
+def _nearest(q: Array, good: Mask) -> NDArray[np.intp]:
+    """For each row that is not good the good one with the closest readings."""
+    span = np.ptp(q, axis=0)
+    scaled = q / np.where(span > 0, span, 1.0)
+    return np.flatnonzero(good)[cKDTree(scaled[good]).query(scaled[~good])[1]]
+
+
+def _origin(recording: Recording) -> NDArray[np.intp]:
+    """(n,) the row that each row's ``from`` names, among the rows at hand."""
+    where = ", ".join(recording.files)
+    if recording.from_row is None:
+        raise InputError(f"{where}: column 'from': found none, expected one: a sensor reads changes")
+    place = np.full(len(recording.whole), -1)
+    place[recording.rows] = np.arange(len(recording))
+    origin = place[recording.from_row]
+    if (origin < 0).any():
+        lost = recording.where(int(np.argmin(origin)))
+        raise InputError(
+            f"{lost}: column 'from': found a row that was left out, expected it among the rows used"
+        )
+    return origin
+
+
+def twist_rows(world: ca.SX) -> ca.SX:
+    """(6, 12) map from the derivative of vec([R|p]) to the twist [dp; vee(dR R')]."""
+    rows = ca.SX.zeros(6, 12)
+    rows[:3, 9:] = ca.SX.eye(3)
+    for k in range(3):
+        rows[3:, 3 * k : 3 * k + 3] = 0.5 * lie.skew(world[:3, k])
+    return rows

@@ -1,0 +1,170 @@
+"""Sensors over many rows at once: whitened residuals, predicted columns, and their exact derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.codegen.evaluation.batch import BatchFunction
+from truepose.errors import InputError
+from truepose.identification.recording.recording import Recording
+from truepose.models import lie
+from truepose.models.machine import Machine
+from truepose.models.sensors.base import Comparison, Sensor
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some rows: residuals whitened by sigma (n, m) and (n, k, np) the derivative by p of each row's prediction.
+
+    Where a reading compares rows, ``compare`` turns changes (n, k, w) of the rows' predictions into changes
+    (n, m, w) of the residuals; elsewhere the two are the same.
+    """
+
+    rows: slice
+    residual: Array
+    here: Array
+    compare: Callable[[Array], Array] | None = None
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """(n, m, np) derivative of the residual by p."""
+        return self.changes(self.here)
+
+    def changes(self, change: Array) -> Array:
+        """(n, m, w) what changes (n, k, w) of the rows' predictions do to the residuals."""
+        return change if self.compare is None else self.compare(change)
+
+
+def joined(rows: slice, parts: Sequence[Block]) -> Block:
+    """The blocks of several sensors side by side."""
+    residual = np.concatenate([part.residual for part in parts], axis=1)
+    here = np.concatenate([part.here for part in parts], axis=1)
+    if all(part.compare is None for part in parts):
+        return Block(rows, residual, here)
+    ends = np.cumsum([part.here.shape[1] for part in parts])[:-1]
+
+    def compare(change: Array) -> Array:
+        pieces = zip(parts, np.split(change, ends, axis=1), strict=True)
+        return np.concatenate([part.changes(piece) for part, piece in pieces], axis=1)
+
+    return Block(rows, residual, here, compare)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What sensors have before them in some rows, with derivatives by w unknowns.
+
+    pose (n, 4, 4) of the tool, twist (n, 6, w) its derivative; shift (n, k) of all sensors' columns by effects,
+    shift_by (n, k, w) its derivative.
+    """
+
+    pose: Array
+    twist: Array
+    shift: Array
+    shift_by: Array
+
+
+def sights(machine: Machine, names: Sequence[str], rows: int) -> list[SensorFunctions]:
+    """Functions of every sensor, for ``rows`` rows; ``names`` are the entries of p."""
+    out, first = [], 0
+    for sensor in machine.sensors:
+        out.append(SensorFunctions(sensor, names, slice(first, first + len(sensor.columns)), rows))
+        first += len(sensor.columns)
+    return out
+
+
+class SensorFunctions:
+    """One sensor as functions of the pose of the tool; ``names`` are the entries of p.
+
+    ``columns`` are its own among those of all sensors; ``functions`` are for ``rows`` rows.
+    """
+
+    def __init__(self, sensor: Sensor, names: Sequence[str], columns: slice, rows: int) -> None:
+        self.sensor, self._columns = sensor, columns
+        own = [*(parameter.name for parameter in sensor.parameters), *sensor.reads]
+        self._own = np.array([names.index(name) for name in own], dtype=int)
+        self._sigma = np.array([channel.sigma for channel in sensor.channels])
+        world, small = ca.SX.sym("world", 4, 4), ca.SX.sym("twist", 6)
+        s, y = {name: ca.SX.sym(name) for name in own}, ca.SX.sym("y", len(sensor.columns))
+        moved = lie.transform(world[:3, :3] + lie.skew(small[3:]) @ world[:3, :3], world[:3, 3] + small[:3])
+        inputs = [ca.vec(world), ca.vertcat(*s.values()) if s else ca.SX(0, 1), y]
+        predicted = sensor.predict(moved, s)
+        predicted = predicted + y if sensor.columns else predicted
+        self._predict = _differentiated("predict", predicted, inputs, small, rows)
+        self.functions = [self._predict]
+        if not sensor.compares:
+            # what an effect adds to a reading is taken off the reading: no sensor need know of it
+            self._residual = _differentiated("residual", sensor.residual(moved, s, y), inputs, small, rows)
+            self.functions.append(self._residual)
+
+    def block(
+        self,
+        sight: Sight,
+        p: Array,
+        recording: Recording,
+        rows: slice,
+        comparison: Comparison | None,
+    ) -> Block:
+        """Residuals whitened by sigma, with their derivatives, of what is seen in ``rows``."""
+        columns = [recording.readings[c][rows] for c in self.sensor.columns]
+        y = np.column_stack(columns) if columns else np.zeros((len(sight.pose), 0))
+        if comparison is None:
+            self._check_labels(recording)
+            value, jacobian = self._evaluate(self._residual, sight, p, y, -1.0)
+            return Block(rows, value / self._sigma, jacobian / self._sigma[:, None])
+        raw, jacobian = self._evaluate(self._predict, sight, p, np.zeros_like(y), 1.0)
+        values = comparison.values(raw)
+
+        def compare(change: Array) -> Array:
+            out: Array = comparison.changes(raw, change) / self._sigma[:, None]
+            return out
+
+        return Block(rows, (values - y if columns else values) / self._sigma, jacobian, compare)
+
+    def _check_labels(self, recording: Recording) -> None:
+        missing = [name for name in self.sensor.label_columns if name not in recording.labels]
+        if missing:
+            raise InputError(
+                f"{', '.join(recording.files)}: missing column {missing[0]!r}, which the sensor {self.sensor.type} needs"
+            )
+
+    def prediction(self, sight: Sight, p: Array, comparison: Comparison | None) -> tuple[Array, Array]:
+        """(n, k) values of the sensor's columns and their (n, k, np) Jacobian."""
+        y = np.zeros((len(sight.pose), len(self.sensor.columns)))
+        value, jacobian = self._evaluate(self._predict, sight, p, y, 1.0)
+        if not self.sensor.columns:
+            return y, np.zeros((len(sight.pose), 0, len(p)))
+        if comparison is not None:
+            return comparison.values(value), comparison.changes(value, jacobian)
+        shift = sight.shift[:, self._columns]
+        return self.sensor.values(sight.pose, value - shift) + shift, jacobian
+
+    def _evaluate(
+        self, function: BatchFunction, sight: Sight, p: Array, y: Array, sign: float
+    ) -> tuple[Array, Array]:
+        """Values and derivatives at ``y`` plus ``sign`` times what effects add to the columns."""
+        flat = sight.pose.transpose(0, 2, 1).reshape(len(sight.pose), 16)
+        y = y + sign * sight.shift[:, self._columns]
+        value, by_twist, by_own, by_y = function(flat, p[self._own], y)
+        jacobian = by_twist @ sight.twist
+        jacobian[:, :, self._own] += by_own
+        jacobian += sign * (by_y @ sight.shift_by[:, self._columns])
+        return value[..., 0], jacobian
+
+
+def _differentiated(name: str, value: ca.SX, inputs: list[ca.SX], small: ca.SX, rows: int) -> BatchFunction:
+    """The value with its derivatives by a small twist of the pose, the sensor's constants and its columns."""
+    outputs = [value, *(ca.jacobian(value, by) for by in (small, inputs[1], inputs[2]))]
+    still = [ca.substitute(output, small, ca.SX.zeros(6)) for output in outputs]
+    return BatchFunction(name, inputs, still, rows=rows)
+
+
+__all__ = ["Block", "SensorFunctions", "Sight", "joined", "sights"]

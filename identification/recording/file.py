@@ -1,0 +1,192 @@
+"""One file of a recording: which columns mean what, in which unit, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from truepose.errors import InputError
+from truepose.identification.recording.history import latest_earlier_row
+from truepose.identification.recording.table import Table, read_table
+from truepose.models.units import FloatArray, UnitSystem, close_matches, compatible, convert
+
+IntArray = npt.NDArray[np.int64]
+
+LABEL: Final = "label"
+_DRIVER_UNITS: Final[Mapping[str, str]] = {"payload": "kg", "pressure": "hPa", "humidity": "%"}
+_OTHER: Final = ("time", "session", "pose", "from", "role")
+_ROLES: Final = ("calibration", "validation")
+_SLACK: Final = 0.05  # of a range's width: commands overshoot a little
+
+
+@dataclass(frozen=True)
+class JointColumn:
+    """A joint's column: `unit` "mm" or "rad" (readings are converted to it), or another such as "turn"
+    (kept as recorded); `range` in that unit, None for any value."""
+
+    name: str
+    unit: str
+    range: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class RecordingPart:
+    """One file's rows in internal units; `from_row` counts from this file's first row."""
+
+    file: str
+    q: FloatArray  # (n, n_joints)
+    readings: Mapping[str, FloatArray]
+    labels: Mapping[str, tuple[str, ...]]
+    drivers: Mapping[str, FloatArray]
+    validation: npt.NDArray[np.bool_]
+    session: IntArray | None
+    pose: IntArray | None
+    time: FloatArray | None
+    from_row: IntArray | None
+    notes: tuple[str, ...]
+
+
+def read_part(
+    path: Path | str | Table,
+    joints: Sequence[JointColumn],
+    sensor_columns: Mapping[str, str],
+    units: UnitSystem,
+    needed: Sequence[str],
+) -> RecordingPart:
+    """Read and check one file (or its table). `needed` names the columns it must have beside the joints."""
+    table = path if isinstance(path, Table) else read_table(path)
+    for name in (*(joint.name for joint in joints), *needed):
+        _require(table, name)
+    present = {name: unit for name, unit in sensor_columns.items() if name in table}
+    time = _converted(table, "time", "s", "s") if "time" in table else None
+    pose = table.integers("pose") if "pose" in table else None
+    drivers = _drivers(table, joints, units)
+    known = {*(joint.name for joint in joints), *sensor_columns, *drivers, *_OTHER}
+    return RecordingPart(
+        file=table.file,
+        q=np.column_stack([_joint(table, joint, units) for joint in joints]),
+        readings={n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL},
+        labels={name: table.texts(name) for name, unit in present.items() if unit == LABEL},
+        drivers=drivers,
+        validation=_validation(table),
+        session=table.integers("session") if "session" in table else None,
+        pose=pose,
+        time=time,
+        from_row=_from_row(table, pose, time) if "from" in table else None,
+        notes=_notes(table, known, joints),
+    )
+
+
+def _require(table: Table, name: str) -> None:
+    if name not in table:
+        hint = close_matches(name, table.names)
+        raise InputError(f"{table.file}: missing column {name!r}; {hint}")
+
+
+def _converted(table: Table, name: str, default: str, internal: str) -> FloatArray:
+    values = table.numbers(name)
+    return convert(values, table.unit(name, default, internal), internal, table.where(name))
+
+
+def _default_unit(internal: str, units: UnitSystem) -> str:
+    return {"mm": units.length, "rad": units.angle}.get(internal, internal)
+
+
+def joint_unit(joint: JointColumn, units: UnitSystem) -> str:
+    """The unit a joint's column is in unless its header says otherwise."""
+    if units.joint is not None and compatible(units.joint, joint.unit):
+        return units.joint
+    return _default_unit(joint.unit, units)
+
+
+def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
+    unit = table.unit(joint.name, joint_unit(joint, units), joint.unit)
+    recorded = table.numbers(joint.name)
+    readings = convert(recorded, unit, joint.unit)
+    if joint.range is None:
+        return readings
+    low, high = joint.range
+    slack = _SLACK * (high - low)
+    bad = np.flatnonzero((readings < low - slack) | (readings > high + slack))
+    if bad.size:
+        row = int(bad[0])
+        low, high = convert(low, joint.unit, unit), convert(high, joint.unit, unit)
+        raise InputError(
+            f"{table.where(joint.name, row)}: found {recorded[row]:.6g} {unit}, "
+            f"expected a value in the joint's range [{low:.6g}, {high:.6g}] {unit}"
+        )
+    return readings
+
+
+def _reading(table: Table, name: str, internal: str, units: UnitSystem) -> FloatArray:
+    return _converted(table, name, _default_unit(internal, units), internal)
+
+
+def _drivers(table: Table, joints: Sequence[JointColumn], units: UnitSystem) -> dict[str, FloatArray]:
+    drivers = {n: _converted(table, n, unit, unit) for n, unit in _DRIVER_UNITS.items() if n in table}
+    for name in table.names:
+        if name.startswith("temperature.") and name != "temperature.":
+            drivers[name] = _converted(table, name, "degC", "degC")
+    for joint in joints:
+        approach, velocity = f"approach.{joint.name}", f"velocity.{joint.name}"
+        if approach in table:
+            drivers[approach] = _approach(table, approach)
+        if velocity in table:
+            default, internal = f"{joint_unit(joint, units)}/s", f"{joint.unit}/s"
+            drivers[velocity] = _converted(table, velocity, default, internal)
+    return drivers
+
+
+def _approach(table: Table, name: str) -> FloatArray:
+    values = _converted(table, name, "1", "1")
+    bad = np.flatnonzero(~np.isin(values, (-1.0, 0.0, 1.0)))
+    if bad.size:
+        row = int(bad[0])
+        raise InputError(f"{table.where(name, row)}: found {values[row]:g}, expected -1, 0 or 1")
+    return values
+
+
+def _validation(table: Table) -> npt.NDArray[np.bool_]:
+    if "role" not in table:
+        return np.zeros(table.n_rows, dtype=np.bool_)
+    roles = table.texts("role")
+    for row, role in enumerate(roles):
+        if role not in _ROLES:
+            raise InputError(f"{table.where('role', row)}: found {role!r}, expected {' or '.join(_ROLES)}")
+    return np.array([role == "validation" for role in roles])
+
+
+def _from_row(table: Table, pose: IntArray | None, time: FloatArray | None) -> IntArray:
+    if pose is None:
+        raise InputError(f"{table.file}: missing column 'pose', which the numbers in column 'from' mean")
+    origin = table.integers("from")
+    rows = latest_earlier_row(pose, origin, time)
+    bad = np.flatnonzero(rows < 0)
+    if bad.size:
+        row = int(bad[0])
+        raise InputError(
+            f"{table.where('from', row)}: found {origin[row]}, expected the pose of this or of an earlier row"
+        )
+    return rows
+
+
+def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tuple[str, ...]:
+    ignored = [name for name in table.names if name not in known]
+    if not ignored:
+        return ()
+    optional = {
+        *known,
+        *_DRIVER_UNITS,
+        *(f"{kind}.{j.name}" for kind in ("approach", "velocity") for j in joints),
+    }
+    named = []
+    for name in ignored:
+        hint = close_matches(name, optional - set(table.names))
+        near = hint.startswith("did you mean")
+        named.append(f"{name!r} ({hint})" if near else repr(name))
+    return (f"{table.file}: ignored columns that mean nothing here: {', '.join(named)}",)

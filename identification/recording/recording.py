@@ -1,0 +1,288 @@
+"""Recordings: what was commanded, read and logged, row by row, in internal units (mm, rad).
+
+`read_recording` makes a `Recording` from files; the rest of the package works on it. A recording never
+changes: `subset` gives some rows that still know the whole, so that what depends on history (lags, session
+ranks, the row that `from` names) means the same in any part.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from truepose.errors import InputError
+from truepose.identification.recording.file import JointColumn, RecordingPart, read_part
+from truepose.identification.recording.history import direction_of_travel, order_in_time
+from truepose.identification.recording.memory import remembered
+from truepose.identification.recording.table import Column, Table
+from truepose.models.units import FloatArray, UnitSystem
+
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+Rows = IntArray | BoolArray | Sequence[int] | slice
+A = TypeVar("A", bound=npt.NDArray[Any])
+
+__all__ = ["Column", "JointColumn", "Recording", "read_recording"]
+
+_AFTER: Final = re.compile(r"^session\.after\.(?P<rank>\d+)$")
+_AIR: Final = "temperature.air"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One or several recordings, validated; every array is read-only, n rows long.
+
+    Lengths mm, angles rad, readings of joints in other units (`turn`) as recorded. Optional columns are
+    None, or absent from their mapping, unless every file has them.
+    """
+
+    joints: tuple[str, ...]
+    q: FloatArray  # (n, n_joints)
+    readings: Mapping[str, FloatArray]
+    labels: Mapping[str, tuple[str, ...]]
+    drivers: Mapping[str, FloatArray]
+    files: tuple[str, ...]
+    source_file: IntArray  # index into files
+    source_row: IntArray  # 1-based row of data in its file
+    session: IntArray
+    session_recorded: BoolArray  # False where a file has no such column and got a number of its own
+    validation: BoolArray
+    pose: IntArray | None = None
+    time: FloatArray | None = None  # s
+    from_row: IntArray | None = None  # index into `whole`
+    notes: tuple[str, ...] = ()
+    _whole: Recording | None = field(default=None, repr=False)
+    _rows: IntArray | None = field(default=None, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def whole(self) -> Recording:
+        """The recording as it was read; itself unless this is a subset."""
+        return self if self._whole is None else self._whole
+
+    @property
+    def rows(self) -> IntArray:
+        """Places of these rows in `whole`, (n,)."""
+        return frozen(np.arange(len(self)) if self._rows is None else self._rows)
+
+    @property
+    def sessions(self) -> tuple[int, ...]:
+        """Session numbers of the whole recording, in order."""
+        return tuple(int(number) for number in np.unique(self.whole.session))
+
+    @property
+    def n_sessions(self) -> int:
+        """How many sessions the whole recording has."""
+        return len(self.sessions)
+
+    def session_rank(self, known: Sequence[int] | None = None) -> IntArray:
+        """0-based place of each row's session among `known` numbers (default: this recording's own).
+
+        A session not among them, or that has no recorded number, takes the rank of the latest one.
+        """
+        own = known is None
+        numbers = np.unique(np.asarray(self.sessions if known is None else known, dtype=np.int64))
+        if not numbers.size:
+            return frozen(np.zeros(len(self), dtype=np.int64))
+        place = np.minimum(np.searchsorted(numbers, self.session), numbers.size - 1)
+        seen = (numbers[place] == self.session) & (self.session_recorded | own)
+        return frozen(np.where(seen, place, numbers.size - 1).astype(np.int64))
+
+    def driver(self, name: str, sessions: Sequence[int] | None = None) -> FloatArray | None:
+        """What the recording logged under a driver's name, (n,); None when it did not.
+
+        `time` s, `payload` kg, `pressure` hPa, `humidity` percent, `approach.J`, `velocity.J` (unit of
+        the joint per s), `temperature.PLACE` degC (else `temperature.air`); `temperature.PLACE~300` is
+        the same seen through a first-order lag of 300 s, and `stop.J~r`, `creep.J~t0` what a joint's way leaves
+        behind (see `truepose.identification.recording.memory`); `session.after.K` is 1 from the K-th session
+        change on, 0 before, sessions ranked among `sessions` (see `session_rank`).
+        """
+        after = _AFTER.match(name)
+        if after:
+            return frozen((self.session_rank(sessions) >= int(after["rank"])).astype(np.float64))
+        if "~" in name:
+            values = remembered(self, name)
+            return None if values is None else frozen(values)
+        if name == "time":
+            return self.time
+        if name.startswith("temperature.") and name not in self.drivers:
+            name = _AIR
+        return self.drivers.get(name)
+
+    def derived_approach(self, joint: str) -> FloatArray:
+        """Sign of the joint's last change, from the order of the rows (n,); 0 before any change.
+
+        What is recorded as `approach.J` is another thing: an overshoot is not seen in the rows.
+        """
+        whole = self.whole
+        order = order_in_time(whole.time, whole.source_file, whole.source_row)
+        # without a clock the way from one file's last row to the next one's first is unknown
+        files = whole.source_file if whole.time is None else np.zeros(len(whole), dtype=np.int64)
+        signs = np.empty(len(whole))
+        signs[order] = direction_of_travel(whole.q[order, self.joints.index(joint)], files[order])
+        return frozen(signs[self.rows])
+
+    def origins(self) -> Recording:
+        """For each row the row that `from` names, as a recording of the same length.
+
+        Raises ValueError when the recording has no `from`.
+        """
+        if self.from_row is None:
+            raise ValueError("the recording has no column 'from'")
+        return self.whole.subset(self.from_row)
+
+    def replicates(self) -> IntArray:
+        """Label per row (n,): rows of one file, session and `pose` at the same readings share it."""
+        if self.pose is None:
+            return frozen(np.arange(len(self)))
+        # 0.0 is added because -0.0 is the same reading
+        numbers = np.column_stack([self.source_file, self.session, self.pose]).astype(np.float64)
+        _, label = np.unique(np.column_stack([numbers, self.q]) + 0.0, axis=0, return_inverse=True)
+        return frozen(np.asarray(label, dtype=np.int64).reshape(-1))
+
+    def subset(self, rows: Rows) -> Recording:
+        """Some rows, by index (repeats allowed), mask or slice; `from_row` goes on pointing into `whole`."""
+        wanted = rows if isinstance(rows, slice) else np.asarray(rows)
+        if not isinstance(wanted, slice) and not wanted.size:
+            wanted = slice(0)  # an empty list has no integer type
+        index = frozen(np.arange(len(self))[wanted])
+        return replace(
+            self,
+            q=frozen(self.q[index]),
+            readings={name: frozen(values[index]) for name, values in self.readings.items()},
+            labels={name: tuple(texts[k] for k in index) for name, texts in self.labels.items()},
+            drivers={name: frozen(values[index]) for name, values in self.drivers.items()},
+            source_file=frozen(self.source_file[index]),
+            source_row=frozen(self.source_row[index]),
+            session=frozen(self.session[index]),
+            session_recorded=frozen(self.session_recorded[index]),
+            validation=frozen(self.validation[index]),
+            pose=None if self.pose is None else frozen(self.pose[index]),
+            time=None if self.time is None else frozen(self.time[index]),
+            from_row=None if self.from_row is None else frozen(self.from_row[index]),
+            _whole=self.whole,
+            _rows=frozen(self.rows[index]),
+        )
+
+    def where(self, row: int) -> str:
+        """File and row of one of these rows, to name it in a message."""
+        return f"{self.files[self.source_file[row]]}: row {self.source_row[row]}"
+
+
+def frozen(array: A) -> A:
+    """The array, made read-only."""
+    array.setflags(write=False)
+    return array
+
+
+def read_recording(
+    paths: Sequence[Path | str | Table],
+    joints: Sequence[JointColumn],
+    sensor_columns: Mapping[str, str],
+    units: UnitSystem,
+    need_readings: bool = True,
+    *,
+    required: Sequence[str] = (),
+    optional_labels: Sequence[str] = (),
+) -> Recording:
+    """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
+
+    `sensor_columns` maps each column to its internal unit ("mm", "rad", "1"), or to "label" for a text.
+    Without `need_readings` sensor columns may be missing. `required` names further columns that must be
+    there (`from`), `optional_labels` texts to keep when they are. Raises InputError naming file, row and
+    column.
+    """
+    if not paths:
+        raise InputError("found no recording, expected at least one file")
+    asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
+    needed = (*(sensor_columns if need_readings else ()), *required)
+    parts = [read_part(path, joints, asked, units, needed) for path in paths]
+    return _join(parts, tuple(joint.name for joint in joints), tuple(asked))
+
+
+def _join(
+    parts: Sequence[RecordingPart], joints: tuple[str, ...], sensor_columns: tuple[str, ...]
+) -> Recording:
+    sizes = [len(part.q) for part in parts]
+    starts = np.cumsum([0, *sizes[:-1]])
+    notes = [note for part in parts for note in part.notes]
+    names = dict.fromkeys(name for part in parts for name in part.drivers)
+    from_rows = [
+        None if p.from_row is None else p.from_row + start for p, start in zip(parts, starts, strict=True)
+    ]
+    has_pose = any(part.pose is not None for part in parts)
+    # where repeats are numbered in another file only, every row here is a pose of its own
+    poses = [np.arange(len(part.q)) if part.pose is None else part.pose for part in parts]
+    return Recording(
+        joints=joints,
+        q=frozen(np.concatenate([part.q for part in parts])),
+        readings=_common(parts, "readings", sensor_columns, notes),
+        labels={
+            name: _labels(parts, name) for name in sensor_columns if any(name in p.labels for p in parts)
+        },
+        drivers=_common(parts, "drivers", tuple(names), notes),
+        files=tuple(part.file for part in parts),
+        source_file=frozen(np.repeat(np.arange(len(parts)), sizes)),
+        source_row=frozen(np.concatenate([np.arange(1, size + 1) for size in sizes])),
+        session=frozen(np.concatenate(_sessions(parts))),
+        session_recorded=frozen(np.repeat([part.session is not None for part in parts], sizes)),
+        validation=frozen(np.concatenate([part.validation for part in parts])),
+        pose=frozen(np.concatenate(poses)) if has_pose else None,
+        time=_if_all([part.time for part in parts], parts, "time", notes),
+        from_row=_if_all(from_rows, parts, "from", notes),
+        notes=tuple(notes),
+    )
+
+
+def _if_all(arrays: Sequence[Any], parts: Sequence[RecordingPart], name: str, notes: list[str]) -> Any:
+    """The arrays end to end, None (with a note) when a file has none."""
+    without = [part.file for part, array in zip(parts, arrays, strict=True) if array is None]
+    if not without:
+        return frozen(np.concatenate(arrays))
+    if len(without) < len(parts):
+        notes.append(f"column {name!r} is not used: {', '.join(without)} has none")
+    return None
+
+
+def _common(
+    parts: Sequence[RecordingPart], group: str, names: Sequence[str], notes: list[str]
+) -> dict[str, FloatArray]:
+    joined = {}
+    for name in names:
+        arrays = [_column(getattr(part, group), name) for part in parts]
+        values = _if_all(arrays, parts, name, notes)
+        if values is not None:
+            joined[name] = values
+    return joined
+
+
+def _column(columns: Mapping[str, FloatArray], name: str) -> FloatArray | None:
+    if name.startswith("temperature.") and name not in columns:
+        return columns.get(_AIR)
+    return columns.get(name)
+
+
+def _labels(parts: Sequence[RecordingPart], name: str) -> tuple[str, ...]:
+    return tuple(text for part in parts for text in part.labels.get(name, ("",) * len(part.q)))
+
+
+def _sessions(parts: Sequence[RecordingPart]) -> list[IntArray]:
+    """Session numbers of every file; a file without gets the next number nobody recorded."""
+    recorded = [part.session for part in parts if part.session is not None]
+    following = 1 + max((int(numbers.max()) for numbers in recorded), default=0)
+    out = []
+    for part in parts:
+        if part.session is None:
+            out.append(np.full(len(part.q), following, dtype=np.int64))
+            following += 1
+        else:
+            out.append(part.session)
+    return out

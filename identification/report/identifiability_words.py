@@ -1,0 +1,298 @@
+"""What poses can tell, as sentences for a terminal and as JSON.
+
+Wording follows from numbers alone: which parameters move together without a trace, in which proportion, and
+whether a common factor or a common shift of many of them is what no reading sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
+from truepose.identification.identifiability.observability import Direction, Knowledge, grouped
+from truepose.identification.identifiability.patterns import Blind, Pattern
+
+Json = dict[str, Any]
+SCHEMA = "truepose/identifiability/1"
+SHOWN = 8
+TERMS = 6
+FEW = 6
+"""Parameters of a block that are named one by one."""
+_NUMBER_WORDS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+
+
+def identifiability_lines(found: Identifiability, *, every: bool = False) -> list[str]:
+    """Plain lines: what was looked at, rank, unseen directions, nearly unseen ones, parameters.
+
+    ``every``: all parameters and directions, else the first few of each kind.
+    """
+    most = None if every else SHOWN
+    lines = [_poses_line(found), *_rank_lines(found)]
+    lines += _titled("no reading sees:", unseen_sentences(found.unseen), most)
+    lines += _titled(_as_built_title(found), [_terms(found.known, d) for d in found.unseen_at_drawing], most)
+    nearly = [
+        f"{_terms(found.known, d)} (readings alone: {_short(1 / d.size)} tolerances)"
+        for d in found.nearly
+        if d.size > 0
+    ]
+    lines += _titled("seen worse than the tolerances say, so that tolerances decide:", nearly, most)
+    lines += _status_lines(found)
+    left = len(found.subset.relations)
+    if left:
+        lines.append(
+            f"  {len(found.subset.kept)} parameters can be told apart from each other; "
+            f"left out as alike: {_listed(list(found.subset.relations), most or left)}"
+        )
+    return [*lines, *_table(found, every)]
+
+
+def _poses_line(found: Identifiability) -> str:
+    if found.seed is not None:
+        source = f"{found.poses} poses drawn over the joints' ranges (seed {found.seed})"
+    else:
+        source = f"{found.poses} poses of {', '.join(found.files)}"
+    return f"{found.machine}: {source}, {found.readings} readings"
+
+
+def _rank_lines(found: Identifiability) -> list[str]:
+    i = found.indices
+    seen = f"  the readings see {found.rank} of {found.free} directions of the free parameters"
+    if found.rank > found.rank_at_drawing:
+        seen += f" ({found.rank_at_drawing} exactly at the drawing)"
+    indices = ", ".join(f"O{k} {_short(v)}" for k, v in enumerate((i.o1, i.o2, i.o3, i.o4, i.o5), start=1))
+    return [
+        seen,
+        f"  condition number {_short(i.condition)}; observability {indices} "
+        "(seen directions; columns in tolerances, readings in sigmas)",
+    ]
+
+
+def _as_built_title(found: Identifiability) -> str:
+    return (
+        "unseen at the drawing, hardly seen on a machine as built "
+        f"(at best {_short(found.as_built_size)} sigmas a tolerance):"
+    )
+
+
+def _titled(title: str, items: Sequence[str], most: int | None) -> list[str]:
+    if not items:
+        return []
+    shown = list(items[:most])
+    more = [f"    and {len(items) - len(shown)} more (--json has all)"] if len(items) > len(shown) else []
+    return [f"  {title}", *(f"    {item}" for item in shown), *more]
+
+
+def unseen_sentences(blind: Blind) -> list[str]:
+    """Patterns that explain much in few words, then a sentence for each block of parameters that trade."""
+    said = [*_pattern_sentences(blind.patterns, blind.known.names)]
+    blocks = _blocks(blind.remaining)
+    alone = [block[0] for block in blocks if len(block) == 1 and len(block[0].parts) == 1]
+    for kind in (False, True):
+        found = {name for d in alone if d.open_ended is kind for name in d.parts}
+        names = [name for name in blind.known.names if name in found]
+        if names:
+            said.append(_alone_sentence(names, kind))
+    for block in blocks:
+        if block[0] not in alone:
+            said += _block_sentences(blind.known, block)
+    return said
+
+
+def _alone_sentence(names: Sequence[str], open_ended: bool) -> str:
+    if len(names) == 1:
+        who = "nothing decides, it stays at the drawing" if open_ended else "its tolerance decides"
+        return f"{names[0]} alone: no reading changes when it moves; {who}"
+    who = "nothing decides, they stay at the drawing" if open_ended else "tolerances decide"
+    return f"{_joined(grouped(names))}, each alone: no reading changes when one of them moves; {who}"
+
+
+def _pattern_sentences(found: Sequence[Pattern], names: Sequence[str]) -> list[str]:
+    """Motions of one body in one sentence; other patterns one each."""
+    out, bodies = [], dict[tuple[str, ...], list[Pattern]]()
+    for pattern in found:
+        if pattern.kind == "scale":
+            out.append("scale: all lengths can grow together by one factor; one known length would settle it")
+        elif pattern.kind == "shift":
+            members = ", ".join(grouped(pattern.members))
+            out.append(f"a common change of {members}: only their differences are seen")
+        else:
+            bodies.setdefault(pattern.members, []).append(pattern)
+    for points, motions in bodies.items():
+        undone = sorted({name for motion in motions for name in motion.undone_by}, key=list(names).index)
+        why = (
+            f"{', '.join(undone)} would undo it"
+            if undone
+            else "where the frame that they are written in sits is nobody's measurement"
+        )
+        out.append(f"points {_points(points)} move as one body {_motions(motions)}; {why}")
+    return out
+
+
+def _points(points: Sequence[str]) -> str:
+    named = grouped([point if "." in point else f"{point}." for point in points])
+    return _joined([name.rstrip(". ") for name in named])
+
+
+def _motions(motions: Sequence[Pattern]) -> str:
+    axes = {way: [m.motion[-1] for m in motions if m.motion.startswith(way)] for way in ("along", "about")}
+    return " and ".join(f"{way} {', '.join(named)}" for way, named in axes.items() if named)
+
+
+def _block_sentences(known: Knowledge, block: Sequence[Direction]) -> list[str]:
+    names = list(dict.fromkeys(name for direction in block for name in direction.parts))
+    left = len(names) - len(block)
+    if left == 0:
+        return [f"{_joined(names)}: no reading changes when they move; {_who(block[0])}"]
+    terms = [_terms(known, direction) for direction in block]
+    if len(names) <= FEW:
+        seen = f"only {_count(left)} combination{'s' if left > 1 else ''} of the {_count(len(names))}"
+        return [
+            f"{_joined(names)} trade with each other: {seen} {'are' if left > 1 else 'is'} seen "
+            f"({'; '.join(terms)}); {_who(block[0])}"
+        ]
+    return [f"moving {text} changes no reading; {_who(d)}" for text, d in zip(terms, block, strict=True)]
+
+
+def _who(direction: Direction) -> str:
+    return "nothing decides, they stay at the drawing" if direction.open_ended else "tolerances decide"
+
+
+def _blocks(directions: Sequence[Direction]) -> list[list[Direction]]:
+    """Directions that share a parameter, together."""
+    blocks: list[tuple[set[str], list[Direction]]] = []
+    for direction in directions:
+        names, members = set(direction.parts), [direction]
+        apart = []
+        for other, others in blocks:
+            if other & names:
+                names, members = names | other, [*others, *members]
+            else:
+                apart.append((other, others))
+        blocks = [*apart, (names, members)]
+    return [members for _, members in blocks]
+
+
+def _terms(known: Knowledge, direction: Direction) -> str:
+    """``base.z +1 mm, q1.r -1 mm``: parts that move alike are written together."""
+    units = dict(zip(known.names, known.units, strict=True))
+    lead = next(iter(direction.parts))
+    # a length leads with 1 mm, an angle with 1 mrad, anything else (a direction, a gain) with a thousandth
+    step = direction.parts[lead] * (1.0 if units[lead] == "mm" else 1e3)
+    by_amount: dict[tuple[str, str], list[str]] = {}
+    for name, part in direction.parts.items():
+        unit = {"rad": "mrad"}.get(units[name], units[name])
+        amount = part / step * (1e3 if units[name] == "rad" else 1.0)
+        by_amount.setdefault((f"{amount:+.3g}", unit), []).append(name)
+    groups = [
+        f"{', '.join(grouped(names))} {amount}{'' if unit == '1' else ' ' + unit}"
+        for (amount, unit), names in by_amount.items()
+    ]
+    return _listed(groups, TERMS)
+
+
+def _status_lines(found: Identifiability) -> list[str]:
+    out = []
+    for status in ("determined", "partly", "tolerance decides", "nothing decides"):
+        names = [p.name for p in found.parameters if p.status == status]
+        if names:
+            out.append(f"  {status} ({len(names)}): {', '.join(grouped(names))}")
+    return out
+
+
+def _table(found: Identifiability, every: bool) -> list[str]:
+    """Expected 1-sigma of every parameter; without ``every`` of machines of a few parameters only."""
+    if not every and len(found.parameters) > 40:
+        return [f"  --json has the 1-sigma to expect of each of the {len(found.parameters)} parameters"]
+    rows = [("parameter", "tolerance", "1-sigma to expect", "")]
+    rows += [
+        (p.name, _quantity(p.tolerance, p.unit), _quantity(p.std, p.unit), _remark(p))
+        for p in found.parameters
+    ]
+    widths = [max(len(row[k]) for row in rows) for k in range(3)]
+    return [
+        f"  {row[0]:<{widths[0]}}  {row[1]:>{widths[1]}}  {row[2]:>{widths[2]}}  {row[3]}".rstrip()
+        for row in rows
+    ]
+
+
+def _remark(parameter: ParameterSight) -> str:
+    if not parameter.partners:
+        return parameter.status
+    return f"{parameter.status}; trades with {_listed(grouped(parameter.partners), 3)}"
+
+
+def _quantity(value: float, unit: str) -> str:
+    if np.isinf(value):
+        return "unknown"
+    factor, name = {"rad": (180.0 / np.pi, "deg")}.get(unit, (1.0, unit))
+    return f"{value * factor:.3g} {'' if name == '1' else name}".rstrip()
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _count(number: int) -> str:
+    return _NUMBER_WORDS.get(number, str(number))
+
+
+def _joined(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _listed(items: Sequence[str], most: int) -> str:
+    more = f" and {len(items) - most} more" if len(items) > most else ""
+    return ", ".join(items[:most]) + more
+
+
+def identifiability_json(found: Identifiability) -> Json:
+    """Everything, in mm and rad; what is infinite or no number becomes null."""
+    from truepose.identification.report.results import finite
+
+    i = found.indices
+    out = {
+        "schema": SCHEMA,
+        "machine": found.machine,
+        "files": list(found.files),
+        "seed": found.seed,
+        "poses": found.poses,
+        "readings": found.readings,
+        "free_parameters": found.free,
+        "rank": found.rank,
+        "rank_at_drawing": found.rank_at_drawing,
+        "condition": i.condition,
+        "observability": {"O1": i.o1, "O2": i.o2, "O3": i.o3, "O4": i.o4, "O5": i.o5},
+        "parameters": {p.name: _parameter(p) for p in found.parameters},
+        "unseen": [_direction(found, d) for d in found.unseen.directions],
+        "unseen_at_drawing": [_direction(found, d) for d in found.unseen_at_drawing],
+        "nearly_unseen": [{**_direction(found, d), "sigmas_a_tolerance": d.size} for d in found.nearly],
+        "sentences": unseen_sentences(found.unseen),
+        "independent": {
+            "kept": list(found.subset.kept),
+            "left_out": {name: dict(terms) for name, terms in found.subset.relations.items()},
+            "condition": found.subset.condition,
+        },
+        "notes": list(found.notes),
+    }
+    return dict(finite(out))
+
+
+def _parameter(p: ParameterSight) -> Json:
+    return {
+        "unit": p.unit,
+        "tolerance": p.tolerance,
+        "std": p.std,
+        "std_at_drawing": p.std_at_drawing,
+        "status": p.status,
+        "trades_with": list(p.partners),
+    }
+
+
+def _direction(found: Identifiability, direction: Direction) -> Json:
+    return {"parts": dict(direction.parts), "meaning": _terms(found.known, direction)}
+
+
+__all__ = ["identifiability_json", "identifiability_lines", "unseen_sentences"]

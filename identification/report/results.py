@@ -1,0 +1,257 @@
+"""Results as JSON: ``diagnosis_json`` for ``diagnosis.json``, ``fit_json`` for ``fit.json``.
+
+What is no number (NaN, infinity) becomes null; the same result gives the same text.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.outliers import fringes_by_row
+from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, FitSummary, Quantity
+from truepose.identification.diagnosis.summary import rms_by_kind, worst_allowed
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.identifiability.observability import identifiable, unseen_directions
+from truepose.identification.recording.recording import Recording
+from truepose.models.effects.base import effects
+from truepose.models.machine import Machine
+
+DIAGNOSIS_SCHEMA = "truepose/diagnosis/1"
+FIT_SCHEMA = "truepose/fit/1"
+_UNITS = {"position": ("um", 1e3), "rotation": ("urad", 1e6), "distance": ("um", 1e3)}
+_FIT_UNITS = {"rotation": ("rad", 1.0)}
+Json = dict[str, Any]
+
+
+def json_text(value: Mapping[str, Any]) -> str:
+    """Indented JSON, keys in the order given, floats at full precision."""
+    return json.dumps(finite(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def finite(value: Any) -> Any:
+    """The same structure in plain types, with null for what is no finite number."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    if isinstance(value, (str, bool)) or value is None:
+        return value
+    if hasattr(value, "item"):
+        return finite(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def diagnosis_json(diagnosis: Diagnosis) -> Json:
+    """The content of ``diagnosis.json`` (interface, section 4)."""
+    left, proof = diagnosis.remainder, diagnosis.proof
+    out = {
+        "schema": DIAGNOSIS_SCHEMA,
+        "machine": diagnosis.machine.name,
+        "files": list(diagnosis.recording.files),
+        "verdict": diagnosis.verdict,
+        "concealed": diagnosis.concealed,
+        "alarms": {name: _alarm(a) for name, a in diagnosis.alarms.items()},
+        "alarms_after": {name: _alarm(a) for name, a in diagnosis.alarms_after.items()},
+        "findings": [*(_finding(f) for f in diagnosis.findings), *_outliers(diagnosis)],
+        "remainder": left
+        and {
+            "place": list(left.place),
+            "driver": left.driver,
+            "form": left.form,
+            "size_sigma": left.size_sigma,
+        },
+        "candidates": [_alternative(c) for c in diagnosis.candidates],
+        "evidence_map": dict(diagnosis.evidence_map),
+        "untestable": [{"effect": u.effect, "why": u.why} for u in diagnosis.untestable],
+        "fit": {name: _summary(fit, before=name != "free") for name, fit in diagnosis.fits.items()},
+        "proof": proof
+        and {
+            "held_out": proof.held_out,
+            "blocks": [{"name": b.name, "rows": b.rows, "ratio": b.ratio} for b in proof.blocks],
+            "ratio": proof.ratio,
+            "ratio_interval": list(proof.ratio_interval),
+            "placebo_gain": proof.placebo_gain,
+            "black_box_ratio": proof.black_box_ratio,
+            "injected_recovered": proof.injected_recovered,
+        },
+        "parameters": parameters_json(diagnosis.after),
+        "notes": list(diagnosis.notes),
+    }
+    return dict(finite(out))
+
+
+def fit_json(
+    fit: Estimate,
+    recording: Recording,
+    free: Estimate | None = None,
+    *,
+    notes: Sequence[str] = (),
+    method: Mapping[str, str] | None = None,
+) -> Json:
+    """The content of ``fit.json``: lengths in mm, angles in rad. ``free``: tolerances hardly hold it."""
+    out = {
+        "schema": FIT_SCHEMA,
+        "machine": fit.machine.name,
+        "method": dict(method or {}),
+        "files": list(recording.files),
+        **_figures(fit, recording),
+        "unseen": unseen_directions(fit),
+        "parameters": parameters_json(fit),
+        "effects": [_effect(fit, k) for k in range(len(fit.effects))],
+        "free": free and _figures(free, recording),
+        "notes": list(notes),
+    }
+    return dict(finite(out))
+
+
+def parameters_json(fit: Estimate) -> Json:
+    """Every free parameter of the machine: value, std, nominal (mm, rad), unit, tolerance, identifiable."""
+    seen, std, drawing = identifiable(fit), fit.std, _drawing(fit.machine)
+    unbounded = _unbounded(fit)
+    return {
+        p.name: {
+            "value": float(fit.p[k]),
+            "std": None if p.name in unbounded else float(std[k]),
+            "nominal": drawing.get(p.name, p.nominal),
+            "unit": p.unit,
+            "tolerance": p.tolerance,
+            "identifiable": seen[p.name],
+        }
+        for k, p in enumerate(fit.machine.parameters)
+        if fit.prior.sigma[k] > 0
+    }
+
+
+def _drawing(machine: Machine) -> Mapping[str, float]:
+    return machine.file.nominal if machine.file else {}
+
+
+def _unbounded(fit: Estimate) -> set[str]:
+    """Parameters that neither readings nor tolerances hold: their 1-sigma is infinite."""
+    std, free = fit.std, fit.prior.free
+    return {fit.prior.names[k] for k in free if std[k] > 1e9 * fit.prior.scale[k]}
+
+
+def _figures(fit: Estimate, recording: Recording) -> Json:
+    channels = tuple(channel for sensor in fit.machine.sensors for channel in sensor.channels)
+    kept = recording.validation & np.isfinite(fit.residual).all(axis=1)
+    worst = max(range(len(fit.p)), key=lambda k: abs(fit.in_tolerances[k]))
+    return {
+        "status": fit.solution.status.name.lower(),
+        "message": fit.solution.status.value,
+        "iterations": fit.solution.iterations,
+        "rows": int(fit.used.sum()),
+        "rows_left_out": [recording.where(k) for k in fit.unassembled],
+        "readings": fit.readings,
+        "effective_parameters": fit.effective_parameters,
+        "chi2": fit.chi2,
+        "chi2_per_dof": fit.chi2_per_dof,
+        "rms": _rms(rms_by_kind(fit.residual[fit.used], channels), _FIT_UNITS),
+        "validation_rms": _rms(rms_by_kind(fit.residual[kept], channels), _FIT_UNITS) if kept.any() else None,
+        "free_parameters": len(fit.prior.free),
+        "rank": fit.rank,
+        "worst_parameter_sigma": fit.worst_parameter_sigma,
+        "worst_parameter": fit.prior.names[worst],
+        "worst_parameter_allowed": worst_allowed(fit),
+    }
+
+
+def _effect(fit: Estimate, k: int) -> Json:
+    effect = fit.fitted_effects()[k]
+    std = dict(zip(fit.prior.names, fit.std.tolist(), strict=True))
+    parameters = {
+        c.name: {"value": effect.values[c.name], "std": std[f"{effect.label}:{c.name}"], "unit": c.unit}
+        for c in effect.coefficients
+    }
+    return {
+        "effect": effect.effect.slug,
+        "place": list(effect.place),
+        "settings": dict(effect.settings),
+        "parameters": parameters,
+    }
+
+
+def _alarm(alarm: Alarm) -> Json:
+    return {"statistic": alarm.statistic, "p": alarm.p, "raised": alarm.raised, "about": alarm.about}
+
+
+def _finding(finding: Finding) -> Json:
+    return {
+        "effect": finding.effect,
+        "place": list(finding.place),
+        "probability": finding.probability,
+        "certainty": finding.certainty,
+        "log_bayes_factor": finding.log_bayes_factor,
+        "equivalents": [_alternative(a) for a in finding.equivalents],
+        "parameters": {name: _quantity(q) for name, q in finding.parameters.items()},
+        "settings": [dict(s) for s in finding.settings],
+        "prior_dependent": finding.prior_dependent,
+        "flip_lambda": finding.flip_lambda,
+        "explanation": finding.explanation,
+        "separating_experiment": finding.separating_experiment,
+    }
+
+
+def _outliers(diagnosis: Diagnosis) -> list[Json]:
+    """Rows that were left out, as findings of their own; they do not change the verdict."""
+    rows = fringes_by_row(diagnosis.after, diagnosis.recording, diagnosis.outlier_rows)
+    others = [row for row in diagnosis.outlier_rows if row not in rows]
+    told = ", ".join(f"row {row}: {count:+d}" for row, count in rows.items())
+    found = [_row_finding(diagnosis, "fringe-miscount", list(rows), f" Half wavelengths too many: {told}.")]
+    found.append(_row_finding(diagnosis, "outliers", others))
+    return [finding for finding in found if finding["place"]]
+
+
+def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str = "") -> Json:
+    """A finding of rows."""
+    after, recording = diagnosis.after, diagnosis.recording
+    left_out = ~after.used & ~recording.validation & np.isfinite(after.residual).all(axis=1)
+    left_out &= np.isin(recording.source_row, rows)
+    far = after.residual[left_out] ** 2 / max(after.chi2_per_dof, 1.0)
+    effect, place = effects.get(slug, slug)(), tuple(str(row) for row in rows)
+    return {
+        "effect": slug,
+        "place": list(place),
+        "probability": 0.999,
+        "certainty": 0.999,
+        "log_bayes_factor": 0.5 * float(np.sum(far - 1.0)),
+        "equivalents": [],
+        "parameters": {},
+        "settings": [],
+        "prior_dependent": False,
+        "flip_lambda": None,
+        "explanation": effect.explain(diagnosis.machine, place) + more,
+        "separating_experiment": effect.experiment,
+    }
+
+
+def _alternative(other: Alternative) -> Json:
+    out: Json = {"effect": other.effect, "place": list(other.place)}
+    return {**out, "probability": other.probability, "log_bayes_factor": other.log_bayes_factor}
+
+
+def _quantity(quantity: Quantity) -> Json:
+    return {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}
+
+
+def _summary(fit: FitSummary, *, before: bool) -> Json:
+    out: Json = {"rms": _rms(fit.rms, _UNITS), "chi2_per_dof": fit.chi2_per_dof}
+    out["validation_rms"] = None if fit.validation_rms is None else _rms(fit.validation_rms, _UNITS)
+    if before:
+        out["worst_parameter_sigma"] = fit.worst_parameter_sigma
+        out["worst_parameter"] = fit.worst_parameter
+        out["worst_parameter_allowed"] = fit.worst_allowed
+    return out
+
+
+def _rms(rms: Mapping[str, float], units: Mapping[str, tuple[str, float]]) -> Json:
+    scaled = {kind: (value, *units.get(kind, ("mm", 1.0))) for kind, value in rms.items()}
+    return {kind: {"value": factor * value, "unit": unit} for kind, (value, unit, factor) in scaled.items()}
