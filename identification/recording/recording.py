@@ -109,8 +109,8 @@ class Recording:
         if after:
             return frozen((self.session_rank(sessions) >= int(after["rank"])).astype(np.float64))
         if "~" in name:
-            values = remembered(self, name)
-            return None if values is None else frozen(values)
+            values = remembered(self.whole, name)
+            return None if values is None else frozen(values[self.rows])
         if name == "time":
             return self.time
         if name.startswith("temperature.") and name not in self.drivers:
