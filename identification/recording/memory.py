@@ -6,8 +6,8 @@ order, means the same where time is recorded. See ``remembered`` for their names
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -20,19 +20,17 @@ from truepose.identification.recording.history import (
     order_in_time,
     stop_operator,
 )
+from truepose.models.driver import APPROACH, Driver
 from truepose.models.units import FloatArray
 
 if TYPE_CHECKING:
     from truepose.identification.recording.recording import Recording
 
 IntArray = npt.NDArray[np.int64]
-_NUMBER: Final = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
-_NAME: Final = re.compile(rf"^(?P<kind>stop|loop|creep)\.(?P<joint>.+?)(?P<numbers>(?:~{_NUMBER})+)$")
-_LAG: Final = re.compile(rf"^(?P<driver>.+)~(?P<seconds>{_NUMBER})$")
 _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
 
 
-def remembered(recording: Recording, name: str) -> FloatArray | None:
+def remembered(recording: Recording, driver: Driver) -> FloatArray | None:
     """A driver that remembers, (n,); None when the recording lacks what it is made of, or the name means nothing.
 
     Numbers are in the unit that the reading has inside (mm, rad, turn).
@@ -46,23 +44,14 @@ def remembered(recording: Recording, name: str) -> FloatArray | None:
     session, as long as one clock runs through them.
     """
     whole = recording.whole
-    found = _NAME.match(name)
-    if found:
-        numbers = [float(v) for v in found["numbers"].split("~")[1:]]
-        known = found["joint"] in whole.joints and len(numbers) in _NUMBERS[found["kind"]]
-        values = _KINDS[found["kind"]](whole, found["joint"], numbers) if known else None
+    *before, last = driver.numbers
+    if driver.kind not in _KINDS:
+        values = _lagged(whole, replace(driver, numbers=tuple(before)).name, last)
+    elif driver.place in whole.joints and len(driver.numbers) in _NUMBERS[driver.kind]:
+        values = _KINDS[driver.kind](whole, driver.place, list(driver.numbers))
     else:
-        lag = _LAG.match(name)
-        values = _lagged(whole, lag["driver"], float(lag["seconds"])) if lag else None
+        values = None
     return None if values is None else values[recording.rows]
-
-
-def column_behind(name: str) -> str:
-    """The column to record for a driver: ``time`` for creep, the joint for what its way tells, else its own name."""
-    found = _NAME.match(name)
-    if found:
-        return "time" if found["kind"] == "creep" else found["joint"]
-    return name.split("~", maxsplit=1)[0]
 
 
 def _order(whole: Recording) -> IntArray:
@@ -84,7 +73,7 @@ def _pieces_of_clock(whole: Recording, order: IntArray) -> IntArray:
 
 def _stop(whole: Recording, joint: str, numbers: list[float]) -> FloatArray:
     order = _order(whole)
-    recorded = whole.drivers.get(f"approach.{joint}")
+    recorded = whole.drivers.get(Driver(APPROACH, joint).name)
     approach = np.zeros(len(whole)) if recorded is None else np.sign(recorded)
     readings = whole.q[:, whole.joints.index(joint)]
     out = np.empty(len(whole))
@@ -126,4 +115,4 @@ _KINDS: Final[Mapping[str, Callable[[Recording, str, list[float]], FloatArray | 
     "creep": _creep,
 }
 
-__all__ = ["column_behind", "remembered"]
+__all__ = ["remembered"]
