@@ -12,7 +12,7 @@ from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import AXES, BASE, Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.placed import PlacedEffect
-from truepose.models.sensor import Sensor
+from truepose.models.sensor import Channel, Sensor
 
 FRAMES = ("base", "tool")
 PAYLOAD = "payload"
@@ -54,6 +54,16 @@ class Machine:
         """Geometry, frames and sensors, in one fixed order."""
         sensor = tuple(p for s in self.sensors for p in s.parameters)
         return (*self.mechanism.parameters, *self.frames, *sensor)
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Residual components of every sensor, in order."""
+        return tuple(channel for sensor in self.sensors for channel in sensor.channels)
+
+    @property
+    def residual_units(self) -> Mapping[str, str]:
+        """Internal unit of each kind of residual component."""
+        return {channel.kind: channel.unit for channel in self.channels}
 
     @property
     def geometry(self) -> Mapping[str, Parameter]:

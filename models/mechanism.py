@@ -206,6 +206,11 @@ class Mechanism:
         return tuple(actuator.reading for actuator in self.actuators)
 
     @property
+    def reading_units(self) -> Mapping[str, str]:
+        """Unit of each reading's column: mm, rad or turn."""
+        return {actuator.reading: actuator.reading_unit for actuator in self.actuators}
+
+    @property
     def passive(self) -> tuple[Joint, ...]:
         """Joints of the tree that no actuator drives and that can move."""
         driven = {actuator.drives for actuator in self.actuators}

@@ -160,7 +160,6 @@ def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
     free, before, named = fits.free, fits.before, verdict == "missing-physics"
     after = selection.fit if named else before
     stages = {"free": free, "before": before, "after": after}
-    channels = Predictor(machine, recording).channels
     proof = (
         prove(before, after, recording, fits.outliers, signatures, cat, selection.grid, selection.accepted)
         if named
@@ -182,7 +181,10 @@ def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
         free=free,
         before=before,
         after=after,
-        fits={name: summary.summarise(fit, channels, recording.validation) for name, fit in stages.items()},
+        fits={
+            name: summary.summarise(fit, machine.channels, recording.validation)
+            for name, fit in stages.items()
+        },
         proof=proof,
         terms=after.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),

@@ -32,6 +32,7 @@ from truepose.commands.discriminate import (
 from truepose.commands.discriminate import run as run_discriminate
 from truepose.commands.tables import write_table
 from truepose.errors import InputError
+from truepose.models.driver import Driver
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -188,7 +189,7 @@ def _lines(found: Plan) -> list[str]:
 def _notes(found: Plan) -> list[str]:
     notes = []
     unplanned = dict.fromkeys(
-        name.split("~")[0] for effect in found.machine.effects for name in effect.drivers
+        Driver.of(name).now.name for effect in found.machine.effects for name in effect.drivers
     )
     notes += [
         f"{name!r} is not planned: effects that depend on it count at its default" for name in unplanned
