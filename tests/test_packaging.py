@@ -94,14 +94,6 @@ def test_the_wheel_holds_the_tracked_files_and_nothing_else(tmp_path: Path) -> N
     assert licence
 
 
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_links_are_relative(folder: str) -> None:
-    link = ROOT / "src" / "truepose" / folder
-    assert link.is_symlink()
-    assert str(link.readlink()) == f"../../{folder}"
-    assert link.resolve() == ROOT / folder
-
-
 def test_the_tests_command_of_the_readme_is_that_of_ci() -> None:
     (command,) = [line for line in COMMANDS if "pytest" in line]
     assert command in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
