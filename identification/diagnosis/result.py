@@ -103,7 +103,7 @@ class FitSummary:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The whole outcome; ``to_json`` in ``truepose.identification.diagnosis.export`` writes it down."""
+    """The whole outcome; ``truepose.identification.report.results`` writes it down."""
 
     machine: Machine
     recording: Recording
