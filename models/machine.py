@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
+from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import AXES, BASE, Mechanism
 from truepose.models.parameters import Parameter
-
-if TYPE_CHECKING:
-    from truepose.models.effects.base import PlacedEffect
-    from truepose.models.machine_file import MachineFile
-    from truepose.models.sensors.base import Channel, Sensor
+from truepose.models.placed import PlacedEffect
+from truepose.models.sensor import Channel, Sensor
 
 FRAMES = ("base", "tool")
 PAYLOAD = "payload"

@@ -9,8 +9,12 @@ import numpy as np
 from telescope_simulator import nominal_machine, simulate
 
 from truepose.identification.fit.implicit import ClosurePredictor
-from truepose.identification.fit.subset_estimate import SubsetEstimate, columns_at_drawing, estimate_subset
 from truepose.identification.identifiability.subset import Columns
+from truepose.identification.identifiability.subset_estimate import (
+    SubsetEstimate,
+    columns_at_drawing,
+    estimate_subset,
+)
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie

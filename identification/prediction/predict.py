@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.fit.covariance import Covariance
+from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie

@@ -106,8 +106,8 @@ class Recording:
         if driver.after is not None:
             return frozen((self.session_rank(sessions) >= driver.after).astype(np.float64))
         if driver.numbers:
-            values = remembered(self, driver)
-            return None if values is None else frozen(values)
+            values = remembered(self.whole, driver)
+            return None if values is None else frozen(values[self.rows])
         return self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
 
     def derived_approach(self, joint: str) -> FloatArray:

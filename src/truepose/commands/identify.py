@@ -69,7 +69,7 @@ def calibrate(
     """
     with reported(plugin):
         from truepose.identification.fit.calibrate import calibrate as run
-        from truepose.identification.recording.load import load_recording
+        from truepose.identification.fringes.load import load_recording
         from truepose.models.load import load_machine
 
         check_directory(output)
@@ -112,7 +112,7 @@ def diagnose(
     """
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
-        from truepose.identification.recording.load import load_recording
+        from truepose.identification.fringes.load import load_recording
         from truepose.models.load import load_machine
 
         check_directory(output)
