@@ -64,8 +64,9 @@ def remembered(whole: Logged, driver: Driver) -> FloatArray | None:
     *before, last = driver.numbers
     if driver.kind not in _KINDS:
         return _lagged(whole, replace(driver, numbers=tuple(before)).name, last)
-    known = driver.place in whole.joints and len(driver.numbers) in _NUMBERS[driver.kind]
-    return _KINDS[driver.kind](whole, driver.place, list(driver.numbers)) if known else None
+    if driver.place in whole.joints and len(driver.numbers) in _NUMBERS[driver.kind]:
+        return _KINDS[driver.kind](whole, driver.place, list(driver.numbers))
+    return None
 
 
 def _order(whole: Logged) -> IntArray:
