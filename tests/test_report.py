@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from truepose.identification.report import (
     calibration_text,
     report_html,
     report_text,
-    write_report,
 )
 from truepose.models.machine import Machine
 
@@ -173,11 +171,6 @@ def test_page_loads_nothing(page: str) -> None:
 
 def test_same_bytes_each_time(page: str, machine: Machine) -> None:
     assert page == report_html(synthetic(machine))
-
-
-def test_written_file_is_the_page(diagnosis: Diagnosis, page: str, tmp_path: Path) -> None:
-    path = write_report(diagnosis, tmp_path / "report.html")
-    assert path.read_text(encoding="utf-8") == page
 
 
 def test_text_from_users_is_escaped(machine: Machine) -> None:

@@ -36,13 +36,6 @@ def report_html(diagnosis: Diagnosis, truth: Mapping[str, Any] | None = None) ->
     return render.html(_diagnosis_document(diagnosis, truth))
 
 
-def write_report(diagnosis: Diagnosis, path: Path | str, truth: Mapping[str, Any] | None = None) -> Path:
-    """Write ``report_html`` to a file and return its path."""
-    path = Path(path)
-    path.write_text(report_html(diagnosis, truth), encoding="utf-8")
-    return path
-
-
 def report_text(diagnosis: Diagnosis) -> str:
     """What was left out and what the data cannot tell, for a terminal."""
     parts = [findings_section(diagnosis), fit_section(diagnosis), limits_section(diagnosis)]
