@@ -1,17 +1,22 @@
 """Result files that are either whole or not there at all.
 
-`atomic_file` and `atomic_write_text` for one file, `atomic_directory` for several that belong together.
+`atomic_file` for one file, `atomic_write_text` and `write_table` for what most files hold, `atomic_directory` for
+several that belong together.
 """
 
 from __future__ import annotations
 
 import contextlib
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from truepose.errors import InputError
 from truepose.publication import NEW, begun, clear, held, publish, stage_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @contextlib.contextmanager
@@ -43,6 +48,19 @@ def atomic_write_text(path: Path | str, text: str) -> None:
     """Write a text file (UTF-8, line ends as given) as `atomic_file` does."""
     with atomic_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
         stream.write(text)
+
+
+def write_table(path: Path, frame: pd.DataFrame, comments: Iterable[str] = ()) -> None:
+    """CSV, or Parquet by the file's ending; whole or not at all, floats at full precision.
+
+    ``comments`` stand above the header of a CSV; Parquet has no place for them.
+    """
+    if path.suffix.lower() in {".parquet", ".pq"}:
+        with atomic_file(path) as partial:
+            frame.to_parquet(partial, index=False)
+        return
+    head = "".join(f"# {line}\n" for line in comments)
+    atomic_write_text(path, head + frame.to_csv(index=False, lineterminator="\n"))
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ from truepose.commands.common import (
     progress,
     reported,
 )
+from truepose.files import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,17 +102,6 @@ def simulate(
             write_table(output, frame)
         notes = [*rows.notes, *unheard(whole, rows)]
         _finish("simulate", frame, output, notes, as_json)
-
-
-def write_table(path: Path, frame: pd.DataFrame) -> None:
-    """CSV, or Parquet by the file's ending; whole or not at all, floats at full precision."""
-    from truepose.files import atomic_file, atomic_write_text
-
-    if path.suffix.lower() not in {".parquet", ".pq"}:
-        atomic_write_text(path, frame.to_csv(index=False, lineterminator="\n"))
-        return
-    with atomic_file(path) as partial:
-        frame.to_parquet(partial, index=False)
 
 
 def _finish(command: str, frame: pd.DataFrame, output: Path, notes: list[str], as_json: bool) -> None:
