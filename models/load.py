@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -137,7 +138,14 @@ def _sensors(file: MachineFile) -> tuple[Sensor, ...]:
     out = []
     for k, section in enumerate(file.sensors):
         context = BuildContext(file, ("sensor", k) if several else ("sensor",))
-        out.append(sensors.get(section.get("type"), f"{context.where}.type").build(section, context))
+        sensor = sensors.get(section.get("type"), f"{context.where}.type").build(section, context)
+        for channel in sensor.channels:  # a plug-in may not have checked its own
+            if not 0.0 < channel.sigma < math.inf:
+                raise InputError(
+                    f"{context.where}: found a sigma of {channel.sigma} of {channel.name!r}, "
+                    "expected a finite number > 0"
+                )
+        out.append(sensor)
     return tuple(out)
 
 

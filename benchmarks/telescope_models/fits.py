@@ -8,13 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from telescope_simulator import nominal_machine, simulate
 
-from truepose.identification.fit.implicit import ClosurePredictor
 from truepose.identification.identifiability.subset import Columns
-from truepose.identification.identifiability.subset_estimate import (
-    SubsetEstimate,
-    columns_at_drawing,
-    estimate_subset,
-)
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie
@@ -23,6 +17,8 @@ from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 from .campaign import Array, Campaign
+from .implicit import ClosurePredictor
+from .subset_estimate import SubsetEstimate, columns_at_drawing, estimate_subset
 
 PLATFORMS = ("rigid", "linear", "matrix")
 LEAST = 0.1

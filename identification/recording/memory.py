@@ -6,8 +6,8 @@ order, means the same where time is recorded. See ``remembered`` for their names
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Final, Protocol
 
 import numpy as np
@@ -20,12 +20,10 @@ from truepose.identification.recording.history import (
     order_in_time,
     stop_operator,
 )
+from truepose.models.driver import APPROACH, Driver
 from truepose.models.units import FloatArray
 
 IntArray = npt.NDArray[np.int64]
-_NUMBER: Final = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
-_NAME: Final = re.compile(rf"^(?P<kind>stop|loop|creep)\.(?P<joint>.+?)(?P<numbers>(?:~{_NUMBER})+)$")
-_LAG: Final = re.compile(rf"^(?P<driver>.+)~(?P<seconds>{_NUMBER})$")
 _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
 
 
@@ -50,7 +48,7 @@ class Logged(Protocol):
     def __len__(self) -> int: ...
 
 
-def remembered(whole: Logged, name: str) -> FloatArray | None:
+def remembered(whole: Logged, driver: Driver) -> FloatArray | None:
     """A driver that remembers, (n,); None when the recording lacks what it is made of, or the name means nothing.
 
     ``whole`` is no part of a recording. Numbers are in the unit that the reading has inside (mm, rad, turn).
@@ -63,21 +61,12 @@ def remembered(whole: Logged, name: str) -> FloatArray | None:
     The way of a joint begins anew in every session, and without a clock in every file; creep goes on from session to
     session, as long as one clock runs through them.
     """
-    found = _NAME.match(name)
-    if found:
-        numbers = [float(v) for v in found["numbers"].split("~")[1:]]
-        known = found["joint"] in whole.joints and len(numbers) in _NUMBERS[found["kind"]]
-        return _KINDS[found["kind"]](whole, found["joint"], numbers) if known else None
-    lag = _LAG.match(name)
-    return _lagged(whole, lag["driver"], float(lag["seconds"])) if lag else None
-
-
-def column_behind(name: str) -> str:
-    """The column to record for a driver: ``time`` for creep, the joint for what its way tells, else its own name."""
-    found = _NAME.match(name)
-    if found:
-        return "time" if found["kind"] == "creep" else found["joint"]
-    return name.split("~", maxsplit=1)[0]
+    *before, last = driver.numbers
+    if driver.kind not in _KINDS:
+        return _lagged(whole, replace(driver, numbers=tuple(before)).name, last)
+    if driver.place in whole.joints and len(driver.numbers) in _NUMBERS[driver.kind]:
+        return _KINDS[driver.kind](whole, driver.place, list(driver.numbers))
+    return None
 
 
 def _order(whole: Logged) -> IntArray:
@@ -99,7 +88,7 @@ def _pieces_of_clock(whole: Logged, order: IntArray) -> IntArray:
 
 def _stop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
     order = _order(whole)
-    recorded = whole.drivers.get(f"approach.{joint}")
+    recorded = whole.drivers.get(Driver(APPROACH, joint).name)
     approach = np.zeros(len(whole)) if recorded is None else np.sign(recorded)
     readings = whole.q[:, whole.joints.index(joint)]
     out = np.empty(len(whole))
@@ -141,4 +130,4 @@ _KINDS: Final[Mapping[str, Callable[[Logged, str, list[float]], FloatArray | Non
     "creep": _creep,
 }
 
-__all__ = ["Logged", "column_behind", "remembered"]
+__all__ = ["Logged", "remembered"]

@@ -6,6 +6,7 @@ The names below are all that a script needs; they are imported when first used.
 from __future__ import annotations
 
 import importlib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
     from truepose.models.load import load_machine
 
 __version__ = "0.1.0"
+
+_HERE = Path(__file__).parent
+if not (_HERE / "models").is_dir():  # unpacked or cloned without links: models and its like are beside src
+    __path__.append(str(_HERE.parents[1]))
 
 _HOMES = {
     "calibrate": "truepose.identification.fit.calibrate",
