@@ -16,8 +16,7 @@ from support import MACHINES
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import missed_chi2
-from truepose.identification.diagnosis.evidence import Grid
-from truepose.identification.diagnosis.selection import rank
+from truepose.identification.diagnosis.effect_selection import rank
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.planning.discriminate.criterion import Contest, Race, chosen
@@ -31,6 +30,7 @@ from truepose.identification.prediction.simulate import parse_effect, simulate, 
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.experiment_words import sentences
 from truepose.identification.report.pose_tables import experiment_table
+from truepose.identification.selection.scales import Grid
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

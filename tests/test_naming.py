@@ -21,11 +21,11 @@ from truepose.identification.diagnosis.doubt import (
     doubted,
     same_part,
 )
+from truepose.identification.diagnosis.effect_selection import Selection
 from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.naming import likelier
 from truepose.identification.diagnosis.remainder import pile
 from truepose.identification.diagnosis.result import Alternative, Finding, Form, Remainder
-from truepose.identification.diagnosis.selection import Selection
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.load import load_recording
@@ -137,10 +137,10 @@ def test_a_likelier_cause_takes_a_terms_place_where_it_stays_likelier_in_its_own
         for term in (shift, drift)
     }
     classes = {shift: [first], drift: [later]}
-    monkeypatch.setattr(naming, "only", lambda selection, *_: selection)
+    monkeypatch.setattr(naming, "restricted", lambda selection, *_: selection)
     monkeypatch.setattr(naming, "_classes", lambda selection: classes[next(iter(selection.accepted))])
     monkeypatch.setattr(naming, "_exchanged", lambda *_: selections[drift])
-    chosen, named = naming.name(cast(Selection, selections[shift]), np.zeros(0, dtype=bool), None)
+    chosen, named = naming.name_terms(cast(Selection, selections[shift]), np.zeros(0, dtype=bool), None)
     assert list(chosen.accepted) == [drift if stays else shift]
     assert named == classes[drift if stays else shift]
 

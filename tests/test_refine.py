@@ -15,18 +15,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
-from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.evidence import grid_for
-from truepose.identification.diagnosis.refine import log_share, refined
-from truepose.identification.diagnosis.selection import (
+from truepose.identification.diagnosis.effect_evidence import grid_for
+from truepose.identification.diagnosis.effect_selection import (
     BOUND_DOUBT,
     LARGEST_COST,
     WIDE,
     Selection,
+    log_posterior,
     physical,
     select,
-    weight,
 )
+from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.refine import log_share, refined
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -217,7 +217,7 @@ def test_a_selection_weighs_more_with_the_true_term_than_without(tmp_path: Path)
     lin = searched.signatures.linearise(without)
     empty = Selection({}, without, lin, found.grid, searched.signatures, searched.catalogue)
     assert found.all_named
-    assert weight(found) > weight(empty) + 100
+    assert log_posterior(found) > log_posterior(empty) + 100
 
 
 # -- bounds --------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """Which parameters move between recordings, how fast, and how long an older calibration lasts.
 
 All sessions are one least-squares problem. Every parameter is common to all sessions unless the evidence asks
-for copies of its own (``drift_selection``); sizes and rates come from the joint covariance, in which what no
+for copies of its own (``movement_selection``); sizes and rates come from the joint covariance, in which what no
 recording can tell stays uncertain. See docs/identifiability.md.
 """
 
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.drift.durability import Durability, durability
-from truepose.identification.drift.evidence import Point, Stack, grid, state
-from truepose.identification.drift.selection import Selection, candidates_of, select
+from truepose.identification.drift.movement_evidence import Stack, grid_for
+from truepose.identification.drift.movement_selection import Selection, candidates_of, select
 from truepose.identification.drift.sessions import Session, bounded, linearised, sessions_of
 from truepose.identification.drift.sizes import Movement, joint_parameters, movements
 from truepose.identification.fit.align import aligned_start
@@ -152,7 +152,7 @@ def _joint(
     candidates = candidates_of(machine, prior)
     for _ in range(ROUNDS):
         stack = Stack.of([linearised(s, prior, p) for s, p in zip(sessions, places, strict=True)], prior)
-        found = select(stack, candidates, _points(stack), progress)
+        found = select(stack, candidates, grid_for(stack).points, progress)
         there = joint_parameters(stack, found, prior)
         steps = (there - np.array(places))[:, prior.free] / prior.scale[prior.free]
         change = np.linalg.norm(np.einsum("kij,kj->ki", stack.jacobian, steps), axis=1)
@@ -176,12 +176,6 @@ def _about(session: Session, prior: Prior, start: Array, p: Array) -> Array:
     return start
 
 
-def _points(stack: Stack) -> tuple[Point, ...]:
-    """Noise up to what is left when nothing may move."""
-    nothing = state(stack, {}, Point(1.0, 1.0, 0.0))
-    return grid(stack, float(np.linalg.norm(nothing.residual)) / np.sqrt(stack.readings))
-
-
 def _unseen(machine: Machine, stack: Stack, prior: Prior, places: Array) -> Blind:
     """What no session sees, not even the one that sees most: whether it moved cannot be told."""
     parts = [Decomposition.of(jacobian, stack.weight) for jacobian in stack.jacobian]
@@ -196,6 +190,3 @@ def _lost(sessions: Sequence[Session], fits: Sequence[Estimate]) -> list[str]:
         for session, fit in zip(sessions, fits, strict=True)
         for k in fit.unassembled
     ]
-
-
-__all__ = ["Drift", "drift"]

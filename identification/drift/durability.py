@@ -190,6 +190,3 @@ def _own(fit: Estimate) -> Check:
     channels = [channel for sensor in fit.machine.sensors for channel in sensor.channels]
     rms = rms_by_kind(fit.residual[fit.used], channels)
     return Check(rms, rms, 1.0, True)
-
-
-__all__ = ["Check", "Durability", "durability", "noise_of"]

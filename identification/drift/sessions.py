@@ -116,6 +116,3 @@ def linearised(session: Session, prior: Prior, p: Array) -> Linear:
 def bounded(prior: Prior) -> Prior:
     """The prior with infinite tolerances made very wide: a session of few rows may say nothing of them."""
     return replace(prior, sigma=np.where(np.isinf(prior.sigma), UNBOUNDED * prior.scale, prior.sigma))
-
-
-__all__ = ["Linear", "Session", "bounded", "linearised", "sessions_of"]

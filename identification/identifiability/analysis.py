@@ -221,12 +221,3 @@ def _status(seen: bool, std: float, tolerance: float) -> str:
     if seen:
         return "determined"
     return "tolerance decides" if std > UNTOUCHED * tolerance else "partly"
-
-
-__all__ = [
-    "DRAWN_POSES",
-    "Identifiability",
-    "ParameterSight",
-    "drawn_poses",
-    "identifiability",
-]

@@ -248,17 +248,3 @@ def _reduce(rows: Array, lead: int, pivot: int) -> None:
     for other in range(len(rows)):
         if other != lead:
             rows[other] -= rows[other, pivot] * rows[lead]
-
-
-__all__ = [
-    "Direction",
-    "Knowledge",
-    "determined",
-    "grouped",
-    "identifiable",
-    "nearly_unseen",
-    "shares",
-    "units_of",
-    "unseen",
-    "unseen_directions",
-]

@@ -161,6 +161,3 @@ def _parameter_table(found: Drift) -> Table:
         "The last column: two sigmas of a movement from the first session to the last, if it moved alone."
     )
     return Table(head, rows, caption=caption, text_columns=2)
-
-
-__all__ = ["drift_html"]

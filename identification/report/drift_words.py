@@ -255,17 +255,3 @@ def _check(check: Check | None) -> Json | None:
         "p": check.p,
         "suffices": check.holds,
     }
-
-
-__all__ = [
-    "advice",
-    "drift_json",
-    "drift_lines",
-    "durability_sentences",
-    "headline",
-    "movement_sentence",
-    "place",
-    "rate_unit",
-    "span",
-    "still_sentences",
-]

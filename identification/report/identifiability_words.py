@@ -285,6 +285,3 @@ def _parameter(p: ParameterSight) -> Json:
 
 def _direction(found: Identifiability, direction: Direction) -> Json:
     return {"parts": dict(direction.parts), "meaning": _terms(found.known, direction)}
-
-
-__all__ = ["identifiability_json", "identifiability_lines", "unseen_sentences"]

@@ -229,6 +229,3 @@ def _unused(offer: Offer, varied: Sequence[Factor]) -> list[str]:
         for driver in offer.levels
         if driver not in read and not (driver == "temperature.air" and shared)
     ]
-
-
-__all__ = ["discriminate"]

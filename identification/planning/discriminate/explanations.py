@@ -187,6 +187,3 @@ def _in_scales(form: Form, amplitudes: Sequence[float]) -> Array:
 
 def _twins(explanation: Explanation) -> set[str]:
     return {slug for part in explanation.forms[0] for slug in part.effect.twins(part.settings_map)}
-
-
-__all__ = ["EXPECTED", "Class", "Explanation", "Form", "class_of", "explanation"]

@@ -91,6 +91,3 @@ class Experiment:
     def hopeless(self) -> bool:
         """Whether no row that may be taken tells any pair apart."""
         return not any(pair.separable for pair in self.pairs)
-
-
-__all__ = ["SPLIT", "Experiment", "Pair", "Worth"]

@@ -27,7 +27,6 @@ from truepose.commands.discriminate import (
     TemperatureOption,
     VaryOption,
     WithOption,
-    request,
 )
 from truepose.commands.discriminate import run as run_discriminate
 from truepose.errors import InputError
@@ -96,7 +95,14 @@ def plan(
     Example: truepose plan machine.yaml -n 40 -o poses.csv --diagnosis result/diagnosis.json --payload 0,2.5,5
     """
     with reported(plugin):
-        asked = request(discriminate, rival, diagnosis, payload, temperature, vary, recorded, target)
+        asked = Request(
+            names=(*(discriminate or ()), *(rival or ())),
+            diagnosis=diagnosis,
+            payload=payload,
+            vary=(*(f"temperature.{text}" for text in temperature or ()), *(vary or ())),
+            recorded=tuple(recorded or ()),
+            targets=tuple(target or ()),
+        )
         if asked.wanted:
             _check_calibration_options(method, criterion)
             _discriminate(machine, n, output, asked, candidates, seed, as_json)
