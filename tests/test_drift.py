@@ -25,7 +25,7 @@ from truepose.errors import InputError
 from truepose.identification.drift.analysis import Drift, drift
 from truepose.identification.drift.movement_evidence import Stack, solve, weigh
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.drift_words import drift_json, drift_lines
+from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
 from truepose.identification.selection.scales import Point
 from truepose.models.load import load_machine
 
@@ -294,7 +294,7 @@ def test_rows_that_count_from_another_session_are_left_out(tmp_path: Path) -> No
     run("simulate", machine, tmp_path / "poses.csv", "-o", tmp_path / "read.csv")
     loaded = load_machine(machine)
     found = drift(loaded, load_recording(loaded, [tmp_path / "read.csv"]))
-    assert any("row 21: counts from a row of another session" in note for note in found.notes)
+    assert any("row 21: counts from a row of another session" in note for note in drift_notes(found))
     assert found.readings == (19, 19)  # the first row reads 0, the 21st is left out
     assert not moved(found)
 

@@ -21,8 +21,8 @@ from truepose.identification.diagnosis.effect_selection import (
     LARGEST_COST,
     WIDE,
     Selection,
+    log_plausibility,
     log_posterior,
-    physical,
     select,
 )
 from truepose.identification.diagnosis.engine import diagnose
@@ -226,15 +226,15 @@ def test_a_selection_weighs_more_with_the_true_term_than_without(tmp_path: Path)
 @given(st.floats(1.0, 40.0), st.floats(1.0, 1.5))
 def test_the_further_beyond_its_bound_the_more_a_coefficient_costs(times: float, more: float) -> None:
     cat = _bounded()
-    here, beyond = (physical(cat, 0, np.array([v]), np.array([0.0])) for v in (times, times * more))
+    here, beyond = (log_plausibility(cat, 0, np.array([v]), np.array([0.0])) for v in (times, times * more))
     assert 0.0 >= here >= beyond >= -LARGEST_COST
     assert here == pytest.approx(max(-0.5 * (np.log(times) / BOUND_DOUBT) ** 2, -LARGEST_COST))
-    assert physical(cat, 0, np.array([-times]), np.array([0.0])) == here
+    assert log_plausibility(cat, 0, np.array([-times]), np.array([0.0])) == here
 
 
 @given(st.floats(-1.0, 1.0), st.floats(0.0, 3.0))
 def test_within_its_bounds_a_coefficient_costs_nothing(value: float, std: float) -> None:
-    assert physical(_bounded(), 0, np.array([value]), np.array([std])) == 0.0
+    assert log_plausibility(_bounded(), 0, np.array([value]), np.array([std])) == 0.0
 
 
 def _bounded() -> Catalogue:

@@ -80,12 +80,12 @@ def rank(
     result = weigh(lin, wanted, grid, accepted)
     gain = result.gain.copy()
     for j, i in enumerate(wanted):
-        gain[j] += physical(cat, i, result.amplitude[j], result.std[j])
+        gain[j] += log_plausibility(cat, i, result.amplitude[j], result.std[j])
     odds = gain + np.array([cat.log_odds(i, accepted) for i in wanted]) if len(wanted) else gain
     return Ranking(tuple(wanted), odds, gain, result)
 
 
-def physical(cat: Catalogue, index: int, amplitude: Array, spread: Array) -> float:
+def log_plausibility(cat: Catalogue, index: int, amplitude: Array, spread: Array) -> float:
     """Log factor of physical signs and bounds of a candidate's coefficients."""
     total = 0.0
     for c, mean, std in zip(cat.candidates[index].coefficients, amplitude, spread, strict=True):

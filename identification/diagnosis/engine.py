@@ -125,7 +125,7 @@ def _judge(fits: _Fits, found: Selection) -> _Outcome:
     """Names, what is left beside them, and the verdict."""
     signatures, cat = found.signatures, found.catalogue
     machine, recording = signatures.machine, signatures.recording
-    rival = remainder.unnamed(cat, found.accepted, found.fit)
+    rival = remainder.strongest_unnamed(cat, found.accepted, found.fit)
     selection, named_terms = name_terms(found, fits.outliers, rival)
     lin, stated = signatures.linearise(fits.before), dict.fromkeys(cat.stated, WIDE)
     others = [i for i in range(len(cat.candidates)) if i not in stated]
@@ -139,7 +139,7 @@ def _judge(fits: _Fits, found: Selection) -> _Outcome:
     share = explained(fits.before, selection.fit) if rival is not None or left.fails else 1.0
     findings = doubt.doubted(machine, names, rival, failing=failing, explained=share)
     if names and not findings:
-        rival = rival or remainder.pile(names, fits.before, raised.structure)
+        rival = rival or remainder.of_pile(names, fits.before, raised.structure)
         selection = restricted(selection, fits.outliers, cat.stated)
         left = raised
     verdict = "missing-physics" if findings else "unknown" if rival or raised.fails else "adequate"

@@ -25,18 +25,13 @@ from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.identifiability.observability import Knowledge, units_of
 from truepose.identification.identifiability.patterns import Blind
+from truepose.identification.note import Note
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 ROUNDS = 4
 ABOUT_STEPS = 3
-NOISY = 1.5
-"""Noise, in stated sigmas, above which physics that the model lacks may show as movement."""
-_CARE = (
-    "either it is stated too small or the model lacks physics, which differs between sets of poses and may "
-    "show as movement (truepose diagnose looks for it)"
-)
 SETTLED = 0.1
 """Linearised again until the readings of no session change by more than this many sigmas in all."""
 
@@ -47,7 +42,7 @@ class Drift:
 
     labels, times (s, None where not recorded), movements of every free parameter, noise in stated sigmas,
     log_bayes_factor of what moves against nothing, unseen: directions that no recording sees; durability:
-    how long calibrations last.
+    how long calibrations last; settled: whether the joint fit came to rest, otherwise sizes are approximate.
     """
 
     machine: str
@@ -59,7 +54,8 @@ class Drift:
     log_bayes_factor: float
     unseen: Blind
     durability: Durability
-    notes: tuple[str, ...]
+    settled: bool
+    notes: tuple[Note | str, ...]
 
     @property
     def moved(self) -> tuple[Movement, ...]:
@@ -105,18 +101,9 @@ def drift(
         log_bayes_factor=found.log_bayes_factor,
         unseen=_unseen(machine, stack, prior, joint_parameters(stack, found, prior)),
         durability=durability(sessions, fits, prior, found.extrinsic, accuracy),
-        notes=(*recording.notes, *notes, *_lost(sessions, fits), *_cautions(found, settled)),
+        settled=settled,
+        notes=(*recording.notes, *notes, *_lost(sessions, fits)),
     )
-
-
-def _cautions(found: Selection, settled: bool) -> list[str]:
-    """What a reader must know before the result."""
-    out = []
-    if found.noise > NOISY:
-        out.append(f"residuals are {found.noise:.2g} times the stated noise: {_CARE}")
-    if not settled:
-        out.append(f"the joint fit still moved after {ROUNDS} rounds; sizes are approximate")
-    return out
 
 
 def _fit(session: Session, prior: Prior) -> Estimate:
@@ -184,9 +171,9 @@ def _unseen(machine: Machine, stack: Stack, prior: Prior, places: Array) -> Blin
     return Blind.of(known, parts[k].null_space, machine, places[k])
 
 
-def _lost(sessions: Sequence[Session], fits: Sequence[Estimate]) -> list[str]:
+def _lost(sessions: Sequence[Session], fits: Sequence[Estimate]) -> list[Note]:
     return [
-        f"{session.recording.where(k)}: the mechanism cannot be assembled there; the row was left out"
+        Note("unassembled", session.recording.where(k))
         for session, fit in zip(sessions, fits, strict=True)
         for k in fit.unassembled
     ]

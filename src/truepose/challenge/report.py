@@ -10,7 +10,7 @@ from truepose.challenge.examine import RUN, UNDRAWN
 from truepose.challenge.score import read_score
 from truepose.challenge.table import DIAGRAM, Table, document, markdown, table
 from truepose.files import atomic_write_text
-from truepose.identification.report.results import json_text
+from truepose.identification.report.json_text import json_text
 
 
 def tabled(folder: Path, cases: Sequence[str]) -> Table:

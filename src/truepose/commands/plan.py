@@ -31,6 +31,7 @@ from truepose.commands.discriminate import (
 from truepose.commands.discriminate import run as run_discriminate
 from truepose.errors import InputError
 from truepose.files import write_table
+from truepose.wording import joined
 
 CountOption = Annotated[
     int, typer.Option("-n", "--poses", metavar="N", min=2, help="How many poses.", show_default=False)
@@ -145,14 +146,15 @@ def _discriminate(
     machine: Path, n: int, output: Path, asked: Request, candidates: Path | None, seed: int, as_json: bool
 ) -> None:
     """The experiment that tells explanations apart, written and told."""
+    from truepose.identification.report.notes import worded
     from truepose.models.load import load_machine
 
     check_file(output)
     with progress("planning") as say:
         loaded = load_machine(machine)
         found, frame, lines, told = run_discriminate(loaded, n, asked, candidates, seed, say)
-    names = " and ".join(e.name for e in found.explanations)
+    names = joined(e.name for e in found.explanations)
     write_table(output, frame, [f"rows of {loaded.name} to tell {names} apart: {n}, seed {seed}", *lines])
     summary = {"command": "plan", "machine": loaded.name, "seed": seed, "rows": len(frame)}
     summary |= {"columns": [str(c) for c in frame.columns], **told, "files": [str(output)]}
-    finish(summary, [f"{output}: {len(frame)} rows", *lines], found.notes, as_json=as_json)
+    finish(summary, [f"{output}: {len(frame)} rows", *lines], worded(found.notes), as_json=as_json)
