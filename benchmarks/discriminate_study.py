@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from truepose.challenge.intervals import wilson
+from truepose.challenge.calibration import wilson
 from truepose.challenge.simulator.base import Answer, Campaign, Imperfection, Kind, Plan
 from truepose.challenge.simulator.campaigns import joined
 from truepose.challenge.simulator.ported import PortedMachine

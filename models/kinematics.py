@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.models.assembly import assemble, frame_of, symbols
-from truepose.models.effects.base import PlacedEffect, Site
+from truepose.models.driver import Driver
+from truepose.models.effect import Site
 from truepose.models.home import closed_home, coordinate_scale, home_readings
 from truepose.models.machine import PAYLOAD, Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 from truepose.models.near_home import Stance, near_home
+from truepose.models.placed import PlacedEffect
 from truepose.models.states import (
     asked,
     directions,
@@ -171,14 +173,9 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
 
 
 def driver_default(machine: Machine, name: str) -> float:
-    """Value of a driver where nothing is recorded: nominal payload, 20 degC, 1013.25 hPa, latest session, no motion."""
-    if name == PAYLOAD:
-        return next((m.kg for m in machine.masses if m.name == PAYLOAD), 0.0)
-    if name.startswith("temperature"):
-        return 20.0
-    if name == "pressure":
-        return 1013.25
-    return 1.0 if name.startswith("session.") else 0.0
+    """Value of a driver where nothing is recorded: the nominal payload, else as its kind has it."""
+    masses = (m.kg for m in machine.masses if m.name == PAYLOAD == name)
+    return next(masses, Driver.of(name).default)
 
 
 @dataclass(frozen=True)

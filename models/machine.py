@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
+from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import AXES, BASE, Mechanism
 from truepose.models.parameters import Parameter
-
-if TYPE_CHECKING:
-    from truepose.models.effects.base import PlacedEffect
-    from truepose.models.machine_file import MachineFile
-    from truepose.models.sensors.base import Sensor
+from truepose.models.placed import PlacedEffect
+from truepose.models.sensor import Channel, Sensor
 
 FRAMES = ("base", "tool")
 PAYLOAD = "payload"
@@ -57,6 +54,16 @@ class Machine:
         """Geometry, frames and sensors, in one fixed order."""
         sensor = tuple(p for s in self.sensors for p in s.parameters)
         return (*self.mechanism.parameters, *self.frames, *sensor)
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Residual components of every sensor, in order."""
+        return tuple(channel for sensor in self.sensors for channel in sensor.channels)
+
+    @property
+    def residual_units(self) -> Mapping[str, str]:
+        """Internal unit of each kind of residual component."""
+        return {channel.kind: channel.unit for channel in self.channels}
 
     @property
     def geometry(self) -> Mapping[str, Parameter]:

@@ -185,7 +185,7 @@ def test_candidates_stay_where_they_are() -> None:
     ("text", "says"),
     [
         (RULER.replace(", range: [-40, 100]", ""), "joint 'q1': found no range"),
-        (RULER.replace(", q1.r: 0.5", "").split("effects:", maxsplit=1)[0], "nothing to calibrate"),
+        (RULER.replace(", q1.r: 0.5", "").split("effects:", maxsplit=1)[0], "found no free parameter"),
     ],
 )
 def test_machines_without_ranges_or_unknowns_are_refused(text: str, says: str, tmp_path: Path) -> None:

@@ -159,7 +159,6 @@ def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
     free, before, named = fits.free, fits.before, verdict == "missing-physics"
     after = selection.fit if named else before
     stages = {"free": free, "before": before, "after": after}
-    channels = Predictor(machine, recording).channels
     proof = prove(before, selection, fits.outliers) if named else None
     return Diagnosis(
         machine=machine,
@@ -177,7 +176,7 @@ def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
         free=free,
         before=before,
         after=after,
-        fits={name: summarise(fit, channels, recording.validation) for name, fit in stages.items()},
+        fits={name: summarise(fit, machine.channels, recording.validation) for name, fit in stages.items()},
         proof=proof,
         terms=after.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),

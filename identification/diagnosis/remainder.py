@@ -13,16 +13,17 @@ from truepose.identification.diagnosis.result import Finding, Form, Remainder
 from truepose.identification.diagnosis.unnamed import Unnamed
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import APPROACH, Driver
 
 
 def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remainder:
     """Driver and form of the strongest dependence found by the structure tests."""
     size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
-    driver = structure.driver
+    driver, told = structure.driver, Driver.of(structure.driver)
     values = _values(fit, recording, driver)
     place = (driver,) if driver in recording.joints else ()
-    if driver.startswith(("temperature.", "approach.")):
-        place = (driver.split(".", 1)[1],)
+    if told.thermal or told.kind == APPROACH:
+        place = (told.place,)
     kind, cycles = ("order", 0) if values is None else _form(fit.residual[fit.used], values)
     return Remainder(place, driver, Form(kind, structure.share, cycles), size)
 

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import Driver
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site
 from truepose.models.effects.common import sensor_at, sensor_names
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
@@ -46,7 +47,7 @@ class Unnamed(Effect):
         for name in (
             "payload",
             "time",
-            *sorted(n for n in recording.drivers if n.startswith("temperature.")),
+            *sorted(n for n in recording.drivers if Driver.of(n).thermal),
         ):
             values = recording.driver(name)
             if values is not None:

@@ -75,7 +75,7 @@ class Predictor:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Residual components of every sensor, in order."""
-        return tuple(channel for sensor in self.machine.sensors for channel in sensor.channels)
+        return self.machine.channels
 
     @property
     def cautions(self) -> tuple[str, ...]:

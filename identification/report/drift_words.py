@@ -162,14 +162,11 @@ def _lasting(found: Drift, subject: str, checks: Sequence[Check | None]) -> str:
 
 def _misfit(check: Check) -> str:
     kinds = [
-        f"{kind} {measure(value, _unit(kind))} against {measure(check.expected[kind], _unit(kind))} expected"
+        f"{kind} {measure(value, unit)} against {measure(check.expected[kind], unit)} expected"
         for kind, value in check.rms.items()
+        for unit in (check.units[kind],)
     ]
     return f"rms {', '.join(kinds)}"
-
-
-def _unit(kind: str) -> str:
-    return "rad" if kind == "rotation" else "mm"
 
 
 def advice(found: Drift) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from truepose.identification.planning.plan import Plan
+from truepose.models.driver import Driver
 
 CROWDED = 0.02
 """Poses closer than this, in shares of the ranges, are as good as repeats."""
@@ -32,7 +33,7 @@ def plan_notes(found: Plan) -> list[str]:
     """What the plan leaves out, and poses that crowd."""
     notes = []
     unplanned = dict.fromkeys(
-        name.split("~")[0] for effect in found.machine.effects for name in effect.drivers
+        Driver.of(name).now.name for effect in found.machine.effects for name in effect.drivers
     )
     notes += [
         f"{name!r} is not planned: effects that depend on it count at its default" for name in unplanned

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from truepose.identification.planning.discriminate.result import Experiment
 from truepose.identification.planning.plan import Plan
 from truepose.identification.planning.rounding import decimals, file_unit
+from truepose.models.driver import APPROACH, SESSION, TIME, Driver
 from truepose.models.machine import Machine
 from truepose.models.units import convert
 
@@ -42,22 +43,21 @@ def experiment_table(experiment: Experiment) -> pd.DataFrame:
     q, drivers = rows.q, dict(rows.drivers)
     data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
     if experiment.reference is None:
-        held = [values for name, values in drivers.items() if not name.startswith(("approach.", "time"))]
+        held = [values for name, values in drivers.items() if Driver.of(name).kind not in (APPROACH, TIME)]
         data["pose"] = _numbered(np.column_stack([q, *held]))
     else:
         q = np.concatenate([experiment.reference[None], q])
         drivers = {name: np.concatenate([values[:1], values]) for name, values in drivers.items()}
         data["pose"], data["from"] = np.arange(1, len(q) + 1), np.ones(len(q), dtype=np.int64)
-    if "session" in drivers:
-        data["session"] = drivers.pop("session").astype(np.int64)
-    if "time" in drivers:
-        data["time"] = _one_by_one(drivers.pop("time"))
+    if SESSION in drivers:
+        data[SESSION] = drivers.pop(SESSION).astype(np.int64)
+    if TIME in drivers:
+        data[TIME] = _one_by_one(drivers.pop(TIME))
     data |= _joints(q, machine)
+    written_in = {a.reading: file_unit(a, machine) for a in machine.mechanism.actuators}
     for name, values in drivers.items():
-        kind, _, joint = name.partition(".")
-        actuator = machine.mechanism.actuator(joint) if kind == "velocity" else None
-        unit = None if actuator is None else (actuator.reading_unit, file_unit(actuator, machine))
-        written = values if unit is None else convert(values, *unit)
+        driver = Driver.of(name)
+        written = convert(values, driver.unit(machine.mechanism.reading_units), driver.unit(written_in))
         data[name] = np.round(written, decimals(written, _FINEST)) + 0.0
     return pd.DataFrame(data)
 

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.assembly import symbols
-from truepose.models.effects.base import PlacedEffect, Site
+from truepose.models.effect import Site
 from truepose.models.export.tree import Tree
 from truepose.models.kinematics import driver_default, symbolic_model
 from truepose.models.machine import Machine
+from truepose.models.placed import PlacedEffect
 from truepose.models.states import state_names
 
 Array = NDArray[np.float64]

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from truepose.challenge.calibration import write_reliability
 from truepose.challenge.examine import RUN, UNDRAWN
 from truepose.challenge.score import read_score
-from truepose.challenge.table import DIAGRAM, Table, document, markdown, table
+from truepose.challenge.table import Table, document, markdown, table
 from truepose.files import atomic_write_text
 from truepose.identification.report.json_text import json_text
 
 
 def tabled(folder: Path, cases: Sequence[str]) -> Table:
-    """Score the cases that were sat; writes table.md, table.json and, where anything was named, reliability.svg."""
+    """Score the cases that were sat; writes table.md and table.json."""
     scores = [read_score(folder, case) for case in cases if (folder / "results" / case / RUN).is_file()]
     missing = [folder / "cases" / f"{case}.{UNDRAWN}" for case in cases]
     undrawn = [
@@ -23,9 +22,6 @@ def tabled(folder: Path, cases: Sequence[str]) -> Table:
     found = table(scores, undrawn)
     atomic_write_text(folder / "table.md", markdown(found))
     atomic_write_text(folder / "table.json", json_text(document(found)))
-    write_reliability(
-        folder / DIAGRAM, found.statements, "Probabilities of names, and how often they were right"
-    )
     return found
 
 

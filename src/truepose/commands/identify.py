@@ -69,7 +69,7 @@ def calibrate(
     """
     with reported(plugin):
         from truepose.identification.fit.calibrate import calibrate as run
-        from truepose.identification.recording.load import load_recording
+        from truepose.identification.fringes.load import load_recording
         from truepose.identification.report.results import calibration_json
         from truepose.identification.report.terminal import calibration_lines
         from truepose.models.load import load_machine
@@ -114,7 +114,7 @@ def diagnose(
     """
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
-        from truepose.identification.recording.load import load_recording
+        from truepose.identification.fringes.load import load_recording
         from truepose.identification.report.notes import diagnosis_notes
         from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
         from truepose.models.load import load_machine

@@ -116,7 +116,7 @@ def _pose_sensor(machine: Machine) -> Pose:
     found = ", ".join(sensor.type for sensor in machine.sensors) or "none"
     raise InputError(
         f"{machine.name}: sensor: found {found}, expected one of type pose for gaps at measured poses "
-        "(truepose.identification.photogrammetry.pose_table turns points into poses)"
+        "(`truepose poses` turns points into poses)"
     )
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.fit.estimate import Estimate
 
 Array = NDArray[np.float64]
 UNSEEN = 1e-6
@@ -31,16 +30,12 @@ class Covariance:
     unknown: Array
 
     @classmethod
-    def of(cls, estimate: Estimate) -> Covariance:
-        """Of a fit: readings and tolerances together."""
-        free = estimate.prior.free
-        names, scale = tuple(estimate.prior.names[k] for k in free), estimate.prior.scale[free]
-        if not len(free):
-            return cls(names, np.zeros((0, 0)), np.zeros((0, 0)))
-        triangle = np.asarray(np.linalg.qr(estimate.known.root.T * scale, mode="r")).T
-        factor = np.zeros((len(free), len(free)))
+    def of(cls, names: Sequence[str], scale: Array, root: Array, unknown: Array) -> Covariance:
+        """Of a covariance root root' with ``unknown`` directions, (n, m) and (k, n), in steps of ``scale`` (n,)."""
+        triangle = np.asarray(np.linalg.qr(root.T * scale, mode="r")).T
+        factor = np.zeros((len(names), len(names)))
         factor[:, : triangle.shape[1]] = triangle
-        return cls(names, factor, estimate.known.unknown * scale)
+        return cls(tuple(names), factor, unknown * scale)
 
     @classmethod
     def of_tolerances(cls, names: Sequence[str], sigma: Array) -> Covariance:
