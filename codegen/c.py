@@ -30,7 +30,7 @@ from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.models.driver import Driver
 from truepose.models.kinematics import SymbolicModel, symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine import FRAME_OF, Machine
 
 MAX_ITER = 1500
 """Evaluations of the model that one inverse of an open chain may take."""
@@ -179,7 +179,7 @@ def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[
             f"nominal: found {broken[0]} = {(nominal or {})[broken[0]]}, expected a finite number"
         )
     own = dict(zip(model.names, model.p_home, strict=True))
-    drawn = {name: value for name, value in (nominal or {}).items() if not name.startswith("tool.")}
+    drawn = {name: value for name, value in (nominal or {}).items() if FRAME_OF.get(name) != "tool"}
     return [float(drawn.get(name, own[name])) if name in geometry else 0.0 for name in model.names]
 
 

@@ -50,9 +50,8 @@ class Site:
 
     def value(self, port: str) -> ca.SX:
         """Present value of a parameter; of a displacement port, the whole displacement."""
-        if port.endswith(".displacement"):
-            return self.displacement(port.removesuffix(".displacement"))
-        return self.values[port]
+        known = self.machine.ports.get(port)
+        return self.displacement(known.of) if known and known.kind == "displacement" else self.values[port]
 
     def driver(self, name: str) -> ca.SX:
         """A recorded driver (payload kg, temperature degC, time s, approach +-1 ...)."""

@@ -100,7 +100,7 @@ def symbolic_model(
     z = symbols("z", drivers)
     x, home = _passive_symbols(machine.mechanism)
     theta = symbols("", [p.name for p in machine.parameters])
-    bare = symbols("", machine.ports) if ports else dict[str, ca.SX]()
+    bare = symbols("", [*machine.ports]) if ports else dict[str, ca.SX]()
     c = [symbols(f"c{k}_", list(effect.values)) for k, effect in enumerate(effects)]
     values = {**theta, **{name: bare.get(name, ca.SX(0)) for name in machine.ports}}
     passive, x_home = _now_and_home(machine, x)
@@ -196,7 +196,8 @@ class _Present:
 
     def in_place(self, shifted: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         """Port values with the directions that they ask for in place; only readings may depend on what is seen."""
-        moving = {name: v for name, v in shifted.items() if not name.endswith(".reading")}
+        read = self.machine.ports_of("reading")
+        moving = {name: v for name, v in shifted.items() if name not in read}
         names = asked(list(moving.values()), self.marks)
         if not names:
             return dict(shifted)
@@ -229,7 +230,7 @@ def _constants(
     names = [p.name for p in machine.parameters]
     values = [p.nominal for p in machine.parameters]
     for effect in effects:
-        names += [f"{effect.label}:{name}" for name in effect.values]
+        names += effect.parameter_names
         values += effect.values.values()
     return (*names, *ports), np.array([*values, *(0.0 for _ in ports)])
 

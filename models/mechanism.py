@@ -23,6 +23,7 @@ COORDINATES: Mapping[str, int] = {
     "fixed": 0,
 }
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+AXIS_UNITS: Mapping[str, str] = dict(zip(AXES, 3 * ("mm",) + 3 * ("rad",), strict=True))
 BASE = "base"
 Loops = Literal["exact", "linear", "elastic"]
 """How loops close away from home: as geometry says, to first order about home, or where elastic rods balance."""
@@ -204,6 +205,11 @@ class Mechanism:
     def readings(self) -> tuple[str, ...]:
         """Column names of the actuated joints, in order."""
         return tuple(actuator.reading for actuator in self.actuators)
+
+    @property
+    def rod_ends(self) -> Mapping[str, Rod]:
+        """The rod of each of its ends ``R.a``, ``R.b``, as effects name them."""
+        return {f"{rod.name}.{end}": rod for rod in self.rods for end in "ab"}
 
     @property
     def reading_units(self) -> Mapping[str, str]:

@@ -138,6 +138,11 @@ class PlacedEffect:
         return dict(zip((c.name for c in self.coefficients), self.amplitudes, strict=True))
 
     @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the coefficients among all parameters."""
+        return tuple(f"{self.label}:{c.name}" for c in self.coefficients)
+
+    @property
     def needs_load(self) -> bool:
         """Whether the formula reads gravity loads."""
         return self.effect.reads_load(self.settings_map)

@@ -42,6 +42,7 @@ COMMANDS = (
     "diagnose",
     "identifiability",
     "plan",
+    "poses",
     "drift",
     "predict",
     "simulate",

@@ -116,7 +116,7 @@ class Diagnosis:
     """The whole outcome.
 
     noise: in stated sigmas, and inflation: how many times wider than stated the tolerances of each class of parts look,
-    both without effects. ``truepose.identification.report.results.diagnosis_json`` writes it down.
+    both without effects. ``truepose.identification.report.results`` writes it down.
     """
 
     machine: Machine

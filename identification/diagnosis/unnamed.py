@@ -19,7 +19,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import sensor_at, sensor_names
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
 from truepose.models.machine import FRAMES, Machine
-from truepose.models.mechanism import AXES
+from truepose.models.mechanism import AXES, AXIS_UNITS
 from truepose.wording import joined
 
 UNNAMED = "unknown"
@@ -83,11 +83,10 @@ class Unnamed(Effect):
             names = [f"{axis}.{pair}" for axis in XYZ for pair in WARP]
             return tuple(Coefficient(name, "mm", LARGEST["mm"]) for name in names)
         if place[0] in FRAMES:
-            units = dict.fromkeys(AXES[:3], "mm") | dict.fromkeys(AXES[3:], "rad")
             return tuple(
                 Coefficient(f"{axis}{k}", unit, LARGEST[unit] / k)
                 for k in range(1, MOUNT_CURVE + 1)
-                for axis, unit in units.items()
+                for axis, unit in AXIS_UNITS.items()
             )
         unit = machine.mechanism.actuator(place[0]).unit
         if "b" in settings:

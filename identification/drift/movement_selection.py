@@ -18,7 +18,7 @@ from truepose.identification.drift.movement_evidence import Stack, State, solve,
 from truepose.identification.fit.problem import Prior
 from truepose.identification.selection.forward import Accepted, select_forward
 from truepose.identification.selection.scales import Point
-from truepose.models.machine import FRAMES, Machine
+from truepose.models.machine import FRAME_OF, Machine
 
 Array = NDArray[np.float64]
 ENOUGH = 3.0
@@ -75,8 +75,7 @@ class Selection:
 
 def candidates_of(machine: Machine, prior: Prior) -> tuple[Candidate, ...]:
     """Groups first (frames, parts of sensors, all of them), then single parameters."""
-    outside = {f"{frame}.{axis}" for frame in FRAMES for axis in ("x", "y", "z", "rx", "ry", "rz")}
-    outside |= {p.name for sensor in machine.sensors for p in sensor.parameters}
+    outside = {*FRAME_OF, *(p.name for sensor in machine.sensors for p in sensor.parameters)}
     names = [prior.names[k] for k in prior.free]
     groups: dict[str, list[int]] = {}
     for k, name in enumerate(names):

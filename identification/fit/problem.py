@@ -51,8 +51,8 @@ def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
     mean, sigma = [p.nominal for p in parameters], [p.tolerance for p in parameters]
     scale, parts = [p.scale for p in parameters], [p.part for p in parameters]
     for effect in effects:
+        names += effect.parameter_names
         for c in effect.coefficients:
-            names.append(f"{effect.label}:{c.name}")
             mean.append(0.0)
             sigma.append(effect.spread * c.scale)
             scale.append(c.scale)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report.diagnosis_words import several
+from truepose.models.machine import FRAME_OF, FRAMES
+from truepose.models.mechanism import AXES
 from truepose.wording import shortened
 
 Array = NDArray[np.float64]
@@ -17,7 +19,6 @@ TAKES_PART = 1e-2
 UNTOUCHED = 0.9
 ZERO = 1e-6
 MOST = 14
-FRAMES = ("base", "tool")
 
 
 def grouped(names: Iterable[str]) -> list[str]:
@@ -42,7 +43,7 @@ def rank_words(fit: Estimate) -> list[str]:
 
 def _blind_words(fit: Estimate, blind: Array) -> list[str]:
     names = [fit.prior.names[k] for k in fit.prior.free]
-    owner = np.array([name.split(".", 1)[0] if name.split(".", 1)[0] in FRAMES else "" for name in names])
+    owner = np.array([FRAME_OF.get(name, "") for name in names])
     own = still(blind, owner != "")
     out = []
     for frame in FRAMES:
@@ -105,12 +106,8 @@ def _participants(rows: Array, names: Sequence[str], among: NDArray[np.bool_]) -
 
 
 def _axes(rows: Array, names: Sequence[str], frame: str) -> str:
-    part = np.linalg.norm(rows, axis=0)
-    return " ".join(
-        n.split(".", 1)[1]
-        for n, share in zip(names, part, strict=True)
-        if n.startswith(f"{frame}.") and share > ZERO
-    )
+    part = dict(zip(names, np.linalg.norm(rows, axis=0), strict=True))
+    return " ".join(axis for axis in AXES if part.get(f"{frame}.{axis}", 0.0) > ZERO)
 
 
 def weak_words(fit: Estimate) -> list[str]:

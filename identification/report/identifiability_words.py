@@ -16,6 +16,7 @@ from truepose.identification.identifiability.observability import Direction, Kno
 from truepose.identification.identifiability.patterns import Blind, Pattern
 from truepose.identification.report.json_text import Json, finite
 from truepose.identification.report.notes import worded
+from truepose.models.machine import FRAME_OF
 from truepose.wording import joined, shortened
 
 SCHEMA = "truepose/identifiability/1"
@@ -201,7 +202,7 @@ def meaning(direction: Direction) -> str:
     """A sentence: what moves with what, and who decided."""
     names, open_ended = tuple(direction.parts), direction.open_ended
     who = "nothing decided, they stay at the drawing" if open_ended else "tolerances decided"
-    groups = grouped(sorted(names, key=lambda name: not name.startswith(("base.", "tool."))))
+    groups = grouped(sorted(names, key=lambda name: name not in FRAME_OF))
     if len(names) == 1:
         who = "nothing decided, it stays at the drawing" if open_ended else "its tolerance decided"
         return f"{names[0]} alone is not seen; {who}"
