@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from support.generated_c import needs_compiler
+
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "compensation_loop"
-needs_compiler = pytest.mark.skipif(
-    shutil.which("cc") is None and shutil.which("gcc") is None, reason="no C compiler found"
-)
 if str(ROOT) not in sys.path:
     sys.path.append(str(ROOT))
 

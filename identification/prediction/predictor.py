@@ -75,7 +75,7 @@ class Predictor:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Residual components of every sensor, in order."""
-        return tuple(channel for sensor in self.machine.sensors for channel in sensor.channels)
+        return self.machine.channels
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -189,9 +189,8 @@ class Predictor:
     def loads(self, p: Array, x: Array) -> dict[str, Array]:
         """Gravity's conjugate load (n,) at every port and parameter, by load case and name: N or N m."""
         m = self.model
-        scale = [
-            (k, name, load_scale(self.machine, name)) for k, name in enumerate(m.names) if ":" not in name
-        ]
+        known = {*self.machine.geometry, *self.machine.ports}
+        scale = [(k, n, load_scale(self.machine, n)) for k, n in enumerate(m.names) if n in known]
         out: dict[str, Array] = {}
         for case, energy in m.energies.items():
             gradient = BatchFunction(

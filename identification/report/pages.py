@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from truepose.identification.diagnosis.result import Diagnosis, FitSummary
-from truepose.identification.diagnosis.summary import summarise
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import render
@@ -101,9 +101,8 @@ def _facts(machine: str, recording: Recording, fit: Estimate) -> list[tuple[str,
 
 def _calibration_document(estimate: Estimate, free: Estimate | None, recording: Recording) -> Document:
     machine = estimate.machine
-    channels = [c for sensor in machine.sensors for c in sensor.channels]
     fits = {"calibrated": estimate} if free is None else {"free": free, "calibrated": estimate}
-    summaries = {key: summarise(fit, channels, recording.validation) for key, fit in fits.items()}
+    summaries = {key: summarise(fit, machine.channels, recording.validation) for key, fit in fits.items()}
     drawn = [("calibrated", style.AFTER, estimate)]
     limits: list[Block] = limits_blocks(estimate)
     if recording.notes:

@@ -16,8 +16,8 @@ from truepose.commands.common import (
     progress,
     reported,
 )
-from truepose.commands.tables import write_table
 from truepose.errors import InputError
+from truepose.files import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
