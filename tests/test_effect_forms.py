@@ -118,7 +118,9 @@ def test_a_pin_circles_across_itself_so_many_times_a_turn(
 
 def test_what_is_fixed_in_the_turning_body_is_no_order_of_a_pin(machine: Callable[[str], Machine]) -> None:
     robot, runout = machine("robot"), effects.get("joint-runout", "test")()
-    for joint in hinges(robot):
+    found = hinges(robot)
+    assert found
+    for joint in found:
         orders = [s["order"] for s in runout.settings(robot, (joint.name,), _Recorded())]
         assert orders
         assert not {0.0, 1.0} & set(orders)
