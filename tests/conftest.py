@@ -6,7 +6,7 @@ One BLAS thread a worker, and no deadlines on a shared machine.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -17,15 +17,41 @@ from hypothesis import settings  # noqa: E402
 
 pytest.register_assert_rewrite("support")
 
-from support.generated_c import Built, build  # noqa: E402
+from support.generated_c import SANITIZERS, Built, build, has_sanitizers  # noqa: E402
+from support.skips import NOTHING_BESIDE, SHARED, judge  # noqa: E402
 
 settings.register_profile("truepose", deadline=None, derandomize=True)
 settings.load_profile("truepose")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--update-golden``: see tests/test_codegen_golden.py."""
-    parser.addoption("--update-golden", action="store_true", help="write tests/golden as it is generated now")
+    """``--update-golden``: see tests/test_codegen_golden.py and tests/test_golden_diagnoses.py."""
+    told = "write tests/golden and tests/golden_diagnoses as they come out now"
+    parser.addoption("--update-golden", action="store_true", help=told)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Where nothing may be hidden, a skipped test has failed: see support/skips.py."""
+    report = yield
+    judge(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """The same of a file that skips itself."""
+    report = yield
+    judge(report)
+    return report
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder beside the checkout."""
+    if not SHARED.is_dir():
+        pytest.skip(NOTHING_BESIDE)
+    return SHARED
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -42,6 +68,14 @@ def _libraries(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def root_directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where C is generated and compiled, each machine once."""
     return tmp_path_factory.mktemp("codegen")
+
+
+@pytest.fixture(scope="session")
+def sanitizers(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The compiler's options that make it watch addresses and undefined behaviour."""
+    if not has_sanitizers(tmp_path_factory.mktemp("sanitizers")):
+        pytest.skip("the compiler has no sanitizers")
+    return SANITIZERS
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from truepose.codegen.layout import layout_of
 from truepose.models.chain import chain_of
 from truepose.models.kinematics import symbolic_model
 
-mp: Any = pytest.importorskip("mpmath")  # comes with sympy
+mp: Any = import_module("mpmath")  # comes with sympy
 pytestmark = needs_compiler
 Array = NDArray[np.float64]
 KINDS = {

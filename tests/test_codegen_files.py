@@ -48,9 +48,9 @@ def test_a_loop_with_more_equations_than_unknowns(tmp_path: Path, real: Real) ->
 
 @needs_compiler
 @cases(("arm", "turns"))
-def test_example_runs_clean_under_sanitizers(built: Built) -> None:
+def test_example_runs_clean_under_sanitizers(built: Built, sanitizers: list[str]) -> None:
     assert COMPILER is not None
-    flags = [*WARNINGS, "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    flags = [*WARNINGS, "-O1", "-g", *sanitizers]
     made = subprocess.run(
         [COMPILER, *flags, "example.c", f"{built.machine.name}_kin.c", "-lm", "-o", "example"],
         cwd=built.directory,
@@ -58,8 +58,6 @@ def test_example_runs_clean_under_sanitizers(built: Built) -> None:
         text=True,
         check=False,
     )
-    if "cannot find" in made.stderr:
-        pytest.skip("the compiler has no sanitizers")
     assert made.returncode == 0, made.stderr
     ran = subprocess.run([built.directory / "example"], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stdout + ran.stderr

@@ -14,6 +14,7 @@ from scipy.optimize import root
 from support.generated_c import COMPILER, needs_compiler
 from support.generated_machines import machine_of
 from support.legged_machines import BY_NEWTON, CLOSED_FORM, LEGGED, Legged, legged
+from support.skips import NO_AVX2
 from truepose.codegen.elimination import Pivots, factors_of
 from truepose.codegen.layout import layout_of
 from truepose.codegen.legs import legs_of
@@ -121,7 +122,7 @@ def hostile(built: Legged, count: int) -> Array:
 @pytest.mark.parametrize("name", ["warm_rails", "plain_turns"])
 def test_many_poses_are_each_alone(root_directory: Path, name: str, flags: tuple[str, ...]) -> None:
     if "-mavx2" in flags and "avx2" not in Path("/proc/cpuinfo").read_text():
-        pytest.skip("this processor has no AVX2")
+        pytest.skip(NO_AVX2)
     built = legged(root_directory, name, "double", flags)
     poses = hostile(built, 61)
     guess = readings(built, 61, 7)
@@ -268,11 +269,11 @@ int main(void)
 
 @needs_compiler
 @pytest.mark.parametrize("name", ["plain_turns", "warm_rails", "coupled_rails", "weighed_rails"])
-def test_nothing_hostile_does_harm(root_directory: Path, name: str) -> None:
+def test_nothing_hostile_does_harm(root_directory: Path, sanitizers: list[str], name: str) -> None:
     built = legged(root_directory, name)
     assert COMPILER is not None
     (built.directory / "hostile.c").write_text(_HOSTILE.format(name=name, rounds=4))
-    flags = ["-std=c99", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    flags = ["-std=c99", "-O1", "-g", *sanitizers]
     sources = ["hostile.c", f"{name}_kin.c", f"{name}_batch.c"]
     made = subprocess.run(
         [COMPILER, *flags, *sources, "-lm", "-o", "hostile"],
@@ -281,8 +282,7 @@ def test_nothing_hostile_does_harm(root_directory: Path, name: str) -> None:
         text=True,
         check=False,
     )
-    if made.returncode:
-        pytest.skip(f"no sanitizers: {made.stderr.splitlines()[-1]}")
+    assert made.returncode == 0, made.stderr
     ran = subprocess.run(
         ["./hostile"], cwd=built.directory, capture_output=True, text=True, timeout=120, check=False
     )

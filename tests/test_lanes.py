@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import casadi as ca
@@ -19,7 +20,7 @@ from truepose.codegen.printer import Real
 from truepose.codegen.trigonometry import COSINE, FARTHEST, QUARTER_TURN, SINE
 
 pytestmark = needs_compiler
-mp: Any = pytest.importorskip("mpmath")  # comes with sympy
+mp: Any = import_module("mpmath")  # comes with sympy
 Array = NDArray[np.float64]
 REALS: tuple[Real, ...] = ("double", "float")
 Q, P = ca.SX.sym("q", 3), ca.SX.sym("p", 2)

@@ -1,7 +1,4 @@
-"""The least-squares core against the NIST reference problems (nonlinear regression), and its laws.
-
-The reference data stand beside the repository and are read there, never copied.
-"""
+"""The least-squares core against NIST's reference problems of nonlinear regression (tests/data/nist-strd), and its laws."""
 
 from __future__ import annotations
 
@@ -19,13 +16,12 @@ from numpy.typing import NDArray
 from truepose.identification.fit.leastsquares import Solution, Status, minimise, triangular
 
 Array = NDArray[np.float64]
-FOLDER = Path(__file__).parents[2] / "shared/data/nist-strd"
+FOLDER = Path(__file__).parent / "data" / "nist-strd"
 PROBLEMS = tuple(sorted(path.stem for path in FOLDER.glob("*.dat")))
 NOT_FROM_FAR = ("BoxBOD", "Eckerle4", "Lanczos1", "MGH10", "MGH17")
 """Problems that do not converge from their far start (start 1)."""
 ROUNDED = "Lanczos1"
 """Its residuals (1e-13 of the data) are lost in rounding: it gets there, but convergence cannot be told."""
-needs_data = pytest.mark.skipif(not PROBLEMS, reason=f"the NIST problems are not in {FOLDER}")
 _FUNCTIONS = {"exp": ca.exp, "log": ca.log, "cos": ca.cos, "sin": ca.sin, "arctan": ca.atan, "pi": np.pi}
 
 
@@ -96,12 +92,9 @@ def is_right(name: str, solution: Solution) -> bool:
 
 
 def test_all_problems_are_there() -> None:
-    if not PROBLEMS:
-        pytest.skip(f"the NIST problems are not in {FOLDER}")
     assert len(PROBLEMS) == 27
 
 
-@needs_data
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_certified_values_from_the_near_start(name: str) -> None:
     solution = solve(name, 1)
@@ -109,7 +102,6 @@ def test_certified_values_from_the_near_start(name: str) -> None:
     assert is_right(name, solution)
 
 
-@needs_data
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_from_the_far_start_nothing_wrong_is_called_converged(name: str) -> None:
     solution = solve(name, 0)
@@ -117,7 +109,6 @@ def test_from_the_far_start_nothing_wrong_is_called_converged(name: str) -> None
     assert not solution.status.ok or is_right(name, solution)
 
 
-@needs_data
 @pytest.mark.parametrize("name", ["Misra1a", "Gauss1", "Thurber"])
 @pytest.mark.parametrize("factor", [1e-6, 1e6])
 def test_units_of_parameters_do_not_matter(name: str, factor: float) -> None:

@@ -17,8 +17,6 @@ from truepose.files import atomic_directory, atomic_write_text
 from truepose.models.machine_file import MachineFile, read_machine, write_machine
 from truepose.models.yaml_document import document_text, read_document
 
-SHARED = Path(__file__).parents[1].parent / "shared"
-
 BASIC = """\
 schema: truepose/machine/1
 name: rig
@@ -273,18 +271,13 @@ def test_written_files_are_short_and_exact() -> None:
     assert text == "b: [0.1, 1.0e-09]\na:\n  xyz: [1, 2.5, .inf]\nc: 0.3333333333333333\n"
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        pytest.param(path, id=f"{path.parent.name}-{path.stem}")
-        for path in sorted(SHARED.glob("*/*/machine*.yaml"))
-    ]
-    or [pytest.param(None, marks=pytest.mark.skip(reason="no machine files beside the repository"))],
-)
-def test_machine_files_at_hand_are_accepted_and_write_back(path: Path, tmp_path: Path) -> None:
-    machine = read_machine(path)
-    write_machine(tmp_path / "copy.yaml", machine.raw)
-    assert read_machine(tmp_path / "copy.yaml").raw == machine.raw
+def test_machine_files_at_hand_are_accepted_and_write_back(shared: Path, tmp_path: Path) -> None:
+    paths = sorted(shared.glob("*/*/machine*.yaml"))
+    assert paths
+    for path in paths:
+        machine = read_machine(path)
+        write_machine(tmp_path / "copy.yaml", machine.raw)
+        assert read_machine(tmp_path / "copy.yaml").raw == machine.raw, path
 
 
 def test_reading_does_not_share_the_raw_document(tmp_path: Path) -> None:

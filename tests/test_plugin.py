@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import json
-import shutil
 import subprocess
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from support.generated_c import COMPILER, needs_compiler
 from truepose.cli import app
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.simulate import simulate
@@ -35,8 +35,6 @@ from truepose.models.registry import load_plugin
 from truepose.models.sensors.base import sensors
 
 Array = NDArray[np.float64]
-COMPILER = shutil.which("gcc") or shutil.which("cc")
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler found")
 
 STRETCHED_BELT = '''
 from truepose.models.effects.base import Coefficient, Effect, effects

@@ -16,8 +16,6 @@ from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
 from truepose.identification.recording.recording import JointColumn, read_recording
 from truepose.models.units import UnitSystem
 
-SHARED = Path(__file__).parents[1].parent / "shared"
-
 
 def test_values_are_in_internal_units(tmp_path: Path) -> None:
     recording = read(tmp_path, "# made by hand\n" + BASIC + "# the end\n\n")
@@ -196,11 +194,9 @@ AT_HAND = {
 
 
 @pytest.mark.parametrize("name", AT_HAND)
-def test_recordings_at_hand_are_accepted(name: str) -> None:
-    if not (SHARED / name).exists():
-        pytest.skip("no recordings beside the repository")
+def test_recordings_at_hand_are_accepted(shared: Path, name: str) -> None:
     kinds, sensor, units, n_rows = AT_HAND[name]
     joints = [JointColumn(f"{stem}{k}", unit) for k, (stem, unit) in enumerate(kinds, start=1)]
-    recording = read_recording([SHARED / name], joints, sensor, units)
+    recording = read_recording([shared / name], joints, sensor, units)
     assert len(recording) == n_rows
     assert set(recording.readings) == set(sensor)

@@ -20,51 +20,40 @@ from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 ROOT = Path(__file__).parents[1]
-SHARED = ROOT.parent / "shared"
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from real_data import SENSORS, leg_errors, panda_files, panda_scatter  # noqa: E402
 
-needs_data = pytest.mark.skipif(
-    not (SHARED / "data").is_dir(), reason="no recordings by others beside the checkout"
-)
-needs_cases = pytest.mark.skipif(
-    not (SHARED / "practice").is_dir(), reason="no practice cases beside the checkout"
-)
 
-
-def stewart(*sessions: int) -> tuple[Diagnosis, float]:
+def stewart(shared: Path, *sessions: int) -> tuple[Diagnosis, float]:
     """Diagnosis of some sessions and the rms leg error after it, mm."""
-    folder = SHARED / "data" / "stewart-mocap"
+    folder = shared / "data" / "stewart-mocap"
     machine = load_machine(folder / "machine.yaml")
     recording = load_recording(machine, [folder / f"session_{session}.csv" for session in sessions])
     found = diagnose(machine, recording)
     return found, float(np.sqrt(np.mean(leg_errors(found.after, recording) ** 2)))
 
 
-@needs_data
 @pytest.mark.parametrize(("session", "limit"), [(108, 0.55), (60, 0.30)])
-def test_the_wrong_leg_constant_is_named_from_one_session(session: int, limit: float) -> None:
-    found, error = stewart(session)
+def test_the_wrong_leg_constant_is_named_from_one_session(shared: Path, session: int, limit: float) -> None:
+    found, error = stewart(shared, session)
     assert [(f.effect, f.place) for f in found.findings] == [("wrong-constant", ("leg1.gain",))]
     share = found.findings[0].parameters["value"].value / 75.692
     assert -0.07 < share < -0.045  # "by about 6 %"
     assert error < limit
 
 
-@needs_data
-def test_what_moved_between_two_sessions_is_a_class() -> None:
-    found, error = stewart(108, 60)
+def test_what_moved_between_two_sessions_is_a_class(shared: Path) -> None:
+    found, error = stewart(shared, 108, 60)
     shift = next(f for f in found.findings if f.effect in ("frame-shift", "zero-shift"))
     members = {(shift.effect, shift.place), *((e.effect, e.place) for e in shift.equivalents)}
     assert {("frame-shift", ("base",)), ("frame-shift", ("tool",))} <= members
     assert any(effect == "zero-shift" and len(place) == 2 for effect, place in members)
-    assert shift.separating_experiment
+    assert shift.experiment
     assert error <= 0.47
 
 
-@needs_data
-def test_the_arms_periodic_errors_are_named(tmp_path: Path) -> None:
-    folder = SHARED / "data" / "ur10-laser-tracker"
+def test_the_arms_periodic_errors_are_named(shared: Path, tmp_path: Path) -> None:
+    folder = shared / "data" / "ur10-laser-tracker"
     table = pd.read_csv(folder / "configurations.csv")
     table["role"] = np.where(np.isin(table["goal"] % 10, (3, 6, 9)), "validation", "calibration")
     table.to_csv(tmp_path / "configurations.csv", index=False)
@@ -85,11 +74,12 @@ def test_the_arms_periodic_errors_are_named(tmp_path: Path) -> None:
     assert after["position"] <= 0.12
 
 
-@needs_data
 @pytest.mark.parametrize("sets", [tuple(SENSORS), *((name,) for name in SENSORS)], ids=["all", *SENSORS])
-def test_an_arm_is_calibrated_by_a_ball_in_sockets(tmp_path: Path, sets: tuple[str, ...]) -> None:
+def test_an_arm_is_calibrated_by_a_ball_in_sockets(
+    shared: Path, tmp_path: Path, sets: tuple[str, ...]
+) -> None:
     """Joint readings alone; what is left of the first set is the arm's physics, so that its limit is wider."""
-    machine = load_machine(panda_files(SHARED / "data", tmp_path, sets)[0])
+    machine = load_machine(panda_files(shared / "data", tmp_path, sets)[0])
     recording = load_recording(machine, [tmp_path / "panda.csv"])
     fit = estimate(machine, recording)
     scatter = panda_scatter(recording, fit)
@@ -103,17 +93,15 @@ def test_an_arm_is_calibrated_by_a_ball_in_sockets(tmp_path: Path, sets: tuple[s
     }
 
 
-@needs_cases
 @pytest.mark.parametrize("case", ["case002", "case006"])
-def test_nothing_is_found_where_nothing_is_missing(case: str) -> None:
-    folder = SHARED / "practice" / case
+def test_nothing_is_found_where_nothing_is_missing(shared: Path, case: str) -> None:
+    folder = shared / "practice" / case
     machine = load_machine(folder / "machine.yaml")
     assert diagnose(machine, load_recording(machine, [folder / "recording.csv"])).verdict == "adequate"
 
 
-@needs_cases
-def test_a_concealed_scale_error_is_named() -> None:
-    folder = SHARED / "practice" / "case003"
+def test_a_concealed_scale_error_is_named(shared: Path) -> None:
+    folder = shared / "practice" / "case003"
     machine = load_machine(folder / "machine.yaml")
     found = diagnose(machine, load_recording(machine, [folder / "recording.csv"]))
     assert found.verdict == "missing-physics"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.generated_c import needs_compiler
 from support.telescope_models import (
     LENGTH,
     LOADED,
@@ -237,7 +237,7 @@ def test_a_calibrated_file_holds_flexures_and_stiffnesses(tmp_path: Path, model:
     assert np.allclose([p.nominal for p in read.parameters], fit.p[: len(names)], rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler found")
+@needs_compiler
 @pytest.mark.parametrize("model", ["linear", "beam"])
 def test_generated_c_meets_the_models_own_poses(tmp_path: Path, model: str) -> None:
     generate(machine_of(tmp_path, model), tmp_path / "c")

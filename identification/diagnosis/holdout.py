@@ -16,6 +16,7 @@ from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import Driver
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -89,7 +90,7 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
 
 def _thermometers(recording: Recording) -> list[tuple[str, str]]:
     """The recorded temperature that varies most."""
-    names = [name for name in recording.drivers if name.startswith("temperature.")]
+    names = [name for name in recording.drivers if Driver.of(name).thermal]
     spans = [float(np.ptp(recording.drivers[name])) for name in names]
     if not spans or max(spans) == 0.0:
         return []

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.errors import ConvergenceError, InputError
+from truepose.errors import ConvergenceError
 from truepose.identification.drift.durability import Durability, durability
 from truepose.identification.drift.evidence import Point, Stack, grid, state
 from truepose.identification.drift.selection import Selection, candidates_of, select
@@ -82,10 +82,6 @@ def drift(
     parameters responsible.
     """
     prior = prior_of(machine, machine.effects)
-    if not len(prior.free):
-        raise InputError(
-            f"{machine.name}: found no free parameter, expected a tolerance above 0 for at least one"
-        )
     sessions, notes = sessions_of(machine, recording)
     fits = []
     for session in sessions:

@@ -16,7 +16,7 @@ from scipy.special import expit, logsumexp
 
 from truepose.identification.drift.evidence import Point, Stack, State, state, weigh
 from truepose.identification.fit.problem import Prior
-from truepose.models.machine import FRAMES, Machine
+from truepose.models.machine import FRAME_OF, Machine
 
 Array = NDArray[np.float64]
 ENOUGH = 3.0
@@ -74,8 +74,7 @@ class Selection:
 
 def candidates_of(machine: Machine, prior: Prior) -> tuple[Candidate, ...]:
     """Groups first (frames, parts of sensors, all of them), then single parameters."""
-    outside = {f"{frame}.{axis}" for frame in FRAMES for axis in ("x", "y", "z", "rx", "ry", "rz")}
-    outside |= {p.name for sensor in machine.sensors for p in sensor.parameters}
+    outside = {*FRAME_OF, *(p.name for sensor in machine.sensors for p in sensor.parameters)}
     names = [prior.names[k] for k in prior.free]
     groups: dict[str, list[int]] = {}
     for k, name in enumerate(names):

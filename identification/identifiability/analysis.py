@@ -105,16 +105,12 @@ def identifiability(
     """What the poses of ``recording`` tell, or ``poses`` drawn over the ranges of the joints.
 
     Rows for validation do not count. Readings may be missing; where they are there they only say where a base
-    of wide tolerance stands. Raises InputError where a joint has no range to draw from, and when no row can
-    be assembled.
+    of wide tolerance stands. Raises InputError where a joint has no range to draw from, where nothing is free,
+    and when no row can be assembled.
     """
     rows = drawn_poses(machine, poses, seed) if recording is None else recording
     predictor = with_readings(machine, rows)
     prior = prior_of(machine, machine.effects)
-    if not len(prior.free):
-        raise InputError(
-            f"{machine.name}: found no free parameter, expected a tolerance above 0 for at least one"
-        )
     home = aligned_start(predictor) if measured(machine, rows) else predictor.model.p_home.copy()
     seen = Seen.at(predictor, prior, home)
     if not seen.used.any():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate, Prior
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine import FRAME_OF, Machine
 
 Array = NDArray[np.float64]
 UNSEEN_SHARE = 1e-3
@@ -191,7 +191,7 @@ def _direction(known: Knowledge, row: Array, size: float = 0.0) -> Direction:
 
 def _sentence(names: Sequence[str], open_ended: bool) -> str:
     who = "nothing decided, they stay at the drawing" if open_ended else "tolerances decided"
-    groups = grouped(sorted(names, key=lambda name: not name.startswith(("base.", "tool."))))
+    groups = grouped(sorted(names, key=lambda name: name not in FRAME_OF))
     if len(names) == 1:
         who = "nothing decided, it stays at the drawing" if open_ended else "its tolerance decided"
         return f"{names[0]} alone is not seen; {who}"
@@ -229,7 +229,7 @@ def _span(stem: str, numbers: Sequence[int]) -> str:
 def _sparse(basis: Array, names: Sequence[str]) -> Array:
     """The same directions, each led by one parameter (row reduction): frames first; largest part 1."""
     rows, free = basis.copy(), list(range(len(basis)))
-    frames = [k for k, name in enumerate(names) if name.startswith(("base.", "tool."))]
+    frames = [k for k, name in enumerate(names) if name in FRAME_OF]
     for pivot in frames:
         lead = max(free, key=lambda i: abs(rows[i, pivot]), default=None)
         if lead is not None and abs(rows[lead, pivot]) > SMALLEST_LEAD * np.max(np.abs(rows[lead])):

@@ -126,14 +126,13 @@ def _lasting_blocks(found: Drift) -> list[Block]:
 def _check_rows(label: str, name: str, check: Check | None) -> list[list[str]]:
     if check is None:
         return [[label, name, "-", "-", "-", "-", "no fit"]]
-    units = {kind: "rad" if kind == "rotation" else "mm" for kind in check.rms}
     return [
         [
             label,
             name,
             kind,
-            measure(value, units[kind]),
-            measure(check.expected[kind], units[kind]),
+            measure(value, check.units[kind]),
+            measure(check.expected[kind], check.units[kind]),
             "-" if name == "nothing" else p_value(check.p),
             "yes" if check.holds else "no",
         ]

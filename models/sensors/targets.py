@@ -12,13 +12,13 @@ from truepose.errors import InputError
 from truepose.models.context import BuildContext
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.units import LengthTolerance, LengthVector, Section
+from truepose.models.units import LengthSigma, LengthTolerance, LengthVector, Section
 
 _XYZ = ("x", "y", "z")
 
 
 class _Sigma(Section):
-    xyz: LengthTolerance
+    xyz: LengthSigma
 
 
 class _Tolerance(Section):

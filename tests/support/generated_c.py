@@ -33,6 +33,7 @@ WARNINGS = [
     "-Wshadow",
     "-Werror",
 ]
+SANITIZERS = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler found")
 CASES: list[tuple[str, Real]] = [(name, real) for real in ("double", "float") for name in BODIES]
 
@@ -114,3 +115,11 @@ def cases(
 ) -> pytest.MarkDecorator:
     chosen = [case for case in CASES if case[0] in names and case[1] in reals]
     return pytest.mark.parametrize("built", chosen, indirect=True, ids=["-".join(c) for c in chosen])
+
+
+def has_sanitizers(where: Path) -> bool:
+    """Whether the compiler can link them; ``where`` takes an empty program."""
+    assert COMPILER is not None
+    (where / "empty.c").write_text("int main(void) { return 0; }\n")
+    command = [COMPILER, *SANITIZERS, "empty.c", "-o", "empty"]
+    return subprocess.run(command, cwd=where, capture_output=True, check=False).returncode == 0

@@ -1,7 +1,7 @@
 """The experiment that splits explanations which a diagnosis cannot tell apart.
 
 ``discriminate`` chooses rows (pose, payload, temperature, side, time) that maximise the expected log Bayes factor of
-whatever is true against its worst rival, geometry marginalised under its tolerances (``discriminate_criterion``),
+whatever is true against its worst rival, geometry marginalised under its tolerances (``criterion``),
 and says what each factor brings.
 """
 
@@ -30,6 +30,7 @@ from truepose.identification.planning.discriminate.result import Experiment, Pai
 from truepose.identification.planning.discriminate.rows import Rows, Signals, recording_of, signals
 from truepose.identification.planning.discriminate.targets import Target, with_targets
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import AIR, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import PAYLOAD, Machine, Mass
 
@@ -210,7 +211,7 @@ def _values(on: Race, design: Sequence[int]) -> Array:
 
 def _in_order(rows: Rows) -> Rows:
     """As one would measure: by session and time, and what takes long to change is changed seldom."""
-    slow = sorted(rows.drivers, key=lambda name: _SLOW.index(name.partition(".")[0]))
+    slow = sorted(rows.drivers, key=lambda name: _SLOW.index(Driver.of(name).kind))
     keys = [
         *(rows.q[:, k] for k in range(rows.q.shape[1] - 1, -1, -1)),
         *(rows.drivers[n] for n in reversed(slow)),
@@ -223,11 +224,11 @@ _SLOW = ("session", "time", "pressure", "humidity", "temperature", "payload", "v
 
 def _unused(offer: Offer, varied: Sequence[Factor]) -> list[str]:
     read = {f.driver for f in varied}
-    shared = any(name.startswith("temperature.") for name in read)
+    shared = any(Driver.of(name).thermal for name in read)
     return [
         f"{driver!r} is offered but no explanation reads it: it is not varied"
         for driver in offer.levels
-        if driver not in read and not (driver == "temperature.air" and shared)
+        if driver not in read and not (driver == AIR and shared)
     ]
 
 

@@ -13,7 +13,6 @@ from truepose.challenge.score import Score, Statement
 from truepose.challenge.solutions import Truth
 
 COLUMNS = ("detected", "named", "top effect", "top place", "exact")
-DIAGRAM = "reliability.svg"
 _HEAD = """# Blind examination of the diagnosis: {n} cases
 
 Recordings come from simulated machines that share nothing with the catalogue; the engine saw machine and recording only.
@@ -260,4 +259,4 @@ def _score(s: Score) -> dict[str, Any]:
     }
 
 
-__all__ = ["DIAGRAM", "Table", "document", "lines", "markdown", "table"]
+__all__ = ["Table", "document", "lines", "markdown", "table"]

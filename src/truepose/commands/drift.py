@@ -69,28 +69,25 @@ def drift(
         with progress("comparing recordings") as say:
             loaded = load_machine(machine)
             recording = load_recording(loaded, recordings)
-            found = run(loaded, recording, accuracy=wanted, progress=say)
+            accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
+            found = run(loaded, recording, accuracy=accepted, progress=say)
             files = [] if output is None else _write(found, output)
         summary = {"command": "drift", **drift_json(found), "files": files}
         finish(summary, [*drift_lines(found), *files], found.notes, as_json=as_json)
 
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:
-    """Residuals by kind (mm, rad) that are good enough."""
+    """Residuals that are good enough, by their unit (mm, rad)."""
     from truepose.models.units import compatible, convert, parse_unit
 
     out: dict[str, float] = {}
     for text in texts:
         match = _QUANTITY.match(text)
-        if match is None:
+        unit = parse_unit(match["unit"], "any", f"--accuracy {text}") if match else ""
+        internal = next((known for known in ("mm", "rad") if compatible(unit, known)), None)
+        if match is None or internal is None:
             raise InputError(f"--accuracy: found {text!r}, expected a length or an angle such as '50 nm'")
-        unit = parse_unit(match["unit"], "any", f"--accuracy {text}")
-        if compatible(unit, "mm"):
-            out |= dict.fromkeys(("position", "distance"), convert(float(match["value"]), unit, "mm"))
-        elif compatible(unit, "rad"):
-            out["rotation"] = convert(float(match["value"]), unit, "rad")
-        else:
-            raise InputError(f"--accuracy: found {text!r}, expected a length or an angle such as '50 nm'")
+        out[internal] = convert(float(match["value"]), unit, internal)
     return out
 
 
