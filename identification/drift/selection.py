@@ -17,6 +17,7 @@ from scipy.special import expit, logsumexp
 from truepose.identification.drift.evidence import Point, Stack, State, state, weigh
 from truepose.identification.fit.problem import Prior
 from truepose.models.machine import FRAME_OF, Machine
+from truepose.models.parameters import vector_of
 
 Array = NDArray[np.float64]
 ENOUGH = 3.0
@@ -79,7 +80,7 @@ def candidates_of(machine: Machine, prior: Prior) -> tuple[Candidate, ...]:
     groups: dict[str, list[int]] = {}
     for k, name in enumerate(names):
         if name in outside:
-            groups.setdefault(name.rsplit(".", 1)[0], []).append(k)
+            groups.setdefault(vector_of(name), []).append(k)
     extrinsic = tuple(k for members in groups.values() for k in members)
     several = {name: tuple(members) for name, members in groups.items() if len(members) > 1}
     if len(groups) > 1:
