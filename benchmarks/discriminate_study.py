@@ -37,8 +37,8 @@ from truepose.identification.planning.discriminate.experiment import discriminat
 from truepose.identification.planning.discriminate.explanations import Explanation, class_of
 from truepose.identification.planning.discriminate.factors import Offer
 from truepose.identification.planning.discriminate.result import Experiment
-from truepose.identification.planning.pose_file import experiment_table
 from truepose.identification.recording.load import load_recording
+from truepose.identification.report.pose_tables import experiment_table
 from truepose.identification.report.results import diagnosis_json, json_text
 from truepose.models.load import load_machine, resolve_place
 from truepose.models.machine import Machine

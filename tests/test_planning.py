@@ -18,9 +18,9 @@ from truepose.identification.planning.criteria import CRITERIA
 from truepose.identification.planning.exchange import Pool, exchange
 from truepose.identification.planning.information import PoseInformation
 from truepose.identification.planning.plan import plan
-from truepose.identification.planning.pose_file import plan_table
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
+from truepose.identification.report.pose_tables import plan_table
 from truepose.models.load import load_machine
 from truepose.models.sensors.pose import Position
 

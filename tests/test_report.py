@@ -11,8 +11,9 @@ import pytest
 
 from support.reports import NAN, arm, fitted, gear_finding, own_markup, recorded, synthetic
 from truepose.identification.diagnosis.alarms import Alarm
-from truepose.identification.diagnosis.result import Diagnosis, FitSummary, Proof, Quantity, Remainder
-from truepose.identification.report import (
+from truepose.identification.diagnosis.result import Diagnosis, Form, Proof, Quantity, Remainder
+from truepose.identification.fit.summary import FitSummary
+from truepose.identification.report.pages import (
     calibration_html,
     calibration_text,
     report_html,
@@ -76,7 +77,7 @@ def test_report_says(diagnosis: Diagnosis, page: str, said: str) -> None:
 
 
 def test_unknown_verdict_tells_the_remainder(machine: Machine) -> None:
-    left = Remainder(("q2",), "q2", "periodic in q2; hypothesised", 2.1)
+    left = Remainder(("q2",), "q2", Form("curve"), 2.1)
     plain = synthetic(machine)
     page = own_markup(
         report_html(
@@ -93,7 +94,7 @@ def test_unknown_verdict_tells_the_remainder(machine: Machine) -> None:
     )
     assert "lacks something that no effect of the catalogue explains" in page
     assert "seems to follow q2" in page
-    assert "periodic in q2; hypothesised" in page
+    assert "q2 errs as a smooth curve in q2; hypothesised" in page
     assert "nothing to prove" in page
 
 
@@ -183,8 +184,9 @@ def test_written_file_is_the_page(diagnosis: Diagnosis, page: str, tmp_path: Pat
 def test_text_from_users_is_escaped(machine: Machine) -> None:
     name = "arm<script>alert(1)</script>"
     bad = "leg</script><b>"
+    noted = replace(recorded(machine), notes=(bad,))
     page = own_markup(
-        report_html(synthetic(replace(machine, name=name), evidence_map={bad: 4.0}, notes=(bad,)))
+        report_html(synthetic(replace(machine, name=name), evidence_map={bad: 4.0}, recording=noted))
     )
     assert "alert(1)</script>" not in page
     assert "&lt;script&gt;alert(1)" in page

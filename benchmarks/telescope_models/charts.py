@@ -7,10 +7,10 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from figures import Series, write_bars, write_chart
 from numpy.typing import NDArray
 from telescope_simulator import nominal_machine
 
+from figures import Series, write_bars, write_chart
 from truepose.models.flexure import SHAPE, gain
 
 from .campaign import Array

@@ -54,7 +54,8 @@ def doubted(
         return ()
     shared = zip(findings, piles, keeps, strict=True)
     return tuple(
-        _shared(f, rival, keep, _why(failing, pile)) if keep < 1.0 else f for f, pile, keep in shared
+        replace(_shared(f, rival, keep), failing=failing, pile=pile) if keep < 1.0 else f
+        for f, pile, keep in shared
     )
 
 
@@ -85,18 +86,7 @@ def _parts(machine: Machine, place: Sequence[str]) -> set[str]:
     return {part_of.get(name, name) for name in names}
 
 
-def _why(failing: bool, pile: int) -> str:
-    said = []
-    if failing:
-        said.append(
-            "The model with it still does not fit: something else is there, and this name may stand in for it."
-        )
-    if pile > 1:
-        said.append("It is one of several names that may together stand in for one thing without a name.")
-    return " ".join(said)
-
-
-def _shared(finding: Finding, rival: Remainder | None, keep: float, why: str) -> Finding:
+def _shared(finding: Finding, rival: Remainder | None, keep: float) -> Finding:
     place = finding.place if rival is None else rival.place
     unnamed = Alternative(UNNAMED, place, (1.0 - keep) * finding.certainty, finding.log_bayes_factor)
     others = [replace(other, probability=keep * other.probability) for other in finding.equivalents]
@@ -105,7 +95,6 @@ def _shared(finding: Finding, rival: Remainder | None, keep: float, why: str) ->
         probability=keep * finding.probability,
         certainty=keep * finding.certainty,
         equivalents=tuple(sorted((*others, unnamed), key=lambda other: -other.probability)),
-        explanation=f"{finding.explanation} {why}",
     )
 
 

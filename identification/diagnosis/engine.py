@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis import classes, doubt, outliers, remainder, summary
+from truepose.identification.diagnosis import classes, doubt, outliers, remainder
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.findings import (
     evidence_map,
@@ -21,7 +21,6 @@ from truepose.identification.diagnosis.findings import (
 )
 from truepose.identification.diagnosis.judgement import Judgement, explained, judged, likely_inflation
 from truepose.identification.diagnosis.naming import name
-from truepose.identification.diagnosis.notes import notes
 from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.result import Diagnosis, Finding, Remainder
 from truepose.identification.diagnosis.selection import (
@@ -36,6 +35,7 @@ from truepose.identification.diagnosis.selection import (
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
+from truepose.identification.fit.summary import summarise
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
@@ -64,7 +64,7 @@ class _Outcome:
     raised: Judgement
     left: Judgement
     screened: Ranking
-    notes: tuple[str, ...]
+    inflation: dict[str, float]
 
 
 def diagnose(
@@ -143,8 +143,7 @@ def _judge(fits: _Fits, found: Selection) -> _Outcome:
         selection = only(selection, fits.outliers, cat.stated)
         left = raised
     verdict = "missing-physics" if findings else "unknown" if rival or raised.fails else "adequate"
-    said = notes(recording, fits.before, screened, inflation)
-    return _Outcome(selection, findings, verdict, rival, raised, left, screened, said)
+    return _Outcome(selection, findings, verdict, rival, raised, left, screened, inflation)
 
 
 def _left(selection: Selection, recording: Recording) -> Judgement:
@@ -181,14 +180,12 @@ def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
         free=free,
         before=before,
         after=after,
-        fits={
-            name: summary.summarise(fit, machine.channels, recording.validation)
-            for name, fit in stages.items()
-        },
+        fits={name: summarise(fit, machine.channels, recording.validation) for name, fit in stages.items()},
         proof=proof,
         terms=after.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
-        notes=outcome.notes,
+        noise=outcome.screened.evidence.noise,
+        inflation=outcome.inflation,
     )
 
 

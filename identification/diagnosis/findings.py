@@ -81,9 +81,6 @@ def _finding(
         (replace(o, probability=kept * o.probability) for o in equivalents.values()),
         key=lambda o: -o.probability,
     )
-    experiment = placed.effect.experiment
-    if rivals and rivals[0].experiment and rivals[0].effect != placed.effect.slug:
-        experiment = f"{experiment}; against {rivals[0].effect}: {rivals[0].experiment}"
     return Finding(
         effect=placed.effect.slug,
         place=placed.place,
@@ -96,7 +93,7 @@ def _finding(
         prior_dependent=flip is not None,
         flip_lambda=flip,
         explanation=_explanation(machine, cat, after, items, placed),
-        separating_experiment=experiment,
+        experiment=placed.effect.experiment,
     )
 
 

@@ -20,6 +20,7 @@ from truepose.models.effects.common import sensor_at, sensor_names
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.mechanism import AXES, AXIS_UNITS
+from truepose.wording import joined
 
 UNNAMED = "unknown"
 LARGEST = {"mm": 1.0, "rad": 0.01}
@@ -121,13 +122,11 @@ class Unnamed(Effect):
         }
 
     def describe(self, settings: Settings) -> tuple[str, str]:
-        """Driver and form in words."""
+        """Driver (``q1 and q2`` for two) and kind of form (see ``Form``)."""
         if not settings:
-            return "position", "a volume warped quadratically by where the point is"
+            return "position", "warp"
         names = [self.sources[round(settings[key])] for key in ("a", "b") if key in settings]
-        if len(names) == 2:
-            return " and ".join(names), f"the product of {names[0]} and {names[1]}"
-        return names[0], f"a smooth curve in {names[0]}"
+        return joined(names), "product" if len(names) == 2 else "curve"
 
     def _warp(self, site: Site) -> Shifts:
         """Each coordinate of each point by squares and products of them, of about 1 at the points' distance."""

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis.summary import rms_by_kind
 from truepose.identification.drift.sessions import Session, bounded
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate, estimate, result
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import Prior, Problem
+from truepose.identification.fit.summary import rms_by_kind
 
 Array = NDArray[np.float64]
 LEVEL = 0.01

@@ -30,7 +30,6 @@ from truepose.identification.fit.simultaneous import simultaneous
 from truepose.identification.fit.widening import untied
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.results import fit_json
 from truepose.models.machine import Machine
 from truepose.models.units import meant
 
@@ -54,11 +53,6 @@ class Calibration:
     recording: Recording
     notes: tuple[str, ...]
     method: dict[str, str]
-
-    @cached_property
-    def fit_json(self) -> dict[str, Any]:
-        """The content of ``fit.json``."""
-        return fit_json(self.fit, self.recording, self.free, notes=self.notes, method=self.method)
 
 
 def calibrate(

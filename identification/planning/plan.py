@@ -19,7 +19,7 @@ from truepose.identification.planning.continuous import Landscape, climb
 from truepose.identification.planning.criteria import CRITERIA, Criterion, Objective
 from truepose.identification.planning.exchange import Pool, exchange
 from truepose.identification.planning.information import PoseInformation, Poses
-from truepose.identification.planning.pose_file import rounded
+from truepose.identification.planning.rounding import rounded
 from truepose.identification.planning.supply import Supply
 from truepose.models.machine import Machine
 

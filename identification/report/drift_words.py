@@ -15,6 +15,7 @@ from truepose.identification.identifiability.observability import grouped
 from truepose.identification.report.identifiability_words import unseen_sentences
 from truepose.identification.report.numbers import measure, percent, significant, uncertain
 from truepose.identification.report.results import finite
+from truepose.wording import shortened
 
 Json = dict[str, Any]
 SCHEMA = "truepose/drift/1"
@@ -98,11 +99,10 @@ def rate_unit(found: Drift) -> tuple[float, str]:
 def still_sentences(found: Drift) -> list[str]:
     """What did not move, with the largest movement that could have stayed hidden, and what nobody sees."""
     still = [m for m in found.movements if m.status == "still"]
-    shown = [f"{m.name} ({measure(2 * m.hidden, m.unit, 2)})" for m in still[:SHOWN]]
-    more = f" and {len(still) - SHOWN} more" if len(still) > SHOWN else ""
+    shown = shortened([f"{m.name} ({measure(2 * m.hidden, m.unit, 2)})" for m in still], SHOWN)
     out = []
     if still:
-        out.append(f"no movement shown of (alone, it would show from): {', '.join(shown)}{more}")
+        out.append(f"no movement shown of (alone, it would show from): {shown}")
     unseen = [m.name for m in found.movements if m.status == "unseen"]
     masked = [m.name for m in found.movements if m.status == "masked"]
     if masked:

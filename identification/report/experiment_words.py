@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from truepose.identification.planning.discriminate.factors import Factor
 from truepose.identification.planning.discriminate.result import SPLIT, Experiment, Pair, Worth
 from truepose.models.driver import Driver
+from truepose.wording import joined
 
 _NAMES = {"approach": "side of approach", "time": "time between visits", "session": "two sessions"}
 
@@ -52,7 +53,7 @@ def _verdict(found: Experiment) -> list[str]:
     lost = [_stuck(pair, found) for pair in found.stuck]
     if found.hopeless:
         return lost
-    names = _listed(e.name for e in found.explanations)
+    names = joined(e.name for e in found.explanations)
     apart = "apart" if not lost else "apart as far as they can be told"
     value = f"expected log Bayes factor {found.expected:.3g}"
     if found.expected >= SPLIT:
@@ -131,7 +132,7 @@ def _target(name: str, value: float, expected: float) -> str:
 def _names(factors: Sequence[Factor]) -> str:
     drivers = [Driver.of(f.driver) for f in factors]
     names, said = [d.place for d in drivers], _NAMES.get(drivers[0].kind, drivers[0].kind)
-    return said if not any(names) else f"{said} of {_listed(names)}"
+    return said if not any(names) else f"{said} of {joined(names)}"
 
 
 def _factors(factors: Sequence[Factor]) -> str:
@@ -139,11 +140,6 @@ def _factors(factors: Sequence[Factor]) -> str:
     unit = Driver.of(first.driver).unit({})
     levels = ", ".join(f"{level:g}" for level in first.levels)
     return f"{_names(factors)} at {levels} {'' if unit == '1' else unit}".rstrip()
-
-
-def _listed(names: Iterable[str]) -> str:
-    every = list(names)
-    return every[0] if len(every) == 1 else ", ".join(every[:-1]) + f" and {every[-1]}"
 
 
 def _pair_json(pair: Pair) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.result import Diagnosis, FitSummary
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.summary import FitSummary
 from truepose.models.machine import Machine
 
 Mask = NDArray[np.bool_]

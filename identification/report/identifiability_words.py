@@ -14,6 +14,7 @@ import numpy as np
 from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
 from truepose.identification.identifiability.observability import Direction, Knowledge, grouped
 from truepose.identification.identifiability.patterns import Blind, Pattern
+from truepose.wording import joined, shortened
 
 Json = dict[str, Any]
 SCHEMA = "truepose/identifiability/1"
@@ -44,7 +45,7 @@ def identifiability_lines(found: Identifiability, *, every: bool = False) -> lis
     if left:
         lines.append(
             f"  {len(found.subset.kept)} parameters can be told apart from each other; "
-            f"left out as alike: {_listed(list(found.subset.relations), most or left)}"
+            f"left out as alike: {shortened(list(found.subset.relations), most or left)}"
         )
     return [*lines, *_table(found, every)]
 
@@ -106,7 +107,7 @@ def _alone_sentence(names: Sequence[str], open_ended: bool) -> str:
         who = "nothing decides, it stays at the drawing" if open_ended else "its tolerance decides"
         return f"{names[0]} alone: no reading changes when it moves; {who}"
     who = "nothing decides, they stay at the drawing" if open_ended else "tolerances decide"
-    return f"{_joined(grouped(names))}, each alone: no reading changes when one of them moves; {who}"
+    return f"{joined(grouped(names))}, each alone: no reading changes when one of them moves; {who}"
 
 
 def _pattern_sentences(found: Sequence[Pattern], names: Sequence[str]) -> list[str]:
@@ -133,7 +134,7 @@ def _pattern_sentences(found: Sequence[Pattern], names: Sequence[str]) -> list[s
 
 def _points(points: Sequence[str]) -> str:
     named = grouped([point if "." in point else f"{point}." for point in points])
-    return _joined([name.rstrip(". ") for name in named])
+    return joined([name.rstrip(". ") for name in named])
 
 
 def _motions(motions: Sequence[Pattern]) -> str:
@@ -145,12 +146,12 @@ def _block_sentences(known: Knowledge, block: Sequence[Direction]) -> list[str]:
     names = list(dict.fromkeys(name for direction in block for name in direction.parts))
     left = len(names) - len(block)
     if left == 0:
-        return [f"{_joined(names)}: no reading changes when they move; {_who(block[0])}"]
+        return [f"{joined(names)}: no reading changes when they move; {_who(block[0])}"]
     terms = [_terms(known, direction) for direction in block]
     if len(names) <= FEW:
         seen = f"only {_count(left)} combination{'s' if left > 1 else ''} of the {_count(len(names))}"
         return [
-            f"{_joined(names)} trade with each other: {seen} {'are' if left > 1 else 'is'} seen "
+            f"{joined(names)} trade with each other: {seen} {'are' if left > 1 else 'is'} seen "
             f"({'; '.join(terms)}); {_who(block[0])}"
         ]
     return [f"moving {text} changes no reading; {_who(d)}" for text, d in zip(terms, block, strict=True)]
@@ -190,7 +191,7 @@ def _terms(known: Knowledge, direction: Direction) -> str:
         f"{', '.join(grouped(names))} {amount}{'' if unit == '1' else ' ' + unit}"
         for (amount, unit), names in by_amount.items()
     ]
-    return _listed(groups, TERMS)
+    return shortened(groups, TERMS)
 
 
 def _status_lines(found: Identifiability) -> list[str]:
@@ -221,7 +222,7 @@ def _table(found: Identifiability, every: bool) -> list[str]:
 def _remark(parameter: ParameterSight) -> str:
     if not parameter.partners:
         return parameter.status
-    return f"{parameter.status}; trades with {_listed(grouped(parameter.partners), 3)}"
+    return f"{parameter.status}; trades with {shortened(grouped(parameter.partners), 3)}"
 
 
 def _quantity(value: float, unit: str) -> str:
@@ -237,15 +238,6 @@ def _short(value: float) -> str:
 
 def _count(number: int) -> str:
     return _NUMBER_WORDS.get(number, str(number))
-
-
-def _joined(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _listed(items: Sequence[str], most: int) -> str:
-    more = f" and {len(items) - most} more" if len(items) > most else ""
-    return ", ".join(items[:most]) + more
 
 
 def identifiability_json(found: Identifiability) -> Json:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from truepose.identification.diagnosis.result import Diagnosis, FitSummary
-from truepose.identification.diagnosis.summary import summarise
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import render

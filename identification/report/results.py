@@ -15,11 +15,14 @@ import numpy as np
 
 from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.outliers import fringes_by_row
-from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, FitSummary, Quantity
-from truepose.identification.diagnosis.summary import rms_by_kind, worst_allowed
+from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Quantity
+from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.summary import FitSummary, rms_by_kind, worst_allowed
 from truepose.identification.identifiability.observability import identifiable, unseen_directions
 from truepose.identification.recording.recording import Recording
+from truepose.identification.report.diagnosis_words import explanation, form_words, separating_experiment
+from truepose.identification.report.notes import diagnosis_notes
 from truepose.models.effects.base import effects
 from truepose.models.machine import Machine
 
@@ -66,7 +69,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         and {
             "place": list(left.place),
             "driver": left.driver,
-            "form": left.form,
+            "form": form_words(left),
             "size_sigma": left.size_sigma,
         },
         "candidates": [_alternative(c) for c in diagnosis.candidates],
@@ -84,7 +87,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
             "injected_recovered": proof.injected_recovered,
         },
         "parameters": parameters_json(diagnosis.after),
-        "notes": list(diagnosis.notes),
+        "notes": list(diagnosis_notes(diagnosis)),
     }
     return dict(finite(out))
 
@@ -111,6 +114,11 @@ def fit_json(
         "notes": list(notes),
     }
     return dict(finite(out))
+
+
+def calibration_json(found: Calibration) -> Json:
+    """The same of a whole calibration."""
+    return fit_json(found.fit, found.recording, found.free, notes=found.notes, method=found.method)
 
 
 def parameters_json(fit: Estimate) -> Json:
@@ -196,8 +204,8 @@ def _finding(finding: Finding) -> Json:
         "settings": [dict(s) for s in finding.settings],
         "prior_dependent": finding.prior_dependent,
         "flip_lambda": finding.flip_lambda,
-        "explanation": finding.explanation,
-        "separating_experiment": finding.separating_experiment,
+        "explanation": explanation(finding),
+        "separating_experiment": separating_experiment(finding),
     }
 
 

@@ -1,6 +1,6 @@
 """Result files that are either whole or not there at all.
 
-`atomic_write_text` for one file, `atomic_directory` for several that belong together.
+`atomic_write_text` for one file, `write_table` for one table, `atomic_directory` for several that belong together.
 """
 
 from __future__ import annotations
@@ -8,10 +8,14 @@ from __future__ import annotations
 import contextlib
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from truepose.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def _hidden_sibling(path: Path) -> Path:
@@ -33,6 +37,26 @@ def atomic_write_text(path: Path | str, text: str) -> None:
     try:
         with partial.open("w", encoding="utf-8", newline="") as stream:
             stream.write(text)
+        partial.replace(target)
+    except OSError as exc:
+        raise InputError(f"{path}: cannot write the file: {exc.strerror}") from exc
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_table(path: Path, frame: pd.DataFrame, comments: Iterable[str] = ()) -> None:
+    """CSV, or Parquet by the file's ending; whole or not at all, floats at full precision.
+
+    ``comments`` stand above the header of a CSV; Parquet has no place for them.
+    """
+    if path.suffix.lower() not in {".parquet", ".pq"}:
+        head = "".join(f"# {line}\n" for line in comments)
+        atomic_write_text(path, head + frame.to_csv(index=False, lineterminator="\n"))
+        return
+    target = path.resolve()
+    partial = _hidden_sibling(target)
+    try:
+        frame.to_parquet(partial, index=False)
         partial.replace(target)
     except OSError as exc:
         raise InputError(f"{path}: cannot write the file: {exc.strerror}") from exc

@@ -1,7 +1,7 @@
 """The experiment that splits explanations which a diagnosis cannot tell apart.
 
 ``discriminate`` chooses rows (pose, payload, temperature, side, time) that maximise the expected log Bayes factor of
-whatever is true against its worst rival, geometry marginalised under its tolerances (``discriminate_criterion``),
+whatever is true against its worst rival, geometry marginalised under its tolerances (``criterion``),
 and says what each factor brings.
 """
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truepose.identification.planning.discriminate.factors import Factor, settings
 from truepose.identification.planning.discriminate.rows import Rows
 from truepose.identification.planning.information import PoseInformation
-from truepose.identification.planning.pose_file import rounded
+from truepose.identification.planning.rounding import rounded
 from truepose.identification.planning.supply import Supply
 from truepose.models.driver import Driver
 from truepose.models.machine import Machine

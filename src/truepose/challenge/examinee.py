@@ -16,8 +16,7 @@ DIAGNOSIS, IMPROVED, PREDICTION = "diagnosis.json", "improved.yaml", "heldout_pr
 
 def sit(plugins: Sequence[str] = ()) -> None:
     """Diagnose and predict in the working directory; ``plugins`` are files that register a user's effects."""
-    from truepose.commands.tables import write_table
-    from truepose.files import atomic_write_text
+    from truepose.files import atomic_write_text, write_table
     from truepose.identification.diagnosis.engine import diagnose
     from truepose.identification.fit.write_machine import write_calibrated
     from truepose.identification.prediction.predict import predict

@@ -133,9 +133,9 @@ def run(
     from truepose.identification.planning.discriminate.explanations import Class, class_of, explanation
     from truepose.identification.planning.discriminate.factors import Offer
     from truepose.identification.planning.discriminate.targets import Target
-    from truepose.identification.planning.pose_file import experiment_table
     from truepose.identification.recording.load import load_recording
     from truepose.identification.report.experiment_words import experiment_json, sentences
+    from truepose.identification.report.pose_tables import experiment_table
 
     if asked.diagnosis is not None:
         wanted = class_of(asked.diagnosis, machine, asked.names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,7 +20,6 @@ from truepose.commands.common import (
     reported,
     written,
 )
-from truepose.commands.words import calibration_lines, diagnosis_lines, diagnosis_summary
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
@@ -70,6 +70,8 @@ def calibrate(
     with reported(plugin):
         from truepose.identification.fit.calibrate import calibrate as run
         from truepose.identification.fringes.load import load_recording
+        from truepose.identification.report.results import calibration_json
+        from truepose.identification.report.terminal import calibration_lines
         from truepose.models.load import load_machine
 
         check_directory(output)
@@ -77,10 +79,10 @@ def calibrate(
             loaded = load_machine(machine)
             rows = load_recording(loaded, recordings, irradiance=irradiance or (), progress=say)
             result = run(loaded, rows, estimator=estimator, solver=solver, progress=say)
-            names = write_calibration(result, output)
-        fit = result.fit_json
+            fit = calibration_json(result)
+            names = write_calibration(result, fit, output)
         summary = {"command": "calibrate", **{k: fit[k] for k in _BRIEF}, "files": written(output, names)}
-        finish(summary, calibration_lines(result, output), result.notes, as_json=as_json)
+        finish(summary, calibration_lines(result, fit, output), result.notes, as_json=as_json)
 
 
 _BRIEF = (
@@ -113,6 +115,8 @@ def diagnose(
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
         from truepose.identification.fringes.load import load_recording
+        from truepose.identification.report.notes import diagnosis_notes
+        from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
         from truepose.models.load import load_machine
 
         check_directory(output)
@@ -124,21 +128,21 @@ def diagnose(
         finish(
             diagnosis_summary(result, "diagnose", written(output, names)),
             diagnosis_lines(result, output),
-            result.notes,
+            diagnosis_notes(result),
             as_json=as_json,
         )
 
 
-def write_calibration(result: Calibration, output: Path) -> list[str]:
-    """The three files of a calibration, whole or not at all."""
+def write_calibration(result: Calibration, document: Mapping[str, object], output: Path) -> list[str]:
+    """The three files of a calibration, whole or not at all; ``document`` is that of ``fit.json``."""
     from truepose.files import atomic_directory
     from truepose.identification.fit.write_machine import write_calibrated
-    from truepose.identification.report import calibration_html
+    from truepose.identification.report.pages import calibration_html
     from truepose.identification.report.results import json_text
 
     with atomic_directory(output) as partial:
         write_calibrated(partial / "calibrated.yaml", result.fit, result.recording)
-        _write(partial / "fit.json", json_text(result.fit_json))
+        _write(partial / "fit.json", json_text(document))
         _write(partial / "report.html", calibration_html(result.fit, result.free, result.recording))
         return sorted(file.name for file in partial.iterdir())
 
@@ -147,7 +151,7 @@ def write_diagnosis(result: Diagnosis, output: Path, truth: dict[str, object] | 
     """The three files of a diagnosis, whole or not at all; ``truth`` is for the report's last page alone."""
     from truepose.files import atomic_directory
     from truepose.identification.fit.write_machine import write_calibrated
-    from truepose.identification.report import report_html
+    from truepose.identification.report.pages import report_html
     from truepose.identification.report.results import diagnosis_json, json_text
 
     with atomic_directory(output) as partial:

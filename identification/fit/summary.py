@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.result import FitSummary
 from truepose.identification.fit.estimate import Estimate
 from truepose.models.sensors.base import Channel
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """rms by kind (internal units), chi2 per degree of freedom, validation rms, worst parameter."""
+
+    rms: Mapping[str, float]
+    chi2_per_dof: float
+    validation_rms: Mapping[str, float] | None
+    worst_parameter_sigma: float
+    worst_parameter: str
+    worst_allowed: float
 
 
 def rms_by_kind(residual: Array, channels: Sequence[Channel]) -> dict[str, float]:

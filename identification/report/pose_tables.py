@@ -1,21 +1,17 @@
-"""Planned poses as the rows of a file: joints in the units of the machine file, rounded inside their ranges."""
+"""Planned poses as the rows of a file, joints in the units of the machine file."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truepose.identification.planning.discriminate.result import Experiment
+from truepose.identification.planning.plan import Plan
+from truepose.identification.planning.rounding import decimals, file_unit
 from truepose.models.driver import APPROACH, SESSION, TIME, Driver
 from truepose.models.machine import Machine
-from truepose.models.mechanism import Actuator
-from truepose.models.units import UnitSystem, compatible, convert
-
-if TYPE_CHECKING:
-    from truepose.identification.planning.discriminate.result import Experiment
-    from truepose.identification.planning.plan import Plan
+from truepose.models.units import convert
 
 Array = NDArray[np.float64]
 _FINEST = 1e-12
@@ -58,11 +54,11 @@ def experiment_table(experiment: Experiment) -> pd.DataFrame:
     if TIME in drivers:
         data[TIME] = _one_by_one(drivers.pop(TIME))
     data |= _joints(q, machine)
-    written_in = {a.reading: _unit(a, machine) for a in machine.mechanism.actuators}
+    written_in = {a.reading: file_unit(a, machine) for a in machine.mechanism.actuators}
     for name, values in drivers.items():
         driver = Driver.of(name)
         written = convert(values, driver.unit(machine.mechanism.reading_units), driver.unit(written_in))
-        data[name] = np.round(written, _decimals(written, _FINEST)) + 0.0
+        data[name] = np.round(written, decimals(written, _FINEST)) + 0.0
     return pd.DataFrame(data)
 
 
@@ -70,9 +66,9 @@ def _joints(q: Array, machine: Machine) -> dict[str, NDArray[np.float64] | NDArr
     """Joint values (n, nq) by column, in the units of the machine file."""
     data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
     for k, actuator in enumerate(machine.mechanism.actuators):
-        written = convert(q[:, k], actuator.reading_unit, _unit(actuator, machine))
+        written = convert(q[:, k], actuator.reading_unit, file_unit(actuator, machine))
         # what is left of the conversion's rounding would make long numbers of short ones
-        data[actuator.reading] = np.round(written, _decimals(written, _FINEST)) + 0.0
+        data[actuator.reading] = np.round(written, decimals(written, _FINEST)) + 0.0
     return data
 
 
@@ -82,35 +78,6 @@ def _one_by_one(time: Array) -> Array:
     return np.asarray(time + BETWEEN * (np.arange(len(time)) - first))
 
 
-def rounded(q: Array, machine: Machine, step: float) -> Array:
-    """Joint values (n, nq) rounded to about ``step`` of their range in the file's units, never out of it."""
-    out = q.copy()
-    for k, actuator in enumerate(machine.mechanism.actuators):
-        if actuator.range is None:
-            continue
-        unit = _unit(actuator, machine)
-        low, high = (convert(end, actuator.reading_unit, unit) for end in actuator.range)
-        decimals = _decimals(np.array([high - low]), step)
-        values = np.round(convert(q[:, k], actuator.reading_unit, unit), decimals)
-        out[:, k] = np.clip(convert(values, unit, actuator.reading_unit), *actuator.range)
-    return out
-
-
-def _decimals(values: Array, step: float) -> int:
-    """Decimals that resolve ``step`` of the largest value; 0 where all are zero."""
-    if not np.any(values):
-        return 0
-    return int(np.ceil(-np.log10(step * float(np.max(np.abs(values))))))
-
-
-def _unit(actuator: Actuator, machine: Machine) -> str:
-    """The unit of a joint's column: as recordings of this machine are read."""
-    units = machine.file.units if machine.file else UnitSystem()
-    if units.joint is not None and compatible(units.joint, actuator.reading_unit):
-        return units.joint
-    return {"mm": units.length, "rad": units.angle}.get(actuator.reading_unit, actuator.reading_unit)
-
-
 def _numbered(q: Array) -> NDArray[np.int64]:
     """(n,) numbers from 1 in order of appearance, the same for the same joint values."""
     _, first, group = np.unique(q, axis=0, return_index=True, return_inverse=True)
@@ -118,4 +85,4 @@ def _numbered(q: Array) -> NDArray[np.int64]:
     return np.asarray(1 + rank[group.reshape(-1)], dtype=np.int64)
 
 
-__all__ = ["experiment_table", "plan_table", "rounded"]
+__all__ = ["experiment_table", "plan_table"]

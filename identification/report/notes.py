@@ -4,25 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from truepose.identification.diagnosis.selection import Ranking
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.recording.recording import Recording
+from truepose.identification.diagnosis.result import Diagnosis
 
 
-def notes(
-    recording: Recording, before: Estimate, screened: Ranking, inflation: Mapping[str, float]
-) -> tuple[str, ...]:
+def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
     """What a reader should know besides: rows left out, noise and tolerances that look misstated."""
-    said = list(recording.notes)
-    said += [
+    recording = found.recording
+    said = [
         f"row {recording.source_row[k]} of {recording.files[recording.source_file[k]]} cannot be assembled and was left out"
-        for k in before.unassembled
+        for k in found.before.unassembled
     ]
-    if not 0.8 < screened.evidence.noise < 1.25:
-        said.append(
-            f"without effects the readings scatter {screened.evidence.noise:.2g} times the stated sigma"
-        )
-    return (*said, *_tolerance_notes(inflation))
+    if not 0.8 < found.noise < 1.25:
+        said.append(f"without effects the readings scatter {found.noise:.2g} times the stated sigma")
+    return (*recording.notes, *said, *_tolerance_notes(found.inflation))
 
 
 def _tolerance_notes(inflation: Mapping[str, float]) -> list[str]:

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    from truepose.identification.diagnosis.result import Alternative, Diagnosis
-    from truepose.identification.fit.calibrate import Calibration
-
+from truepose.identification.diagnosis.result import Alternative, Diagnosis
+from truepose.identification.fit.calibrate import Calibration
+from truepose.identification.report.diagnosis_words import explanation, form_words
+from truepose.identification.report.results import diagnosis_json
 
 SHOWN = 6
 
 
 def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict[str, object]:
     """What ``--json`` prints of a diagnosis: its document's main parts, and the files."""
-    from truepose.identification.report.results import diagnosis_json
-
     whole = diagnosis_json(result)
     kept = {
         key: whole[key] for key in ("verdict", "concealed", "alarms", "findings", "remainder", "fit", "proof")
@@ -35,7 +34,7 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
     lines = [f"{result.machine.name}: {words[result.verdict]}{hidden}"]
     for finding in result.findings:
         who = f"{finding.effect} at {', '.join(finding.place)}"
-        lines.append(f"  {who} (probability {_percent(finding.probability)}): {finding.explanation}")
+        lines.append(f"  {who} (probability {_percent(finding.probability)}): {explanation(finding)}")
         shown = list(finding.parameters.items())
         for name, q in shown[:SHOWN]:
             unit = "" if q.unit == "1" else f" {q.unit}"
@@ -45,7 +44,7 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
         if finding.equivalents:
             lines.append("    could also be: " + "; ".join(_alternative(e) for e in finding.equivalents[:4]))
     if result.remainder is not None:
-        lines.append(f"  remainder follows {result.remainder.driver}: {result.remainder.form}")
+        lines.append(f"  remainder follows {result.remainder.driver}: {form_words(result.remainder)}")
     if result.outlier_rows:
         lines.append(f"  rows left out as outliers: {', '.join(map(str, result.outlier_rows))}")
     fits = ", ".join(f"{name} {fit.chi2_per_dof:.3g}" for name, fit in result.fits.items())
@@ -62,9 +61,9 @@ def _percent(probability: float) -> str:
     return "> 99.9 %" if probability > 0.999 else f"{100 * probability:.1f} %"
 
 
-def calibration_lines(result: Calibration, output: Path) -> list[str]:
-    """A few plain lines: figures of the fit, what tolerances decided, where the machine file is."""
-    fit, figures = result.fit, result.fit_json
+def calibration_lines(result: Calibration, figures: Mapping[str, Any], output: Path) -> list[str]:
+    """A few plain lines: ``figures`` of ``fit.json``, what tolerances decided, where the machine file is."""
+    fit = result.fit
     seen = f"{fit.rank} of {len(fit.prior.free)} directions"
     rms = ", ".join(f"{kind} {v['value']:.4g} {v['unit']}" for kind, v in figures["rms"].items())
     flat = result.method["estimator"] in ("ols", "liu", "ridge", "pcr")
