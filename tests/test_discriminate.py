@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support import MACHINES
+from support.examples import examples
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import missed_chi2
@@ -97,7 +98,7 @@ def test_order_of_rows_and_rescaled_geometry_change_nothing(seed: int) -> None:
     assert other.missed(design) == pytest.approx(c.missed(design), rel=1e-6)
 
 
-@hypothesis_settings(max_examples=25)
+@hypothesis_settings(max_examples=examples(25))
 @example_seeds
 def test_chosen_rows_are_distinct_and_beat_random_ones(seed: int) -> None:
     race = Race((contest(seed),), 2, np.ones(2, dtype=bool))
