@@ -105,7 +105,7 @@ def test_a_triangular_factor_is_as_good_as_its_rows(rng: np.random.Generator, na
     h = collinear(rng)
     y = h @ rng.standard_normal(6) + NOISE * rng.standard_normal(40)
     r = np.asarray(np.linalg.qr(np.column_stack([h, y]), mode="r"))
-    rows, factor = decompose(h, y), decompose(r[:, :6], r[:, 6], readings=40)
+    rows, factor = decompose(h, y), decompose(r[:, :6], r[:, 6], n_observations=40)
     np.testing.assert_allclose(ESTIMATORS[name](factor).b, ESTIMATORS[name](rows).b, rtol=1e-8)
 
 

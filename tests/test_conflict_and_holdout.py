@@ -31,7 +31,7 @@ def linear(rng: np.random.Generator, *, noise: float = 1.0, departure: float = 1
         gram=rows.T @ rows,
         free=FREE,
         columns=(),
-        readings=READINGS,
+        n_observations=READINGS,
         departure=np.zeros(FREE),
         weight=np.ones(FREE),
         parts=("length:",) * FREE,
@@ -115,7 +115,7 @@ def campaign(n: int, drivers: Mapping[str, Array], validation: NDArray[np.bool_]
     return Recording(
         joints=("q1", "q2"),
         q=rng.uniform(-1, 1, (n, 2)),
-        readings={},
+        observations={},
         labels={},
         drivers=drivers,
         files=("a.csv",),

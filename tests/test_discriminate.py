@@ -163,7 +163,7 @@ def test_the_promise_is_what_the_diagnosis_computes_from_a_recording(tmp_path: P
     found = planned("arm", "joint-compliance@q2:c=2e-6", "backlash@q2:b=1e-4", n=24, payload="0,5")
     frame = experiment_table(found)
     frame.to_csv(tmp_path / "rows.csv", index=False)
-    rows = load_recording(machine, [tmp_path / "rows.csv"], need_readings=False)
+    rows = load_recording(machine, [tmp_path / "rows.csv"], need_observations=False)
     true, rival = (e.forms[0][0] for e in found.explanations)
     missing = parse_effect("joint-compliance@q2:c=2e-6", machine)
     read = with_inputs(tmp_path / "rows.csv", simulate(machine, rows, [missing], seed=None))
@@ -267,4 +267,4 @@ def test_changes_of_length_count_from_one_reference_row(tmp_path: Path) -> None:
     frame = experiment_table(found)
     assert len(frame) == 7 and set(frame["from"]) == {1} and list(frame["pose"]) == list(range(1, 8))
     frame.to_csv(tmp_path / "rows.csv", index=False)
-    assert len(load_recording(machine, [tmp_path / "rows.csv"], need_readings=False)) == 7
+    assert len(load_recording(machine, [tmp_path / "rows.csv"], need_observations=False)) == 7

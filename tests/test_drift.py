@@ -295,7 +295,7 @@ def test_rows_that_count_from_another_session_are_left_out(tmp_path: Path) -> No
     loaded = load_machine(machine)
     found = drift(loaded, load_recording(loaded, [tmp_path / "read.csv"]))
     assert any("row 21: counts from a row of another session" in note for note in drift_notes(found))
-    assert found.readings == (19, 19)  # the first row reads 0, the 21st is left out
+    assert found.n_observations == (19, 19)  # the first row reads 0, the 21st is left out
     assert not moved(found)
 
 

@@ -60,7 +60,7 @@ class Dense:
             gram=rows.T @ rows,
             free=len(PARTS),
             columns=self.columns,
-            readings=READINGS,
+            n_observations=READINGS,
             departure=departure,
             weight=1.0 / self.tolerance,
             parts=PARTS,

@@ -99,7 +99,7 @@ def test_expected_sigmas_are_those_of_the_fit_to_come(kind: str) -> None:
     units = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
     turn = {name: np.pi / 180 if unit == "rad" else 1.0 for name, unit in units.items()}
     read = {name: turn[name] * frame[name].to_numpy() for name in map(str, frame)}
-    fit = estimate(machine, replace(poses, readings=read))
+    fit = estimate(machine, replace(poses, observations=read))
     at_drawing = np.array([p.std_at_drawing for p in found.parameters])
     # the fit is a few tolerances' thousandths away from the drawing
     np.testing.assert_allclose(at_drawing, fit.std[fit.prior.free], rtol=0.02)
@@ -118,10 +118,14 @@ def test_readings_are_not_needed_and_change_nothing(tmp_path: Path) -> None:
     q.to_csv(tmp_path / "poses.csv", index=False)
     run("simulate", MACHINES / "serial.yaml", tmp_path / "poses.csv", "-o", tmp_path / "read.csv")
     bare, read = (
-        identifiability(machine, load_recording(machine, [tmp_path / name], need_readings=False))
+        identifiability(machine, load_recording(machine, [tmp_path / name], need_observations=False))
         for name in ("poses.csv", "read.csv")
     )
-    assert (bare.poses, bare.readings, bare.rank) == (read.poses, read.readings, read.rank) == (20, 60, 13)
+    assert (
+        (bare.poses, bare.n_observations, bare.rank)
+        == (read.poses, read.n_observations, read.rank)
+        == (20, 60, 13)
+    )
     np.testing.assert_allclose([p.std for p in bare.parameters], [p.std for p in read.parameters], rtol=1e-9)
     assert unseen_sentences(bare.unseen) == unseen_sentences(read.unseen)
 

@@ -82,7 +82,7 @@ class Case:
         (folder / "m.yaml").write_text(yaml.safe_dump(self.document, sort_keys=False))
         self.table.to_csv(folder / "r.csv", index=False, float_format="%.17g")
         machine = load_machine(folder / "m.yaml")
-        return machine, load_recording(machine, [folder / "r.csv"], need_readings="x" in self.table)
+        return machine, load_recording(machine, [folder / "r.csv"], need_observations="x" in self.table)
 
 
 def described(name: str) -> Document:

@@ -76,7 +76,7 @@ def test_the_planned_information_is_what_a_fit_would_use(name: str, tmp_path: Pa
     made = replace(made, q=found.q)
     plan_table(made).to_csv(tmp_path / "poses.csv", index=False)
     frame = simulate(
-        machine, load_recording(machine, [tmp_path / "poses.csv"], need_readings=False), seed=None
+        machine, load_recording(machine, [tmp_path / "poses.csv"], need_observations=False), seed=None
     )
     with_inputs(tmp_path / "poses.csv", frame).to_csv(tmp_path / "recording.csv", index=False)
     predictor = Predictor(machine, load_recording(machine, [tmp_path / "recording.csv"]), machine.effects)

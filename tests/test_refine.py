@@ -75,7 +75,7 @@ def warm_boom(folder: Path, lag: float, alpha: float = ALPHA) -> tuple[Machine, 
     warm = 20.0 + 6.0 * (1 - np.exp(-time / 2500)) + 1.5 * np.sin(2 * np.pi * time / 1500)
     s, q = rng.uniform(-100, 100, ROWS), rng.uniform(-170, 170, ROWS)
     frame = pd.DataFrame({"s [mm]": s, "q [deg]": q, "time": time, "temperature.link2": warm})
-    unread = load_recording(machine, [written(folder, frame)], need_readings=False)
+    unread = load_recording(machine, [written(folder, frame)], need_observations=False)
     predictor = Predictor(machine, unread)
     seen = []
     for k, grown in enumerate(800.0 * alpha * (body(warm, lag) - 20.0)):
@@ -258,7 +258,7 @@ def recorded(folder: Path, time: Array, session: Array) -> Recording:
     path.write_text(TEXT)
     way = 40 * np.sin(np.arange(len(time)))
     frame = pd.DataFrame({"s [mm]": way, "q [deg]": 0.0, "time": time, "session": session})
-    return load_recording(load_machine(path), [written(folder, frame)], need_readings=False)
+    return load_recording(load_machine(path), [written(folder, frame)], need_observations=False)
 
 
 def test_creep_goes_on_while_one_clock_runs(tmp_path: Path) -> None:

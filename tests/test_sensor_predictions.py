@@ -117,7 +117,7 @@ def test_changes_need_the_row_they_start_from(tmp_path: Path) -> None:
     path.write_text(",".join([*machine.mechanism.readings, "dL"]) + "\n" + "0,0,0,0,0,0,0\n")
     with pytest.raises(InputError, match=r"r\.csv.*'?from'?"):
         load_recording(machine, [path])
-    assert len(load_recording(machine, [path], need_readings=False)) == 1
+    assert len(load_recording(machine, [path], need_observations=False)) == 1
 
 
 def test_a_change_from_a_row_that_is_gone_is_refused(tmp_path: Path) -> None:

@@ -185,12 +185,12 @@ def test_actuator_scale_sensors_and_seeds() -> None:
     scaled = api.simulate(machine, rho, ring_stiffness=np.inf, actuator_scale=0.011)
     longer = api.simulate(machine, 1.011 * rho, ring_stiffness=np.inf)
     assert np.array_equal(scaled.rho, rho)
-    assert np.allclose(scaled.exact_readings, longer.exact_readings, atol=1e-9)
+    assert np.allclose(scaled.exact_observations, longer.exact_observations, atol=1e-9)
     pose = api.PoseSensor(sigma_xyz=0.003, sigma_rot=0.01)
     one, same, other = (api.simulate(machine, rho, sensor=pose, seed=s) for s in (1, 1, 2))
     assert one.columns == ("x", "y", "z", "rx", "ry", "rz")
-    assert np.array_equal(one.readings, same.readings)
-    assert not np.array_equal(one.readings, other.readings)
+    assert np.array_equal(one.observations, same.observations)
+    assert not np.array_equal(one.observations, other.observations)
     assert yaml.safe_load(api.machine_text(pose))["sensor"]["sigma"] == {"xyz": 0.003, "rot": 0.01}
 
 

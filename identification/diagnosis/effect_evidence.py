@@ -30,14 +30,14 @@ HOPELESS = 16.0
 """Log odds below which an inflation is not weighed with candidates: it would add 1e-7 of a narrower one's share."""
 LONG = 60
 """Coefficients from which on a candidate is a long series (a hundred harmonics)."""
-MANY_READINGS = 4000
+MANY_OBSERVATIONS = 4000
 """Beyond so many readings tolerances decide little, and one inflation for all classes is enough."""
 
 
 def grid_for(lin: Linearisation, rms: float) -> Grid:
     """Noise scales from below the stated sigma to what geometry alone leaves; inflations of the classes present."""
     classes = tuple(dict.fromkeys(lin.parts))
-    if lin.readings > MANY_READINGS:
+    if lin.n_observations > MANY_OBSERVATIONS:
         top = max(1.7, 1.2 * rms)
         coarse = np.geomspace(1.0, top, max(3, int(np.ceil(np.log(top) / 0.55)) + 1))
         return Grid(tuple(float(v) for v in coarse), ((1.0,) * len(classes),), classes)
@@ -181,7 +181,7 @@ class _Context:
         sizes = [lin.columns[i].stop - lin.columns[i].start for i in accepted]
         self.weight = np.concatenate([lin.weight, 1.0 / np.repeat(list(accepted.values()), sizes)])
         self.parts = (*lin.parts, *("effect" for _ in extra))
-        self.readings, self.offset, self.gram = lin.readings, n, lin.gram
+        self.n_observations, self.offset, self.gram = lin.n_observations, n, lin.gram
         shift = np.append(lin.departure, 0.0)
         # e = r - [J G] d: the residual at the drawing values, without effects
         self.cross = lin.gram[:, last] - lin.gram @ shift
@@ -199,7 +199,7 @@ class _Context:
         quadratic = self.square / noise**2 - b @ solved
         finite = precision > 0
         log_det = 2 * np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(precision[finite]))
-        return -self.readings * np.log(noise) - 0.5 * float(quadratic) - 0.5 * float(log_det), (
+        return -self.n_observations * np.log(noise) - 0.5 * float(quadratic) - 0.5 * float(log_det), (
             factor,
             b,
             solved,

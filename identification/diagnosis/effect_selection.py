@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.effect_evidence import (
-    MANY_READINGS,
+    MANY_OBSERVATIONS,
     Evidence,
     grid_for,
     log_positive,
@@ -86,7 +86,7 @@ def rank(
 
 
 def log_plausibility(cat: Catalogue, index: int, amplitude: Array, spread: Array) -> float:
-    """Log factor of physical signs and bounds of a candidate's coefficients."""
+    """Log factor of physical signs and bounds of coefficients: ``amplitude`` and ``spread`` (k,), in scales."""
     total = 0.0
     for c, mean, std in zip(cat.candidates[index].coefficients, amplitude, spread, strict=True):
         if c.lower == 0.0:
@@ -108,7 +108,7 @@ def select(
 ) -> Selection:
     """Search from the null fit, or from what an earlier search on other rows found.
 
-    ``rms`` of the whitened free fit bounds the noise scale.
+    ``rms`` of the whitened free fit bounds the noise scale. ``exclude`` (n,) are rows left out.
     """
     accepted: dict[int, float] = dict.fromkeys(cat.stated, WIDE)
     fit = null
@@ -172,13 +172,15 @@ def _settle(start: Selection, exclude: NDArray[np.bool_], banned: set[int]) -> S
             break
         fit, accepted = refit(signatures, cat, accepted, fit, exclude, banned)
         lin = signatures.linearise(fit)
-        if lin.readings > MANY_READINGS:  # the noise is known well by now, and each point of the grid costs
+        if (
+            lin.n_observations > MANY_OBSERVATIONS
+        ):  # the noise is known well by now, and each point of the grid costs
             grid = grid_for(lin, float(np.sqrt(fit.chi2_per_dof)))
     return Selection(accepted, fit, lin, grid, signatures, cat)
 
 
 def restricted(selection: Selection, exclude: NDArray[np.bool_], kept: Collection[int]) -> Selection:
-    """The selection with some of its terms only, fitted anew."""
+    """The selection with some of its terms only, fitted anew without the rows ``exclude`` (n,)."""
     accepted = {i: v for i, v in selection.accepted.items() if i in kept}
     if len(accepted) == len(selection.accepted):
         return selection
@@ -186,7 +188,7 @@ def restricted(selection: Selection, exclude: NDArray[np.bool_], kept: Collectio
 
 
 def refitted(selection: Selection, exclude: NDArray[np.bool_], accepted: Mapping[int, float]) -> Selection:
-    """The selection with other terms, fitted anew; without those that turned out impossible."""
+    """The selection with other terms, fitted anew without the rows ``exclude`` (n,); impossible terms are dropped."""
     signatures = selection.signatures
     fit, left = refit(signatures, selection.catalogue, accepted, selection.fit, exclude, set())
     return replace(selection, accepted=left, fit=fit, linearisation=signatures.linearise(fit))

@@ -51,7 +51,7 @@ def name_terms(found: Selection, exclude: Mask, rival: Remainder | None) -> tupl
 def _classes(selection: Selection) -> list[Named]:
     """Every accepted term with its class."""
     fit, cat = selection.fit, selection.catalogue
-    excess = max(fit.chi2 - (fit.readings - fit.effective_parameters), 0.0)
+    excess = max(fit.chi2 - (fit.n_observations - fit.effective_parameters), 0.0)
     unexplained = 0.5 * excess / max(fit.chi2_per_dof, 1.0)
     return [
         classes.name_term(selection.linearisation, cat, selection.grid, selection.accepted, i, unexplained)

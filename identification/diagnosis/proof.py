@@ -79,10 +79,12 @@ def _injected(
     projected = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(last)) * noise
     gram[:last, last] = gram[last, :last] = projected - gram[:last, at] @ amplitude  # prediction less reading
     gram[last, last] = (
-        amplitude @ gram[np.ix_(at, at)] @ amplitude - 2 * amplitude @ projected[at] + noise**2 * lin.readings
+        amplitude @ gram[np.ix_(at, at)] @ amplitude
+        - 2 * amplitude @ projected[at]
+        + noise**2 * lin.n_observations
     )
     simulated = Linearisation(
-        gram, lin.free, lin.columns, lin.readings, np.zeros(last), lin.weight, lin.parts, lin.candidates
+        gram, lin.free, lin.columns, lin.n_observations, np.zeros(last), lin.weight, lin.parts, lin.candidates
     )
     wanted = list(range(len(cat.candidates)))
     known = Grid((noise,), ((1.0,) * len(classes),), classes)  # what was simulated is known

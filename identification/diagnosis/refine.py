@@ -131,7 +131,7 @@ def log_share(values: Sequence[float] | Array, gain: Sequence[float] | Array, ce
     """Log of the part of a cell of the grid that three values in a row around the best leave likely, at most 0.
 
     The grid's point stands for its whole cell; a value picked from it because it fits best has only that share of its
-    prior. The log evidence is taken for a parabola through the three.
+    prior. ``gain`` (3,), the log evidence at ``values`` (3,), is taken for a parabola.
     """
     curvature = -2.0 * float(np.polyfit(np.asarray(values) - np.mean(values), gain, 2)[0])
     if curvature <= 0.0:

@@ -48,7 +48,7 @@ class Drift:
     machine: str
     labels: tuple[str, ...]
     times: tuple[float, ...] | None
-    readings: tuple[int, ...]
+    n_observations: tuple[int, ...]
     movements: tuple[Movement, ...]
     noise: float
     log_bayes_factor: float
@@ -91,7 +91,7 @@ def drift(
         machine=machine.name,
         labels=tuple(s.label for s in sessions),
         times=times,
-        readings=tuple(fit.readings for fit in fits),
+        n_observations=tuple(fit.n_observations for fit in fits),
         movements=movements(stack, found, prior, units_of(machine, machine.effects), times),
         noise=found.noise,
         log_bayes_factor=found.log_bayes_factor,
@@ -130,7 +130,7 @@ def _joint(
     The first linearisation of each session is its fit about that of the session with most readings: what a
     session hardly sees is then the same in all.
     """
-    reference = max(fits, key=lambda fit: fit.readings)
+    reference = max(fits, key=lambda fit: fit.n_observations)
     places = [_about(s, prior, fit.p, reference.p) for s, fit in zip(sessions, fits, strict=True)]
     candidates = candidates_of(machine, prior)
     for _ in range(ROUNDS):

@@ -67,7 +67,7 @@ class Durability:
 def noise_of(fits: Sequence[Estimate]) -> tuple[float, float]:
     """Noise in stated sigmas from what free fits leave, and the degrees of freedom that tell it."""
     left = sum(_free_residual(fit)[0] for fit in fits)
-    freedom = float(sum(fit.readings - fit.rank for fit in fits))
+    freedom = float(sum(fit.n_observations - fit.rank for fit in fits))
     if freedom < FEW:
         return 1.0, np.inf
     return max(float(np.sqrt(left / freedom)), LEAST_NOISE), freedom

@@ -40,12 +40,12 @@ VAGUE = 1e-4
 
 @dataclass(frozen=True)
 class Stack:
-    """All sessions in one least-squares problem: jacobian (K, n + 1, n), offset (K, n + 1), readings, weight
+    """All sessions in one least-squares problem: jacobian (K, n + 1, n), offset (K, n + 1), n_observations, weight
     (n,) steps per tolerance, inflated (n,) which tolerances may be wrong together."""
 
     jacobian: Array
     offset: Array
-    readings: int
+    n_observations: int
     weight: Array
     inflated: NDArray[np.bool_]
 
@@ -57,7 +57,7 @@ class Stack:
         inflated = np.array([prior.parts[k] in INFLATED for k in free]) & np.isfinite(prior.sigma[free])
         jacobian = np.stack([s.jacobian for s in sessions])
         offset = np.stack([s.offset for s in sessions])
-        return cls(jacobian, offset, sum(s.readings for s in sessions), weight, inflated)
+        return cls(jacobian, offset, sum(s.n_observations for s in sessions), weight, inflated)
 
     @cached_property
     def contrasts(self) -> Array:
@@ -71,7 +71,7 @@ class Stack:
         return shown.reshape(-1, *shown.shape[2:])
 
     def sizes(self, members: Sequence[int]) -> tuple[Array, Array]:
-        """Sizes of a movement of ``members``, in steps, and the log of their prior probability."""
+        """(s,) sizes of a movement of ``members``, in steps, and (s,) the log of their prior probability."""
         if not np.all(self.weight[list(members)] > VAGUE):
             return OPEN_SIZES, np.full(len(OPEN_SIZES), -np.log(len(OPEN_SIZES)))
         prior = -0.5 * np.log1p((SIZES / USUAL) ** 2)
@@ -87,7 +87,7 @@ class Stack:
 def grid_for(stack: Stack) -> Grid:
     """Noise from below the stated sigma to what is left when nothing may move; one inflation for all tolerances."""
     nothing = solve(stack, {}, Point(1.0, (1.0,), 0.0))
-    rms = float(np.linalg.norm(nothing.residual)) / np.sqrt(stack.readings)
+    rms = float(np.linalg.norm(nothing.residual)) / np.sqrt(stack.n_observations)
     inflations = INFLATIONS if stack.inflated.any() else (1.0,)
     return Grid(noise_scales(rms, 0.4), tuple((v,) for v in inflations), ("all",))
 
@@ -125,7 +125,9 @@ def solve(stack: Stack, accepted: Mapping[int, float], point: Point) -> State:
     inside = q.T @ target
     residual = target - q @ inside
     determinant = float(np.sum(np.log(prior)) - np.sum(np.log(np.abs(np.diag(r)))))
-    log_evidence = -stack.readings * np.log(point.noise) - 0.5 * float(residual @ residual) + determinant
+    log_evidence = (
+        -stack.n_observations * np.log(point.noise) - 0.5 * float(residual @ residual) + determinant
+    )
     root = solve_triangular(r, np.eye(len(r)))
     data = sessions * rows
     return State(
@@ -178,8 +180,11 @@ def _gains(stack: Stack, s: State, inside: Array, members: Sequence[int], sizes:
 
 
 def information(stack: Stack, s: State, inside: Array, members: Sequence[int]) -> tuple[Array, Array, Array]:
-    """What the readings say of the contrasts of ``members``, all else free: eigenvalues and vectors of the
-    information (in steps), and the score."""
+    """What the readings say of the k contrasts of ``members``, all else free, in steps.
+
+    Eigenvalues (k,) and eigenvectors (k, k) of the information, and the score (k,); ``inside`` (c, n (K - 1)): the part of
+    every movement that the model can follow.
+    """
     k, noise = stack.movements.shape[2], s.point.noise
     which = np.concatenate([np.arange(i * k, (i + 1) * k) for i in members])
     shown = stack.movements.reshape(len(s.residual), -1)[:, which] / noise

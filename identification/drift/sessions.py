@@ -38,7 +38,7 @@ class Linear:
 
     jacobian: Array
     offset: Array
-    readings: int
+    n_observations: int
 
 
 def sessions_of(machine: Machine, recording: Recording) -> tuple[tuple[Session, ...], tuple[Note, ...]]:
@@ -101,14 +101,14 @@ def _label(recording: Recording, rows: Recording, number: int) -> str:
 def linearised(session: Session, prior: Prior, p: Array) -> Linear:
     """The session's readings about ``p`` (np,). Rows that cannot be assembled there do not count."""
     problem = Problem(session.predictor, bounded(prior), p, ~session.recording.validation)
-    free, readings, blocks = prior.free, 0, []
+    free, count, blocks = prior.free, 0, []
     for block in problem.data(p, problem.x):
-        readings += int(np.sum(np.any(block != 0.0, axis=1)))
+        count += int(np.sum(np.any(block != 0.0, axis=1)))
         blocks.append(block)
     factor = triangular(blocks, len(free) + 1)
     jacobian = factor[:, :-1]
     at = (p - prior.mean)[free] / prior.scale[free]
-    return Linear(jacobian, factor[:, -1] - jacobian @ at, readings)
+    return Linear(jacobian, factor[:, -1] - jacobian @ at, count)
 
 
 def bounded(prior: Prior) -> Prior:

@@ -76,11 +76,11 @@ class LinearEstimate:
 
 
 def decompose(
-    h: Array, y: Array, scale: Literal["raw", "unit"] | Array = "raw", *, readings: int | None = None
+    h: Array, y: Array, scale: Literal["raw", "unit"] | Array = "raw", *, n_observations: int | None = None
 ) -> Spectrum:
     """The problem of ``h`` (n, m) and ``y`` (n,) or (n, k), one column a right-hand side.
 
-    ``readings`` is how many there were where ``h`` and ``y`` are a triangular factor of them. Directions that
+    ``n_observations`` is how many there were where ``h`` and ``y`` are a triangular factor of them. Directions that
     no reading sees stay at zero. Raises InputError when no reading is left to tell the noise.
     """
     size = column_scale(h) if isinstance(scale, str) and scale == "unit" else np.ones(h.shape[1])
@@ -88,7 +88,7 @@ def decompose(
     u, s, vt = np.linalg.svd(h * size, full_matrices=False)
     seen = s > ROUNDING * np.max(s, initial=1e-300)
     u, s, vt = u[:, seen], s[seen], vt[seen]
-    freedom = (len(h) if readings is None else readings) - len(s)
+    freedom = (len(h) if n_observations is None else n_observations) - len(s)
     if freedom < 1:
         raise InputError(
             f"found {freedom + len(s)} readings for {len(s)} combinations of parameters, "

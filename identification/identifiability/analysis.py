@@ -26,7 +26,7 @@ from truepose.identification.identifiability.observability import (
     unseen,
 )
 from truepose.identification.identifiability.patterns import Blind
-from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_readings
+from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_observations
 from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
 from truepose.identification.note import Note
 from truepose.identification.prediction.predictor import Predictor
@@ -80,7 +80,7 @@ class Identifiability:
     files: tuple[str, ...]
     seed: int | None
     poses: int
-    readings: int
+    n_observations: int
     free: int
     rank: int
     rank_at_drawing: int
@@ -110,7 +110,7 @@ def identifiability(
     and when no row can be assembled.
     """
     rows = drawn_poses(machine, poses, seed) if recording is None else recording
-    predictor = with_readings(machine, rows)
+    predictor = with_observations(machine, rows)
     prior = prior_of(machine, machine.effects)
     home = aligned_start(predictor) if measured(machine, rows) else predictor.model.p_home.copy()
     seen = Seen.at(predictor, prior, home)
@@ -159,11 +159,11 @@ def _judged(
         files=recording.files if seed is None else (),
         seed=seed,
         poses=int(seen.used.sum()),
-        readings=seen.readings,
+        n_observations=seen.n_observations,
         free=len(known.names),
         rank=best.rank,
         rank_at_drawing=here.rank,
-        indices=here.observability(seen.readings),
+        indices=here.observability(seen.n_observations),
         parameters=_sights(known, std, never.directions, blind),
         unseen=never,
         unseen_at_drawing=unseen(known, hidden),

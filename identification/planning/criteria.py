@@ -98,7 +98,7 @@ class Objective:
     prior: Array
 
     def project(self, rows: Array) -> Array:
-        """(..., r) rows of a Jacobian (..., k)."""
+        """Rows of a Jacobian (..., k) in the objective's r directions: (..., r)."""
         return np.asarray(rows @ self.basis)
 
     def value(self, rows: Array) -> float:

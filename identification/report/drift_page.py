@@ -43,7 +43,7 @@ def drift_html(found: Drift) -> str:
     """The page as text."""
     facts = [
         ("sessions", ", ".join(found.labels)),
-        ("readings", str(sum(found.readings))),
+        ("readings", str(sum(found.n_observations))),
         ("noise", f"{significant(found.noise)} times the stated"),
     ]
     sections = [

@@ -215,7 +215,11 @@ def drift_json(found: Drift) -> Json:
         "schema": SCHEMA,
         "machine": found.machine,
         "sessions": [
-            {"label": label, "time": found.times[k] if found.times else None, "readings": found.readings[k]}
+            {
+                "label": label,
+                "time": found.times[k] if found.times else None,
+                "readings": found.n_observations[k],
+            }
             for k, label in enumerate(found.labels)
         ],
         "noise": found.noise,

@@ -59,7 +59,7 @@ def _poses_line(found: Identifiability) -> str:
         source = f"{found.poses} poses drawn over the joints' ranges (seed {found.seed})"
     else:
         source = f"{found.poses} poses of {', '.join(found.files)}"
-    return f"{found.machine}: {source}, {found.readings} readings"
+    return f"{found.machine}: {source}, {found.n_observations} readings"
 
 
 def _rank_lines(found: Identifiability) -> list[str]:
@@ -292,7 +292,7 @@ def identifiability_json(found: Identifiability) -> Json:
         "files": list(found.files),
         "seed": found.seed,
         "poses": found.poses,
-        "readings": found.readings,
+        "readings": found.n_observations,
         "free_parameters": found.free,
         "rank": found.rank,
         "rank_at_drawing": found.rank_at_drawing,

@@ -134,7 +134,7 @@ def _figures(fit: Estimate, recording: Recording) -> Json:
         "iterations": fit.solution.iterations,
         "rows": int(fit.used.sum()),
         "rows_left_out": [recording.where(k) for k in fit.unassembled],
-        "readings": fit.readings,
+        "readings": fit.n_observations,
         "effective_parameters": fit.effective_parameters,
         "chi2": fit.chi2,
         "chi2_per_dof": fit.chi2_per_dof,

@@ -33,7 +33,7 @@ def sit(plugins: Sequence[str] = ()) -> None:
     atomic_write_text(DIAGNOSIS, json_text(diagnosis_json(found)))
     write_calibrated(IMPROVED, found.after, found.recording)
     improved = load_machine(IMPROVED)
-    rows = load_recording(improved, [HELD_OUT], need_readings=False)
+    rows = load_recording(improved, [HELD_OUT], need_observations=False)
     write_table(Path(PREDICTION), predict(improved, rows))
 
 

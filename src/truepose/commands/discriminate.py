@@ -119,8 +119,8 @@ def run(
         wanted = class_of(asked.diagnosis, machine, asked.names)
     else:
         wanted = Class(tuple(explanation(text, machine) for text in asked.names))
-    given = None if candidates is None else load_recording(machine, [candidates], need_readings=False).q
-    recorded = load_recording(machine, asked.recorded, need_readings=False) if asked.recorded else None
+    given = None if candidates is None else load_recording(machine, [candidates], need_observations=False).q
+    recorded = load_recording(machine, asked.recorded, need_observations=False) if asked.recorded else None
     offer = Offer.of(machine, asked.payload, asked.vary)
     found = discriminate(
         machine,

@@ -71,7 +71,7 @@ def identifiability(
             (check_file if single else check_directory)(output)
         with progress("looking at the poses"):
             loaded = load_machine(machine)
-            rows = load_recording(loaded, recordings, need_readings=False) if recordings else None
+            rows = load_recording(loaded, recordings, need_observations=False) if recordings else None
             found = run(loaded, rows, poses=number)
             document = identifiability_json(found)
             files = [] if output is None else _write(document, output, single)

@@ -118,7 +118,9 @@ def plan(
         with progress("planning") as say:
             loaded = load_machine(machine)
             given = (
-                None if candidates is None else load_recording(loaded, [candidates], need_readings=False).q
+                None
+                if candidates is None
+                else load_recording(loaded, [candidates], need_observations=False).q
             )
             chosen = method or ("continuous" if given is None else "exchange")
             found = run(
