@@ -30,10 +30,12 @@ FOLDERS = {"models": "models", "identification": "identification", "codegen": "c
 # From the ground up. A room is a folder or a single file, named below `truepose`.
 FLOORS = (
     ("errors", "wording"),
+    ("publication",),
     ("files",),
     ("models",),
     ("codegen",),
     ("codegen.evaluation",),
+    ("identification.note",),
     ("identification.recording",),
     ("identification.prediction",),
     ("identification.fit",),
@@ -43,6 +45,7 @@ FLOORS = (
         "identification.photogrammetry",
         "identification.compensation",
     ),
+    ("identification.selection",),
     ("identification.diagnosis",),
     ("identification.drift",),
     ("identification.planning",),
@@ -73,6 +76,8 @@ def modules() -> dict[str, Path]:
             parts = path.relative_to(top).with_suffix("").parts
             if folder == "src/truepose" and parts[0] in FOLDERS:
                 continue  # the link to a folder that has been read
+            if path.name == "__init__.py" and len(ast.parse(path.read_text(encoding="utf-8")).body) <= 1:
+                continue  # a docstring
             inner = parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts
             name = ".".join(part for part in (package, *inner) if part)
             out[name.removesuffix(".__init__")] = path

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 
@@ -35,8 +34,3 @@ class Parameter:
         if self.free and math.isfinite(self.tolerance):
             return self.tolerance
         return {"mm": 100.0, "rad": 1.0}.get(self.unit, 1.0)
-
-
-def index_of(parameters: Iterable[Parameter]) -> Mapping[str, int]:
-    """Place of each parameter by name."""
-    return {parameter.name: place for place, parameter in enumerate(parameters)}

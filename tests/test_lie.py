@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+from support.examples import examples
 from truepose.models import lie
 
 Array = NDArray[np.float64]
-LAWS = settings(deadline=None, max_examples=40)
+LAWS = settings(deadline=None, max_examples=examples(40))
 SMALLEST = 1e-3
 
 

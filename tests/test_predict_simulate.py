@@ -50,6 +50,7 @@ def test_simulation_without_noise_is_the_prediction(kind: str, tmp_path: Path) -
     machine = load_machine(MACHINES / f"{kind}.yaml")
     rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_readings=False)
     silent, predicted = simulate(machine, rows, seed=None), predict(machine, rows)
+    assert set() < set(silent) <= set(predicted)
     for name in silent:
         np.testing.assert_array_equal(silent[name], predicted[name])
 
@@ -193,6 +194,7 @@ def test_a_file_in_other_units_predicts_the_same(tmp_path: Path) -> None:
     other = _in_micrometres(text, tmp_path / "um.yaml")
     rows_um = load_recording(other, [tmp_path / "p.csv"], need_readings=False)
     found, wanted = predict(other, rows_um), predict(machine, rows)
+    assert len(wanted.columns) >= 6
     for column in wanted:
         angle = str(column).startswith("pose.r")
         factor = convert(1.0, "mrad", "deg") if angle else convert(1.0, "um", "mm")

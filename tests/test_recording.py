@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from support.examples import examples
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
 from truepose.identification.recording.recording import JointColumn, read_recording
 from truepose.models.units import UnitSystem
@@ -160,7 +161,7 @@ frames = st.lists(
 )
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(frames)
 def test_csv_and_parquet_hold_the_same(tmp_path_factory: pytest.TempPathFactory, rows: list[Any]) -> None:
     folder = tmp_path_factory.mktemp("table")

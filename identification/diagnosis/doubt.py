@@ -95,6 +95,3 @@ def _shared(finding: Finding, rival: Remainder | None, keep: float) -> Finding:
         certainty=keep * finding.certainty,
         equivalents=tuple(sorted((*others, unnamed), key=lambda other: -other.probability)),
     )
-
-
-__all__ = ["doubted", "same_part"]

@@ -157,6 +157,3 @@ def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float
     picks = np.random.default_rng(seed).integers(0, len(before), (BOOTSTRAP, len(before)))
     draws = np.sqrt(after[picks].mean(axis=1) / before[picks].mean(axis=1))
     return ratio, (float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)))
-
-
-__all__ = ["Block", "HeldOut", "held_out", "held_out_blocks", "ratio_interval"]

@@ -191,6 +191,3 @@ def _free_residual(fit: Estimate) -> tuple[float, int]:
 def _own(fit: Estimate) -> Check:
     rms = rms_by_kind(fit.residual[fit.used], fit.machine.channels)
     return Check(rms, rms, fit.machine.residual_units, 1.0, True)
-
-
-__all__ = ["Check", "Durability", "durability", "noise_of"]

@@ -28,6 +28,7 @@ from truepose.identification.identifiability.observability import (
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_readings
 from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
+from truepose.identification.note import Note
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
@@ -91,7 +92,7 @@ class Identifiability:
     nearly: tuple[Direction, ...]
     subset: Subset
     known: Knowledge
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def identifiability(
@@ -170,10 +171,7 @@ def _judged(
         nearly=nearly_unseen(known),
         subset=independent_subset(Columns(known.names, seen.factor, known.scale)),
         known=known,
-        notes=tuple(
-            f"{recording.where(int(k))}: the mechanism cannot be assembled there; the row was left out"
-            for k in lost
-        ),
+        notes=tuple(Note("unassembled", recording.where(int(k))) for k in lost),
     )
 
 
@@ -217,12 +215,3 @@ def _status(seen: bool, std: float, tolerance: float) -> str:
     if seen:
         return "determined"
     return "tolerance decides" if std > UNTOUCHED * tolerance else "partly"
-
-
-__all__ = [
-    "DRAWN_POSES",
-    "Identifiability",
-    "ParameterSight",
-    "drawn_poses",
-    "identifiability",
-]

@@ -267,6 +267,3 @@ def _recording(machine: Machine, q: Array) -> Recording:
         pose=frozen(rows + 1),
         from_row=frozen(np.maximum(rows - 1, 0)),
     )
-
-
-__all__ = ["PoseInformation", "Poses"]

@@ -197,6 +197,3 @@ def _indices(information: PoseInformation, poses: Poses) -> Observability:
     rows = information.rows(poses.signature).reshape(-1, len(information.names))
     found = Decomposition.of(np.asarray(np.linalg.qr(rows, mode="r")), information.weight)
     return found.observability(int(np.sum(np.any(rows != 0.0, axis=1))))
-
-
-__all__ = ["METHODS", "Plan", "plan"]

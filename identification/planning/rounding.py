@@ -39,6 +39,3 @@ def file_unit(actuator: Actuator, machine: Machine) -> str:
     if units.joint is not None and compatible(units.joint, actuator.reading_unit):
         return units.joint
     return {"mm": units.length, "rad": units.angle}.get(actuator.reading_unit, actuator.reading_unit)
-
-
-__all__ = ["decimals", "file_unit", "rounded"]

@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from truepose.errors import InputError
 from truepose.identification.recording.file import JointColumn, RecordingPart, read_part
-from truepose.identification.recording.history import direction_of_travel, order_in_time
 from truepose.identification.recording.memory import remembered
 from truepose.identification.recording.table import Column, Table
 from truepose.models.driver import TIME, Driver
@@ -109,19 +108,6 @@ class Recording:
             values = remembered(self.whole, driver)
             return None if values is None else frozen(values[self.rows])
         return self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
-
-    def derived_approach(self, joint: str) -> FloatArray:
-        """Sign of the joint's last change, from the order of the rows (n,); 0 before any change.
-
-        What is recorded as `approach.J` is another thing: an overshoot is not seen in the rows.
-        """
-        whole = self.whole
-        order = order_in_time(whole.time, whole.source_file, whole.source_row)
-        # without a clock the way from one file's last row to the next one's first is unknown
-        files = whole.source_file if whole.time is None else np.zeros(len(whole), dtype=np.int64)
-        signs = np.empty(len(whole))
-        signs[order] = direction_of_travel(whole.q[order, self.joints.index(joint)], files[order])
-        return frozen(signs[self.rows])
 
     def origins(self) -> Recording:
         """For each row the row that `from` names, as a recording of the same length.

@@ -81,6 +81,3 @@ def _levels(varied: Sequence[Factor], free: set[str], rng: np.random.Generator) 
     """(s, f) settings when only some drivers may move."""
     held = [f if f.driver in free else replace(f, levels=(f.nominal,)) for f in varied]
     return settings(held, rng)
-
-
-__all__ = ["Pool", "kind_of"]

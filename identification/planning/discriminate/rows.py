@@ -197,6 +197,3 @@ def _stacked(parts: Sequence[Array]) -> Array:
     """Blocks of rows end to end; one that needs fewer readings is filled up with zeros."""
     most = max(part.shape[1] for part in parts)
     return np.concatenate([np.pad(p, ((0, 0), (most - p.shape[1], 0), (0, 0))) for p in parts])
-
-
-__all__ = ["WIDE", "Rows", "Signals", "recording_of", "signals"]

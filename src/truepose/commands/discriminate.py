@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -96,28 +96,6 @@ class Request:
                 "--diagnosis FILE, expected explanations to tell apart"
             )
         return asked
-
-
-def request(
-    pair: tuple[str, str] | None,
-    rivals: Sequence[str] | None,
-    diagnosis: Path | None,
-    payload: str,
-    temperatures: Sequence[str] | None,
-    vary: Sequence[str] | None,
-    recorded: Sequence[Path] | None,
-    targets: Sequence[str] | None,
-) -> Request:
-    """The options as they came."""
-    named = tuple(f"temperature.{text}" for text in temperatures or ()) + tuple(vary or ())
-    return Request(
-        (*(pair or ()), *(rivals or ())),
-        diagnosis,
-        payload,
-        named,
-        tuple(recorded or ()),
-        tuple(targets or ()),
-    )
 
 
 def run(
