@@ -34,3 +34,13 @@ class Parameter:
         if self.free and math.isfinite(self.tolerance):
             return self.tolerance
         return {"mm": 100.0, "rad": 1.0}.get(self.unit, 1.0)
+
+
+def element_of(name: str) -> str:
+    """The part that a parameter, or the end of a rod, is of: ``leg3`` of ``leg3.a.x``."""
+    return name.partition(".")[0]
+
+
+def vector_of(name: str) -> str:
+    """What a parameter is a component of: ``leg3.a`` of ``leg3.a.x``; a plain name is its own."""
+    return name.rpartition(".")[0] or name

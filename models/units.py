@@ -272,13 +272,16 @@ LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE)]
 AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE)]
 
 
+def meant(name: str, known: Iterable[str]) -> str:
+    """Ending of a message: the known name meant; empty where none is near."""
+    near = difflib.get_close_matches(name, sorted(set(known)), n=3, cutoff=0.6)
+    return "did you mean " + " or ".join(repr(item) for item in near) + "?" if near else ""
+
+
 def close_matches(name: str, known: Iterable[str]) -> str:
     """Ending of a message: the known name meant, or the names there are."""
     names = sorted(set(known))
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
-    if near:
-        return "did you mean " + " or ".join(repr(item) for item in near) + "?"
-    return "known: " + ", ".join(names) if names else ""
+    return meant(name, names) or ("known: " + ", ".join(names) if names else "")
 
 
 class Section(BaseModel):

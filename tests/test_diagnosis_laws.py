@@ -13,15 +13,15 @@ from scipy.stats import chi2
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import selection
+from truepose.identification.diagnosis import effect_selection as selection
 from truepose.identification.diagnosis.alarms import Alarm, replicate_noise
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.outliers import outlying_rows
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.scales import Grid
 
 Array = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from dataclasses import replace
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.models.machine import Machine
+from truepose.models.parameters import element_of
 
 KEPT = 0.5
 """Share of its probability that a name keeps where the model with it still fails, and for each further name of its pile."""
@@ -81,7 +82,7 @@ def _parts(machine: Machine, place: Sequence[str]) -> set[str]:
     part_of |= {
         moved[a.drives]: part_of.get(a.reading, a.reading) for a in mechanism.actuators if a.drives in moved
     }
-    names = (name.partition(".")[0] for name in place)
+    names = map(element_of, place)
     return {part_of.get(name, name) for name in names}
 
 

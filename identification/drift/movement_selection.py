@@ -19,6 +19,7 @@ from truepose.identification.fit.problem import Prior
 from truepose.identification.selection.forward import Accepted, select_forward
 from truepose.identification.selection.scales import Point
 from truepose.models.machine import FRAME_OF, Machine
+from truepose.models.parameters import vector_of
 
 Array = NDArray[np.float64]
 ENOUGH = 3.0
@@ -80,7 +81,7 @@ def candidates_of(machine: Machine, prior: Prior) -> tuple[Candidate, ...]:
     groups: dict[str, list[int]] = {}
     for k, name in enumerate(names):
         if name in outside:
-            groups.setdefault(name.rsplit(".", 1)[0], []).append(k)
+            groups.setdefault(vector_of(name), []).append(k)
     extrinsic = tuple(k for members in groups.values() for k in members)
     several = {name: tuple(members) for name, members in groups.items() if len(members) > 1}
     if len(groups) > 1:
