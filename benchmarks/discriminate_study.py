@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from truepose.challenge.intervals import wilson
+from truepose.challenge.calibration import wilson
 from truepose.challenge.simulator.base import Answer, Campaign, Imperfection, Kind, Plan
 from truepose.challenge.simulator.campaigns import joined
 from truepose.challenge.simulator.ported import PortedMachine
@@ -37,9 +37,10 @@ from truepose.identification.planning.discriminate.experiment import discriminat
 from truepose.identification.planning.discriminate.explanations import Explanation, class_of
 from truepose.identification.planning.discriminate.factors import Offer
 from truepose.identification.planning.discriminate.result import Experiment
-from truepose.identification.planning.pose_file import experiment_table
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.results import diagnosis_json, json_text
+from truepose.identification.report.json_text import json_text
+from truepose.identification.report.pose_tables import experiment_table
+from truepose.identification.report.results import diagnosis_json
 from truepose.models.load import load_machine, resolve_place
 from truepose.models.machine import Machine
 

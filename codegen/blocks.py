@@ -18,7 +18,7 @@ from truepose.codegen.expressions import Graph
 from truepose.codegen.lane_runtime import lane_runtime
 from truepose.codegen.lanes import LanePrinter
 from truepose.codegen.layout import Layout
-from truepose.codegen.loop_blocks import ROOTS, Loops, write_loops
+from truepose.codegen.loop_blocks import ROOTS, Arrays, Loops, write_loops
 from truepose.codegen.printer import Printer, Real
 from truepose.models.chain import chain_of
 from truepose.models.kinematics import SymbolicModel
@@ -64,14 +64,25 @@ class Blocks:
 
 @dataclass(frozen=True)
 class _Planned:
-    """A function to print: ``lines``, once for every line of a pose, ``given`` being read where it says."""
+    """A function to print: ``lines``, once for every line of a pose, ``given`` being read where it says.
+
+    ``reads`` and ``fills`` are the names of its arrays.
+    """
 
     title: str
     name: str
-    arguments: str
+    reads: tuple[str, ...]
+    fills: tuple[str, ...]
     targets: _Targets
     given: Mapping[int, str]
     lines: bool
+
+    def arguments(self, number: str = "real") -> str:
+        """Its arguments in C, the arrays being of the type ``number``."""
+        star = "*restrict " if self.lines else "*"
+        arrays = [f"const {number} {star}{name}" for name in self.reads]
+        arrays += [f"{number} {star}{name}" for name in self.fills]
+        return ", ".join(["const model *m", *(["int j"] if self.lines else []), *arrays])
 
 
 @dataclass
@@ -96,16 +107,14 @@ class _Writer:
         self,
         title: str,
         name: str,
-        arguments: str,
+        arrays: Arrays,
         targets: _Targets,
         *,
         given: Mapping[int, str] | None = None,
         lines: bool = False,
     ) -> None:
-        """A static function of the model that fills the targets."""
-        self.planned.append(
-            _Planned(title, name, f"const model *m, {arguments}", targets, given or {}, lines)
-        )
+        """A static function of the model that fills the targets; ``arrays`` are those it reads and those it fills."""
+        self.planned.append(_Planned(title, name, *arrays, targets, given or {}, lines))
 
     @cached_property
     def kept(self) -> list[int]:
@@ -158,7 +167,7 @@ class _Writer:
         statements = Printer(self.graph, self.real, {**self._places, **plan.given}, _OWN).statements(
             plan.targets
         )
-        return _function(plan.title, plan.name, plan.arguments, statements, lines=plan.lines)
+        return _function(plan.title, plan.name, plan.arguments(), statements, lines=plan.lines)
 
     def lane_texts(self, planned: Iterable[_Planned], needed: Iterable[str]) -> list[str]:
         """What they need, ``needed`` included, and the functions for several rows at once: all but the model is a row's own."""
@@ -168,8 +177,7 @@ class _Writer:
                 self.graph, self.real, ("p", "z", "k", "start"), {**self._places, **plan.given}
             )
             statements = printer.statements(plan.targets)
-            arguments = plan.arguments.replace("real", "lanes")
-            texts.append(_function(plan.title, plan.name, arguments, statements))
+            texts.append(_function(plan.title, plan.name, plan.arguments("lanes"), statements))
             helpers |= printer.helpers
         return [lane_runtime(self.real, helpers), *texts]
 
@@ -190,32 +198,29 @@ def blocks_of(model: SymbolicModel, layout: Layout, real: Real) -> Blocks:
     return Blocks(texts, tuple(lanes), expressions, loops, operations, writer.graph, tuple(writer.kept))
 
 
-_Entries = Callable[[str, Mapping[str, ca.SX], ca.SX], _Targets]
+_Nodes = Callable[[ca.SX, Mapping[str, ca.SX]], list[int]]
 
 
-def _write_lines(writer: _Writer, entries: _Entries, chain: ChainExpressions) -> None:
+def _write_lines(writer: _Writer, nodes: _Nodes, chain: ChainExpressions) -> None:
     """The functions that are run once for every line of a pose."""
     inputs = {"k": chain.kept, "start": chain.start, "s": chain.s, "c": chain.c}
-    first = {node: f"k[{_PADDED * k} + j]" for k, (_, node) in enumerate(entries("", inputs, chain.start))}
-    writer.first = [node for _, node in entries("", {}, ca.vec(ca.vertcat(chain.first, ca.SX.zeros(1, 4))))]
-
-    writer.first += [node for _, node in entries("", {}, chain.steps)]
+    first = {node: f"k[{_PADDED * k} + j]" for k, node in enumerate(nodes(chain.start, inputs))}
+    writer.first = nodes(ca.vec(ca.vertcat(chain.first, ca.SX.zeros(1, 4))), {}) + nodes(chain.steps, {})
     if chain.six:
-        writer.own = [node for _, node in entries("", {}, chain.own)]
-        writer.frames = [[node for _, node in entries("", {}, ca.vec(frame.T))] for frame in chain.frames]
+        writer.own = nodes(chain.own, {})
+        writer.frames = [nodes(ca.vec(frame.T), {}) for frame in chain.frames]
 
     def lines(name: str, expression: ca.SX) -> _Targets:
-        return [
-            (place.replace("]", " * LINES + j]"), node) for place, node in entries(name, inputs, expression)
-        ]
+        return [(f"{name}[{k} * LINES + j]", node) for k, node in enumerate(nodes(expression, inputs))]
 
-    state = "int j, const real *restrict s, const real *restrict c, real *restrict C"
     title = "Line j of the chain's pose, by sines (or lengths) and cosines of the moves"
     if chain.six:
-        writer.function(f"{title}.", "end_line", state, lines("C", chain.line), given=first, lines=True)
+        writer.function(
+            f"{title}.", "end_line", (("s", "c"), ("C",)), lines("C", chain.line), given=first, lines=True
+        )
     every = lines("C", chain.line) + lines("A", chain.axes)
     title = f"{title}; and of the axis and origin of every move."
-    writer.function(title, "chain_line", f"{state}, real *restrict A", every, given=first, lines=True)
+    writer.function(title, "chain_line", (("s", "c"), ("C", "A")), every, given=first, lines=True)
 
 
 def _of_column(k: int) -> str:
@@ -227,23 +232,22 @@ def _of_column(k: int) -> str:
 def _write_chain(writer: _Writer, model: SymbolicModel, chain: ChainExpressions) -> None:
     fixed = {"p": model.p, "z": model.z}
 
-    def entries(name: str, inputs: Mapping[str, ca.SX], expression: ca.SX) -> _Targets:
-        nodes = writer.nodes({**fixed, **inputs}, expression)
-        return [(f"{name}[{k}]", node) for k, node in enumerate(nodes)]
+    def nodes(expression: ca.SX, inputs: Mapping[str, ca.SX]) -> list[int]:
+        return writer.nodes({**fixed, **inputs}, expression)
 
     q = {"q": model.q, "k": chain.kept}
-    moves = entries("v", q, chain.moves)
-    writer.function("Angles and lengths of the moves.", "moves_of", "const real *q, real *v", moves)
-    _write_lines(writer, entries, chain)
+    moves = [(f"v[{k}]", node) for k, node in enumerate(nodes(chain.moves, q))]
+    writer.function("Angles and lengths of the moves.", "moves_of", (("q",), ("v",)), moves)
+    _write_lines(writer, nodes, chain)
     if chain.mixed is not None:
-        mixed = entries("", {**q, "A": chain.columns}, chain.mixed)
-        leaves = entries("", {"A": chain.columns}, chain.columns)
+        mixed = nodes(chain.mixed, {**q, "A": chain.columns})
+        leaves = nodes(chain.columns, {"A": chain.columns})
         writer.function(
             "Columns by the readings from columns by the moves.",
             "mix",
-            "const real *q, const real *A, real *J",
-            [(f"J[{_of_column(k)}]", node) for k, (_, node) in enumerate(mixed)],
-            given={node: f"A[{_of_column(k)}]" for k, (_, node) in enumerate(leaves)},
+            (("q", "A"), ("J",)),
+            [(f"J[{_of_column(k)}]", node) for k, node in enumerate(mixed)],
+            given={node: f"A[{_of_column(k)}]" for k, node in enumerate(leaves)},
         )
 
 

@@ -28,8 +28,9 @@ from truepose.codegen.trigonometry import trigonometry
 from truepose.codegen.wrappers import wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
+from truepose.models.driver import Driver
 from truepose.models.kinematics import SymbolicModel, symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine import FRAME_OF, Machine
 
 MAX_ITER = 1500
 """Evaluations of the model that one inverse of an open chain may take."""
@@ -147,7 +148,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "tool": [places[f"tool.{axis}"] for axis in ("x", "y", "z", "rx", "ry", "rz")],
         "parameters": _entries(model.names, _parameter_units(model)),
         "joints": _joints(model.machine),
-        "drivers": _entries(model.drivers, [_driver_unit(model.machine, name) for name in model.drivers]),
+        "drivers": _entries(model.drivers, _driver_units(model)),
         "tolerance": {"position": f"{layout.position:g}", "rotation": f"{layout.rotation:g}"},
         **_example(layout, single),
     }
@@ -178,7 +179,7 @@ def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[
             f"nominal: found {broken[0]} = {(nominal or {})[broken[0]]}, expected a finite number"
         )
     own = dict(zip(model.names, model.p_home, strict=True))
-    drawn = {name: value for name, value in (nominal or {}).items() if not name.startswith("tool.")}
+    drawn = {name: value for name, value in (nominal or {}).items() if FRAME_OF.get(name) != "tool"}
     return [float(drawn.get(name, own[name])) if name in geometry else 0.0 for name in model.names]
 
 
@@ -212,11 +213,9 @@ def _parameter_units(model: SymbolicModel) -> list[str]:
     ]
 
 
-def _driver_unit(machine: Machine, name: str) -> str:
-    kind, _, place = name.partition(".")
-    if kind == "velocity" and place in machine.mechanism.readings:
-        return f"{machine.mechanism.actuator(place).reading_unit}/s"
-    return {"payload": "kg", "temperature": "degC", "time": "s", "pressure": "hPa"}.get(kind, "1")
+def _driver_units(model: SymbolicModel) -> list[str]:
+    joints = model.machine.mechanism.reading_units
+    return [Driver.of(name).unit(joints) or "1" for name in model.drivers]
 
 
 def _joints(machine: Machine) -> list[dict[str, Any]]:

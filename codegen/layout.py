@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
 from truepose.models.kinematics import SymbolicModel
-from truepose.models.machine import Machine
+from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.mechanism import COORDINATES, Actuator
 
 Array = NDArray[np.float64]
@@ -133,7 +133,7 @@ def _rounded(pose: Array) -> Array:
 
 def _longest(machine: Machine) -> float:
     """Largest length (mm) among the parameters of mechanism and tool; 1 where all are zero."""
-    inside = [*machine.mechanism.parameters, *(p for p in machine.frames if p.name.startswith("tool."))]
+    inside = [*machine.mechanism.parameters, *(p for p in machine.frames if FRAME_OF[p.name] == "tool")]
     longest = max((abs(p.nominal) for p in inside if p.unit == "mm"), default=0.0)
     ranges = [
         max(map(abs, a.range))

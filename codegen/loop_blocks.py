@@ -18,6 +18,8 @@ from truepose.codegen.reference import strain_of
 from truepose.models.kinematics import SymbolicModel
 
 Targets = list[tuple[str, int]]
+Arrays = tuple[tuple[str, ...], tuple[str, ...]]
+"""Names of the arrays that a function reads, and of those that it fills."""
 ROOTS = "roots_of"
 """The function that has a form for several rows at once."""
 
@@ -27,7 +29,7 @@ class Writer(Protocol):
 
     graph: Graph
 
-    def function(self, title: str, name: str, arguments: str, targets: Targets) -> None:
+    def function(self, title: str, name: str, arrays: Arrays, targets: Targets) -> None:
         """A static function of the model that fills the targets."""
 
 
@@ -65,19 +67,19 @@ def write_loops(writer: Writer, model: SymbolicModel, loops: Loops) -> None:
     to_pose: Targets = [(f"T[{k}]", node) for k, node in enumerate(T)]
     to_loops: Targets = [(f"r[{6 + k}]", writer.graph.negative(node)) for k, node in enumerate(c)]
     entries: Targets = [(f"J[{k}]", node) for k, node in enumerate(J)]
-    state = "const real *q, const real *x"
+    state = ("q", "x")
     title = "Pose of the tool, and what the loops lack to close."
-    writer.function(title, "rest_of", f"{state}, real *T, real *r", to_pose + to_loops)
+    writer.function(title, "rest_of", (state, ("T", "r")), to_pose + to_loops)
     title = "What the loops lack to close, and the entries of the derivative by x."
-    writer.function(title, "loops_of", f"{state}, real *r, real *J", to_loops + entries[: own.inner])
+    writer.function(title, "loops_of", (state, ("r", "J")), to_loops + entries[: own.inner])
     if np.isfinite(strain_of(model)):
         to_gap: Targets = [(f"g[{k}]", node) for k, node in enumerate(gap)]
         title = "What loops with more equations than unknowns lack to close, at best as little as the parts are strained."
-        writer.function(title, "strain_of", f"{state}, real *g", to_gap)
+        writer.function(title, "strain_of", (state, ("g",)), to_gap)
     title = (
         "Pose, what the loops lack to close, and the entries of the derivative [twist; closure] by (q, x)."
     )
-    writer.function(title, "all_of", f"{state}, real *T, real *r, real *J", to_pose + to_loops + entries)
+    writer.function(title, "all_of", (state, ("T", "r", "J")), to_pose + to_loops + entries)
     known = {**known, "J": own.symbols}
     if own.loops:
         _write_equations(writer, "loops", own.loops, known)
@@ -101,13 +103,12 @@ def _write_equations(
     solution = ca.substitute(factors.solution, factors.right, right[list(read)])
     values = writer.graph.add(inputs, [factors.values])[0]
     title = "Triangular factors by the entries of the derivative: inverse pivots come first."
-    arguments = "const real *J, real *F"
-    writer.function(title, f"{name}_factors", arguments, [(f"F[{k}]", node) for k, node in enumerate(values)])
+    targets = [(f"F[{k}]", node) for k, node in enumerate(values)]
+    writer.function(title, f"{name}_factors", (("J",), ("F",)), targets)
     inputs = {**inputs, "F": factors.symbols, "r": right}
     step = writer.graph.add(inputs, [solution])[0]
-    arguments = "const real *J, const real *F, const real *r, real *step"
     targets = [(f"step[{k}]", node) for k, node in enumerate(step)]
-    writer.function("The step for a right side r.", f"{name}_step", arguments, targets)
+    writer.function("The step for a right side r.", f"{name}_step", (("J", "F", "r"), ("step",)), targets)
 
 
 def _write_legs(writer: Writer, model: SymbolicModel, legs: Legs) -> None:
@@ -118,7 +119,7 @@ def _write_legs(writer: Writer, model: SymbolicModel, legs: Legs) -> None:
         targets = [(f"q[{k}]", node) for k, node in enumerate(q)]
         targets += [(f"s[{k}]", node) for k, node in enumerate(under + lack)]
         title = "Readings that put the tool at T, the squares of the roots in them, and what the rods then lack, mm."
-        writer.function(title, ROOTS, "const real *T, real *q, real *s", targets)
+        writer.function(title, ROOTS, (("T",), ("q", "s")), targets)
     elif legs.equations:
         r, J = writer.graph.add({**inputs, "q": model.q}, [legs.lack, legs.entries])
         targets = [(f"r[{k}]", writer.graph.negative(node)) for k, node in enumerate(r)]
@@ -126,9 +127,9 @@ def _write_legs(writer: Writer, model: SymbolicModel, legs: Legs) -> None:
         title = (
             "What the rods lack at the tool's pose T, mm, and the entries of its derivative by the readings."
         )
-        writer.function(title, "legs_of", "const real *T, const real *q, real *r, real *J", targets)
+        writer.function(title, "legs_of", (("T", "q"), ("r", "J")), targets)
         known = {"p": model.p, "z": model.z}
         _write_equations(writer, "legs", legs.equations, {**known, "J": legs.symbols})
 
 
-__all__ = ["ROOTS", "Loops", "Targets", "Writer", "write_loops"]
+__all__ = ["ROOTS", "Arrays", "Loops", "Targets", "Writer", "write_loops"]

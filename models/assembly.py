@@ -107,15 +107,15 @@ def _energies(
     if machine.gravity is None:
         return {}
     gravity = ca.DM(machine.gravity)
-    out = {}
+    out, frames = {}, {**bodies, "tool": tool}
+    probes = {f"{body}|": frame for body, frame in frames.items()}
     for case in ("",) if machine.weighs else machine.load_cases:
         if case:  # 1 kg at the origin of a body
-            frame = tool if case == "tool|" else bodies[case.removesuffix("|")]
-            out[case] = -ca.dot(gravity, frame[:3, 3])
+            out[case] = -ca.dot(gravity, probes[case][:3, 3])
             continue
         out[case] = ca.SX(0)
         for mass in machine.masses:
-            frame = tool if mass.body == "tool" else bodies[mass.body]
+            frame = frames[mass.body]
             kg = z[PAYLOAD] if mass.name == PAYLOAD and PAYLOAD in z else mass.kg
             out[case] -= kg * ca.dot(gravity, _point(frame, list(mass.com)))
     return out

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
-from truepose.models.assembly import assemble
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import AXES, Mechanism
 from truepose.models.parameters import Parameter
-from truepose.models.states import AXIS, directions, joint_ends
+from truepose.models.states import AXIS, joint_ends
 
 
 def home_directions(
@@ -24,17 +24,16 @@ def home_directions(
     Raises InputError, which names ``file``, where the mechanism cannot be assembled at home.
     """
     frames = tuple(Parameter(f"{frame}.{axis}", "mm", 0.0) for frame in FRAMES for axis in AXES)
-    machine = Machine(file.name if file else "mechanism", mechanism, frames, (), file=file)
-    model = symbolic_model(machine)
-    values = {p.name: ca.SX(p.nominal) for p in machine.parameters} | dict.fromkeys(machine.ports, ca.SX(0))
-    q = dict(zip(model.readings, ca.vertsplit(ca.SX(ca.DM(model.q_home))), strict=True))
-    bodies = assemble(machine, values, q, {}, ca.SX(ca.DM(model.home))).bodies
-    found = directions(machine, bodies, values)
-    out = {}
-    for end in joint_ends(machine):
-        x, y, z = (float(np.asarray(ca.evalf(found[f"{AXIS}{end}.{axis}"]))[0, 0]) for axis in "xyz")
-        out[end] = (x, y, z)
-    return out
+    closing = replace(mechanism, loops="exact")  # at home every way to close is the exact one
+    machine = Machine(file.name if file else "mechanism", closing, frames, (), file=file)
+    ends = joint_ends(machine)
+    if not ends:
+        return {}
+    model = symbolic_model(machine, ports=True)
+    found = ca.vertcat(*(model.states[f"{AXIS}{end}.{axis}"] for end in ends for axis in "xyz"))
+    at = ca.Function("at", [model.q, model.z, model.p, model.x], [found])
+    values = np.asarray(at(model.q_home, model.z_home, model.p_home, model.home), dtype=float).reshape(-1, 3)
+    return {end: (float(x), float(y), float(z)) for end, (x, y, z) in zip(ends, values, strict=True)}
 
 
 __all__ = ["home_directions"]

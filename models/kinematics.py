@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.models.assembly import assemble, frame_of, symbols
-from truepose.models.effects.base import PlacedEffect, Site
+from truepose.models.driver import Driver
+from truepose.models.effect import Site
 from truepose.models.home import closed_home, coordinate_scale, home_readings
 from truepose.models.machine import PAYLOAD, Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 from truepose.models.near_home import Stance, near_home
+from truepose.models.placed import PlacedEffect
 from truepose.models.states import (
     asked,
     directions,
@@ -98,7 +100,7 @@ def symbolic_model(
     z = symbols("z", drivers)
     x, home = _passive_symbols(machine.mechanism)
     theta = symbols("", [p.name for p in machine.parameters])
-    bare = symbols("", machine.ports) if ports else dict[str, ca.SX]()
+    bare = symbols("", [*machine.ports]) if ports else dict[str, ca.SX]()
     c = [symbols(f"c{k}_", list(effect.values)) for k, effect in enumerate(effects)]
     values = {**theta, **{name: bare.get(name, ca.SX(0)) for name in machine.ports}}
     passive, x_home = _now_and_home(machine, x)
@@ -171,14 +173,9 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
 
 
 def driver_default(machine: Machine, name: str) -> float:
-    """Value of a driver where nothing is recorded: nominal payload, 20 degC, 1013.25 hPa, latest session, no motion."""
-    if name == PAYLOAD:
-        return next((m.kg for m in machine.masses if m.name == PAYLOAD), 0.0)
-    if name.startswith("temperature"):
-        return 20.0
-    if name == "pressure":
-        return 1013.25
-    return 1.0 if name.startswith("session.") else 0.0
+    """Value of a driver where nothing is recorded: the nominal payload, else as its kind has it."""
+    masses = (m.kg for m in machine.masses if m.name == PAYLOAD == name)
+    return next(masses, Driver.of(name).default)
 
 
 @dataclass(frozen=True)
@@ -199,7 +196,8 @@ class _Present:
 
     def in_place(self, shifted: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         """Port values with the directions that they ask for in place; only readings may depend on what is seen."""
-        moving = {name: v for name, v in shifted.items() if not name.endswith(".reading")}
+        read = self.machine.ports_of("reading")
+        moving = {name: v for name, v in shifted.items() if name not in read}
         names = asked(list(moving.values()), self.marks)
         if not names:
             return dict(shifted)
@@ -232,7 +230,7 @@ def _constants(
     names = [p.name for p in machine.parameters]
     values = [p.nominal for p in machine.parameters]
     for effect in effects:
-        names += [f"{effect.label}:{name}" for name in effect.values]
+        names += effect.parameter_names
         values += effect.values.values()
     return (*names, *ports), np.array([*values, *(0.0 for _ in ports)])
 

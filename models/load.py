@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from truepose.errors import InputError
-from truepose.models.builders.base import builders
+from truepose.models.builder import builders
 from truepose.models.context import BuildContext
-from truepose.models.effects.base import Place, PlacedEffect, effects
+from truepose.models.effect import effects
+from truepose.models.home_directions import home_directions
 from truepose.models.machine import FRAMES, Machine, Mass, body_of
 from truepose.models.machine_file import (
     EffectSpec,
@@ -21,7 +23,8 @@ from truepose.models.machine_file import (
 )
 from truepose.models.mechanism import Mechanism
 from truepose.models.parameters import Parameter
-from truepose.models.sensors.base import Sensor, sensors
+from truepose.models.placed import Place, PlacedEffect
+from truepose.models.sensor import Sensor, sensors
 from truepose.models.units import close_matches
 
 _XYZ = ("x", "y", "z")
@@ -36,6 +39,7 @@ def build_machine(file: MachineFile) -> Machine:
     """The machine that a validated file describes."""
     context = BuildContext(file, ("mechanism",))
     mechanism = builders.get(file.mechanism.get("type"), f"{context.where}.type")(file.mechanism, context)
+    mechanism = replace(mechanism, home_directions=home_directions(mechanism, file))
     machine = Machine(
         name=file.name,
         mechanism=mechanism,
@@ -134,7 +138,14 @@ def _sensors(file: MachineFile) -> tuple[Sensor, ...]:
     out = []
     for k, section in enumerate(file.sensors):
         context = BuildContext(file, ("sensor", k) if several else ("sensor",))
-        out.append(sensors.get(section.get("type"), f"{context.where}.type").build(section, context))
+        sensor = sensors.get(section.get("type"), f"{context.where}.type").build(section, context)
+        for channel in sensor.channels:  # a plug-in may not have checked its own
+            if not 0.0 < channel.sigma < math.inf:
+                raise InputError(
+                    f"{context.where}: found a sigma of {channel.sigma} of {channel.name!r}, "
+                    "expected a finite number > 0"
+                )
+        out.append(sensor)
     return tuple(out)
 
 

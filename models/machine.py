@@ -7,18 +7,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import Literal
 
-from truepose.models.mechanism import AXES, BASE, Mechanism
+from truepose.models.machine_file import MachineFile
+from truepose.models.mechanism import AXES, AXIS_UNITS, BASE, Mechanism
 from truepose.models.parameters import Parameter
-
-if TYPE_CHECKING:
-    from truepose.models.effects.base import PlacedEffect
-    from truepose.models.machine_file import MachineFile
-    from truepose.models.sensors.base import Sensor
+from truepose.models.placed import PlacedEffect
+from truepose.models.sensor import Channel, Sensor
 
 FRAMES = ("base", "tool")
+FRAME_OF: Mapping[str, str] = {f"{frame}.{axis}": frame for frame in FRAMES for axis in AXES}
+"""The frame that each of the twelve parameters ``base.x`` ... ``tool.rz`` is of."""
 PAYLOAD = "payload"
+
+
+@dataclass(frozen=True)
+class Port:
+    """Where physics may act beside the parameters: ``of`` is a reading (displacement), a joint or mount (motion), or a
+    sensor's column (reading)."""
+
+    of: str
+    kind: Literal["displacement", "motion", "reading"]
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -59,20 +70,38 @@ class Machine:
         return (*self.mechanism.parameters, *self.frames, *sensor)
 
     @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Residual components of every sensor, in order."""
+        return tuple(channel for sensor in self.sensors for channel in sensor.channels)
+
+    @property
+    def residual_units(self) -> Mapping[str, str]:
+        """Internal unit of each kind of residual component."""
+        return {channel.kind: channel.unit for channel in self.channels}
+
+    @cached_property
     def geometry(self) -> Mapping[str, Parameter]:
         """Every parameter by name."""
         return {parameter.name: parameter for parameter in self.parameters}
 
-    @property
-    def ports(self) -> tuple[str, ...]:
-        """Where physics may act beside the parameters: displacements, error motions of joints, mounts, readings."""
-        names = [actuator.displacement for actuator in self.mechanism.actuators]
+    @cached_property
+    def ports(self) -> Mapping[str, Port]:
+        """Ports by name: displacements, error motions of joints and of mounts, readings."""
+        out = {a.displacement: Port(a.reading, "displacement", a.unit) for a in self.mechanism.actuators}
         driven = {actuator.drives for actuator in self.mechanism.actuators}
-        joints = [j.name for j in self.mechanism.tree if j.name in driven]
-        names += [f"{joint}.motion.{axis}" for joint in joints for axis in AXES]
-        names += [f"{frame}.motion.{axis}" for frame in FRAMES for axis in AXES]
-        names += [f"{column}.reading" for sensor in self.sensors for column in sensor.shiftable]
-        return tuple(names)
+        for part in (*(j.name for j in self.mechanism.tree if j.name in driven), *FRAMES):
+            out |= {f"{part}.motion.{axis}": Port(part, "motion", unit) for axis, unit in AXIS_UNITS.items()}
+        for sensor in self.sensors:
+            out |= {f"{c}.reading": Port(c, "reading", sensor.columns[c]) for c in sensor.shiftable}
+        return out
+
+    def ports_of(self, *kinds: str) -> set[str]:
+        """Names of the ports of these kinds."""
+        return {name for name, port in self.ports.items() if port.kind in kinds}
+
+    def unit_of(self, name: str) -> str:
+        """Unit of a parameter or of what is added at a port."""
+        return self.ports[name].unit if name in self.ports else self.geometry[name].unit
 
     @property
     def weighs(self) -> bool:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Literal
 
 from truepose.errors import InputError
@@ -24,6 +23,7 @@ COORDINATES: Mapping[str, int] = {
     "fixed": 0,
 }
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+AXIS_UNITS: Mapping[str, str] = dict(zip(AXES, 3 * ("mm",) + 3 * ("rad",), strict=True))
 BASE = "base"
 Loops = Literal["exact", "linear", "elastic"]
 """How loops close away from home: as geometry says, to first order about home, or where elastic rods balance."""
@@ -162,6 +162,8 @@ class Mechanism:
     ``expanded`` is the section of the same mechanism as a graph, in the file's units, where the file's own
     form has no field for every parameter; ``tool_length`` (mm) is how far along the flange's z the tool frame
     stands where the file gives none. ``loops`` says how loops close away from home; ``elastic`` needs every rod to be.
+    ``home_directions`` are unit vectors along what joint ends carry, as drawn (``truepose.models.home_directions``);
+    the loading of a machine adds them.
     """
 
     parameters: tuple[Parameter, ...]
@@ -176,6 +178,7 @@ class Mechanism:
     expanded: Mapping[str, Any] | None = None
     tool_length: float = 0.0
     loops: Loops = "exact"
+    home_directions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
     def tree(self) -> tuple[Joint, ...]:
@@ -204,6 +207,16 @@ class Mechanism:
         return tuple(actuator.reading for actuator in self.actuators)
 
     @property
+    def rod_ends(self) -> Mapping[str, Rod]:
+        """The rod of each of its ends ``R.a``, ``R.b``, as effects name them."""
+        return {f"{rod.name}.{end}": rod for rod in self.rods for end in "ab"}
+
+    @property
+    def reading_units(self) -> Mapping[str, str]:
+        """Unit of each reading's column: mm, rad or turn."""
+        return {actuator.reading: actuator.reading_unit for actuator in self.actuators}
+
+    @property
     def passive(self) -> tuple[Joint, ...]:
         """Joints of the tree that no actuator drives and that can move."""
         driven = {actuator.drives for actuator in self.actuators}
@@ -225,10 +238,3 @@ class Mechanism:
             if actuator.reading == reading:
                 return actuator
         raise InputError(f"found no joint {reading!r}, expected one of {', '.join(self.readings)}")
-
-    @cached_property
-    def home_directions(self) -> Mapping[str, tuple[float, float, float]]:
-        """Unit vectors along what joint ends carry, as drawn and at home (``truepose.models.home_directions``)."""
-        from truepose.models.home_directions import home_directions
-
-        return home_directions(self)

@@ -7,9 +7,11 @@ A user's own file does the same (``truepose --plugin FILE``, or an import).
 from __future__ import annotations
 
 import difflib
+import hashlib
 import importlib
 import importlib.util
 import pkgutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -64,12 +66,24 @@ class Registry(Generic[T]):
 
 
 def load_plugin(path: Path) -> ModuleType:
-    """Run a user's file so that what it registers is known."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    """Run a user's file so that what it registers is known; a file loaded before is run again.
+
+    The module is found in ``sys.modules`` under a name of its own, since dataclasses look their annotations up
+    there: files of one name in two folders do not clash. Raises InputError when the file cannot be run; its
+    module is then forgotten.
+    """
+    path = Path(path)
+    name = f"truepose_plugin_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None or not path.is_file():
         raise InputError(
             f"{path}: found no Python file, expected a plugin that registers effects, sensors or builders"
         )
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as exc:  # a user's own code may raise anything
+        del sys.modules[name]
+        raise InputError(f"{path}: the plugin cannot be loaded: {type(exc).__name__}: {exc}") from exc
     return module

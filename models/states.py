@@ -40,7 +40,7 @@ def joint_ends(machine: Machine) -> tuple[str, ...]:
     """Universal and spherical joints by name, and both ends ``R.a``, ``R.b`` of rods on ball joints."""
     mechanism = machine.mechanism
     bent = [j.name for j in mechanism.joints if j.kind in ("universal", "spherical")]
-    return (*bent, *(f"{rod.name}.{end}" for rod in mechanism.rods for end in "ab"))
+    return (*bent, *mechanism.rod_ends)
 
 
 def hinges(machine: Machine) -> tuple[Joint, ...]:

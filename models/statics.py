@@ -66,12 +66,4 @@ class Statics:
 
 def load_scale(machine: Machine, port: str) -> float:
     """N mm a unit of the port, by the unit a load is told in: N along lengths, N m about angles."""
-    return 1.0 if _is_length(machine, port) else MM_PER_M
-
-
-def _is_length(machine: Machine, port: str) -> bool:
-    if port in machine.geometry:
-        return machine.geometry[port].unit != "rad"
-    if port.endswith(".displacement"):
-        return machine.mechanism.actuator(port.rsplit(".", 1)[0]).unit == "mm"
-    return not port.rsplit(".", 1)[-1].startswith("r")
+    return MM_PER_M if machine.unit_of(port) == "rad" else 1.0

@@ -17,7 +17,7 @@ import difflib
 import functools
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, cast, overload
 
@@ -211,37 +211,46 @@ def bad_value(expected: str, found: object) -> PydanticCustomError:
     return PydanticCustomError("bad_value", "expected {expected}", {"expected": expected, "found": found})
 
 
-def _finite(value: object, expected: str, infinite: bool) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise bad_value(expected, value)
-    number = float(value)
-    if math.isnan(number) or (math.isinf(number) and not infinite):
-        raise bad_value(expected, value)
-    if infinite and number < 0.0:
-        raise bad_value(expected, value)
-    return number
+@dataclass(frozen=True)
+class _Numbers:
+    """Which numbers a field takes, and the words for them around "number"."""
+
+    kind: str
+    limits: str
+    fits: Callable[[float], bool]
+
+    def words(self, unit: str, count: int = 1) -> str:
+        number = f"a {self.kind}number" if count == 1 else f"{count} {self.kind}numbers"
+        return f"{number}{self.limits} ({unit})"
+
+    def checked(self, value: object, expected: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not self.fits(float(value)):
+            raise bad_value(expected, value)
+        return float(value)
 
 
-def _scalar(dimension: str, infinite: bool = False) -> BeforeValidator:
+_FINITE = _Numbers("finite ", "", math.isfinite)
+_TOLERANCE = _Numbers("", " >= 0 or .inf", lambda value: value >= 0.0)
+_SIGMA = _Numbers("finite ", " > 0", lambda value: 0.0 < value < math.inf)
+
+
+def _scalar(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
     def validate(value: object, info: ValidationInfo) -> float:
         units = _units(info)
-        kind = "a number >= 0 or .inf" if infinite else "a finite number"
-        number = _finite(value, f"{kind} ({units.of(dimension)})", infinite)
-        return units.to_internal(number, dimension)
+        return units.to_internal(numbers.checked(value, numbers.words(units.of(dimension))), dimension)
 
     return BeforeValidator(validate)
 
 
-def _vector(dimension: str, infinite: bool = False) -> BeforeValidator:
+def _vector(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
     def validate(value: object, info: ValidationInfo) -> tuple[float, ...]:
         units = _units(info)
-        kind = "3 numbers >= 0 or .inf" if infinite else "3 finite numbers"
-        expected = f"{kind} ({units.of(dimension)})"
-        if infinite and not isinstance(value, (list, tuple)):
+        expected = numbers.words(units.of(dimension), 3)
+        if numbers is _TOLERANCE and not isinstance(value, (list, tuple)):
             value = [value] * 3  # one tolerance for the three components
         if not isinstance(value, (list, tuple)) or len(value) != 3:
             raise bad_value(expected, value)
-        return tuple(units.to_internal(_finite(item, expected, infinite), dimension) for item in value)
+        return tuple(units.to_internal(numbers.checked(item, expected), dimension) for item in value)
 
     return BeforeValidator(validate)
 
@@ -254,20 +263,25 @@ Gain = Annotated[float, _scalar("gain")]
 Vector = Annotated[Triple, _vector("number")]
 LengthVector = Annotated[Triple, _vector("length")]
 AngleVector = Annotated[Triple, _vector("angle")]
-NumberTolerance = Annotated[float, _scalar("number", infinite=True)]
-LengthTolerance = Annotated[float, _scalar("length", infinite=True)]
-AngleTolerance = Annotated[float, _scalar("angle", infinite=True)]
-LengthToleranceVector = Annotated[Triple, _vector("length", infinite=True)]
-AngleToleranceVector = Annotated[Triple, _vector("angle", infinite=True)]
+LengthSigma = Annotated[float, _scalar("length", _SIGMA)]
+AngleSigma = Annotated[float, _scalar("angle", _SIGMA)]
+NumberTolerance = Annotated[float, _scalar("number", _TOLERANCE)]
+LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE)]
+AngleTolerance = Annotated[float, _scalar("angle", _TOLERANCE)]
+LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE)]
+AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE)]
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Ending of a message: the known name meant; empty where none is near."""
+    near = difflib.get_close_matches(name, sorted(set(known)), n=3, cutoff=0.6)
+    return "did you mean " + " or ".join(repr(item) for item in near) + "?" if near else ""
 
 
 def close_matches(name: str, known: Iterable[str]) -> str:
     """Ending of a message: the known name meant, or the names there are."""
     names = sorted(set(known))
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
-    if near:
-        return "did you mean " + " or ".join(repr(item) for item in near) + "?"
-    return "known: " + ", ".join(names) if names else ""
+    return meant(name, names) or ("known: " + ", ".join(names) if names else "")
 
 
 class Section(BaseModel):

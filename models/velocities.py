@@ -63,7 +63,8 @@ def _told_by_screws(model: SymbolicModel) -> bool:
     if any(rod.flexures is not None or rod.elastic is not None for rod in mechanism.rods):
         return False
     driven = ca.vertcat(*(model.values[a.displacement] for a in mechanism.actuators))
-    still = [v for name, v in model.values.items() if not name.endswith((".displacement", ".reading"))]
+    moving = model.machine.ports_of("displacement", "reading")
+    still = [v for name, v in model.values.items() if name not in moving]
     unmoved = not ca.depends_on(ca.vertcat(*still), ca.vertcat(model.q, model.x))
     return unmoved and not ca.depends_on(driven, model.x)
 

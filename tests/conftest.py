@@ -30,8 +30,9 @@ settings.load_profile("truepose")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--update-golden``: see tests/test_codegen_golden.py."""
-    parser.addoption("--update-golden", action="store_true", help="write tests/golden as it is generated now")
+    """``--update-golden``: see tests/test_codegen_golden.py and tests/test_golden_diagnoses.py."""
+    told = "write tests/golden and tests/golden_diagnoses as they come out now"
+    parser.addoption("--update-golden", action="store_true", help=told)
 
 
 @pytest.hookimpl(wrapper=True)

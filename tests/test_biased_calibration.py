@@ -15,8 +15,8 @@ from truepose.cli import app
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.fit.biased import LinearEstimate, Spectrum, decompose, liu, pcr, ridge
 from truepose.identification.fit.calibrate import calibrate
-from truepose.identification.fit.covariance import Covariance
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.write_machine import covariance_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -162,7 +162,7 @@ def test_the_std_is_what_sampling_shows(
 
 def test_the_machine_file_carries_the_estimators_own_covariance(chain: Machine, recording: Recording) -> None:
     fit = calibrate(chain, recording, estimator="liu", tuning=0.5).fit
-    written = Covariance.of(fit)
+    written = covariance_of(fit)
     known = determined(fit)[fit.prior.free]
     np.testing.assert_allclose(
         np.linalg.norm(written.factor, axis=1)[known], fit.std[fit.prior.free][known], rtol=1e-9

@@ -12,7 +12,7 @@ from scipy.stats import chi2, kstest
 
 from truepose.errors import InputError
 from truepose.identification.photogrammetry.body_pose import BodyPose, body_pose, cylinder_frame
-from truepose.identification.photogrammetry.pose_table import COLUMNS, pose_table
+from truepose.identification.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
 from truepose.models import lie
 from truepose.models.units import UnitSystem
 
@@ -322,6 +322,22 @@ def test_a_table_of_points_becomes_poses_with_calibrated_columns() -> None:
     # six columns, each standard normal in 300 rows: a false alarm of one in a thousand each
     assert all(kstest(column, "norm").pvalue > 1e-3 for column in pulls(frame, poses).T)
     assert float(frame["chi2_per_dof"].mean()) == pytest.approx(1.0, abs=5 * np.sqrt(2 / 6 / 300))
+
+
+def test_covariances_of_the_columns_are_calibrated() -> None:
+    table, poses = measured(np.random.default_rng(18), 300)
+    frame = pose_table(table, SIGMA, BODY, covariance=True)
+    spread = np.zeros((len(frame), 6, 6))
+    for (a, b), (i, k) in zip(PAIRS, zip(*np.triu_indices(6, 1), strict=True), strict=True):
+        spread[:, i, k] = spread[:, k, i] = frame[f"{a}.{b}.cov"]
+    std = frame[[f"{c}.std" for c in COLUMNS]].to_numpy()
+    spread[:, range(6), range(6)] = std**2
+    errors = pulls(frame, poses) * std
+    distance = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(spread), errors)
+    assert kstest(distance, chi2(6).cdf).pvalue > 1e-3
+    assert list(pose_table(table, SIGMA, BODY).columns) == [
+        c for c in frame.columns if not c.endswith(".cov")
+    ]
 
 
 def test_a_point_that_was_not_seen_is_left_out_of_its_row() -> None:

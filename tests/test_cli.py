@@ -42,6 +42,7 @@ COMMANDS = (
     "diagnose",
     "identifiability",
     "plan",
+    "poses",
     "drift",
     "predict",
     "simulate",
@@ -226,7 +227,7 @@ def test_demo_shows_the_truth_on_the_report_alone(
         return "<html></html>"
 
     monkeypatch.setattr(engine, "diagnose", diagnose)
-    monkeypatch.setattr("truepose.identification.report.report_html", report_html)
+    monkeypatch.setattr("truepose.identification.report.pages.report_html", report_html)
     monkeypatch.chdir(tmp_path)
     done = run("demo")
     assert done.exit_code == 0, done.output
@@ -320,7 +321,7 @@ def test_a_failure_while_writing_leaves_nothing(
     def fails(*_: Any) -> str:
         raise ConvergenceError("late\nand long")
 
-    monkeypatch.setattr("truepose.identification.report.calibration_html", fails)
+    monkeypatch.setattr("truepose.identification.report.pages.calibration_html", fails)
     before = sorted(tmp_path.rglob("*"))
     refused(run("calibrate", SERIAL, recording, "-o", tmp_path / "out"), 3, "late and long")
     assert sorted(tmp_path.rglob("*")) == before

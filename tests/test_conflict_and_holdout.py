@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from support.examples import examples
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
-from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
-from truepose.identification.diagnosis.parts import inflations, kind_of, part_classes
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import inflations, kind_of, part_classes
 
 Array = NDArray[np.float64]
 READINGS, FREE = 60, 12

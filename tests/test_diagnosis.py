@@ -25,6 +25,7 @@ from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import FREE_WIDENING, estimate, prior_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
+from truepose.identification.report.diagnosis_words import form_words
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -130,7 +131,7 @@ def the_only(diagnosis: Diagnosis, effect: str, *place: str, alike: tuple[str, .
     assert finding.probability > (0.5 if rivals else 0.9)
     assert finding.probability + sum(rivals.values()) > 0.9
     assert finding.explanation
-    assert finding.separating_experiment
+    assert finding.experiment
     return finding
 
 
@@ -372,4 +373,4 @@ def test_what_no_effect_explains_is_unknown(bench: Callable[[str, int], Bench]) 
     left: Any = found.remainder
     assert left is not None
     assert left.driver
-    assert "hypothesised" in left.form
+    assert "hypothesised" in form_words(left)

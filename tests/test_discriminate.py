@@ -17,8 +17,7 @@ from support.examples import examples
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import missed_chi2
-from truepose.identification.diagnosis.evidence import Grid
-from truepose.identification.diagnosis.selection import rank
+from truepose.identification.diagnosis.effect_selection import rank
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.planning.discriminate.criterion import Contest, Race, chosen
@@ -28,10 +27,12 @@ from truepose.identification.planning.discriminate.factors import MOST, Factor, 
 from truepose.identification.planning.discriminate.rows import Rows, recording_of, signals
 from truepose.identification.planning.discriminate.targets import Target, with_targets
 from truepose.identification.planning.information import PoseInformation
-from truepose.identification.planning.pose_file import experiment_table
 from truepose.identification.prediction.simulate import parse_effect, simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.experiment_words import sentences
+from truepose.identification.report.notes import worded
+from truepose.identification.report.pose_tables import experiment_table
+from truepose.identification.selection.scales import Grid
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]
@@ -208,7 +209,7 @@ def test_sides_time_and_sessions_come_by_themselves() -> None:
 def test_what_a_way_leaves_behind_is_varied_by_the_side() -> None:
     found = planned("arm", "friction-hysteresis@q2", "actuator-scale@q2")
     assert set(found.rows.drivers) == {"approach.q2"} and found.expected > 0.0
-    assert any("strokes that shrink are not planned" in note for note in found.notes)
+    assert any("strokes that shrink are not planned" in note for note in worded(found.notes))
     backlash = planned("arm", "friction-hysteresis@q2", "backlash@q2")
     assert backlash.hopeless
 

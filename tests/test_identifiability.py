@@ -19,11 +19,13 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.identifiability.analysis import drawn_poses, identifiability
+from truepose.identification.identifiability.analysis import identifiability
 from truepose.identification.identifiability.observability import identifiable
+from truepose.identification.identifiability.poses import drawn_poses
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.identifiability_words import identifiability_lines, unseen_sentences
+from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]
@@ -161,9 +163,9 @@ def test_rows_that_cannot_be_assembled_are_noted() -> None:
     q[3, 2] = 500.0  # turns: one leg of 2.8 m
     found = identifiability(machine, replace(poses, q=q))
     assert found.poses == 19
-    assert found.notes == (
+    assert worded(found.notes) == [
         "drawn poses: row 4: the mechanism cannot be assembled there; the row was left out",
-    )
+    ]
 
 
 # -- refusals and the command --------------------------------------------------------------------------

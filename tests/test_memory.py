@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from support.examples import examples
 from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
-from truepose.identification.recording.memory import column_behind
 from truepose.identification.recording.recording import JointColumn, Recording, read_recording
+from truepose.models.driver import Driver
 from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]
@@ -208,6 +208,6 @@ def test_what_is_not_recorded_is_told(tmp_path: Path) -> None:
     assert timeless.driver("stop.s~3") is not None
     for name in ("stop.t~3", "stop.s~3~4~5", "loop.s~3", "stop.s~"):
         assert timeless.driver(name) is None
-    assert column_behind("creep.s~0.1") == "time"
-    assert column_behind("stop.s~3") == "s"
-    assert column_behind("temperature.base~300") == "temperature.base"
+    assert Driver.of("creep.s~0.1").column == "time"
+    assert Driver.of("stop.s~3").column == "s"
+    assert Driver.of("temperature.base~300").column == "temperature.base"

@@ -21,14 +21,15 @@ from truepose.identification.diagnosis.doubt import (
     doubted,
     same_part,
 )
+from truepose.identification.diagnosis.effect_selection import Selection
 from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.naming import likelier
-from truepose.identification.diagnosis.remainder import pile
-from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
-from truepose.identification.diagnosis.selection import Selection
+from truepose.identification.diagnosis.remainder import of_pile
+from truepose.identification.diagnosis.result import Alternative, Finding, Form, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.load import load_recording
+from truepose.identification.report.diagnosis_words import form_words
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -136,10 +137,10 @@ def test_a_likelier_cause_takes_a_terms_place_where_it_stays_likelier_in_its_own
         for term in (shift, drift)
     }
     classes = {shift: [first], drift: [later]}
-    monkeypatch.setattr(naming, "only", lambda selection, *_: selection)
+    monkeypatch.setattr(naming, "restricted", lambda selection, *_: selection)
     monkeypatch.setattr(naming, "_classes", lambda selection: classes[next(iter(selection.accepted))])
     monkeypatch.setattr(naming, "_exchanged", lambda *_: selections[drift])
-    chosen, named = naming.name(cast(Selection, selections[shift]), np.zeros(0, dtype=bool), None)
+    chosen, named = naming.name_terms(cast(Selection, selections[shift]), np.zeros(0, dtype=bool), None)
     assert list(chosen.accepted) == [drift if stays else shift]
     assert named == classes[drift if stays else shift]
 
@@ -156,14 +157,14 @@ FINDING = Finding(
     prior_dependent=False,
     flip_lambda=None,
     explanation="Joint q2 has play.",
-    separating_experiment="",
+    experiment="",
 )
 
 
 def test_names_keep_their_share_beside_a_remainder_and_the_rest_has_no_name(
     weighed: tuple[Machine, Catalogue],
 ) -> None:
-    (less,) = doubted(weighed[0], [FINDING], Remainder(("q3",), "q1", "a curve", 1.2), failing=True)
+    (less,) = doubted(weighed[0], [FINDING], Remainder(("q3",), "q1", Form("curve"), 1.2), failing=True)
     assert less.probability == pytest.approx(KEPT * FINDING.probability)
     named = less.probability + sum(o.probability for o in less.equivalents if o.effect != UNNAMED)
     (unnamed,) = [o for o in less.equivalents if o.effect == UNNAMED]
@@ -238,19 +239,19 @@ def test_names_that_explain_the_lesser_part_are_withheld_unless_a_constant_is_wr
 
 def test_a_name_shares_its_part_with_something_unnamed_there_only(weighed: tuple[Machine, Catalogue]) -> None:
     arm = weighed[0]
-    assert same_part(arm, ("q2.d",), Remainder(("q2",), "q1", "a curve", 1.2))
-    assert same_part(arm, ("q3", "q2"), Remainder(("q2",), "q1", "a curve", 1.2))
-    assert not same_part(arm, ("q3",), Remainder(("q2",), "q1", "a curve", 1.2))
+    assert same_part(arm, ("q2.d",), Remainder(("q2",), "q1", Form("curve"), 1.2))
+    assert same_part(arm, ("q3", "q2"), Remainder(("q2",), "q1", Form("curve"), 1.2))
+    assert not same_part(arm, ("q3",), Remainder(("q2",), "q1", Form("curve"), 1.2))
     assert not same_part(arm, ("q2",), None)
 
 
 def test_withheld_names_say_where_they_meet_and_what_it_looks_like() -> None:
     fit = cast(Estimate, SimpleNamespace(chi2_per_dof=4.0))
     meeting = [other("axis-coupling", "q3", "q1"), other("backlash", "q3")]
-    left = pile(meeting, fit, Structure(QUIET, "q2", 9.0, 0.1))
+    left = of_pile(meeting, fit, Structure(QUIET, "q2", 9.0, 0.1))
     assert (left.place, left.driver, left.size_sigma) == (("q3",), "q2", 2.0)
-    assert "axis-coupling at q3+q1, backlash at q3" in left.form and "hypothesised" in left.form
-    apart = pile(
+    assert "axis-coupling at q3+q1, backlash at q3" in form_words(left) and "hypothesised" in form_words(left)
+    apart = of_pile(
         [other("axis-coupling", "q2", "q1"), other("backlash", "q3")], fit, Structure(QUIET, "q2", 9.0, 0.1)
     )
     assert apart.place == ("q2", "q1")

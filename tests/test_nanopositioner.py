@@ -20,12 +20,6 @@ from support.texts import assert_same_to_the_last_digit
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver, Reach, inverse
-from truepose.identification.compensation.reflection import (
-    ReflectionControl,
-    light_frame,
-    mirror_poses,
-    reflections,
-)
 from truepose.identification.diagnosis import engine
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
@@ -39,9 +33,9 @@ MACHINES = ROOT / "tests" / "machines"
 Array = NDArray[np.float64]
 ROUNDING = 1e-12
 """mm and rad: sums of a dozen terms of about 1 mm in double precision."""
-tables, geometry, plan, recordings, study, drift, trajectories = (
+tables, geometry, plan, recordings, reflection, study, drift, trajectories = (
     study_module(f"nanopositioner.{name}")
-    for name in ("tables", "geometry", "plan", "recordings", "study", "drift", "trajectories")
+    for name in ("tables", "geometry", "plan", "recordings", "reflection", "study", "drift", "trajectories")
 )
 
 
@@ -91,8 +85,11 @@ def test_library_and_simulator_are_the_same_machine(machine: Machine) -> None:
     poses, good = PoseSolver(machine, p).forward(q)
     assert good.all()
     assert np.abs(poses - geometry.end_effector(constants, q)).max() < ROUNDING
-    assert np.abs(mirror_poses(machine, poses, p) - geometry.mirror_pose(constants, q)).max() < ROUNDING
-    found, (world, own) = reflections(machine, poses, p), geometry.reflection(constants, q)
+    assert (
+        np.abs(reflection.mirror_poses(machine, poses, p) - geometry.mirror_pose(constants, q)).max()
+        < ROUNDING
+    )
+    found, (world, own) = reflection.reflections(machine, poses, p), geometry.reflection(constants, q)
     assert np.abs(found.length - geometry.lengths(constants, q)).max() < ROUNDING
     assert np.abs(found.world - world).max() < ROUNDING
     assert np.abs(found.mirror - own).max() < ROUNDING
@@ -121,7 +118,7 @@ def test_light_mirror_and_joints_are_laid_as_in_the_paper(machine: Machine) -> N
         spin = change[:3, :3] @ home[:3, :3].T
         found = change[:3, 3] if k < 3 else np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
         assert np.allclose(found, np.eye(3)[axis], atol=1e-5)  # the next order is step / 2
-    assert np.allclose(light_frame(machine)[:3, 2], [0, -1, 0], atol=ROUNDING)
+    assert np.allclose(reflection.light_frame(machine)[:3, 2], [0, -1, 0], atol=ROUNDING)
     assert np.allclose(home[:3, 2], [0, 1, 0], atol=ROUNDING)
 
 
@@ -318,7 +315,7 @@ def test_a_redundant_arm_is_solved_too(tmp_path: Path) -> None:
 def test_the_reflection_point_stays_still_until_a_joint_saturates(machine: Machine) -> None:
     """Figures 7 and 11, judged by the simulator with the controller's own constants: still to far below 1 nm."""
     p, true = _values(machine, tables.DAY_0), geometry.Constants.tabled(tables.DAY_0)
-    control = ReflectionControl(machine, p)
+    control = reflection.ReflectionControl(machine, p)
     start = control.facing(np.zeros(6))
     along = geometry.light(true)[1]
     assert geometry.normals(true, start[None])[0] @ along == pytest.approx(-1.0, abs=ROUNDING)
@@ -353,10 +350,10 @@ def test_steps_of_beta_et_tilt_the_travel_by_as_much(machine: Machine) -> None:
 def test_reflection_needs_a_beam_that_meets_the_mirror(machine: Machine) -> None:
     arm = load_machine(MACHINES / "serial.yaml")
     with pytest.raises(InputError, match="no distance sensor"):
-        reflections(arm, np.eye(4)[None])
+        reflection.reflections(arm, np.eye(4)[None])
     turned = PoseSolver(machine).forward(np.array([[0, 0, 0, np.pi / 2, 0, 0]]))[0]
     with pytest.raises(InputError, match=r"poses\[0\].*along the mirror"):
-        reflections(machine, turned)
+        reflection.reflections(machine, turned)
 
 
 # Diagnosis and the demo

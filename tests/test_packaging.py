@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -11,6 +12,10 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+from truepose.models.effects.base import effects
+from truepose.models.load import load_machine
+from truepose.models.registry import load_plugin
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("models", "identification", "codegen")
@@ -29,6 +34,20 @@ DATA = {
     "truepose/identification/report/templates/page.html.j2",
     "truepose/codegen/templates/kin.c.j2",
 }
+
+ARM = """\
+schema: truepose/machine/1
+name: arm
+mechanism:
+  type: serial
+  joints:
+    - {name: slide, kind: prismatic, range: [-100, 100]}
+    - {name: q2, kind: revolute, alpha: 90, d: 300, r: 20, range: [-60, 60]}
+    - {name: q3, kind: revolute, alpha: 90, d: 200, range: [-60, 60]}
+frames: {tool: {in: flange, xyz: [150, 0, 40], tolerance: {xyz: 1}}}
+sensor: {type: position, sigma: {xyz: 0.01}}
+tolerances: {length: 0.1, angle: 0.1}
+"""
 
 
 def _run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -75,14 +94,6 @@ def test_the_wheel_holds_the_tracked_files_and_nothing_else(tmp_path: Path) -> N
     assert licence
 
 
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_links_are_relative(folder: str) -> None:
-    link = ROOT / "src" / "truepose" / folder
-    assert link.is_symlink()
-    assert str(link.readlink()) == f"../../{folder}"
-    assert link.resolve() == ROOT / folder
-
-
 def test_the_tests_command_of_the_readme_is_that_of_ci() -> None:
     (command,) = [line for line in COMMANDS if "pytest" in line]
     assert command in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
@@ -123,6 +134,41 @@ def test_the_effect_of_the_readme_is_a_plugin(tmp_path: Path) -> None:
     assert (tmp_path / "out.csv").is_file()
     listed = _run("-m", "truepose.cli", "effects", "travel-cubic", *options[:2], cwd=tmp_path).stdout
     assert "Scale that changes along the travel" in listed
+
+
+def test_the_effect_of_the_readme_acts_on_what_travels(tmp_path: Path) -> None:
+    """Its k is per mm^2: the polisher's legs and a slide have it, and no joint that turns."""
+    (plugin,) = [block for block in BLOCKS if "@effects.add" in block]
+    (tmp_path / "travel_cubic.py").write_text(plugin, encoding="utf-8")
+    (tmp_path / "arm.yaml").write_text(ARM, encoding="utf-8")
+    places = {"arm.yaml": ["slide"], str(ROOT / "models/machines/polisher/machine.yaml"): ["q1", "q2", "q3"]}
+    for machine, slides in places.items():
+        loaded = load_machine(tmp_path / machine)
+        load_plugin(tmp_path / "travel_cubic.py")
+        effect = effects.get("travel-cubic", "")()
+        assert [place for (place,) in effect.places(loaded)] == slides
+        assert {a.unit for a in loaded.mechanism.actuators} == {"mm", "rad"}
+    effects.discard("travel-cubic")
+    rows = [f"{10 * k - 95},{(37 * k) % 101 - 50},{(53 * k) % 103 - 51}" for k in range(20)]
+    (tmp_path / "poses.csv").write_text("\n".join(["slide,q2,q3", *rows]), encoding="utf-8")
+    plugged = ["--plugin", "travel_cubic.py"]
+    bent = ["--effect", "travel-cubic@slide:k=1e-6[1/mm^2]"]
+    _run(
+        "-m",
+        "truepose.cli",
+        "simulate",
+        "arm.yaml",
+        "poses.csv",
+        "-o",
+        "read.csv",
+        *bent,
+        *plugged,
+        cwd=tmp_path,
+    )
+    _run("-m", "truepose.cli", "diagnose", "arm.yaml", "read.csv", "-o", "out", *plugged, cwd=tmp_path)
+    diagnosis = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    screened = {tuple(c["place"]) for c in diagnosis["candidates"] if c["effect"] == "travel-cubic"}
+    assert screened == {("slide",)}
 
 
 def test_links_of_the_documents_lead_somewhere() -> None:

@@ -18,9 +18,9 @@ from truepose.identification.planning.criteria import CRITERIA
 from truepose.identification.planning.exchange import Pool, exchange
 from truepose.identification.planning.information import PoseInformation
 from truepose.identification.planning.plan import plan
-from truepose.identification.planning.pose_file import plan_table
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
+from truepose.identification.report.pose_tables import plan_table
 from truepose.models.load import load_machine
 from truepose.models.sensors.pose import Position
 
@@ -185,7 +185,7 @@ def test_candidates_stay_where_they_are() -> None:
     ("text", "says"),
     [
         (RULER.replace(", range: [-40, 100]", ""), "joint 'q1': found no range"),
-        (RULER.replace(", q1.r: 0.5", "").split("effects:", maxsplit=1)[0], "nothing to calibrate"),
+        (RULER.replace(", q1.r: 0.5", "").split("effects:", maxsplit=1)[0], "found no free parameter"),
     ],
 )
 def test_machines_without_ranges_or_unknowns_are_refused(text: str, says: str, tmp_path: Path) -> None:

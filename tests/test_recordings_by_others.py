@@ -48,7 +48,7 @@ def test_what_moved_between_two_sessions_is_a_class(shared: Path) -> None:
     members = {(shift.effect, shift.place), *((e.effect, e.place) for e in shift.equivalents)}
     assert {("frame-shift", ("base",)), ("frame-shift", ("tool",))} <= members
     assert any(effect == "zero-shift" and len(place) == 2 for effect, place in members)
-    assert shift.separating_experiment
+    assert shift.experiment
     assert error <= 0.47
 
 

@@ -15,18 +15,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
-from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.evidence import grid_for
-from truepose.identification.diagnosis.refine import log_share, refined
-from truepose.identification.diagnosis.selection import (
+from truepose.identification.diagnosis.effect_evidence import grid_for
+from truepose.identification.diagnosis.effect_selection import (
     BOUND_DOUBT,
     LARGEST_COST,
     WIDE,
     Selection,
-    physical,
+    log_plausibility,
+    log_posterior,
     select,
-    weight,
 )
+from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.refine import log_share, refined
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -217,7 +217,7 @@ def test_a_selection_weighs_more_with_the_true_term_than_without(tmp_path: Path)
     lin = searched.signatures.linearise(without)
     empty = Selection({}, without, lin, found.grid, searched.signatures, searched.catalogue)
     assert found.all_named
-    assert weight(found) > weight(empty) + 100
+    assert log_posterior(found) > log_posterior(empty) + 100
 
 
 # -- bounds --------------------------------------------------------------------------------------------------
@@ -226,15 +226,15 @@ def test_a_selection_weighs_more_with_the_true_term_than_without(tmp_path: Path)
 @given(st.floats(1.0, 40.0), st.floats(1.0, 1.5))
 def test_the_further_beyond_its_bound_the_more_a_coefficient_costs(times: float, more: float) -> None:
     cat = _bounded()
-    here, beyond = (physical(cat, 0, np.array([v]), np.array([0.0])) for v in (times, times * more))
+    here, beyond = (log_plausibility(cat, 0, np.array([v]), np.array([0.0])) for v in (times, times * more))
     assert 0.0 >= here >= beyond >= -LARGEST_COST
     assert here == pytest.approx(max(-0.5 * (np.log(times) / BOUND_DOUBT) ** 2, -LARGEST_COST))
-    assert physical(cat, 0, np.array([-times]), np.array([0.0])) == here
+    assert log_plausibility(cat, 0, np.array([-times]), np.array([0.0])) == here
 
 
 @given(st.floats(-1.0, 1.0), st.floats(0.0, 3.0))
 def test_within_its_bounds_a_coefficient_costs_nothing(value: float, std: float) -> None:
-    assert physical(_bounded(), 0, np.array([value]), np.array([std])) == 0.0
+    assert log_plausibility(_bounded(), 0, np.array([value]), np.array([std])) == 0.0
 
 
 def _bounded() -> Catalogue:

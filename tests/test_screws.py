@@ -11,13 +11,13 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from support.studies import study_module
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import JointColumn, read_recording
 from truepose.identification.recording.table import Column, Table
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
-from truepose.models.screws import ScrewModel, screw_model
 from truepose.models.units import UnitSystem
 
 Array = npt.NDArray[np.float64]
@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 MACHINES = Path(__file__).parent / "machines"
 POLISHER = ROOT / "models" / "machines" / "polisher" / "machine.yaml"
 Joint = dict[str, Any]
+screw_model = study_module("polisher.screws").screw_model
 
 
 def joint(name: str, kind: str, parent: str, child: str, **fields: Any) -> Joint:
@@ -138,7 +139,7 @@ def random_readings(machine: Machine, count: int) -> Array:
     return np.asarray(middle + half * np.random.default_rng(3).uniform(-1, 1, (count, len(ranges))))
 
 
-def both(machine: Machine, count: int = 25) -> tuple[ScrewModel, Array]:
+def both(machine: Machine, count: int = 25) -> tuple[Any, Array]:
     """Screws and exact derivative of machines as built, off the drawing by their tolerances."""
     predictor = predictor_at(machine, random_readings(machine, count))
     sigma = np.array([parameter.tolerance for parameter in machine.parameters])
@@ -161,7 +162,7 @@ def test_screw_theory_is_the_derivative_of_the_closed_loops(kind: str, tmp_path:
     assert np.max(np.abs(screws.error - exact) / scale) < 1e-9
 
 
-def at_home(count: int) -> tuple[Machine, Array, ScrewModel]:
+def at_home(count: int) -> tuple[Machine, Array, Any]:
     """The nominal polisher at random readings: passive coordinates and screws."""
     machine = load_machine(POLISHER)
     predictor = predictor_at(machine, random_readings(machine, count))
@@ -170,7 +171,7 @@ def at_home(count: int) -> tuple[Machine, Array, ScrewModel]:
     return machine, x, screw_model(machine, predictor.q, x)
 
 
-def assert_wrench(screws: ScrewModel, limb: str, force: Array, moment: Array) -> None:
+def assert_wrench(screws: Any, limb: str, force: Array, moment: Array) -> None:
     """That [force; moment] (n, 3) each lies in the span of a limb's wrenches."""
     wanted = np.hstack([force, moment])[:, :, None]
     spanned = screws.wrenches[limb]

@@ -26,9 +26,9 @@ from support.socket_arm import (
     residuals,
     table,
 )
-from truepose.identification.diagnosis.summary import rms_by_kind
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.sensors.socket import Seats
 

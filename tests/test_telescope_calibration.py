@@ -10,9 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from support.telescope_models import MODELS, TRAVEL, campaigns, fits, machine_of, recording_of, simulator
+from support.telescope_models import (
+    MODELS,
+    TRAVEL,
+    ClosurePredictor,
+    campaigns,
+    fits,
+    machine_of,
+    recording_of,
+    simulator,
+)
 from truepose.errors import InputError
-from truepose.identification.fit.implicit import ClosurePredictor
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truepose.identification.fit.covariance import Covariance
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.write_machine import calibrated_document, write_calibrated
+from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

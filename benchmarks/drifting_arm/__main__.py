@@ -16,9 +16,8 @@ import numpy as np
 from joblib import Parallel, delayed
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks/, where `figures` is
-from figures import Series, write_chart
-
 from drifting_arm.study import moving, still
+from figures import Series, write_chart
 
 SIZES = (1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0)
 FIGURE = Path(__file__).parents[2] / "docs" / "figures" / "drift_detection.svg"

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from figures import Series, write_chart
 from numpy.typing import NDArray
 
+from figures import Series, write_chart
 from truepose.models.fabry_perot import irradiance
 
 from .drift import Day

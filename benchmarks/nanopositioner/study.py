@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.compensation.reflection import mirror_poses
 from truepose.identification.fit.estimate import Estimate, estimate, prior_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
@@ -26,6 +25,7 @@ from truepose.models.sensors.distance import Distance
 from .geometry import Constants, lengths, normals
 from .plan import Motions, fresh_motions, paper_plan
 from .recordings import ROUNDED, SIGMA, recording_text
+from .reflection import mirror_poses
 from .tables import DAY_0, NAMES, Tabled
 
 Array = NDArray[np.float64]

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.compensation.reflection import Held, ReflectionControl
-
 from .geometry import Constants, lengths
+from .reflection import Held, ReflectionControl
 from .study import machine
 from .tables import Tabled
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+
 from figures import Series, write_bars, write_chart
 
 from . import layers, montecarlo, path, ranks

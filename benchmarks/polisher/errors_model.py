@@ -6,12 +6,12 @@ import numpy as np
 
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.machine import Machine
-from truepose.models.screws import screw_model
 
 from . import layers, regression
 from . import workspace as ws
 from .montecarlo import Size
 from .motions import Array
+from .screws import screw_model
 from .source_errors import LIMBS, MIDDLE
 
 CONFIGURATIONS, SEED = 200, 7

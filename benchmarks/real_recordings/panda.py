@@ -125,7 +125,7 @@ def _diagnosed(sets: Sequence[str], files: tuple[Path, Path]) -> None:
     for f in found.findings:
         rivals = ", ".join(f"{e.effect}@{'+'.join(e.place)} {e.probability:.2f}" for e in f.equivalents)
         say(
-            f"    {f.effect}@{'+'.join(f.place)} {f.probability:.2f}; class: {rivals or 'alone'}; {f.separating_experiment}"
+            f"    {f.effect}@{'+'.join(f.place)} {f.probability:.2f}; class: {rivals or 'alone'}; {f.experiment}"
         )
     held = [found.fits[stage].validation_rms or {} for stage in ("before", "after")]
     say(

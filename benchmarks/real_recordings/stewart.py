@@ -65,7 +65,7 @@ def stewart(data: Path) -> None:
         proof = found.proof
         say(
             f"  held-out ratio {'none' if proof is None else f'{proof.ratio:.2f}'}; remainder {found.remainder}; "
-            f"next: {'; '.join(f.separating_experiment for f in found.findings) or 'none asked for'}"
+            f"next: {'; '.join(f.experiment for f in found.findings) or 'none asked for'}"
         )
         error = leg_errors(found.after, recording)
         by_session = [np.sqrt(np.mean(error[recording.session == s] ** 2)) for s in recording.sessions]

@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 
 from real_recordings.common import FILES, HELD_OUT, say
-from truepose.identification.diagnosis.summary import rms_by_kind
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from figures import Series, write_chart
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from figures import Series, write_chart
 from truepose.identification.photogrammetry.body_pose import body_pose, cylinder_frame
 
 Array = NDArray[np.float64]

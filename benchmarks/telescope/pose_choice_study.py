@@ -20,11 +20,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from figures import Series, write_chart
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from figures import Series, write_chart
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.planning.plan import Plan, plan
 from truepose.identification.planning.supply import CANDIDATES

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from figures import Series, write_bars, write_chart
 from numpy.typing import NDArray
 from telescope_simulator import nominal_machine
 
+from figures import Series, write_bars, write_chart
 from truepose.models.flexure import SHAPE, gain
 
 from .campaign import Array
@@ -79,7 +79,6 @@ def errors(folder: Path, outcomes: Sequence[Outcome], calibration: NDArray[np.bo
                 f"{kind} error ({unit})",
                 [NAMES[o.model] for o in here],
                 series,
-                room=1.45,
             )
 
 
@@ -121,5 +120,4 @@ def columns(folder: Path, found: Mapping[str, Array]) -> None:
         "sigmas a tolerance",
         series,
         log_y=True,
-        legend_right=True,
     )

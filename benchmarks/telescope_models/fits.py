@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from telescope_simulator import nominal_machine, simulate
 
-from truepose.identification.fit.implicit import ClosurePredictor
-from truepose.identification.fit.subset_estimate import SubsetEstimate, columns_at_drawing, estimate_subset
 from truepose.identification.identifiability.subset import Columns
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
@@ -19,6 +17,8 @@ from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 from .campaign import Array, Campaign
+from .implicit import ClosurePredictor
+from .subset_estimate import SubsetEstimate, columns_at_drawing, estimate_subset
 
 PLATFORMS = ("rigid", "linear", "matrix")
 LEAST = 0.1

@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from nanopositioner.reflection import ReflectionControl, reflections
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
@@ -18,7 +19,6 @@ from truepose.identification.compensation.compensate import ideal_constants
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.compensation.path_table import POSE, load_path
-from truepose.identification.compensation.reflection import ReflectionControl, reflections
 from truepose.models import lie
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine

@@ -6,8 +6,8 @@ al. (2019), eq. (16) and Fig. 4, for controllers that know the nominal inverse k
 error, B times the errors of the parameters, is taken off the target, and the nominal machine is solved for that. It
 leaves what is of second order in the errors.
 
-Long paths go through the machine's generated C, compiled on the spot (``compensation_compiled``); the rest, and the rows
-that the C leaves, go through Newton's method in numpy, on all rows at once (``compensation_rows``).
+Long paths go through the machine's generated C, compiled on the spot (``compiled``); the rest, and the rows
+that the C leaves, go through Newton's method in numpy, on all rows at once (``rows``).
 """
 
 from __future__ import annotations

@@ -8,12 +8,11 @@ the C, (n, 3, 4) [R|p]; mm, rad.
 from __future__ import annotations
 
 import ctypes
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+from joblib import Parallel, cpu_count, delayed
 from numpy.typing import NDArray
 
 from truepose.codegen.c import render
@@ -93,11 +92,9 @@ def base_frame(machine: Machine) -> Array:
 
 
 def shared_out(part: Callable[[slice], None], count: int, block: int) -> None:
-    """``part`` of every block of rows, by as many threads as this process may use cores."""
+    """``part`` of every block of rows, by as many threads as this process may use cores; it fills arrays of the caller."""
     blocks = [slice(start, min(start + block, count)) for start in range(0, count, block)]
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    with ThreadPoolExecutor(max(1, min(cores, len(blocks)))) as pool:
-        list(pool.map(part, blocks))
+    Parallel(min(cpu_count(), len(blocks)) or 1, require="sharedmem")(delayed(part)(rows) for rows in blocks)
 
 
 def _rows(array: Array) -> Array:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.identification.diagnosis.unnamed import UNNAMED, Unnamed
-from truepose.identification.recording.memory import column_behind
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import Driver
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import PAYLOAD, Machine
 
@@ -108,7 +108,7 @@ def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:
     for name in placed.drivers:
         values = recording.driver(name)
         if values is None:
-            return f"no {column_behind(name)} column"
+            return f"no {Driver.of(name).column} column"
         if name != PAYLOAD and np.ptp(values[~recording.validation]) == 0.0 and not np.any(values):
             return f"{name} never differs from zero"
     return None

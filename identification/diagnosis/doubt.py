@@ -15,6 +15,7 @@ from dataclasses import replace
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.models.machine import Machine
+from truepose.models.parameters import element_of
 
 KEPT = 0.5
 """Share of its probability that a name keeps where the model with it still fails, and for each further name of its pile."""
@@ -53,7 +54,8 @@ def doubted(
         return ()
     shared = zip(findings, piles, keeps, strict=True)
     return tuple(
-        _shared(f, rival, keep, _why(failing, pile)) if keep < 1.0 else f for f, pile, keep in shared
+        replace(_shared(f, rival, keep), failing=failing, pile=pile) if keep < 1.0 else f
+        for f, pile, keep in shared
     )
 
 
@@ -80,22 +82,11 @@ def _parts(machine: Machine, place: Sequence[str]) -> set[str]:
     part_of |= {
         moved[a.drives]: part_of.get(a.reading, a.reading) for a in mechanism.actuators if a.drives in moved
     }
-    names = (name.partition(".")[0] for name in place)
+    names = map(element_of, place)
     return {part_of.get(name, name) for name in names}
 
 
-def _why(failing: bool, pile: int) -> str:
-    said = []
-    if failing:
-        said.append(
-            "The model with it still does not fit: something else is there, and this name may stand in for it."
-        )
-    if pile > 1:
-        said.append("It is one of several names that may together stand in for one thing without a name.")
-    return " ".join(said)
-
-
-def _shared(finding: Finding, rival: Remainder | None, keep: float, why: str) -> Finding:
+def _shared(finding: Finding, rival: Remainder | None, keep: float) -> Finding:
     place = finding.place if rival is None else rival.place
     unnamed = Alternative(UNNAMED, place, (1.0 - keep) * finding.certainty, finding.log_bayes_factor)
     others = [replace(other, probability=keep * other.probability) for other in finding.equivalents]
@@ -104,8 +95,4 @@ def _shared(finding: Finding, rival: Remainder | None, keep: float, why: str) ->
         probability=keep * finding.probability,
         certainty=keep * finding.certainty,
         equivalents=tuple(sorted((*others, unnamed), key=lambda other: -other.probability)),
-        explanation=f"{finding.explanation} {why}",
     )
-
-
-__all__ = ["doubted", "same_part"]

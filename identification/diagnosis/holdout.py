@@ -16,6 +16,7 @@ from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import Driver
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -89,7 +90,7 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
 
 def _thermometers(recording: Recording) -> list[tuple[str, str]]:
     """The recorded temperature that varies most."""
-    names = [name for name in recording.drivers if name.startswith("temperature.")]
+    names = [name for name in recording.drivers if Driver.of(name).thermal]
     spans = [float(np.ptp(recording.drivers[name])) for name in names]
     if not spans or max(spans) == 0.0:
         return []
@@ -156,6 +157,3 @@ def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float
     picks = np.random.default_rng(seed).integers(0, len(before), (BOOTSTRAP, len(before)))
     draws = np.sqrt(after[picks].mean(axis=1) / before[picks].mean(axis=1))
     return ratio, (float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)))
-
-
-__all__ = ["Block", "HeldOut", "held_out", "held_out_blocks", "ratio_interval"]

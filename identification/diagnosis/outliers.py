@@ -74,7 +74,7 @@ def miscounted_fringes(fit: Estimate, recording: Recording, far: NDArray[np.bool
     rows = np.flatnonzero(far & np.isfinite(fit.residual).all(axis=1))
     if not len(rows) or not np.isfinite(channels).any():
         return {}
-    step = channels / np.array([c.sigma for s in fit.machine.sensors for c in s.channels])
+    step = channels / np.array([c.sigma for c in fit.machine.channels])
     spread = _spread(fit, recording)[rows]
     counts = np.where(np.isfinite(step), np.round(-fit.residual[rows] / step), 0.0)
     rest = fit.residual[rows] + counts * np.where(np.isfinite(step), step, 0.0)

@@ -9,6 +9,7 @@ from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.candidates import Untestable
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
@@ -41,7 +42,11 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Finding:
-    """One named effect at its place (or places with one cause)."""
+    """One named effect at its place (or places with one cause).
+
+    explanation, experiment: what its entry of the catalogue says. failing: the model with it still does not fit;
+    pile: so many names, this one among them, may stand in for one thing without a name.
+    """
 
     effect: str
     place: tuple[str, ...]
@@ -54,7 +59,24 @@ class Finding:
     prior_dependent: bool
     flip_lambda: float | None
     explanation: str
-    separating_experiment: str
+    experiment: str
+    failing: bool = False
+    pile: int = 1
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a remainder goes with its driver, as a hypothesis.
+
+    kind: ``order`` of rows, ``steps``, ``linear``, ``quadratic`` or ``periodic`` (``cycles`` over the driver's range),
+    all with the share of the remainder that it explains; what something without a name does: ``curve``, ``product``
+    or ``warp``; or a ``pile`` of causes (slug and place) that are none of them believed.
+    """
+
+    kind: str
+    share: float = 0.0
+    cycles: int = 0
+    causes: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,7 +85,7 @@ class Remainder:
 
     place: tuple[str, ...]
     driver: str
-    form: str
+    form: Form
     size_sigma: float
 
 
@@ -90,20 +112,12 @@ class Proof:
 
 
 @dataclass(frozen=True)
-class FitSummary:
-    """rms by kind (internal units), chi2 per degree of freedom, validation rms, worst parameter."""
-
-    rms: Mapping[str, float]
-    chi2_per_dof: float
-    validation_rms: Mapping[str, float] | None
-    worst_parameter_sigma: float
-    worst_parameter: str
-    worst_allowed: float
-
-
-@dataclass(frozen=True)
 class Diagnosis:
-    """The whole outcome; ``to_json`` in ``truepose.identification.diagnosis.export`` writes it down."""
+    """The whole outcome.
+
+    noise: in stated sigmas, and inflation: how many times wider than stated the tolerances of each class of parts look,
+    both without effects. ``truepose.identification.report.results`` writes it down.
+    """
 
     machine: Machine
     recording: Recording
@@ -124,4 +138,5 @@ class Diagnosis:
     proof: Proof | None
     terms: tuple[PlacedEffect, ...]
     outlier_rows: tuple[int, ...]
-    notes: tuple[str, ...]
+    noise: float
+    inflation: Mapping[str, float]

@@ -14,11 +14,13 @@ import casadi as ca
 import numpy as np
 
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import Driver
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site
 from truepose.models.effects.common import sensor_at, sensor_names
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
 from truepose.models.machine import FRAMES, Machine
-from truepose.models.mechanism import AXES
+from truepose.models.mechanism import AXES, AXIS_UNITS
+from truepose.wording import joined
 
 UNNAMED = "unknown"
 LARGEST = {"mm": 1.0, "rad": 0.01}
@@ -45,7 +47,7 @@ class Unnamed(Effect):
         for name in (
             "payload",
             "time",
-            *sorted(n for n in recording.drivers if n.startswith("temperature.")),
+            *sorted(n for n in recording.drivers if Driver.of(n).thermal),
         ):
             values = recording.driver(name)
             if values is not None:
@@ -81,11 +83,10 @@ class Unnamed(Effect):
             names = [f"{axis}.{pair}" for axis in XYZ for pair in WARP]
             return tuple(Coefficient(name, "mm", LARGEST["mm"]) for name in names)
         if place[0] in FRAMES:
-            units = dict.fromkeys(AXES[:3], "mm") | dict.fromkeys(AXES[3:], "rad")
             return tuple(
                 Coefficient(f"{axis}{k}", unit, LARGEST[unit] / k)
                 for k in range(1, MOUNT_CURVE + 1)
-                for axis, unit in units.items()
+                for axis, unit in AXIS_UNITS.items()
             )
         unit = machine.mechanism.actuator(place[0]).unit
         if "b" in settings:
@@ -121,13 +122,11 @@ class Unnamed(Effect):
         }
 
     def describe(self, settings: Settings) -> tuple[str, str]:
-        """Driver and form in words."""
+        """Driver (``q1 and q2`` for two) and kind of form (see ``Form``)."""
         if not settings:
-            return "position", "a volume warped quadratically by where the point is"
+            return "position", "warp"
         names = [self.sources[round(settings[key])] for key in ("a", "b") if key in settings]
-        if len(names) == 2:
-            return " and ".join(names), f"the product of {names[0]} and {names[1]}"
-        return names[0], f"a smooth curve in {names[0]}"
+        return joined(names), "product" if len(names) == 2 else "curve"
 
     def _warp(self, site: Site) -> Shifts:
         """Each coordinate of each point by squares and products of them, of about 1 at the points' distance."""

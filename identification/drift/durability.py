@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis.summary import rms_by_kind
 from truepose.identification.drift.sessions import Session, bounded
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate, estimate, result
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import Prior, Problem
+from truepose.identification.fit.summary import rms_by_kind
 
 Array = NDArray[np.float64]
 LEVEL = 0.01
@@ -42,12 +42,13 @@ OPEN = 1e4
 class Check:
     """One way to meet one recording.
 
-    rms and expected (if nothing carried over moved) by kind, mm and rad; p of the excess; holds: it suffices,
+    rms and expected (if nothing carried over moved) by kind, in ``units``; p of the excess; holds: it suffices,
     because no excess is both certain and noticeable or because rms is within the accuracy asked for.
     """
 
     rms: Mapping[str, float]
     expected: Mapping[str, float]
+    units: Mapping[str, str]
     p: float
     holds: bool
 
@@ -152,7 +153,8 @@ class _Setting:
         rms, expected = self._rms(met), self._expected(met, kept)
         enough = bool(self.accuracy) and all(rms[kind] <= self.accuracy.get(kind, np.inf) for kind in rms)
         worse = any(rms[kind] > NOTICEABLE * expected[kind] for kind in rms)
-        return Check(rms, expected, float(p), enough or not (p < self.level and worse))
+        units = self.session.predictor.machine.residual_units
+        return Check(rms, expected, units, float(p), enough or not (p < self.level and worse))
 
     def _rms(self, fit: Estimate) -> dict[str, float]:
         return rms_by_kind(fit.residual[fit.used], self.session.predictor.channels)
@@ -187,9 +189,5 @@ def _free_residual(fit: Estimate) -> tuple[float, int]:
 
 
 def _own(fit: Estimate) -> Check:
-    channels = [channel for sensor in fit.machine.sensors for channel in sensor.channels]
-    rms = rms_by_kind(fit.residual[fit.used], channels)
-    return Check(rms, rms, 1.0, True)
-
-
-__all__ = ["Check", "Durability", "durability", "noise_of"]
+    rms = rms_by_kind(fit.residual[fit.used], fit.machine.channels)
+    return Check(rms, rms, fit.machine.residual_units, 1.0, True)

@@ -73,7 +73,7 @@ def bounds_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Bounds:
         for name in direction:
             low[names.index(name)], high[names.index(name)] = -1.0, 1.0
     for effect in effects:
-        names += [f"{effect.label}:{c.name}" for c in effect.coefficients]
+        names += effect.parameter_names
         units += [c.unit for c in effect.coefficients]
         low = np.append(low, [c.lower for c in effect.coefficients])
         high = np.append(high, [c.upper for c in effect.coefficients])

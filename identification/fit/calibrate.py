@@ -30,9 +30,8 @@ from truepose.identification.fit.simultaneous import simultaneous
 from truepose.identification.fit.widening import untied
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.results import fit_json
 from truepose.models.machine import Machine
-from truepose.models.units import close_matches
+from truepose.models.units import meant
 
 Array = NDArray[np.float64]
 ESTIMATORS = ("map", "ols", "liu", "ridge", "pcr", "huber")
@@ -54,11 +53,6 @@ class Calibration:
     recording: Recording
     notes: tuple[str, ...]
     method: dict[str, str]
-
-    @cached_property
-    def fit_json(self) -> dict[str, Any]:
-        """The content of ``fit.json``."""
-        return fit_json(self.fit, self.recording, self.free, notes=self.notes, method=self.method)
 
 
 def calibrate(
@@ -235,8 +229,8 @@ class _Work:
 
 def _check(what: str, name: str, known: Sequence[str]) -> None:
     if name not in known:
-        hint = close_matches(name, known)
-        ending = f"; {hint}" if hint.startswith("did") else ""
+        hint = meant(name, known)
+        ending = f"; {hint}" if hint else ""
         raise InputError(f"--{what}: found {name!r}, expected one of {', '.join(known)}{ending}")
 
 

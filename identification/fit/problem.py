@@ -42,18 +42,27 @@ class Prior:
 
 
 def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
-    """Tolerances for geometry; for effects their spread, by default 100 times their largest size."""
+    """Tolerances for geometry; for effects their spread, by default 100 times their largest size.
+
+    Raises InputError where everything is exactly known, as in a file that states no tolerance: nothing to fit.
+    """
     parameters = machine.parameters
     names = [p.name for p in parameters]
     mean, sigma = [p.nominal for p in parameters], [p.tolerance for p in parameters]
     scale, parts = [p.scale for p in parameters], [p.part for p in parameters]
     for effect in effects:
+        names += effect.parameter_names
         for c in effect.coefficients:
-            names.append(f"{effect.label}:{c.name}")
             mean.append(0.0)
             sigma.append(effect.spread * c.scale)
             scale.append(c.scale)
             parts.append("effect")
+    if not any(size > 0.0 for size in sigma):
+        where = f"{machine.file.path}: tolerances" if machine.file else machine.name
+        raise InputError(
+            f"{where}: found no free parameter, expected a tolerance above 0 for at least one, "
+            "such as 'tolerances: {length: 0.1, angle: 0.1}'"
+        )
     return Prior(tuple(names), np.array(mean), np.array(sigma), np.array(scale), tuple(parts))
 
 

@@ -1,7 +1,7 @@
 """A fit as a machine file: the user's own document with the estimated values in place.
 
 ``calibrated_document`` keeps everything the user wrote (order, units, tolerances) and adds what the fit
-found: ``effects:`` with values and 1-sigma, ``covariance:`` (see ``truepose.identification.fit.covariance``),
+found: ``effects:`` with values and 1-sigma, ``covariance:`` (see ``truepose.identification.prediction.covariance``),
 ``nominal:`` with the drawing values and ``sessions:`` with the session numbers that were fitted.
 """
 
@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from truepose.errors import InputError
-from truepose.identification.fit.covariance import Covariance
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
@@ -53,11 +53,20 @@ def calibrated_document(estimate: Estimate, recording: Recording) -> dict[str, A
         document.pop(key, None)
     if estimate.effects:
         document["effects"] = _effect_entries(estimate)
-    document["covariance"] = Covariance.of(estimate).document()
+    document["covariance"] = covariance_of(estimate).document()
     drawing = machine.file.nominal
     document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
     document["sessions"] = list(recording.sessions)
     return document
+
+
+def covariance_of(estimate: Estimate) -> Covariance:
+    """What readings and tolerances together know of the free entries."""
+    free = estimate.prior.free
+    names, scale = [estimate.prior.names[k] for k in free], estimate.prior.scale[free]
+    if not names:
+        return Covariance.of_tolerances(names, scale)
+    return Covariance.of(names, scale, estimate.known.root, estimate.known.unknown)
 
 
 def _expand(document: dict[str, Any], machine: Machine) -> None:
@@ -149,4 +158,4 @@ def _unshared(value: Any) -> Any:
     return value
 
 
-__all__ = ["calibrated_document", "effect_entry", "in_file_units", "write_calibrated"]
+__all__ = ["calibrated_document", "covariance_of", "effect_entry", "in_file_units", "write_calibrated"]

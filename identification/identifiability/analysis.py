@@ -28,6 +28,7 @@ from truepose.identification.identifiability.observability import (
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_readings
 from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
+from truepose.identification.note import Note
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
@@ -91,7 +92,7 @@ class Identifiability:
     nearly: tuple[Direction, ...]
     subset: Subset
     known: Knowledge
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def identifiability(
@@ -105,16 +106,12 @@ def identifiability(
     """What the poses of ``recording`` tell, or ``poses`` drawn over the ranges of the joints.
 
     Rows for validation do not count. Readings may be missing; where they are there they only say where a base
-    of wide tolerance stands. Raises InputError where a joint has no range to draw from, and when no row can
-    be assembled.
+    of wide tolerance stands. Raises InputError where a joint has no range to draw from, where nothing is free,
+    and when no row can be assembled.
     """
     rows = drawn_poses(machine, poses, seed) if recording is None else recording
     predictor = with_readings(machine, rows)
     prior = prior_of(machine, machine.effects)
-    if not len(prior.free):
-        raise InputError(
-            f"{machine.name}: found no free parameter, expected a tolerance above 0 for at least one"
-        )
     home = aligned_start(predictor) if measured(machine, rows) else predictor.model.p_home.copy()
     seen = Seen.at(predictor, prior, home)
     if not seen.used.any():
@@ -174,10 +171,7 @@ def _judged(
         nearly=nearly_unseen(known),
         subset=independent_subset(Columns(known.names, seen.factor, known.scale)),
         known=known,
-        notes=tuple(
-            f"{recording.where(int(k))}: the mechanism cannot be assembled there; the row was left out"
-            for k in lost
-        ),
+        notes=tuple(Note("unassembled", recording.where(int(k))) for k in lost),
     )
 
 
@@ -221,12 +215,3 @@ def _status(seen: bool, std: float, tolerance: float) -> str:
     if seen:
         return "determined"
     return "tolerance decides" if std > UNTOUCHED * tolerance else "partly"
-
-
-__all__ = [
-    "DRAWN_POSES",
-    "Identifiability",
-    "ParameterSight",
-    "drawn_poses",
-    "identifiability",
-]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.identifiability.observability import Direction, Knowledge, unseen
-from truepose.models.machine import FRAMES, Machine
+from truepose.models.machine import FRAME_OF, FRAMES, Machine
 
 Array = NDArray[np.float64]
 HOLDS = 1e-5
@@ -166,7 +166,7 @@ def _inside(known: Knowledge, space: Array, pattern: Pattern) -> Pattern | None:
         shown & (np.abs(pattern.change) > HOLDS * np.max(np.abs(pattern.change)))
     ):
         return None
-    own = np.array([name.split(".", 1)[0] not in FRAMES for name in known.names])
+    own = np.array([name not in FRAME_OF for name in known.names])
     fixed = own if pattern.kind == "body" else np.ones(len(own), dtype=bool)
     share, *_ = np.linalg.lstsq(space[:, fixed].T, pattern.change[fixed], rcond=None)
     whole = share @ space
@@ -188,6 +188,3 @@ def _spanned(rows: Sequence[Array], new: Array, share: float = 1e-3) -> bool:
     basis = np.array(rows)
     away = new - np.linalg.lstsq(basis.T, new, rcond=None)[0] @ basis
     return bool(np.linalg.norm(away) < share * np.linalg.norm(new))
-
-
-__all__ = ["Blind", "Pattern", "patterns", "point_frames", "remaining"]

@@ -103,6 +103,3 @@ class Seen:
                 yield flat
 
         return cls(triangular(rows(), len(free)), used, readings)
-
-
-__all__ = ["SEED", "Seen", "drawn_poses", "measured", "with_readings"]

@@ -5,6 +5,7 @@ Use ``pose_table`` where a machine file has ``sensor: {type: pose}`` and the met
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,7 +21,9 @@ from truepose.models.units import UnitSystem, close_matches
 
 Array = NDArray[np.float64]
 COLUMNS = ("x", "y", "z", "rx", "ry", "rz")
-_COORDINATE = re.compile(r"^(?P<point>.+)\.(?P<axis>[xyz])$")
+PAIRS = tuple(itertools.combinations(COLUMNS, 2))
+COORDINATE = re.compile(r"^(?P<point>.+)\.(?P<axis>[xyz])$")
+"""Columns of points."""
 
 
 def pose_table(
@@ -29,6 +32,7 @@ def pose_table(
     body: Mapping[str, Sequence[float]] | None = None,
     *,
     units: UnitSystem | None = None,
+    covariance: bool = False,
 ) -> pd.DataFrame:
     """The table with its points' columns (``P1.x P1.y P1.z P2.x ...``) replaced by the body's pose.
 
@@ -37,8 +41,8 @@ def pose_table(
     ``body`` gives the points in the body's frame, exactly known; without it the first row is the body's shape,
     its pose zero by definition, and its noise counts in every other row. ``sigma`` is the 1-sigma of one coordinate. Lengths
     and angles, ``sigma`` and ``body`` included, are in ``units`` (default mm and deg). An empty coordinate is a
-    point that was not seen. Rows with fewer than three points, or points on one line, raise InputError naming
-    row and points.
+    point that was not seen. ``covariance`` adds the covariance of every two columns, ``x.y.cov`` to ``ry.rz.cov``.
+    Rows with fewer than three points, or points on one line, raise InputError naming row and points.
     """
     units = units or UnitSystem()
     names = _point_names(table, body)
@@ -51,13 +55,15 @@ def pose_table(
         rows[0] = (replace(rows[0][0], covariance=np.zeros((6, 6))), rows[0][1])
     rest = [c for c in table.columns if c not in {f"{name}.{axis}" for name in names for axis in "xyz"}]
     added = pd.DataFrame([_values(*row, names, units) for row in rows], index=table.index)
+    if not covariance:
+        added = added.drop(columns=[f"{a}.{b}.cov" for a, b in PAIRS])
     return pd.concat([table[rest], added], axis=1)
 
 
 def _point_names(table: pd.DataFrame, body: Mapping[str, Sequence[float]] | None) -> list[str]:
     """Points to use, each with its three columns."""
     columns = [str(c) for c in table.columns]
-    found = dict.fromkeys(m["point"] for m in map(_COORDINATE.match, columns) if m)
+    found = dict.fromkeys(m["point"] for m in map(COORDINATE.match, columns) if m)
     names = [n for n in found if f"{n}.x" in columns] if body is None else list(body)
     for name in names:
         for axis in "xyz":
@@ -117,20 +123,22 @@ def _row_pose(
 def _values(
     found: BodyPose, seen: NDArray[np.bool_], names: Sequence[str], units: UnitSystem
 ) -> dict[str, float | str]:
-    """One row: pose, 1-sigmas, fit."""
+    """One row: pose, 1-sigmas, fit, covariances."""
     vector = lie.log_so3(found.pose[:3, :3])
     j = np.eye(6)
     j[3:, 3:] = _by_turn(vector)
-    std = np.sqrt(np.diag(j @ found.covariance @ j.T))
     size = np.r_[
         np.full(3, units.from_internal(1.0, "length")), np.full(3, units.from_internal(1.0, "angle"))
     ]
+    covariance = np.outer(size, size) * (j @ found.covariance @ j.T)
+    pose, std = size * np.r_[found.pose[:3, 3], vector], np.sqrt(np.diag(covariance))
     out: dict[str, float | str] = {}
-    for suffix, values in (("", np.r_[found.pose[:3, 3], vector]), (".std", std)):
-        out |= {name + suffix: float(v) for name, v in zip(COLUMNS, size * values, strict=True)}
+    for suffix, values in (("", pose), (".std", std)):
+        out |= {name + suffix: float(v) for name, v in zip(COLUMNS, values, strict=True)}
     out["chi2_per_dof"] = found.chi2 / found.dof
     out["suspects"] = " ".join(np.array(names)[seen][list(found.suspects)])
-    return out
+    upper = covariance[np.triu_indices(6, 1)]
+    return out | {f"{a}.{b}.cov": float(v) for (a, b), v in zip(PAIRS, upper, strict=True)}
 
 
 def _by_turn(vector: Array) -> Array:
@@ -141,4 +149,4 @@ def _by_turn(vector: Array) -> Array:
     return np.asarray(np.eye(3) - 0.5 * k + squared * k @ k)
 
 
-__all__ = ["COLUMNS", "pose_table"]
+__all__ = ["COLUMNS", "COORDINATE", "PAIRS", "pose_table"]

@@ -125,6 +125,3 @@ def _scores(objective: Objective, rows: Array, updates: Array, signs: Array) -> 
         objective.information(rows) + some.transpose(0, 2, 1) @ (signs[:, None] * some)
     )
     return out
-
-
-__all__ = ["DEPTH", "Pool", "exchange"]

@@ -71,10 +71,6 @@ class PoseInformation:
             _refuse_unplannable(sensor, machine)
         prior = prior_of(machine, machine.effects)
         self._free, self._scale = prior.free, prior.scale[prior.free]
-        if not len(self._free):
-            raise InputError(
-                f"{machine.name}: every constant is exactly known: there is nothing to calibrate"
-            )
         self.names = tuple(prior.names[k] for k in self._free)
         sigma = np.minimum(prior.sigma[self._free], UNKNOWN * self._scale)
         self.weight = self._scale / sigma
@@ -271,6 +267,3 @@ def _recording(machine: Machine, q: Array) -> Recording:
         pose=frozen(rows + 1),
         from_row=frozen(np.maximum(rows - 1, 0)),
     )
-
-
-__all__ = ["PoseInformation", "Poses"]

@@ -19,7 +19,7 @@ from truepose.identification.planning.continuous import Landscape, climb
 from truepose.identification.planning.criteria import CRITERIA, Criterion, Objective
 from truepose.identification.planning.exchange import Pool, exchange
 from truepose.identification.planning.information import PoseInformation, Poses
-from truepose.identification.planning.pose_file import rounded
+from truepose.identification.planning.rounding import rounded
 from truepose.identification.planning.supply import Supply
 from truepose.models.machine import Machine
 
@@ -197,6 +197,3 @@ def _indices(information: PoseInformation, poses: Poses) -> Observability:
     rows = information.rows(poses.signature).reshape(-1, len(information.names))
     found = Decomposition.of(np.asarray(np.linalg.qr(rows, mode="r")), information.weight)
     return found.observability(int(np.sum(np.any(rows != 0.0, axis=1))))
-
-
-__all__ = ["METHODS", "Plan", "plan"]

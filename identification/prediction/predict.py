@@ -14,11 +14,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.fit.covariance import Covariance
+from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.memory import column_behind
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
+from truepose.models.driver import Driver
 from truepose.models.machine import Machine
 from truepose.models.units import UnitSystem
 
@@ -99,7 +99,7 @@ def unassembled(recording: Recording, frame: pd.DataFrame) -> list[str]:
 def unheard(machine: Machine, recording: Recording) -> list[str]:
     """A note for each driver that the effects read and the rows do not log: it stands at its default."""
     missing = [n for effect in machine.effects for n in effect.drivers if recording.driver(n) is None]
-    columns = dict.fromkeys(column_behind(name) for name in missing)
+    columns = dict.fromkeys(Driver.of(name).column for name in missing)
     return [f"no column {name!r}: effects that depend on it see its default" for name in columns]
 
 

@@ -13,12 +13,14 @@ import numpy.typing as npt
 from truepose.errors import InputError
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.table import Table, read_table
-from truepose.models.units import FloatArray, UnitSystem, close_matches, compatible, convert
+from truepose.models.driver import APPROACH, VELOCITY, Driver
+from truepose.models.units import FloatArray, UnitSystem, close_matches, compatible, convert, meant
 
 IntArray = npt.NDArray[np.int64]
 
 LABEL: Final = "label"
-_DRIVER_UNITS: Final[Mapping[str, str]] = {"payload": "kg", "pressure": "hPa", "humidity": "%"}
+_LOGGED: Final = ("payload", "pressure", "humidity")
+_OF_A_JOINT: Final = (APPROACH, VELOCITY)
 _OTHER: Final = ("time", "session", "pose", "from", "role")
 _ROLES: Final = ("calibration", "validation")
 _SLACK: Final = 0.05  # of a range's width: commands overshoot a little
@@ -128,27 +130,27 @@ def _reading(table: Table, name: str, internal: str, units: UnitSystem) -> Float
 
 
 def _drivers(table: Table, joints: Sequence[JointColumn], units: UnitSystem) -> dict[str, FloatArray]:
-    drivers = {n: _converted(table, n, unit, unit) for n, unit in _DRIVER_UNITS.items() if n in table}
-    for name in table.names:
-        if name.startswith("temperature.") and name != "temperature.":
-            drivers[name] = _converted(table, name, "degC", "degC")
-    for joint in joints:
-        approach, velocity = f"approach.{joint.name}", f"velocity.{joint.name}"
-        if approach in table:
-            drivers[approach] = _approach(table, approach)
-        if velocity in table:
-            default, internal = f"{joint_unit(joint, units)}/s", f"{joint.unit}/s"
-            drivers[velocity] = _converted(table, velocity, default, internal)
-    return drivers
+    written, internal = {j.name: joint_unit(j, units) for j in joints}, {j.name: j.unit for j in joints}
+    temperatures = [name for name in table.names if Driver.of(name).thermal]
+    out = {}
+    for name in (*_LOGGED, *temperatures, *_of_joints(joints)):
+        if name in table:
+            driver = Driver.of(name)
+            out[name] = _converted(table, name, driver.unit(written), driver.unit(internal))
+            if driver.kind == APPROACH:
+                _check_approach(table, name, out[name])
+    return out
 
 
-def _approach(table: Table, name: str) -> FloatArray:
-    values = _converted(table, name, "1", "1")
+def _of_joints(joints: Sequence[JointColumn]) -> list[str]:
+    return [Driver(kind, joint.name).name for joint in joints for kind in _OF_A_JOINT]
+
+
+def _check_approach(table: Table, name: str, values: FloatArray) -> None:
     bad = np.flatnonzero(~np.isin(values, (-1.0, 0.0, 1.0)))
     if bad.size:
         row = int(bad[0])
         raise InputError(f"{table.where(name, row)}: found {values[row]:g}, expected -1, 0 or 1")
-    return values
 
 
 def _validation(table: Table) -> npt.NDArray[np.bool_]:
@@ -179,14 +181,9 @@ def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tupl
     ignored = [name for name in table.names if name not in known]
     if not ignored:
         return ()
-    optional = {
-        *known,
-        *_DRIVER_UNITS,
-        *(f"{kind}.{j.name}" for kind in ("approach", "velocity") for j in joints),
-    }
+    optional = {*known, *_LOGGED, *_of_joints(joints)}
     named = []
     for name in ignored:
-        hint = close_matches(name, optional - set(table.names))
-        near = hint.startswith("did you mean")
-        named.append(f"{name!r} ({hint})" if near else repr(name))
+        hint = meant(name, optional - set(table.names))
+        named.append(f"{name!r} ({hint})" if hint else repr(name))
     return (f"{table.file}: ignored columns that mean nothing here: {', '.join(named)}",)

@@ -6,9 +6,9 @@ order, means the same where time is recorded. See ``remembered`` for their names
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final
+from dataclasses import replace
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,22 +20,38 @@ from truepose.identification.recording.history import (
     order_in_time,
     stop_operator,
 )
+from truepose.models.driver import APPROACH, Driver
 from truepose.models.units import FloatArray
 
-if TYPE_CHECKING:
-    from truepose.identification.recording.recording import Recording
-
 IntArray = npt.NDArray[np.int64]
-_NUMBER: Final = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
-_NAME: Final = re.compile(rf"^(?P<kind>stop|loop|creep)\.(?P<joint>.+?)(?P<numbers>(?:~{_NUMBER})+)$")
-_LAG: Final = re.compile(rf"^(?P<driver>.+)~(?P<seconds>{_NUMBER})$")
 _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
 
 
-def remembered(recording: Recording, name: str) -> FloatArray | None:
+class Logged(Protocol):
+    """What remembering needs of a recording, n rows long (`Recording` says what each part is)."""
+
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+    @property
+    def q(self) -> FloatArray: ...
+    @property
+    def drivers(self) -> Mapping[str, FloatArray]: ...
+    @property
+    def time(self) -> FloatArray | None: ...
+    @property
+    def session(self) -> IntArray: ...
+    @property
+    def source_file(self) -> IntArray: ...
+    @property
+    def source_row(self) -> IntArray: ...
+    def driver(self, name: str) -> FloatArray | None: ...
+    def __len__(self) -> int: ...
+
+
+def remembered(whole: Logged, driver: Driver) -> FloatArray | None:
     """A driver that remembers, (n,); None when the recording lacks what it is made of, or the name means nothing.
 
-    Numbers are in the unit that the reading has inside (mm, rad, turn).
+    ``whole`` is no part of a recording. Numbers are in the unit that the reading has inside (mm, rad, turn).
     ``stop.J~r``: how far the reading of joint J leads the play operator of half width r, -r to r;
     ``loop.J~r~low~high``: the same less the straight line of a full loop from low to high;
     ``stop.J~r~o``, ``loop.J~r~low~high~o``: the same where every approach starts o behind its goal (else far);
@@ -45,46 +61,34 @@ def remembered(recording: Recording, name: str) -> FloatArray | None:
     The way of a joint begins anew in every session, and without a clock in every file; creep goes on from session to
     session, as long as one clock runs through them.
     """
-    whole = recording.whole
-    found = _NAME.match(name)
-    if found:
-        numbers = [float(v) for v in found["numbers"].split("~")[1:]]
-        known = found["joint"] in whole.joints and len(numbers) in _NUMBERS[found["kind"]]
-        values = _KINDS[found["kind"]](whole, found["joint"], numbers) if known else None
-    else:
-        lag = _LAG.match(name)
-        values = _lagged(whole, lag["driver"], float(lag["seconds"])) if lag else None
-    return None if values is None else values[recording.rows]
+    *before, last = driver.numbers
+    if driver.kind not in _KINDS:
+        return _lagged(whole, replace(driver, numbers=tuple(before)).name, last)
+    if driver.place in whole.joints and len(driver.numbers) in _NUMBERS[driver.kind]:
+        return _KINDS[driver.kind](whole, driver.place, list(driver.numbers))
+    return None
 
 
-def column_behind(name: str) -> str:
-    """The column to record for a driver: ``time`` for creep, the joint for what its way tells, else its own name."""
-    found = _NAME.match(name)
-    if found:
-        return "time" if found["kind"] == "creep" else found["joint"]
-    return name.split("~", maxsplit=1)[0]
-
-
-def _order(whole: Recording) -> IntArray:
+def _order(whole: Logged) -> IntArray:
     return order_in_time(whole.time, whole.source_file, whole.source_row)
 
 
-def _pieces(whole: Recording) -> IntArray:
+def _pieces(whole: Logged) -> IntArray:
     """Label of the uninterrupted way that each row belongs to, (n,)."""
     files = whole.source_file if whole.time is None else np.zeros(len(whole), dtype=np.int64)
     _, label = np.unique(np.column_stack([whole.session, files]), axis=0, return_inverse=True)
     return np.asarray(label, dtype=np.int64).reshape(-1)
 
 
-def _pieces_of_clock(whole: Recording, order: IntArray) -> IntArray:
+def _pieces_of_clock(whole: Logged, order: IntArray) -> IntArray:
     """(n,) zeros where one clock runs through all sessions, else ``_pieces``: sessions that overlap have their own."""
     changes = int(np.count_nonzero(np.diff(whole.session[order])))
     return np.zeros_like(order) if changes < len(np.unique(whole.session)) else _pieces(whole)
 
 
-def _stop(whole: Recording, joint: str, numbers: list[float]) -> FloatArray:
+def _stop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
     order = _order(whole)
-    recorded = whole.drivers.get(f"approach.{joint}")
+    recorded = whole.drivers.get(Driver(APPROACH, joint).name)
     approach = np.zeros(len(whole)) if recorded is None else np.sign(recorded)
     readings = whole.q[:, whole.joints.index(joint)]
     out = np.empty(len(whole))
@@ -92,13 +96,13 @@ def _stop(whole: Recording, joint: str, numbers: list[float]) -> FloatArray:
     return out
 
 
-def _loop(whole: Recording, joint: str, numbers: list[float]) -> FloatArray:
+def _loop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
     half_width, low, high, *overshoot = numbers
     readings = whole.q[:, whole.joints.index(joint)]
     return _stop(whole, joint, [half_width, *overshoot]) - line_of_full_loop(readings, half_width, low, high)
 
 
-def _creep(whole: Recording, joint: str, numbers: list[float]) -> FloatArray | None:
+def _creep(whole: Logged, joint: str, numbers: list[float]) -> FloatArray | None:
     if whole.time is None:
         return None
     order = _order(whole)
@@ -110,7 +114,7 @@ def _creep(whole: Recording, joint: str, numbers: list[float]) -> FloatArray | N
     return out
 
 
-def _lagged(whole: Recording, name: str, seconds: float) -> FloatArray | None:
+def _lagged(whole: Logged, name: str, seconds: float) -> FloatArray | None:
     values = whole.driver(name)
     if values is None or whole.time is None:
         return None
@@ -120,10 +124,10 @@ def _lagged(whole: Recording, name: str, seconds: float) -> FloatArray | None:
     return lagged
 
 
-_KINDS: Final[Mapping[str, Callable[[Recording, str, list[float]], FloatArray | None]]] = {
+_KINDS: Final[Mapping[str, Callable[[Logged, str, list[float]], FloatArray | None]]] = {
     "stop": _stop,
     "loop": _loop,
     "creep": _creep,
 }
 
-__all__ = ["column_behind", "remembered"]
+__all__ = ["Logged", "remembered"]

@@ -7,20 +7,19 @@ ranks, the row that `from` names) means the same in any part.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from truepose.errors import InputError
 from truepose.identification.recording.file import JointColumn, RecordingPart, read_part
-from truepose.identification.recording.history import direction_of_travel, order_in_time
 from truepose.identification.recording.memory import remembered
 from truepose.identification.recording.table import Column, Table
+from truepose.models.driver import TIME, Driver
 from truepose.models.units import FloatArray, UnitSystem
 
 IntArray = npt.NDArray[np.int64]
@@ -29,9 +28,6 @@ Rows = IntArray | BoolArray | Sequence[int] | slice
 A = TypeVar("A", bound=npt.NDArray[Any])
 
 __all__ = ["Column", "JointColumn", "Recording", "read_recording"]
-
-_AFTER: Final = re.compile(r"^session\.after\.(?P<rank>\d+)$")
-_AIR: Final = "temperature.air"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,30 +101,13 @@ class Recording:
         behind (see `truepose.identification.recording.memory`); `session.after.K` is 1 from the K-th session
         change on, 0 before, sessions ranked among `sessions` (see `session_rank`).
         """
-        after = _AFTER.match(name)
-        if after:
-            return frozen((self.session_rank(sessions) >= int(after["rank"])).astype(np.float64))
-        if "~" in name:
-            values = remembered(self, name)
-            return None if values is None else frozen(values)
-        if name == "time":
-            return self.time
-        if name.startswith("temperature.") and name not in self.drivers:
-            name = _AIR
-        return self.drivers.get(name)
-
-    def derived_approach(self, joint: str) -> FloatArray:
-        """Sign of the joint's last change, from the order of the rows (n,); 0 before any change.
-
-        What is recorded as `approach.J` is another thing: an overshoot is not seen in the rows.
-        """
-        whole = self.whole
-        order = order_in_time(whole.time, whole.source_file, whole.source_row)
-        # without a clock the way from one file's last row to the next one's first is unknown
-        files = whole.source_file if whole.time is None else np.zeros(len(whole), dtype=np.int64)
-        signs = np.empty(len(whole))
-        signs[order] = direction_of_travel(whole.q[order, self.joints.index(joint)], files[order])
-        return frozen(signs[self.rows])
+        driver = Driver.of(name)
+        if driver.after is not None:
+            return frozen((self.session_rank(sessions) >= driver.after).astype(np.float64))
+        if driver.numbers:
+            values = remembered(self.whole, driver)
+            return None if values is None else frozen(values[self.rows])
+        return self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
 
     def origins(self) -> Recording:
         """For each row the row that `from` names, as a recording of the same length.
@@ -265,9 +244,7 @@ def _common(
 
 
 def _column(columns: Mapping[str, FloatArray], name: str) -> FloatArray | None:
-    if name.startswith("temperature.") and name not in columns:
-        return columns.get(_AIR)
-    return columns.get(name)
+    return columns.get(Driver.of(name).served_by(columns))
 
 
 def _labels(parts: Sequence[RecordingPart], name: str) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 Nothing here knows a robot. `read_table` keeps the cells as they stand; `Table.numbers`, `integers` and
 `texts` turn a column into values and refuse, naming file, row and column, whatever is none. Rows count
-from 1: the first line of data. Large files are read by whole columns (`columns`).
+from 1: the first line of data. Large files are read by whole columns (`arrow_columns`).
 """
 
 from __future__ import annotations

@@ -1,16 +1,6 @@
-"""Reports from results: one self-contained HTML file, or plain text for a terminal; nothing is estimated.
+"""Results as people and programs read them: the only place that words, rounds, draws, and writes JSON and HTML.
 
-Use ``report_html`` (or ``write_report``) for a diagnosis, ``calibration_html`` for a fit alone, and
-``report_text`` for a terminal. A page is a ``Document`` of plain blocks (``document``); ``words`` says
-results in sentences, ``figures`` draws them, ``sections`` arranges them, ``render`` writes the page.
+``pages`` puts the report of a diagnosis or a calibration together, ``results`` and the ``*_words`` modules write
+JSON and sentences, ``terminal`` the lines of a command. A page is a ``Document`` of plain blocks (``document``):
+``sections`` arrange them, ``figures`` draws, ``render`` writes the page. Nothing is estimated here.
 """
-
-from truepose.identification.report.pages import (
-    calibration_html,
-    calibration_text,
-    report_html,
-    report_text,
-    write_report,
-)
-
-__all__ = ["calibration_html", "calibration_text", "report_html", "report_text", "write_report"]

@@ -74,7 +74,7 @@ def formula(machine: Machine, terms: Sequence[PlacedEffect], names: Sequence[str
     if asked(list(shifts.values()), states):
         return None
     amplitudes = np.array([a for term in terms for a in term.amplitudes])
-    columns = [names.index(f"{t.label}:{c.name}") for t in terms for c in t.coefficients]
+    columns = [names.index(name) for t in terms for name in t.parameter_names]
     return Formula(q, ca.vertcat(*symbols), amplitudes, np.array(columns, dtype=np.intp), shifts)
 
 
@@ -111,17 +111,9 @@ def _curve(diagnosis: Diagnosis, found: Formula, port: str, reading: str, covari
     slopes = np.array([np.array(slope.full()).ravel() for _, slope in pairs])
     std = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", slopes, covariance, slopes), 0.0))
     factor, unit = reading_unit(diagnosis.machine, reading)
-    scale, name = finer(float(np.max(np.abs(y), initial=0.0)) or 1.0, _port_unit(diagnosis.machine, port))
+    scale, name = finer(float(np.max(np.abs(y), initial=0.0)) or 1.0, diagnosis.machine.unit_of(port))
     title = f"shift of {port} [{unit_symbol(name) or '1'}]"
     return Curve(factor * x, scale * y, scale * std, factor * measured, f"{reading} [{unit}]", title)
-
-
-def _port_unit(machine: Machine, port: str) -> str:
-    if port in machine.geometry:
-        return machine.geometry[port].unit
-    if port.endswith(".displacement"):
-        return machine.mechanism.actuator(port.removesuffix(".displacement")).unit
-    return "rad" if port.rsplit(".", 1)[-1].startswith("r") else "mm"
 
 
 def coupling_matrix(diagnosis: Diagnosis, finding: Finding) -> tuple[list[str], Array] | None:

@@ -10,8 +10,10 @@ from truepose.identification.report.document import Tone
 from truepose.identification.report.numbers import known, p_value, percent, significant, times
 from truepose.models.effects.base import Effect, effects
 from truepose.models.effects.of_rows import OF_ROWS
+from truepose.wording import joined
 
 NAMEABLE = 3.0
+_SHARED = ("order", "steps", "linear", "quadratic", "periodic")
 _ALARM_NAMES = {
     "residual": "lack of fit",
     "prior_conflict": "conflict with tolerances",
@@ -46,11 +48,6 @@ def place_words(place: Sequence[str]) -> str:
 def named(item: Finding | Alternative) -> str:
     """An effect and its place."""
     return f"{effect_title(item.effect)} {place_words(item.place)}".strip()
-
-
-def joined(parts: Sequence[str], word: str = "and") -> str:
-    """``a, b and c``."""
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {word} {parts[-1]}" if parts else ""
 
 
 def several(count: int, one: str, many: str = "") -> str:
@@ -99,6 +96,46 @@ def follows(left: Remainder) -> str:
         return "vary with the order of acquisition (a hypothesis)"
     where = f" {place_words(left.place)}" if left.place and left.place != (left.driver,) else ""
     return f"follow {left.driver or 'no recorded driver'}{where} (a hypothesis)"
+
+
+def form_words(left: Remainder) -> str:
+    """In which form the remainder goes with its driver, hypothetically."""
+    form, driver = left.form, left.driver
+    where = left.place[0] if left.place else ""
+    piled = ", ".join(f"{effect} at {'+'.join(place)}" for effect, place in form.causes)
+    said = {
+        "order": "varies with the order of acquisition",
+        "steps": f"steps with {driver}",
+        "linear": f"linear in {driver}",
+        "quadratic": f"bent (quadratic) in {driver}",
+        "periodic": f"periodic in {driver}, about {form.cycles} periods over its range",
+        "curve": f"{where} errs as a smooth curve in {driver}",
+        "product": f"{where} errs as the product of {driver}",
+        "warp": f"{where} errs as a volume warped quadratically by where the point is",
+        "pile": f"looks like {piled} together, more likely one thing without a name",
+    }[form.kind]
+    part = f"; explains {100 * form.share:.0f} % of the remainder" if form.kind in _SHARED else ""
+    return f"{said}{part}; hypothesised"
+
+
+def explanation(finding: Finding) -> str:
+    """What the effect is, and why its name may stand in for something else."""
+    said = [finding.explanation]
+    if finding.failing:
+        said.append(
+            "The model with it still does not fit: something else is there, and this name may stand in for it."
+        )
+    if finding.pile > 1:
+        said.append("It is one of several names that may together stand in for one thing without a name.")
+    return " ".join(said)
+
+
+def separating_experiment(finding: Finding) -> str:
+    """What would tell the effect from others, and from the likeliest other name in particular."""
+    rival = next((other for other in finding.equivalents if not other.nameless), None)
+    if rival is None or not rival.experiment or rival.effect == finding.effect:
+        return finding.experiment
+    return f"{finding.experiment}; against {rival.effect}: {rival.experiment}"
 
 
 def reasons(diagnosis: Diagnosis) -> list[str]:

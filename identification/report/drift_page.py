@@ -16,6 +16,7 @@ from truepose.identification.report.document import Block, Document, Items, Plot
 from truepose.identification.report.drift_words import (
     DAY,
     HOUR,
+    drift_notes,
     durability_sentences,
     headline,
     moved_sentences,
@@ -50,8 +51,9 @@ def drift_html(found: Drift) -> str:
         Section("lasting", "How long a calibration lasts", _lasting_blocks(found)),
         Section("parameters", "Every parameter", [_parameter_table(found)]),
     ]
-    if found.notes:
-        sections.append(Section("notes", "Notes", [Items(list(found.notes))]))
+    notes = drift_notes(found)
+    if notes:
+        sections.append(Section("notes", "Notes", [Items(notes)]))
     tone: Tone = "warn" if found.moved else "good"
     return render.html(Document(f"Drift of {found.machine}", headline(found), tone, facts, sections))
 
@@ -126,14 +128,13 @@ def _lasting_blocks(found: Drift) -> list[Block]:
 def _check_rows(label: str, name: str, check: Check | None) -> list[list[str]]:
     if check is None:
         return [[label, name, "-", "-", "-", "-", "no fit"]]
-    units = {kind: "rad" if kind == "rotation" else "mm" for kind in check.rms}
     return [
         [
             label,
             name,
             kind,
-            measure(value, units[kind]),
-            measure(check.expected[kind], units[kind]),
+            measure(value, check.units[kind]),
+            measure(check.expected[kind], check.units[kind]),
             "-" if name == "nothing" else p_value(check.p),
             "yes" if check.holds else "no",
         ]
@@ -161,6 +162,3 @@ def _parameter_table(found: Drift) -> Table:
         "The last column: two sigmas of a movement from the first session to the last, if it moved alone."
     )
     return Table(head, rows, caption=caption, text_columns=2)
-
-
-__all__ = ["drift_html"]

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from truepose.identification.drift.analysis import Drift
+from truepose.identification.drift.analysis import ROUNDS, Drift
 from truepose.identification.drift.durability import Check
 from truepose.identification.drift.sizes import Movement
-from truepose.identification.identifiability.observability import grouped
-from truepose.identification.report.identifiability_words import unseen_sentences
+from truepose.identification.report.identifiability_words import grouped, meaning, unseen_sentences
+from truepose.identification.report.json_text import Json, finite
+from truepose.identification.report.notes import worded
 from truepose.identification.report.numbers import measure, percent, significant, uncertain
-from truepose.identification.report.results import finite
+from truepose.wording import shortened
 
-Json = dict[str, Any]
 SCHEMA = "truepose/drift/1"
 HOUR, DAY = 3600.0, 86400.0
+NOISY = 1.5
+"""Noise, in stated sigmas, above which physics that the model lacks may show as movement."""
 SHOWN = 12
 TRADED = 5
 ALIKE = 4
@@ -26,6 +27,19 @@ WAYS = {
     "carried": "the calibration of {first} as it is",
     "frames": "re-identifying the frames and sensor constants alone",
 }
+
+
+def drift_notes(found: Drift) -> list[str]:
+    """What a reader must know before the result."""
+    out = worded(found.notes)
+    if found.noise > NOISY:
+        out.append(
+            f"residuals are {found.noise:.2g} times the stated noise: either it is stated too small or the model lacks"
+            " physics, which differs between sets of poses and may show as movement (truepose diagnose looks for it)"
+        )
+    if not found.settled:
+        out.append(f"the joint fit still moved after {ROUNDS} rounds; sizes are approximate")
+    return out
 
 
 def drift_lines(found: Drift) -> list[str]:
@@ -98,11 +112,10 @@ def rate_unit(found: Drift) -> tuple[float, str]:
 def still_sentences(found: Drift) -> list[str]:
     """What did not move, with the largest movement that could have stayed hidden, and what nobody sees."""
     still = [m for m in found.movements if m.status == "still"]
-    shown = [f"{m.name} ({measure(2 * m.hidden, m.unit, 2)})" for m in still[:SHOWN]]
-    more = f" and {len(still) - SHOWN} more" if len(still) > SHOWN else ""
+    shown = shortened([f"{m.name} ({measure(2 * m.hidden, m.unit, 2)})" for m in still], SHOWN)
     out = []
     if still:
-        out.append(f"no movement shown of (alone, it would show from): {', '.join(shown)}{more}")
+        out.append(f"no movement shown of (alone, it would show from): {shown}")
     unseen = [m.name for m in found.movements if m.status == "unseen"]
     masked = [m.name for m in found.movements if m.status == "masked"]
     if masked:
@@ -149,14 +162,11 @@ def _lasting(found: Drift, subject: str, checks: Sequence[Check | None]) -> str:
 
 def _misfit(check: Check) -> str:
     kinds = [
-        f"{kind} {measure(value, _unit(kind))} against {measure(check.expected[kind], _unit(kind))} expected"
+        f"{kind} {measure(value, unit)} against {measure(check.expected[kind], unit)} expected"
         for kind, value in check.rms.items()
+        for unit in (check.units[kind],)
     ]
     return f"rms {', '.join(kinds)}"
-
-
-def _unit(kind: str) -> str:
-    return "rad" if kind == "rotation" else "mm"
 
 
 def advice(found: Drift) -> str:
@@ -212,7 +222,7 @@ def drift_json(found: Drift) -> Json:
         "log_bayes_factor": found.log_bayes_factor,
         "moved": [m.name for m in found.moved],
         "parameters": {m.name: _movement(found, m) for m in found.movements},
-        "unseen": [{"parts": dict(d.parts), "meaning": d.meaning} for d in found.unseen.directions],
+        "unseen": [{"parts": dict(d.parts), "meaning": meaning(d)} for d in found.unseen.directions],
         "durability": [
             {
                 "session": found.labels[k + 1],
@@ -223,7 +233,7 @@ def drift_json(found: Drift) -> Json:
             for k in range(len(durable.full))
         ],
         "sentences": durability_sentences(found),
-        "notes": list(found.notes),
+        "notes": drift_notes(found),
     }
     return dict(finite(out))
 
@@ -255,17 +265,3 @@ def _check(check: Check | None) -> Json | None:
         "p": check.p,
         "suffices": check.holds,
     }
-
-
-__all__ = [
-    "advice",
-    "drift_json",
-    "drift_lines",
-    "durability_sentences",
-    "headline",
-    "movement_sentence",
-    "place",
-    "rate_unit",
-    "span",
-    "still_sentences",
-]

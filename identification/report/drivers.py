@@ -10,18 +10,11 @@ from numpy.typing import NDArray
 
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.numbers import unit_symbol
+from truepose.models.driver import TIME, Driver
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel
 
 MOST = 12
-_UNITS = {
-    "payload": "kg",
-    "temperature": "°C",
-    "pressure": "hPa",
-    "humidity": "%",
-    "time": "s",
-    "approach": "±1",
-}
 
 
 @dataclass(frozen=True)
@@ -36,10 +29,12 @@ class Column:
 def columns(machine: Machine, recording: Recording, first: Sequence[str] = ()) -> list[Column]:
     """Joints, what was logged and varies, the order of rows: twelve at most, those of ``first`` kept."""
     out = [joint_column(machine, recording, name) for name in recording.joints]
-    for name in [*recording.drivers, *(["time"] if recording.time is not None else [])]:
+    for name in [*recording.drivers, *([TIME] if recording.time is not None else [])]:
         values = recording.driver(name)
         if values is not None:
-            out.append(Column(name, f"{name} [{_unit(machine, name)}]", values))
+            unit = Driver.of(name).unit(machine.mechanism.reading_units)
+            shown = "±1" if unit == "1" else unit_symbol(unit) or "as recorded"
+            out.append(Column(name, f"{name} [{shown}]", values))
     varying = [c for c in out if np.ptp(c.values) > 0.0]
     kept = {c.name for c in sorted(varying, key=lambda c: c.name not in first)[: MOST - 1]}
     return [
@@ -59,13 +54,6 @@ def reading_unit(machine: Machine, name: str) -> tuple[float, str]:
     """Factor and unit in which a joint's readings are shown."""
     unit = machine.mechanism.actuator(name).reading_unit
     return (float(np.degrees(1.0)), "°") if unit == "rad" else (1.0, unit_symbol(unit))
-
-
-def _unit(machine: Machine, name: str) -> str:
-    head, _, rest = name.partition(".")
-    if head == "velocity" and rest in machine.mechanism.readings:
-        return f"{unit_symbol(machine.mechanism.actuator(rest).reading_unit)}/s"
-    return _UNITS.get(head, "as recorded")
 
 
 def component_groups(channels: Sequence[Channel]) -> dict[str, list[int]]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from truepose.identification.planning.discriminate.factors import Factor
 from truepose.identification.planning.discriminate.result import SPLIT, Experiment, Pair, Worth
+from truepose.models.driver import Driver
+from truepose.wording import joined
 
-_UNITS = {"payload": "kg", "temperature": "degC", "pressure": "hPa", "humidity": "%", "time": "s"}
 _NAMES = {"approach": "side of approach", "time": "time between visits", "session": "two sessions"}
 
 
@@ -52,7 +53,7 @@ def _verdict(found: Experiment) -> list[str]:
     lost = [_stuck(pair, found) for pair in found.stuck]
     if found.hopeless:
         return lost
-    names = _listed(e.name for e in found.explanations)
+    names = joined(e.name for e in found.explanations)
     apart = "apart" if not lost else "apart as far as they can be told"
     value = f"expected log Bayes factor {found.expected:.3g}"
     if found.expected >= SPLIT:
@@ -129,22 +130,16 @@ def _target(name: str, value: float, expected: float) -> str:
 
 
 def _names(factors: Sequence[Factor]) -> str:
-    kind = factors[0].driver.partition(".")[0]
-    names = [f.driver.partition(".")[2] for f in factors]
-    said = _NAMES.get(kind, kind)
-    return said if not any(names) else f"{said} of {_listed(names)}"
+    drivers = [Driver.of(f.driver) for f in factors]
+    names, said = [d.place for d in drivers], _NAMES.get(drivers[0].kind, drivers[0].kind)
+    return said if not any(names) else f"{said} of {joined(names)}"
 
 
 def _factors(factors: Sequence[Factor]) -> str:
     first = factors[0]
-    unit = _UNITS.get(first.driver.partition(".")[0], "")
+    unit = Driver.of(first.driver).unit({})
     levels = ", ".join(f"{level:g}" for level in first.levels)
-    return f"{_names(factors)} at {levels} {unit}".rstrip()
-
-
-def _listed(names: Iterable[str]) -> str:
-    every = list(names)
-    return every[0] if len(every) == 1 else ", ".join(every[:-1]) + f" and {every[-1]}"
+    return f"{_names(factors)} at {levels} {'' if unit == '1' else unit}".rstrip()
 
 
 def _pair_json(pair: Pair) -> dict[str, Any]:
@@ -167,6 +162,3 @@ def _worth_json(worth: Worth) -> dict[str, Any]:
         "held" if worth.offered else "would_bring": worth.expected,
         "opens": worth.opened,
     }
-
-
-__all__ = ["experiment_json", "sentences"]

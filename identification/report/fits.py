@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.result import Diagnosis, FitSummary
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.summary import FitSummary
 from truepose.models.machine import Machine
 
 Mask = NDArray[np.bool_]
@@ -33,7 +34,7 @@ class FitColumn:
 
     @property
     def rms(self) -> Mapping[str, float]:
-        """rms by kind of the calibration rows, mm or rad."""
+        """rms by kind of the calibration rows, in the units of the channels."""
         return self.summary.rms
 
     def rms_of(self, role: int, kind: str) -> float | None:
@@ -58,11 +59,10 @@ def fit_columns(diagnosis: Diagnosis) -> list[FitColumn]:
 
 
 def stated_noise(machine: Machine) -> dict[str, float]:
-    """What the stated sigmas make of each kind's norm, mm or rad: root of the summed squares of a point."""
+    """What the stated sigmas make of each kind's norm, in its unit: root of the summed squares of a point."""
     squares: dict[tuple[str, str], float] = {}
-    for sensor in machine.sensors:
-        for c in sensor.channels:
-            squares[c.kind, c.point] = squares.get((c.kind, c.point), 0.0) + c.sigma**2
+    for c in machine.channels:
+        squares[c.kind, c.point] = squares.get((c.kind, c.point), 0.0) + c.sigma**2
     kinds = dict.fromkeys(kind for kind, _ in squares)
     return {k: float(np.sqrt(np.mean([v for (kind, _), v in squares.items() if kind == k]))) for k in kinds}
 

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report.diagnosis_words import several
+from truepose.models.machine import FRAME_OF, FRAMES
+from truepose.models.mechanism import AXES
+from truepose.wording import shortened
 
 Array = NDArray[np.float64]
 TAKES_PART = 1e-2
 UNTOUCHED = 0.9
 ZERO = 1e-6
 MOST = 14
-FRAMES = ("base", "tool")
 
 
 def grouped(names: Iterable[str]) -> list[str]:
@@ -25,12 +27,6 @@ def grouped(names: Iterable[str]) -> list[str]:
     for name in names:
         groups.setdefault(re.sub(r"\d+", "*", name), []).append(name)
     return [f"{pattern} ({len(all_)})" if len(all_) > 1 else all_[0] for pattern, all_ in groups.items()]
-
-
-def shortened(items: Sequence[str], most: int = MOST) -> str:
-    """The first of a list, and how many more."""
-    more = f" and {len(items) - most} more" if len(items) > most else ""
-    return ", ".join(items[:most]) + more
 
 
 def rank_words(fit: Estimate) -> list[str]:
@@ -47,7 +43,7 @@ def rank_words(fit: Estimate) -> list[str]:
 
 def _blind_words(fit: Estimate, blind: Array) -> list[str]:
     names = [fit.prior.names[k] for k in fit.prior.free]
-    owner = np.array([name.split(".", 1)[0] if name.split(".", 1)[0] in FRAMES else "" for name in names])
+    owner = np.array([FRAME_OF.get(name, "") for name in names])
     own = still(blind, owner != "")
     out = []
     for frame in FRAMES:
@@ -57,7 +53,7 @@ def _blind_words(fit: Estimate, blind: Array) -> list[str]:
             continue
         axes = _axes(moves, names, frame)
         partners = _participants(moves, names, owner != frame)
-        undone = f"; what undoes it is {shortened(grouped(partners))}" if partners else ""
+        undone = f"; what undoes it is {shortened(grouped(partners), MOST)}" if partners else ""
         out.append(
             f"The {frame} frame can move against the mechanism in {several(len(moves), 'way')}"
             f" (of {axes}) without changing a reading{undone}. Neither is a measurement of"
@@ -73,7 +69,7 @@ def _blind_words(fit: Estimate, blind: Array) -> list[str]:
             f"In {several(both, 'more way')} the base frame and the tool frame move against each other."
         )
     if len(own):
-        inside = shortened(grouped(_participants(own, names, owner == "")))
+        inside = shortened(grouped(_participants(own, names, owner == "")), MOST)
         out.append(
             f"In {several(len(own), 'way')} parameters of the mechanism or the sensor move together, or"
             f" alone, unseen: {inside}."
@@ -110,12 +106,8 @@ def _participants(rows: Array, names: Sequence[str], among: NDArray[np.bool_]) -
 
 
 def _axes(rows: Array, names: Sequence[str], frame: str) -> str:
-    part = np.linalg.norm(rows, axis=0)
-    return " ".join(
-        n.split(".", 1)[1]
-        for n, share in zip(names, part, strict=True)
-        if n.startswith(f"{frame}.") and share > ZERO
-    )
+    part = dict(zip(names, np.linalg.norm(rows, axis=0), strict=True))
+    return " ".join(axis for axis in AXES if part.get(f"{frame}.{axis}", 0.0) > ZERO)
 
 
 def weak_words(fit: Estimate) -> list[str]:
@@ -128,5 +120,5 @@ def weak_words(fit: Estimate) -> list[str]:
     return [
         f"For {len(weak)} of {several(len(free), 'parameter')} with a tolerance the readings say next to"
         " nothing beyond the drawing (their 1-sigma is over nine tenths of the tolerance):"
-        f" {shortened(grouped(weak))}."
+        f" {shortened(grouped(weak), MOST)}."
     ]

@@ -6,21 +6,26 @@ whether a common factor or a common shift of many of them is what no reading see
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
-from truepose.identification.identifiability.observability import Direction, Knowledge, grouped
+from truepose.identification.identifiability.observability import Direction, Knowledge
 from truepose.identification.identifiability.patterns import Blind, Pattern
+from truepose.identification.report.json_text import Json, finite
+from truepose.identification.report.notes import worded
+from truepose.models.machine import FRAME_OF
+from truepose.wording import joined, shortened
 
-Json = dict[str, Any]
 SCHEMA = "truepose/identifiability/1"
 SHOWN = 8
+TOGETHER = 10
 TERMS = 6
 FEW = 6
 """Parameters of a block that are named one by one."""
+_NUMBERED = re.compile(r"^(?P<stem>\D+)(?P<number>\d+)\.(?P<rest>.+)$")
 _NUMBER_WORDS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
 
@@ -44,7 +49,7 @@ def identifiability_lines(found: Identifiability, *, every: bool = False) -> lis
     if left:
         lines.append(
             f"  {len(found.subset.kept)} parameters can be told apart from each other; "
-            f"left out as alike: {_listed(list(found.subset.relations), most or left)}"
+            f"left out as alike: {shortened(list(found.subset.relations), most or left)}"
         )
     return [*lines, *_table(found, every)]
 
@@ -106,7 +111,7 @@ def _alone_sentence(names: Sequence[str], open_ended: bool) -> str:
         who = "nothing decides, it stays at the drawing" if open_ended else "its tolerance decides"
         return f"{names[0]} alone: no reading changes when it moves; {who}"
     who = "nothing decides, they stay at the drawing" if open_ended else "tolerances decide"
-    return f"{_joined(grouped(names))}, each alone: no reading changes when one of them moves; {who}"
+    return f"{joined(grouped(names))}, each alone: no reading changes when one of them moves; {who}"
 
 
 def _pattern_sentences(found: Sequence[Pattern], names: Sequence[str]) -> list[str]:
@@ -133,7 +138,7 @@ def _pattern_sentences(found: Sequence[Pattern], names: Sequence[str]) -> list[s
 
 def _points(points: Sequence[str]) -> str:
     named = grouped([point if "." in point else f"{point}." for point in points])
-    return _joined([name.rstrip(". ") for name in named])
+    return joined([name.rstrip(". ") for name in named])
 
 
 def _motions(motions: Sequence[Pattern]) -> str:
@@ -145,12 +150,12 @@ def _block_sentences(known: Knowledge, block: Sequence[Direction]) -> list[str]:
     names = list(dict.fromkeys(name for direction in block for name in direction.parts))
     left = len(names) - len(block)
     if left == 0:
-        return [f"{_joined(names)}: no reading changes when they move; {_who(block[0])}"]
+        return [f"{joined(names)}: no reading changes when they move; {_who(block[0])}"]
     terms = [_terms(known, direction) for direction in block]
     if len(names) <= FEW:
         seen = f"only {_count(left)} combination{'s' if left > 1 else ''} of the {_count(len(names))}"
         return [
-            f"{_joined(names)} trade with each other: {seen} {'are' if left > 1 else 'is'} seen "
+            f"{joined(names)} trade with each other: {seen} {'are' if left > 1 else 'is'} seen "
             f"({'; '.join(terms)}); {_who(block[0])}"
         ]
     return [f"moving {text} changes no reading; {_who(d)}" for text, d in zip(terms, block, strict=True)]
@@ -190,7 +195,46 @@ def _terms(known: Knowledge, direction: Direction) -> str:
         f"{', '.join(grouped(names))} {amount}{'' if unit == '1' else ' ' + unit}"
         for (amount, unit), names in by_amount.items()
     ]
-    return _listed(groups, TERMS)
+    return shortened(groups, TERMS)
+
+
+def meaning(direction: Direction) -> str:
+    """A sentence: what moves with what, and who decided."""
+    names, open_ended = tuple(direction.parts), direction.open_ended
+    who = "nothing decided, they stay at the drawing" if open_ended else "tolerances decided"
+    groups = grouped(sorted(names, key=lambda name: name not in FRAME_OF))
+    if len(names) == 1:
+        who = "nothing decided, it stays at the drawing" if open_ended else "its tolerance decided"
+        return f"{names[0]} alone is not seen; {who}"
+    rest = groups[1:] or groups
+    shown = shortened(rest, TOGETHER)
+    if len(groups) == 1:
+        return f"moving {shown} together is not seen; {who}"
+    return f"moving {groups[0]} together with {shown} is not seen; {who}"
+
+
+def grouped(names: Sequence[str]) -> list[str]:
+    """Names with those that differ by a number only drawn together: ``leg1..leg6 a.x``."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        match = _NUMBERED.match(name)
+        key = (match["stem"], match["rest"]) if match else ("", name)
+        groups.setdefault(key, []).append(match["number"] if match else "")
+    out = []
+    for (stem, rest), numbers in groups.items():
+        if not stem:
+            out.append(rest)
+        elif len(numbers) == 1:
+            out.append(f"{stem}{numbers[0]}.{rest}")
+        else:
+            out.append(f"{_span(stem, sorted(int(n) for n in numbers))} {rest}")
+    return out
+
+
+def _span(stem: str, numbers: Sequence[int]) -> str:
+    if numbers[-1] - numbers[0] == len(numbers) - 1:
+        return f"{stem}{numbers[0]}..{stem}{numbers[-1]}"
+    return ", ".join(f"{stem}{n}" for n in numbers)
 
 
 def _status_lines(found: Identifiability) -> list[str]:
@@ -221,7 +265,7 @@ def _table(found: Identifiability, every: bool) -> list[str]:
 def _remark(parameter: ParameterSight) -> str:
     if not parameter.partners:
         return parameter.status
-    return f"{parameter.status}; trades with {_listed(grouped(parameter.partners), 3)}"
+    return f"{parameter.status}; trades with {shortened(grouped(parameter.partners), 3)}"
 
 
 def _quantity(value: float, unit: str) -> str:
@@ -239,19 +283,8 @@ def _count(number: int) -> str:
     return _NUMBER_WORDS.get(number, str(number))
 
 
-def _joined(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _listed(items: Sequence[str], most: int) -> str:
-    more = f" and {len(items) - most} more" if len(items) > most else ""
-    return ", ".join(items[:most]) + more
-
-
 def identifiability_json(found: Identifiability) -> Json:
     """Everything, in mm and rad; what is infinite or no number becomes null."""
-    from truepose.identification.report.results import finite
-
     i = found.indices
     out = {
         "schema": SCHEMA,
@@ -275,7 +308,7 @@ def identifiability_json(found: Identifiability) -> Json:
             "left_out": {name: dict(terms) for name, terms in found.subset.relations.items()},
             "condition": found.subset.condition,
         },
-        "notes": list(found.notes),
+        "notes": worded(found.notes),
     }
     return dict(finite(out))
 
@@ -293,6 +326,3 @@ def _parameter(p: ParameterSight) -> Json:
 
 def _direction(found: Identifiability, direction: Direction) -> Json:
     return {"parts": dict(direction.parts), "meaning": _terms(found.known, direction)}
-
-
-__all__ = ["identifiability_json", "identifiability_lines", "unseen_sentences"]

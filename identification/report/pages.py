@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from truepose.identification.diagnosis.result import Diagnosis, FitSummary
-from truepose.identification.diagnosis.summary import summarise
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import render
@@ -36,27 +36,9 @@ def report_html(diagnosis: Diagnosis, truth: Mapping[str, Any] | None = None) ->
     return render.html(_diagnosis_document(diagnosis, truth))
 
 
-def write_report(diagnosis: Diagnosis, path: Path | str, truth: Mapping[str, Any] | None = None) -> Path:
-    """Write ``report_html`` to a file and return its path."""
-    path = Path(path)
-    path.write_text(report_html(diagnosis, truth), encoding="utf-8")
-    return path
-
-
-def report_text(diagnosis: Diagnosis) -> str:
-    """What was left out and what the data cannot tell, for a terminal."""
-    parts = [findings_section(diagnosis), fit_section(diagnosis), limits_section(diagnosis)]
-    return render.text(_document(diagnosis, parts))
-
-
 def calibration_html(estimate: Estimate, free: Estimate | None, recording: Recording) -> str:
     """The report of a fit alone; ``free`` is the same fit with its tolerances widened."""
     return render.html(_calibration_document(estimate, free, recording))
-
-
-def calibration_text(estimate: Estimate, free: Estimate | None, recording: Recording) -> str:
-    """The same for a terminal."""
-    return render.text(_calibration_document(estimate, free, recording))
 
 
 def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -> Document:
@@ -101,9 +83,8 @@ def _facts(machine: str, recording: Recording, fit: Estimate) -> list[tuple[str,
 
 def _calibration_document(estimate: Estimate, free: Estimate | None, recording: Recording) -> Document:
     machine = estimate.machine
-    channels = [c for sensor in machine.sensors for c in sensor.channels]
     fits = {"calibrated": estimate} if free is None else {"free": free, "calibrated": estimate}
-    summaries = {key: summarise(fit, channels, recording.validation) for key, fit in fits.items()}
+    summaries = {key: summarise(fit, machine.channels, recording.validation) for key, fit in fits.items()}
     drawn = [("calibrated", style.AFTER, estimate)]
     limits: list[Block] = limits_blocks(estimate)
     if recording.notes:

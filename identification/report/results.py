@@ -1,57 +1,36 @@
-"""Results as JSON: ``diagnosis_json`` for ``diagnosis.json``, ``fit_json`` for ``fit.json``.
-
-What is no number (NaN, infinity) becomes null; the same result gives the same text.
-"""
+"""Results as JSON: ``diagnosis_json`` for ``diagnosis.json``, ``fit_json`` for ``fit.json``."""
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from types import MappingProxyType
 
 import numpy as np
 
 from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.outliers import fringes_by_row
-from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, FitSummary, Quantity
-from truepose.identification.diagnosis.summary import rms_by_kind, worst_allowed
+from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Quantity
+from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.identifiability.observability import identifiable, unseen_directions
+from truepose.identification.fit.summary import FitSummary, rms_by_kind, worst_allowed
+from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
+from truepose.identification.report.diagnosis_words import explanation, form_words, separating_experiment
+from truepose.identification.report.identifiability_words import meaning
+from truepose.identification.report.json_text import Json, finite
+from truepose.identification.report.notes import diagnosis_notes
 from truepose.models.effects.base import effects
 from truepose.models.machine import Machine
 
 DIAGNOSIS_SCHEMA = "truepose/diagnosis/1"
 FIT_SCHEMA = "truepose/fit/1"
-_UNITS = {"position": ("um", 1e3), "rotation": ("urad", 1e6), "distance": ("um", 1e3)}
-_FIT_UNITS = {"rotation": ("rad", 1.0)}
-Json = dict[str, Any]
-
-
-def json_text(value: Mapping[str, Any]) -> str:
-    """Indented JSON, keys in the order given, floats at full precision."""
-    return json.dumps(finite(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def finite(value: Any) -> Any:
-    """The same structure in plain types, with null for what is no finite number."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    if isinstance(value, (str, bool)) or value is None:
-        return value
-    if hasattr(value, "item"):
-        return finite(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+_FINE = {"mm": ("um", 1e3), "rad": ("urad", 1e6)}
+"""Units that ``diagnosis.json`` gives residuals in; all others, as ``fit.json``, in their own."""
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> Json:
     """The content of ``diagnosis.json`` (interface, section 4)."""
-    left, proof = diagnosis.remainder, diagnosis.proof
+    left, proof, units = diagnosis.remainder, diagnosis.proof, diagnosis.machine.residual_units
     out = {
         "schema": DIAGNOSIS_SCHEMA,
         "machine": diagnosis.machine.name,
@@ -65,13 +44,13 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         and {
             "place": list(left.place),
             "driver": left.driver,
-            "form": left.form,
+            "form": form_words(left),
             "size_sigma": left.size_sigma,
         },
         "candidates": [_alternative(c) for c in diagnosis.candidates],
         "evidence_map": dict(diagnosis.evidence_map),
         "untestable": [{"effect": u.effect, "why": u.why} for u in diagnosis.untestable],
-        "fit": {name: _summary(fit, before=name != "free") for name, fit in diagnosis.fits.items()},
+        "fit": {name: _summary(fit, units, before=name != "free") for name, fit in diagnosis.fits.items()},
         "proof": proof
         and {
             "held_out": proof.held_out,
@@ -83,7 +62,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
             "injected_recovered": proof.injected_recovered,
         },
         "parameters": parameters_json(diagnosis.after),
-        "notes": list(diagnosis.notes),
+        "notes": list(diagnosis_notes(diagnosis)),
     }
     return dict(finite(out))
 
@@ -103,13 +82,18 @@ def fit_json(
         "method": dict(method or {}),
         "files": list(recording.files),
         **_figures(fit, recording),
-        "unseen": unseen_directions(fit),
+        "unseen": [{"parts": dict(d.parts), "meaning": meaning(d)} for d in unseen(Knowledge.of(fit))],
         "parameters": parameters_json(fit),
         "effects": [_effect(fit, k) for k in range(len(fit.effects))],
         "free": free and _figures(free, recording),
         "notes": list(notes),
     }
     return dict(finite(out))
+
+
+def calibration_json(found: Calibration) -> Json:
+    """The same of a whole calibration."""
+    return fit_json(found.fit, found.recording, found.free, notes=found.notes, method=found.method)
 
 
 def parameters_json(fit: Estimate) -> Json:
@@ -141,7 +125,7 @@ def _unbounded(fit: Estimate) -> set[str]:
 
 
 def _figures(fit: Estimate, recording: Recording) -> Json:
-    channels = tuple(channel for sensor in fit.machine.sensors for channel in sensor.channels)
+    channels, units = fit.machine.channels, fit.machine.residual_units
     kept = recording.validation & np.isfinite(fit.residual).all(axis=1)
     worst = max(range(len(fit.p)), key=lambda k: abs(fit.in_tolerances[k]))
     return {
@@ -154,8 +138,8 @@ def _figures(fit: Estimate, recording: Recording) -> Json:
         "effective_parameters": fit.effective_parameters,
         "chi2": fit.chi2,
         "chi2_per_dof": fit.chi2_per_dof,
-        "rms": _rms(rms_by_kind(fit.residual[fit.used], channels), _FIT_UNITS),
-        "validation_rms": _rms(rms_by_kind(fit.residual[kept], channels), _FIT_UNITS) if kept.any() else None,
+        "rms": _rms(rms_by_kind(fit.residual[fit.used], channels), units),
+        "validation_rms": _rms(rms_by_kind(fit.residual[kept], channels), units) if kept.any() else None,
         "free_parameters": len(fit.prior.free),
         "rank": fit.rank,
         "worst_parameter_sigma": fit.worst_parameter_sigma,
@@ -195,8 +179,8 @@ def _finding(finding: Finding) -> Json:
         "settings": [dict(s) for s in finding.settings],
         "prior_dependent": finding.prior_dependent,
         "flip_lambda": finding.flip_lambda,
-        "explanation": finding.explanation,
-        "separating_experiment": finding.separating_experiment,
+        "explanation": explanation(finding),
+        "separating_experiment": separating_experiment(finding),
     }
 
 
@@ -242,9 +226,9 @@ def _quantity(quantity: Quantity) -> Json:
     return {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}
 
 
-def _summary(fit: FitSummary, *, before: bool) -> Json:
-    out: Json = {"rms": _rms(fit.rms, _UNITS), "chi2_per_dof": fit.chi2_per_dof}
-    out["validation_rms"] = None if fit.validation_rms is None else _rms(fit.validation_rms, _UNITS)
+def _summary(fit: FitSummary, units: Mapping[str, str], *, before: bool) -> Json:
+    out: Json = {"rms": _rms(fit.rms, units, _FINE), "chi2_per_dof": fit.chi2_per_dof}
+    out["validation_rms"] = None if fit.validation_rms is None else _rms(fit.validation_rms, units, _FINE)
     if before:
         out["worst_parameter_sigma"] = fit.worst_parameter_sigma
         out["worst_parameter"] = fit.worst_parameter
@@ -252,6 +236,10 @@ def _summary(fit: FitSummary, *, before: bool) -> Json:
     return out
 
 
-def _rms(rms: Mapping[str, float], units: Mapping[str, tuple[str, float]]) -> Json:
-    scaled = {kind: (value, *units.get(kind, ("mm", 1.0))) for kind, value in rms.items()}
+def _rms(
+    rms: Mapping[str, float],
+    units: Mapping[str, str],
+    shown: Mapping[str, tuple[str, float]] = MappingProxyType({}),
+) -> Json:
+    scaled = {kind: (value, *shown.get(units[kind], (units[kind], 1.0))) for kind, value in rms.items()}
     return {kind: {"value": factor * value, "unit": unit} for kind, (value, unit, factor) in scaled.items()}

@@ -61,12 +61,12 @@ class JointRunout(Effect):
 
     def screened(self, machine: Machine, place: Place) -> bool:
         # flexures have no cross
-        return place[0] not in _rod_ends(machine) or machine.mechanism.flexure_length is None
+        return place[0] not in machine.mechanism.rod_ends or machine.mechanism.flexure_length is None
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         if "order" in settings or place[0] in _hinges(machine):
             return tuple(Coefficient(name, "mm", PIN_MM) for name in "ab")
-        names = ("uu", "uv", "vv") if place[0] in _rod_ends(machine) else ("e",)
+        names = ("uu", "uv", "vv") if place[0] in machine.mechanism.rod_ends else ("e",)
         return tuple(Coefficient(name, "mm", 0.2) for name in names)
 
     def shifts(self, site: Site) -> Shifts:
@@ -79,11 +79,11 @@ class JointRunout(Effect):
                 f"{self.slug}: found joint {name!r}, expected one of {', '.join(home) or 'none'}"
             )
         now, then = site.direction(name), np.array(home[name])
-        if name in _rod_ends(site.machine):
+        if name in site.machine.mechanism.rod_ends:
             across = np.linalg.svd(then.reshape(1, 3))[2][1:]  # (2, 3)
             u, v = ca.vertsplit(ca.SX(ca.DM(across)) @ now)
             grows = -(site.c["uu"] * u**2 + 2 * site.c["uv"] * u * v + site.c["vv"] * v**2) / 2
-            return {limb_at(site.machine, name.rpartition(".")[0]).length: grows}
+            return {limb_at(site.machine, site.machine.mechanism.rod_ends[name].name).length: grows}
         joint = _joint(site.machine, name)
         first = round(site.settings.get("first", 0.0))
         shift = _turned(joint, site) @ (_across(now, first) - _across(ca.SX(ca.DM(then)), first))
@@ -92,7 +92,7 @@ class JointRunout(Effect):
         }
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        if place[0] in _rod_ends(machine):
+        if place[0] in machine.mechanism.rod_ends:
             return ({},)
         kind = _joint(machine, place[0]).kind
         if kind == "revolute":
@@ -146,14 +146,10 @@ def _hinges(machine: Machine) -> dict[str, tuple[float, float, float]]:
     return {j.name: j.axis for j in hinges(machine) if not isinstance(j.axis, Direction)}
 
 
-def _rod_ends(machine: Machine) -> set[str]:
-    return {f"{rod.name}.{end}" for rod in machine.mechanism.rods for end in "ab"}
-
-
 def _acts(machine: Machine, end: str) -> bool:
     """Whether the effect can be put there: a rod of a limb, or a joint with a placement of its own."""
-    if end in _rod_ends(machine):
-        return end.rpartition(".")[0] in {limb.name for limb in machine.mechanism.limbs}
+    if end in machine.mechanism.rod_ends:
+        return machine.mechanism.rod_ends[end].name in {limb.name for limb in machine.mechanism.limbs}
     return tuple(step.kind for step in _joint(machine, end).placement[:3]) == _SHIFTS
 
 

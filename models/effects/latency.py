@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, sensor_names
 from truepose.models.machine import Machine
@@ -42,14 +43,14 @@ class Latency(Effect):
     def shifts(self, site: Site) -> Shifts:
         out = {}
         for driver in self.drivers(site.machine, site.place, site.settings):
-            actuator = actuator_at(site.machine, driver.removeprefix("velocity."))
+            actuator = actuator_at(site.machine, Driver.of(driver).place)
             gain = site.values[actuator.gain] if actuator.gain else 1
             out[actuator.displacement] = -site.c["tau"] * gain * site.driver(driver)
         return out
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
         joints = machine.mechanism.readings
-        return tuple(f"velocity.{joint}" for joint in joints if not settings.get(f"still.{joint}"))
+        return tuple(Driver(VELOCITY, joint).name for joint in joints if not settings.get(f"still.{joint}"))
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         """All joints that move while they are read; all of them where no velocity is recorded."""
@@ -67,5 +68,5 @@ class Latency(Effect):
 
 
 def _moves(recording: Observed, joint: str) -> bool:
-    velocity = recording.driver(f"velocity.{joint}")
+    velocity = recording.driver(Driver(VELOCITY, joint).name)
     return velocity is not None and bool(np.any(np.asarray(velocity, dtype=float)))

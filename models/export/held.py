@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.assembly import symbols
-from truepose.models.effects.base import PlacedEffect, Site
+from truepose.models.effect import Site
 from truepose.models.export.tree import Tree
 from truepose.models.kinematics import driver_default, symbolic_model
 from truepose.models.machine import Machine
+from truepose.models.placed import PlacedEffect
 from truepose.models.states import state_names
 
 Array = NDArray[np.float64]
@@ -57,7 +58,7 @@ def held(machine: Machine) -> Held:
     drawn = {p.name: p.nominal for p in machine.parameters} | dict.fromkeys(machine.ports, 0.0)
     values = dict(drawn)
     moving = [*(p.name for p in (*machine.mechanism.parameters, *machine.frames))]
-    moving += [port for port in machine.ports if not port.endswith(".reading")]
+    moving += machine.ports_of("displacement", "motion")
     fixed: list[str] = []
     frozen: dict[str, Mapping[str, float]] = {}
     left: list[PlacedEffect] = []
@@ -88,8 +89,7 @@ def loss(machine: Machine, tree: Tree, left: tuple[PlacedEffect, ...]) -> Loss:
     def at(p: Array) -> Array:
         return np.array([np.array(position(q, model.z_home, p)).ravel() for q in rows])
 
-    names = np.array(model.names)
-    of_effect = {e.label: np.char.startswith(names, f"{e.label}:") for e in left}
+    of_effect = {e.label: np.isin(model.names, e.parameter_names) for e in left}
     bare = np.where(np.any(list(of_effect.values()), axis=0), 0.0, model.p_home)
     rigid = at(bare)
     each = {label: np.where(own, model.p_home, bare) for label, own in of_effect.items()}

@@ -11,14 +11,14 @@ import casadi as ca
 from truepose.models.context import BuildContext
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.units import LengthTolerance, LengthToleranceVector, LengthVector, Section
+from truepose.models.units import LengthSigma, LengthToleranceVector, LengthVector, Section
 
 _XYZ = ("x", "y", "z")
 _NOWHERE = (0.0, 0.0, 0.0)
 
 
 class _Sigma(Section):
-    distance: LengthTolerance
+    distance: LengthSigma
 
 
 class _Tolerance(Section):

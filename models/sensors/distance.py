@@ -17,6 +17,7 @@ from truepose.models.units import (
     Angle,
     AngleTolerance,
     Length,
+    LengthSigma,
     LengthTolerance,
     LengthToleranceVector,
     LengthVector,
@@ -39,7 +40,7 @@ class _Mirror(Section):
 
 
 class _Sigma(Section):
-    distance: LengthTolerance
+    distance: LengthSigma
 
 
 class _Tolerance(Section):

@@ -13,14 +13,14 @@ from truepose.models import lie
 from truepose.models.context import BuildContext
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Array, Channel, Sensor, sensors
-from truepose.models.units import AngleTolerance, LengthTolerance, Section
+from truepose.models.units import AngleSigma, LengthSigma, Section
 
 _XYZ, _ROT = ("x", "y", "z"), ("rx", "ry", "rz")
 
 
 class _Sigma(Section):
-    xyz: LengthTolerance
-    rot: AngleTolerance
+    xyz: LengthSigma
+    rot: AngleSigma
 
 
 class _PoseSection(Section):
@@ -29,7 +29,7 @@ class _PoseSection(Section):
 
 
 class _PositionSigma(Section):
-    xyz: LengthTolerance
+    xyz: LengthSigma
 
 
 class _PositionSection(Section):

@@ -16,14 +16,14 @@ from truepose.errors import InputError
 from truepose.models.context import BuildContext
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Array, Channel, Comparison, Rows, Sensor, sensors
-from truepose.models.units import Length, LengthTolerance, LengthToleranceVector, LengthVector, Section
+from truepose.models.units import Length, LengthSigma, LengthToleranceVector, LengthVector, Section
 
 _XYZ = ("x", "y", "z")
 SET, PLACEMENT, SOCKET = "set", "placement", "socket"
 
 
 class _Sigma(Section):
-    xyz: LengthTolerance
+    xyz: LengthSigma
 
 
 class _Tolerance(Section):

@@ -6,6 +6,7 @@ The names below are all that a script needs; they are imported when first used.
 from __future__ import annotations
 
 import importlib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -17,16 +18,20 @@ if TYPE_CHECKING:
     from truepose.identification.fit.calibrate import calibrate
     from truepose.identification.fit.estimate import estimate
     from truepose.identification.fit.write_machine import write_calibrated
+    from truepose.identification.fringes.load import load_recording
     from truepose.identification.identifiability.analysis import identifiability
     from truepose.identification.planning.plan import plan
     from truepose.identification.prediction.predict import predict
     from truepose.identification.prediction.simulate import parse_effect, simulate
-    from truepose.identification.recording.load import load_recording
     from truepose.identification.report.results import diagnosis_json, fit_json
     from truepose.models.export.write import export
     from truepose.models.load import load_machine
 
 __version__ = "0.1.0"
+
+_HERE = Path(__file__).parent
+if not (_HERE / "models").is_dir():  # unpacked or cloned without links: models and its like are beside src
+    __path__.append(str(_HERE.parents[1]))
 
 _HOMES = {
     "calibrate": "truepose.identification.fit.calibrate",
@@ -41,7 +46,7 @@ _HOMES = {
     "identifiability": "truepose.identification.identifiability.analysis",
     "inverse": "truepose.identification.compensation.inverse",
     "load_machine": "truepose.models.load",
-    "load_recording": "truepose.identification.recording.load",
+    "load_recording": "truepose.identification.fringes.load",
     "parse_effect": "truepose.identification.prediction.simulate",
     "plan": "truepose.identification.planning.plan",
     "predict": "truepose.identification.prediction.predict",

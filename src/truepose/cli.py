@@ -16,6 +16,7 @@ from truepose.commands.export import export
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
 from truepose.commands.plan import plan
+from truepose.commands.poses import poses
 from truepose.commands.tables import predict, simulate
 from truepose.demo import demo
 
@@ -35,6 +36,7 @@ for _command in (
     identifiability,
     drift,
     plan,
+    poses,
     predict,
     simulate,
     compensate,

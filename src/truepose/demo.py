@@ -19,7 +19,6 @@ from truepose.commands.common import (
     written,
 )
 from truepose.commands.identify import write_diagnosis
-from truepose.commands.words import diagnosis_lines, diagnosis_summary
 from truepose.errors import InputError
 
 FIRST = "telescope"
@@ -56,6 +55,8 @@ def demo(
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose
         from truepose.identification.recording.load import load_recording
+        from truepose.identification.report.notes import diagnosis_notes
+        from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
         from truepose.models.load import load_machine
 
         if name not in bundled():
@@ -69,7 +70,7 @@ def demo(
             result = diagnose(machine, load_recording(machine, [bundle / RECORDING]), progress=say)
             names = write_diagnosis(result, output, truth=_truth(bundle / TRUTH))
         summary = diagnosis_summary(result, "demo", written(output, names))
-        finish(summary, diagnosis_lines(result, output), result.notes, as_json=as_json)
+        finish(summary, diagnosis_lines(result, output), diagnosis_notes(result), as_json=as_json)
 
 
 def _truth(path: Path) -> dict[str, object] | None:

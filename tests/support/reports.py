@@ -15,12 +15,12 @@ from truepose.identification.diagnosis.result import (
     BlockProof,
     Diagnosis,
     Finding,
-    FitSummary,
     Proof,
     Quantity,
 )
 from truepose.identification.fit.estimate import Estimate, prior_of
 from truepose.identification.fit.leastsquares import Solution, Status
+from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
@@ -116,7 +116,7 @@ def gear_finding() -> Finding:
         prior_dependent=True,
         flip_lambda=3.0,
         explanation="The gear of joint q1 turns unevenly.",
-        separating_experiment="sweep q1 alone",
+        experiment="sweep q1 alone",
     )
 
 
@@ -157,7 +157,8 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
         proof=Proof("role", (BlockProof("outermost poses", 12, 0.5),), 0.4, (0.3, 0.5), -0.5, 0.97, True),
         terms=(term,),
         outlier_rows=(7, 19),
-        notes=("column 'x' means nothing & is ignored",),
+        noise=1.0,
+        inflation={},
     )
     return replace(found, **changes)
 

@@ -21,6 +21,7 @@ MODELS = ("spherical", "linear", "beam", "stiffness", "elastic")
 LENGTH = 30.0
 simulator = study_module("telescope_simulator")
 campaigns, fits = study_module("telescope_models.campaign"), study_module("telescope_models.fits")
+ClosurePredictor = study_module("telescope_models.implicit").ClosurePredictor
 
 
 def machine_of(folder: Path, model: str, *edits: tuple[str, str], sensor: str = "pose") -> Machine:

@@ -176,6 +176,3 @@ def _weighed(white: Single, error: Array, sign: float) -> Array:
     """(n, s) e' (1 + sign H)^-1 e, H = white white': what a row adds to chi2, or what it takes away."""
     inner = np.eye(white.shape[1]) + sign * (white @ white.transpose(0, 2, 1)).astype(float)
     return np.asarray(np.sum(error * np.linalg.solve(inner, error), axis=1))
-
-
-__all__ = ["Contest", "Race", "chosen"]

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.note import Note
+from truepose.models.driver import AIR, APPROACH, OF_THE_WAY, SESSION, TEMPERATURE, TIME, VELOCITY, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import PAYLOAD, Machine
@@ -23,12 +25,10 @@ Array = NDArray[np.float64]
 SIDES = (1.0, -1.0)
 HOURS = (0.0, 0.5, 1.0, 1.5, 2.0)
 SESSIONS = (1.0, 2.0)
-WARMER, USUAL_PAYLOAD, USUAL_PRESSURE = 5.0, 5.0, (983.25, 1013.25, 1043.25)
+WARMER, USUAL_PAYLOAD = 5.0, 5.0
+USUAL_WEATHER = {"pressure": (983.25, 1013.25, 1043.25), "humidity": (30.0, 50.0, 70.0)}
 MOST = 24
 """Settings of the factors that are tried at one pose; of more, some are drawn."""
-SESSION, TIME = "session", "time"
-OF_THE_WAY = ("stop", "loop")
-"""Drivers of what a joint's way leaves behind (``truepose.identification.recording.memory``)."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,7 @@ def factors(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> tu
     out = {}
     for driver in _read(machine, parts, offer):
         nominal = driver_default(machine, driver)
-        levels = offer.levels.get(driver)
-        if levels is None and driver.startswith("temperature."):
-            levels = offer.levels.get("temperature.air")
+        levels = offer.levels.get(Driver.of(driver).served_by(offer.levels))
         automatic = _automatic(driver)
         if levels is not None:
             # held still, it stays at the level closest to what the machine file means
@@ -107,62 +105,52 @@ def _read(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> list
         names += [_column(name) for name in part.drivers]
         if part.needs_load and machine.loaded:
             names.append(PAYLOAD)
-    if "temperature.air" in offer.levels:  # one thermometer, whatever it stands for
-        names = [
-            "temperature.air" if n.startswith("temperature.") and n not in offer.levels else n for n in names
-        ]
+    if AIR in offer.levels:  # one thermometer, whatever it stands for
+        names = [Driver.of(name).served_by(offer.levels) for name in names]
     return list(dict.fromkeys(names))
 
 
-def _column(driver: str) -> str:
+def _column(name: str) -> str:
     """What has to be varied for a driver: the side of approach for what a joint's way leaves behind."""
-    kind, _, rest = driver.partition(".")
-    if kind in OF_THE_WAY:
-        return "approach." + rest.partition("~")[0]
-    return SESSION if kind == SESSION else driver.partition("~")[0]
+    driver = Driver.of(name)
+    if driver.kind in OF_THE_WAY:
+        return Driver(APPROACH, driver.place).name
+    return SESSION if driver.kind == SESSION else driver.now.name
 
 
-def unplanned(parts: Iterable[PlacedEffect]) -> list[str]:
-    """What rows of an experiment do not vary although an explanation depends on it, in words."""
-    kinds = {part.effect.slug: {name.partition(".")[0] for name in part.drivers} for part in parts}
+def unplanned(parts: Iterable[PlacedEffect]) -> list[Note]:
+    """What rows of an experiment do not vary although an explanation depends on it."""
+    kinds = {part.effect.slug: {Driver.of(name).kind for name in part.drivers} for part in parts}
     short = [slug for slug, read in kinds.items() if read & set(OF_THE_WAY)]
     creeping = [slug for slug, read in kinds.items() if "creep" in read]
-    notes = [
-        f"{slug}: every move counts as a long one; strokes that shrink are not planned" for slug in short
-    ]
-    return notes + [f"{slug}: the time since the last move is not planned" for slug in creeping]
+    return [Note("strokes", slug) for slug in short] + [Note("creep", slug) for slug in creeping]
 
 
 def _automatic(driver: str) -> tuple[float, ...]:
-    if driver.startswith("approach."):
+    if Driver.of(driver).kind == APPROACH:
         return SIDES
     if driver == TIME:
         return tuple(3600.0 * h for h in HOURS)
     return SESSIONS if driver == SESSION else ()
 
 
-def _usual(machine: Machine, driver: str) -> tuple[float, ...]:
+def _usual(machine: Machine, name: str) -> tuple[float, ...]:
     """A usual span of a driver that was not offered, its nominal level first; empty where nobody can say."""
-    nominal = driver_default(machine, driver)
-    if driver == PAYLOAD:
+    driver, nominal = Driver.of(name), driver_default(machine, name)
+    if name == PAYLOAD:
         return (0.0, nominal or USUAL_PAYLOAD)
-    if driver.startswith("temperature."):
+    if driver.thermal:
         return (nominal, nominal + WARMER)
-    if driver == "pressure":
-        return USUAL_PRESSURE
-    if driver.startswith("velocity."):
-        actuator = machine.mechanism.actuator(driver.removeprefix("velocity."))
-        low, high = actuator.range or (0.0, 0.0)
+    if driver.kind == VELOCITY:
+        low, high = machine.mechanism.actuator(driver.place).range or (0.0, 0.0)
         return (nominal, (high - low) / 10.0) if high > low else ()
-    return ()
+    return USUAL_WEATHER.get(name, ())
 
 
 def _check_driver(machine: Machine, driver: str, text: str, complete: bool) -> None:
-    kind, _, place = driver.partition(".")
-    joints = machine.mechanism.readings
-    known = ["pressure", "humidity", *(f"velocity.{j}" for j in joints), "temperature.air"]
-    known += [f"temperature.{name}" for name in (*machine.mechanism.lengths, "tool")]
-    if not complete or (driver not in known and not (kind == "temperature" and place)):
+    known = [*USUAL_WEATHER, *(Driver(VELOCITY, joint).name for joint in machine.mechanism.readings), AIR]
+    known += [Driver(TEMPERATURE, part).name for part in (*machine.mechanism.lengths, "tool")]
+    if not complete or (driver not in known and not Driver.of(driver).thermal):
         raise InputError(
             f"{text!r}: expected DRIVER=value,value,... such as temperature.leg1=15,20,30; "
             f"{close_matches(driver, known)}"
@@ -181,4 +169,4 @@ def _numbers(text: str, where: str) -> tuple[float, ...]:
     return tuple(sorted(set(values)))
 
 
-__all__ = ["OF_THE_WAY", "SESSION", "TIME", "Factor", "Offer", "factors", "settings", "unplanned"]
+__all__ = ["Factor", "Offer", "factors", "settings", "unplanned"]

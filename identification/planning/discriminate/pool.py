@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from truepose.identification.planning.discriminate.factors import Factor, settings
 from truepose.identification.planning.discriminate.rows import Rows
 from truepose.identification.planning.information import PoseInformation
-from truepose.identification.planning.pose_file import rounded
+from truepose.identification.planning.rounding import rounded
 from truepose.identification.planning.supply import Supply
+from truepose.models.driver import Driver
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -69,7 +70,7 @@ class Pool:
 
 def kind_of(factor: Factor) -> str:
     """``approach`` of ``approach.q2``: factors of a kind are held, or varied, together."""
-    return factor.driver.partition(".")[0]
+    return Driver.of(factor.driver).kind
 
 
 def _kinds(some: Iterable[Factor]) -> list[str]:
@@ -80,6 +81,3 @@ def _levels(varied: Sequence[Factor], free: set[str], rng: np.random.Generator) 
     """(s, f) settings when only some drivers may move."""
     held = [f if f.driver in free else replace(f, levels=(f.nominal,)) for f in varied]
     return settings(held, rng)
-
-
-__all__ = ["Pool", "kind_of"]

@@ -193,6 +193,3 @@ def shares(field: Field, found: Sequence[Hypothesis], on: Race, mask: NDArray[np
 def ordered(n: int) -> list[tuple[int, int]]:
     """Pairs (true, rival) of n explanations."""
     return [(i, j) for j in range(n) for i in range(n) if i != j]
-
-
-__all__ = ["INSEPARABLE", "Field", "Hypothesis", "hypotheses", "ordered", "race", "shares"]

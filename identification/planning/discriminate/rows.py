@@ -17,11 +17,11 @@ from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import prior_of
-from truepose.identification.planning.discriminate.factors import OF_THE_WAY, SESSION, TIME
 from truepose.identification.planning.information import UNKNOWN
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.history import line_of_full_loop
 from truepose.identification.recording.recording import Recording, frozen
+from truepose.models.driver import APPROACH, OF_THE_WAY, SESSION, TIME, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
@@ -64,18 +64,17 @@ class _Steady(Recording):
     itself; a joint arrived by a long move, so that what its way leaves behind depends on the side alone."""
 
     def driver(self, name: str, sessions: Sequence[int] | None = None) -> Array | None:
-        kind, _, rest = name.partition(".")
-        joint, *numbers = rest.split("~")
-        if kind not in OF_THE_WAY or joint not in self.joints:
-            return super().driver(name.partition("~")[0], sessions)
-        side = self.drivers.get(f"approach.{joint}")
+        driver = Driver.of(name)
+        if driver.kind not in OF_THE_WAY or driver.place not in self.joints:
+            return super().driver(driver.now.name, sessions)
+        side = self.drivers.get(Driver(APPROACH, driver.place).name)
         if side is None:
             return None
-        half_width, *ends = (float(number) for number in numbers)
+        half_width, *ends = driver.numbers
         lead = side * half_width
-        if kind == "stop":
+        if driver.kind == "stop":
             return np.asarray(lead)
-        q = self.q[:, self.joints.index(joint)]
+        q = self.q[:, self.joints.index(driver.place)]
         return np.asarray(lead - line_of_full_loop(q, half_width, *ends))
 
 
@@ -198,6 +197,3 @@ def _stacked(parts: Sequence[Array]) -> Array:
     """Blocks of rows end to end; one that needs fewer readings is filled up with zeros."""
     most = max(part.shape[1] for part in parts)
     return np.concatenate([np.pad(p, ((0, 0), (most - p.shape[1], 0), (0, 0))) for p in parts])
-
-
-__all__ = ["WIDE", "Rows", "Signals", "recording_of", "signals"]

@@ -17,10 +17,10 @@ from truepose.identification.report.numbers import finer, known, significant, un
 _ROLES = (("calibration rows", 0, style.AFTER, ""), ("validation rows", 1, style.ACCENT, "/"))
 
 
-def fit_bars(columns: Sequence[FitColumn], noise: Mapping[str, float]) -> go.Figure:
-    """Grouped bars of every fit: rms in sigma, then rms by kind with the stated noise as a line."""
+def fit_bars(columns: Sequence[FitColumn], noise: Mapping[str, float], own: Mapping[str, str]) -> go.Figure:
+    """Grouped bars of every fit: rms in sigma, then rms by kind (in units ``own``) with the stated noise as a line."""
     kinds = list(dict.fromkeys(kind for column in columns for kind in column.rms))
-    units = {kind: _display(kind, [c.rms[kind] for c in columns if kind in c.rms]) for kind in kinds}
+    units = {kind: _display(own[kind], [c.rms[kind] for c in columns if kind in c.rms]) for kind in kinds}
     titles = ["in units of the stated sigma", *kinds]
     figure = make_subplots(1, len(titles), subplot_titles=titles, horizontal_spacing=0.09)
     lines = [1.0, *(_times(noise.get(kind), units[kind][0]) for kind in kinds)]
@@ -63,10 +63,10 @@ def _bars(
     )
 
 
-def _display(kind: str, values: Sequence[float]) -> tuple[float, str]:
+def _display(own: str, values: Sequence[float]) -> tuple[float, str]:
     """Factor and unit in which the largest of some rms values reads well."""
     largest = max((abs(v) for v in values if math.isfinite(v)), default=1.0)
-    factor, unit = finer(largest, "rad" if kind == "rotation" else "mm")
+    factor, unit = finer(largest, own)
     return factor, unit_symbol(unit)
 
 

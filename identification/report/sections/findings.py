@@ -9,6 +9,7 @@ from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.document import Block, Card, Items, Plot, Section, Table, Text
 from truepose.identification.report.numbers import known, p_value, percent, significant, uncertain
+from truepose.wording import shortened
 
 MANY = 12
 
@@ -42,9 +43,7 @@ def findings_section(diagnosis: Diagnosis) -> Section:
 
 def outlier_words(rows: Sequence[int]) -> str:
     """Rows that were set aside."""
-    shown = ", ".join(str(row) for row in rows[:30]) + (
-        f" and {len(rows) - 30} more" if len(rows) > 30 else ""
-    )
+    shown = shortened([str(row) for row in rows], 30)
     return (
         f"Outliers: {words.several(len(rows), 'row')} (first line of data is row 1) lie so far from all"
         f" others that chance would not put them there: {shown}. They were not fitted."
@@ -62,7 +61,7 @@ def _remainder(diagnosis: Diagnosis) -> Text:
     assert left is not None
     return Text(
         f"What remains unexplained: residuals of {significant(left.size_sigma)} sigma rms, which seem to"
-        f" {words.follows(left)}. Form: {left.form}."
+        f" {words.follows(left)}. Form: {words.form_words(left)}."
     )
 
 
@@ -89,7 +88,9 @@ def _alarms(diagnosis: Diagnosis) -> Table:
 def finding_card(diagnosis: Diagnosis, finding: Finding) -> Card:
     """One finding: how large, how sure, what cannot be told from it, what would tell."""
     where = ", ".join(finding.place) or "whole recording"
-    blocks: list[Text | Items | Table | Plot] = [Text(finding.explanation)] if finding.explanation else []
+    blocks: list[Text | Items | Table | Plot] = (
+        [Text(words.explanation(finding))] if finding.explanation else []
+    )
     entry = words.effect_class(finding.effect)
     if entry is not None and entry.formula:
         blocks.append(Text(f"Formula: {entry.formula}. Usual size: {entry.size or 'not stated'}.", "muted"))
@@ -99,9 +100,10 @@ def finding_card(diagnosis: Diagnosis, finding: Finding) -> Card:
     if finding.equivalents:
         blocks.append(_class_table(finding))
     blocks.append(Text(words.tolerance_words(finding), "warn" if finding.prior_dependent else ""))
-    if finding.separating_experiment:
+    experiment = words.separating_experiment(finding)
+    if experiment:
         lead = "To tell them apart" if finding.equivalents else "To check it on the machine"
-        blocks.append(Text(f"{lead}: {finding.separating_experiment.rstrip('.')}."))
+        blocks.append(Text(f"{lead}: {experiment.rstrip('.')}."))
     return Card(
         f"{words.effect_title(finding.effect)} at {where}", blocks, badge=percent(finding.probability)
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,24 +31,23 @@ def fit_section(diagnosis: Diagnosis) -> Section:
 
 def fit_blocks(machine: Machine, fits: Sequence[FitColumn]) -> list[Block]:
     """Table and bars of the fits."""
-    noise = stated_noise(machine)
+    noise, units = stated_noise(machine), machine.residual_units
     caption = (
         "Misfit of each fit: left in units of the stated sigma, right as the length or angle of the whole"
         " error vector. The dashed line is the sensor's stated noise; bars should come down to it, validation"
         " rows (never fitted) with them."
     )
-    return [_fit_table(fits), Plot(fit_figures.fit_bars(fits, noise), caption)]
+    return [_fit_table(fits, units), Plot(fit_figures.fit_bars(fits, noise, units), caption)]
 
 
-def _fit_table(fits: Sequence[FitColumn]) -> Table:
+def _fit_table(fits: Sequence[FitColumn], units: Mapping[str, str]) -> Table:
     rows: list[list[str]] = []
     for role, name in ((0, "calibration rows"), (1, "validation rows")):
         if all(f.sigma[role] is None for f in fits):
             continue
         rows.append([f"rms residual, {name} [σ]", *(significant(f.sigma[role]) for f in fits)])
         for kind in dict.fromkeys(kind for f in fits for kind in f.rms):
-            unit = "rad" if kind == "rotation" else "mm"
-            rows.append([f"rms {kind}, {name}", *(measure(f.rms_of(role, kind), unit) for f in fits)])
+            rows.append([f"rms {kind}, {name}", *(measure(f.rms_of(role, kind), units[kind]) for f in fits)])
     rows.append(["chi2 / degree of freedom", *(significant(f.summary.chi2_per_dof) for f in fits)])
     worst = [f"{f.summary.worst_parameter} {significant(f.summary.worst_parameter_sigma)}" for f in fits]
     rows.append(["farthest parameter [tolerances]", *worst])

@@ -10,7 +10,9 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import gauge
 from truepose.identification.report.document import Block, Items, Section, Table, Text
+from truepose.identification.report.notes import diagnosis_notes
 from truepose.identification.report.numbers import significant
+from truepose.wording import joined
 
 Array = NDArray[np.float64]
 CANDIDATES = 15
@@ -21,7 +23,7 @@ def limits_section(diagnosis: Diagnosis) -> Section:
     fit = diagnosis.after if diagnosis.terms else diagnosis.before
     blocks = limits_blocks(fit)
     same = [
-        f"{words.named(f)}: also {words.joined([words.named(e) for e in f.equivalents], 'or')}"
+        f"{words.named(f)}: also {joined([words.named(e) for e in f.equivalents], 'or')}"
         for f in diagnosis.findings
         if f.equivalents
     ]
@@ -39,12 +41,13 @@ def limits_section(diagnosis: Diagnosis) -> Section:
         rows = [
             ["driver", left.driver or "-"],
             ["place", ", ".join(left.place) or "-"],
-            ["form", left.form],
+            ["form", words.form_words(left)],
             ["size", f"{significant(left.size_sigma)} σ"],
         ]
         blocks.append(Table(["remainder (hypothesised)", ""], rows, text_columns=2))
-    if diagnosis.notes:
-        blocks.append(Items(diagnosis.notes, title="Notes"))
+    notes = diagnosis_notes(diagnosis)
+    if notes:
+        blocks.append(Items(notes, title="Notes"))
     return Section("limits", "What the data cannot tell", blocks)
 
 

@@ -15,6 +15,7 @@ from truepose.identification.report.curves import curves
 from truepose.identification.report.document import Block, Plot, Section, Text
 from truepose.identification.report.drivers import Column, columns, component_groups
 from truepose.identification.report.figures import residuals, style
+from truepose.models.driver import Driver
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -58,7 +59,7 @@ def residual_blocks(
     )
     blocks: list[Block] = [Plot(residuals.size_panels(drivers, drawn), caption)]
     column = _first(drivers, telling)
-    groups = component_groups([c for s in machine.sensors for c in s.channels])
+    groups = component_groups(machine.channels)
     caption = (
         f"Signed residual components against {column.name}, the driver that matters most here: any slope,"
         " wave or step is a systematic error that noise would not make. Before and after stand side by side"
@@ -87,7 +88,7 @@ def _telling(diagnosis: Diagnosis) -> list[str]:
 
 def _drivers_of(diagnosis: Diagnosis, finding: Finding) -> list[str]:
     terms = [t for t in diagnosis.terms if t.effect.slug == finding.effect and t.place == finding.place]
-    return [name.split("~")[0] for t in terms for name in t.drivers]
+    return [Driver.of(name).now.name for t in terms for name in t.drivers]
 
 
 def _first(drivers: Sequence[Column], telling: Sequence[str]) -> Column:

@@ -16,6 +16,8 @@ from truepose.identification.report.document import Block, Plot, Section, Table,
 from truepose.identification.report.figures import style
 from truepose.identification.report.figures import truth as figures
 from truepose.identification.report.numbers import measure, significant
+from truepose.models.parameters import vector_of
+from truepose.wording import joined
 
 Array = NDArray[np.float64]
 DETERMINED = 0.5
@@ -47,16 +49,14 @@ def _verdict(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> Text:
     ]
     lead = "This recording was simulated, so the truth is known (the diagnosis never saw it)."
     if not real:
-        named = f"named all the same: {words.joined(extra)}" if extra else "none was named"
+        named = f"named all the same: {joined(extra)}" if extra else "none was named"
         return Text(
             f"{lead} No physics was left out of the machine file; {named}.", "warn" if extra else "good"
         )
-    said = words.joined(
-        [f"{words.effect_title(slug)} {words.place_words(place)}".strip() for slug, place in real]
-    )
+    said = joined([f"{words.effect_title(slug)} {words.place_words(place)}".strip() for slug, place in real])
     missed = [slug for slug, place in real if (slug, place) not in found]
-    outcome = "all of it was found" if not missed else f"not found under that name: {words.joined(missed)}"
-    more = f"; found beyond it: {words.joined(extra)}" if extra else "; nothing else was named"
+    outcome = "all of it was found" if not missed else f"not found under that name: {joined(missed)}"
+    more = f"; found beyond it: {joined(extra)}" if extra else "; nothing else was named"
     return Text(
         f"{lead} Left out of the machine file: {said}; {outcome}{more}.",
         "good" if not missed and not extra else "warn",
@@ -157,7 +157,7 @@ def _matrix(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> list[Block]:
         )
         blocks.append(
             Plot(
-                figures.matrices(true, found[1], [name.rsplit(".", 1)[0] for name in found[0]], readings),
+                figures.matrices(true, found[1], list(map(vector_of, found[0])), readings),
                 caption,
             )
         )

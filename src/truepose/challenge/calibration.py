@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from scipy.stats import binomtest
 
-from truepose.challenge.intervals import wilson
 from truepose.challenge.score import Statement
-from truepose.charts import Series, write_chart
 
 EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
+
+
+def wilson(hits: int, n: int) -> tuple[float, float]:
+    """95 % Wilson interval of a share ``hits / n``, n > 0 (Wilson 1927)."""
+    low, high = binomtest(hits, n).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 @dataclass(frozen=True)
@@ -46,20 +50,4 @@ def brier(statements: Sequence[Statement]) -> float | None:
     return float(np.mean([(s.probability - s.right) ** 2 for s in statements]))
 
 
-def write_reliability(path: Path, statements: Sequence[Statement], title: str) -> None:
-    """The reliability diagram (SVG). Nothing is written without statements."""
-    bins = reliability(statements)
-    if not bins:
-        return
-    said = [b.said for b in bins]
-    middle = [sum(b.interval) / 2 for b in bins]
-    half = [(b.interval[1] - b.interval[0]) / 2 for b in bins]
-    series = [
-        Series("as said", [0.0, 1.0], [0.0, 1.0], "line"),
-        Series("share that was right", said, [b.hits / b.n for b in bins], "points"),
-        Series("95 % Wilson interval", said, middle, "none", half),
-    ]
-    write_chart(path, title, "probability said", "share that was right", series)
-
-
-__all__ = ["Bin", "brier", "reliability", "write_reliability"]
+__all__ = ["Bin", "brier", "reliability", "wilson"]

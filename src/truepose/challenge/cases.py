@@ -134,7 +134,7 @@ def _without(text: str, columns: Sequence[str]) -> str:
 
 
 def _held_out(machine: Machine, simulated: SimulatedMachine, exact: Array) -> HeldOut:
-    sigma = tuple(channel.sigma for sensor in machine.sensors for channel in sensor.channels)
+    sigma = tuple(channel.sigma for channel in machine.channels)
     truth = tuple(tuple(row) for row in exact.tolist())
     return HeldOut(simulated.columns, simulated.column_units, sigma, truth)
 

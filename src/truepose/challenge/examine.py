@@ -18,10 +18,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from functools import cache
 from pathlib import Path
+
+from joblib import Parallel, delayed
 
 from truepose.challenge import solutions
 from truepose.challenge.cases import Case, draw_case
@@ -110,30 +111,35 @@ def run(
     """Write and sit every case; the seats that could be filled, in order.
 
     ``progress`` hears how many cases are done, of how many, and the latest. ``again`` sits cases anew that have a
-    result; the cases themselves stay.
+    result; the cases themselves stay. Cases are sat by ``jobs`` processes, or by what ``joblib.parallel_config`` names.
     """
     seats = asked.seats
     asked.folder.mkdir(parents=True, exist_ok=True)
     atomic_write_text(asked.folder / SETTINGS, json.dumps(_settings(asked), indent=1) + "\n")
-    if jobs <= 1:
-        for done, seat in enumerate(seats, start=1):
-            one(asked, seat, again)
-            progress(done, len(seats), seat.name)
-    else:
-        with ProcessPoolExecutor(jobs, get_context("spawn"), _load, (asked.plugins,)) as pool:
-            waiting = {pool.submit(one, asked, seat, again): seat for seat in seats}
-            for done, future in enumerate(as_completed(waiting), start=1):
-                future.result()
-                progress(done, len(seats), waiting[future].name)
+    sat = Parallel(max(jobs, 1), return_as="generator_unordered", batch_size=1)(
+        delayed(_seated)(asked, seat, again, os.getpid()) for seat in seats
+    )
+    for done, name in enumerate(sat, start=1):
+        progress(done, len(seats), name)
     return tuple(seat for seat in seats if (asked.folder / "answers" / f"{seat.name}.json").is_file())
 
 
-def _load(plugins: Sequence[Path]) -> None:
+def _seated(asked: Challenge, seat: Seat, again: bool, parent: int) -> str:
+    """Name of a case that is done; a process that is not the parent has no plugins yet."""
+    if os.getpid() != parent:
+        _load(asked.plugins)
+    write_and_sit(asked, seat, again)
+    return seat.name
+
+
+@cache
+def _load(plugins: tuple[Path, ...]) -> None:
+    """Once in a process."""
     for path in plugins:
         load_plugin(path)
 
 
-def one(asked: Challenge, seat: Seat, again: bool) -> None:
+def write_and_sit(asked: Challenge, seat: Seat, again: bool) -> None:
     """Write one case unless it is there, and sit it unless it has a result."""
     folder = asked.folder
     key, case = folder / "answers" / f"{seat.name}.json", folder / "cases" / seat.name
@@ -208,4 +214,4 @@ def sit(case: Path, results: Path, timeout: float, plugins: Sequence[Path] = ())
             (partial / RUN).write_text(json.dumps(about) + "\n", encoding="utf-8")
 
 
-__all__ = ["Challenge", "challenge", "one", "run", "sit"]
+__all__ = ["Challenge", "challenge", "run", "sit", "write_and_sit"]

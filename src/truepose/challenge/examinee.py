@@ -16,13 +16,13 @@ DIAGNOSIS, IMPROVED, PREDICTION = "diagnosis.json", "improved.yaml", "heldout_pr
 
 def sit(plugins: Sequence[str] = ()) -> None:
     """Diagnose and predict in the working directory; ``plugins`` are files that register a user's effects."""
-    from truepose.commands.tables import write_table
-    from truepose.files import atomic_write_text
+    from truepose.files import atomic_write_text, write_table
     from truepose.identification.diagnosis.engine import diagnose
     from truepose.identification.fit.write_machine import write_calibrated
     from truepose.identification.prediction.predict import predict
     from truepose.identification.recording.load import load_recording
-    from truepose.identification.report.results import diagnosis_json, json_text
+    from truepose.identification.report.json_text import json_text
+    from truepose.identification.report.results import diagnosis_json
     from truepose.models.load import load_machine
     from truepose.models.registry import load_plugin
 

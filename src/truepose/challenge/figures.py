@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.challenge.intervals import wilson
+from truepose.challenge.calibration import wilson
 from truepose.challenge.schedule import CONCEALED, LOOK_ALIKE, NULL, OUTSIDE, SINGLE, TWO
 from truepose.challenge.score import Score
 from truepose.challenge.strata import CLEAR

@@ -5,27 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from truepose.challenge.calibration import write_reliability
 from truepose.challenge.examine import RUN, UNDRAWN
 from truepose.challenge.score import read_score
-from truepose.challenge.table import DIAGRAM, Table, document, markdown, table
-from truepose.files import atomic_write_text
-from truepose.identification.report.results import json_text
+from truepose.challenge.score_table import Table, document, markdown, table
+from truepose.files import atomic_directory, atomic_write_text
+from truepose.identification.report.json_text import json_text
 
 
 def tabled(folder: Path, cases: Sequence[str]) -> Table:
-    """Score the cases that were sat; writes table.md, table.json and, where anything was named, reliability.svg."""
+    """Score the cases that were sat; writes table.md and table.json."""
     scores = [read_score(folder, case) for case in cases if (folder / "results" / case / RUN).is_file()]
     missing = [folder / "cases" / f"{case}.{UNDRAWN}" for case in cases]
     undrawn = [
         f"{p.name.split('.')[0]}: {p.read_text(encoding='utf-8').strip()}" for p in missing if p.is_file()
     ]
     found = table(scores, undrawn)
-    atomic_write_text(folder / "table.md", markdown(found))
-    atomic_write_text(folder / "table.json", json_text(document(found)))
-    write_reliability(
-        folder / DIAGRAM, found.statements, "Probabilities of names, and how often they were right"
-    )
+    with atomic_directory(folder) as partial:
+        atomic_write_text(partial / "table.md", markdown(found))
+        atomic_write_text(partial / "table.json", json_text(document(found)))
     return found
 
 

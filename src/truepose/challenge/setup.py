@@ -17,6 +17,7 @@ from truepose.challenge.simulator.campaigns import joined
 from truepose.challenge.simulator.writing import recording_text
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import Driver
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -87,7 +88,7 @@ class Setups:
 
     def of(self, kinds: Sequence[Kind]) -> Setup:
         """Where all of these can be told: sessions and velocities where one of them needs these."""
-        needs = {need.partition(".")[0] for kind in kinds for need in kind.needs}
+        needs = {Driver.of(need).kind for kind in kinds for need in kind.needs}
         sessions = 2 if "session" in needs else self._sessions
         plan = Plan(sessions=sessions, moving="velocity" in needs)
         if plan not in self._known:

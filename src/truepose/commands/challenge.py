@@ -21,7 +21,7 @@ from truepose.commands.common import (
 )
 
 if TYPE_CHECKING:
-    from truepose.challenge.table import Table
+    from truepose.challenge.score_table import Table
 
 CountOption = Annotated[int, typer.Option("-n", "--cases", metavar="N", min=1, help="How many cases.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed that all cases follow from.")]
@@ -63,8 +63,8 @@ def challenge(
     """The blind examination of the diagnosis engine, and its table.
 
     Simulated machines, which share nothing with the catalogue, make recordings with a known imperfection or none;
-    the engine sees machine and recording only. Writes cases/, answers/, results/, table.md, table.json and
-    reliability.svg. A directory that holds results is continued.
+    the engine sees machine and recording only. Writes cases/, answers/, results/, table.md and table.json.
+    A directory that holds results is continued.
 
     Example: truepose challenge -n 12 -o examination
     """
@@ -100,9 +100,9 @@ def _tabled(output: Path, cases: list[str]) -> Table:
 
 
 def _finish(found: Table, output: Path, as_json: bool) -> None:
-    from truepose.challenge.table import DIAGRAM, document, lines
+    from truepose.challenge.score_table import document, lines
 
-    files = [str(output / name) for name in ("table.md", "table.json", DIAGRAM) if (output / name).is_file()]
+    files = [str(output / name) for name in ("table.md", "table.json")]
     whole = document(found)
     summary = {
         "command": "challenge",

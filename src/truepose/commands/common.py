@@ -54,8 +54,11 @@ PluginOption = Annotated[
 @contextlib.contextmanager
 def reported(plugins: Sequence[Path] | None = None) -> Iterator[None]:
     """Load plugins, run the block, and turn an error a user can mend into one line and an exit code."""
+    from truepose.models.registry import load_plugin
+
     try:
-        _load_plugins(plugins or ())
+        for path in plugins or ():
+            load_plugin(path)
         yield
     except ConvergenceError as exc:
         fail(str(exc), NOT_CONVERGED)
@@ -67,18 +70,6 @@ def fail(message: str, code: int) -> None:
     """One line on standard error, then out."""
     typer.echo("error: " + " ".join(message.splitlines()), err=True)
     raise typer.Exit(code)
-
-
-def _load_plugins(plugins: Iterable[Path]) -> None:
-    from truepose.models.registry import load_plugin
-
-    for path in plugins:
-        try:
-            load_plugin(path)
-        except TrueposeError:
-            raise
-        except Exception as exc:  # a user's own code may raise anything
-            raise InputError(f"{path}: the plugin cannot be loaded: {type(exc).__name__}: {exc}") from exc
 
 
 @contextlib.contextmanager
@@ -107,7 +98,7 @@ def progress(label: str) -> Iterator[Callable[[str], None]]:
 def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str], *, as_json: bool) -> None:
     """The end of a command: the JSON summary alone, or plain lines with notes on standard error."""
     if as_json:
-        from truepose.identification.report.results import json_text
+        from truepose.identification.report.json_text import json_text
 
         typer.echo(json_text({**summary, "notes": list(notes)}), nl=False)
         return

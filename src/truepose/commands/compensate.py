@@ -17,12 +17,10 @@ from truepose.commands.common import (
     progress,
     reported,
 )
-from truepose.commands.tables import write_table
+from truepose.files import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from truepose.identification.compensation.compensate import Compensation
 
 PathArg = Annotated[
     Path,
@@ -60,6 +58,7 @@ def compensate(
         from truepose.identification.compensation import compensate as compensation
         from truepose.identification.compensation.path_table import commands, load_path
         from truepose.identification.prediction.predict import unheard
+        from truepose.identification.report.compensation_words import compensation_json, compensation_lines
         from truepose.models.load import load_machine
 
         check_file(output)
@@ -69,8 +68,10 @@ def compensate(
             found = compensation.compensate(loaded, rows, method=method)  # type: ignore[arg-type]
             _write(output, commands(table, loaded, found))
         how = {"method": method, "solved_by": found.solved_by}
-        summary = {"command": "compensate", **how, **_figures(found), "files": [str(output)]}
-        finish(summary, _lines(found, output), [*rows.notes, *unheard(loaded, rows)], as_json=as_json)
+        summary = {"command": "compensate", **how, **compensation_json(found), "files": [str(output)]}
+        finish(
+            summary, compensation_lines(found, output), [*rows.notes, *unheard(loaded, rows)], as_json=as_json
+        )
 
 
 def _write(path: Path, frame: pd.DataFrame) -> None:
@@ -81,37 +82,3 @@ def _write(path: Path, frame: pd.DataFrame) -> None:
         write_table(path, frame)
     else:
         atomic_write_text(path, csv_text(frame))
-
-
-def _figures(found: Compensation) -> dict[str, object]:
-    """Rows, largest pose errors as the calibrated model predicts them, largest change of each command."""
-    import numpy as np
-
-    def largest(twists: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> dict[str, object]:
-        norms = [np.linalg.norm(twists[:, part], axis=1) for part in (slice(0, 3), slice(3, 6))]
-        return {
-            "position": {"value": float(np.max(norms[0])), "unit": "mm"},
-            "rotation": {"value": float(np.max(norms[1])), "unit": "rad"},
-        }
-
-    change = np.max(np.abs(found.command - found.nominal), axis=0)
-    return {
-        "rows": len(found.command),
-        "largest_error": {"before": largest(found.before), "after": largest(found.after)},
-        "largest_correction": dict(zip(found.readings, change.tolist(), strict=True)),
-    }
-
-
-def _lines(found: Compensation, output: Path) -> list[str]:
-    import numpy as np
-
-    def words(twists: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
-        position = np.max(np.linalg.norm(twists[:, :3], axis=1))
-        rotation = np.degrees(np.max(np.linalg.norm(twists[:, 3:], axis=1)))
-        return f"{position:.4g} mm, {rotation:.4g} deg"
-
-    return [
-        f"{output}: {len(found.command)} rows, solved by {found.solved_by}",
-        f"  largest pose error, as the calibrated model has it: {words(found.before)} with the path's commands, "
-        f"{words(found.after)} with these",
-    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -98,28 +98,6 @@ class Request:
         return asked
 
 
-def request(
-    pair: tuple[str, str] | None,
-    rivals: Sequence[str] | None,
-    diagnosis: Path | None,
-    payload: str,
-    temperatures: Sequence[str] | None,
-    vary: Sequence[str] | None,
-    recorded: Sequence[Path] | None,
-    targets: Sequence[str] | None,
-) -> Request:
-    """The options as they came."""
-    named = tuple(f"temperature.{text}" for text in temperatures or ()) + tuple(vary or ())
-    return Request(
-        (*(pair or ()), *(rivals or ())),
-        diagnosis,
-        payload,
-        named,
-        tuple(recorded or ()),
-        tuple(targets or ()),
-    )
-
-
 def run(
     machine: Machine,
     n: int,
@@ -133,9 +111,9 @@ def run(
     from truepose.identification.planning.discriminate.explanations import Class, class_of, explanation
     from truepose.identification.planning.discriminate.factors import Offer
     from truepose.identification.planning.discriminate.targets import Target
-    from truepose.identification.planning.pose_file import experiment_table
     from truepose.identification.recording.load import load_recording
     from truepose.identification.report.experiment_words import experiment_json, sentences
+    from truepose.identification.report.pose_tables import experiment_table
 
     if asked.diagnosis is not None:
         wanted = class_of(asked.diagnosis, machine, asked.names)

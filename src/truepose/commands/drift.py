@@ -60,7 +60,7 @@ def drift(
     with reported(plugin):
         from truepose.identification.drift.analysis import drift as run
         from truepose.identification.recording.load import load_recording
-        from truepose.identification.report.drift_words import drift_json, drift_lines
+        from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
         from truepose.models.load import load_machine
 
         if output is not None:
@@ -69,28 +69,25 @@ def drift(
         with progress("comparing recordings") as say:
             loaded = load_machine(machine)
             recording = load_recording(loaded, recordings)
-            found = run(loaded, recording, accuracy=wanted, progress=say)
+            accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
+            found = run(loaded, recording, accuracy=accepted, progress=say)
             files = [] if output is None else _write(found, output)
         summary = {"command": "drift", **drift_json(found), "files": files}
-        finish(summary, [*drift_lines(found), *files], found.notes, as_json=as_json)
+        finish(summary, [*drift_lines(found), *files], drift_notes(found), as_json=as_json)
 
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:
-    """Residuals by kind (mm, rad) that are good enough."""
+    """Residuals that are good enough, by their unit (mm, rad)."""
     from truepose.models.units import compatible, convert, parse_unit
 
     out: dict[str, float] = {}
     for text in texts:
         match = _QUANTITY.match(text)
-        if match is None:
+        unit = parse_unit(match["unit"], "any", f"--accuracy {text}") if match else ""
+        internal = next((known for known in ("mm", "rad") if compatible(unit, known)), None)
+        if match is None or internal is None:
             raise InputError(f"--accuracy: found {text!r}, expected a length or an angle such as '50 nm'")
-        unit = parse_unit(match["unit"], "any", f"--accuracy {text}")
-        if compatible(unit, "mm"):
-            out |= dict.fromkeys(("position", "distance"), convert(float(match["value"]), unit, "mm"))
-        elif compatible(unit, "rad"):
-            out["rotation"] = convert(float(match["value"]), unit, "rad")
-        else:
-            raise InputError(f"--accuracy: found {text!r}, expected a length or an angle such as '50 nm'")
+        out[internal] = convert(float(match["value"]), unit, internal)
     return out
 
 
@@ -99,7 +96,7 @@ def _write(found: Drift, output: Path) -> list[str]:
     from truepose.files import atomic_directory, atomic_write_text
     from truepose.identification.report.drift_page import drift_html
     from truepose.identification.report.drift_words import drift_json
-    from truepose.identification.report.results import json_text
+    from truepose.identification.report.json_text import json_text
 
     with atomic_directory(output) as partial:
         atomic_write_text(partial / "drift.json", json_text(drift_json(found)))

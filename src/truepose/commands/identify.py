@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,8 +20,6 @@ from truepose.commands.common import (
     reported,
     written,
 )
-from truepose.commands.words import calibration_lines, diagnosis_lines, diagnosis_summary
-from truepose.errors import InputError
 
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
@@ -69,7 +68,9 @@ def calibrate(
     """
     with reported(plugin):
         from truepose.identification.fit.calibrate import calibrate as run
-        from truepose.identification.recording.load import load_recording
+        from truepose.identification.fringes.load import load_recording
+        from truepose.identification.report.results import calibration_json
+        from truepose.identification.report.terminal import calibration_lines
         from truepose.models.load import load_machine
 
         check_directory(output)
@@ -77,10 +78,10 @@ def calibrate(
             loaded = load_machine(machine)
             rows = load_recording(loaded, recordings, irradiance=irradiance or (), progress=say)
             result = run(loaded, rows, estimator=estimator, solver=solver, progress=say)
-            names = write_calibration(result, output)
-        fit = result.fit_json
+            fit = calibration_json(result)
+            names = write_calibration(result, fit, output)
         summary = {"command": "calibrate", **{k: fit[k] for k in _BRIEF}, "files": written(output, names)}
-        finish(summary, calibration_lines(result, output), result.notes, as_json=as_json)
+        finish(summary, calibration_lines(result, fit, output), result.notes, as_json=as_json)
 
 
 _BRIEF = (
@@ -112,7 +113,9 @@ def diagnose(
     """
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
-        from truepose.identification.recording.load import load_recording
+        from truepose.identification.fringes.load import load_recording
+        from truepose.identification.report.notes import diagnosis_notes
+        from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
         from truepose.models.load import load_machine
 
         check_directory(output)
@@ -124,41 +127,37 @@ def diagnose(
         finish(
             diagnosis_summary(result, "diagnose", written(output, names)),
             diagnosis_lines(result, output),
-            result.notes,
+            diagnosis_notes(result),
             as_json=as_json,
         )
 
 
-def write_calibration(result: Calibration, output: Path) -> list[str]:
-    """The three files of a calibration, whole or not at all."""
-    from truepose.files import atomic_directory
+def write_calibration(result: Calibration, document: Mapping[str, object], output: Path) -> list[str]:
+    """The three files of a calibration, whole or not at all; ``document`` is that of ``fit.json``."""
+    from truepose.files import atomic_directory, atomic_write_text
     from truepose.identification.fit.write_machine import write_calibrated
-    from truepose.identification.report import calibration_html
-    from truepose.identification.report.results import json_text
+    from truepose.identification.report.json_text import json_text
+    from truepose.identification.report.pages import calibration_html
 
     with atomic_directory(output) as partial:
         write_calibrated(partial / "calibrated.yaml", result.fit, result.recording)
-        _write(partial / "fit.json", json_text(result.fit_json))
-        _write(partial / "report.html", calibration_html(result.fit, result.free, result.recording))
+        atomic_write_text(partial / "fit.json", json_text(document))
+        atomic_write_text(
+            partial / "report.html", calibration_html(result.fit, result.free, result.recording)
+        )
         return sorted(file.name for file in partial.iterdir())
 
 
 def write_diagnosis(result: Diagnosis, output: Path, truth: dict[str, object] | None = None) -> list[str]:
     """The three files of a diagnosis, whole or not at all; ``truth`` is for the report's last page alone."""
-    from truepose.files import atomic_directory
+    from truepose.files import atomic_directory, atomic_write_text
     from truepose.identification.fit.write_machine import write_calibrated
-    from truepose.identification.report import report_html
-    from truepose.identification.report.results import diagnosis_json, json_text
+    from truepose.identification.report.json_text import json_text
+    from truepose.identification.report.pages import report_html
+    from truepose.identification.report.results import diagnosis_json
 
     with atomic_directory(output) as partial:
-        _write(partial / "diagnosis.json", json_text(diagnosis_json(result)))
+        atomic_write_text(partial / "diagnosis.json", json_text(diagnosis_json(result)))
         write_calibrated(partial / "improved.yaml", result.after, result.recording)
-        _write(partial / "report.html", report_html(result, truth))
+        atomic_write_text(partial / "report.html", report_html(result, truth))
         return sorted(file.name for file in partial.iterdir())
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8", newline="")
-    except OSError as exc:
-        raise InputError(f"{path}: cannot write the file: {exc.strerror}") from exc

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -27,16 +27,11 @@ from truepose.commands.discriminate import (
     TemperatureOption,
     VaryOption,
     WithOption,
-    request,
 )
 from truepose.commands.discriminate import run as run_discriminate
-from truepose.commands.tables import write_table
 from truepose.errors import InputError
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from truepose.identification.planning.plan import Plan
+from truepose.files import write_table
+from truepose.wording import joined
 
 CountOption = Annotated[
     int, typer.Option("-n", "--poses", metavar="N", min=2, help="How many poses.", show_default=False)
@@ -68,8 +63,6 @@ CandidatesOption = Annotated[
         show_default=False,
     ),
 ]
-CROWDED = 0.02
-"""Poses closer than this, in shares of the ranges, are as good as repeats."""
 
 
 def plan(
@@ -103,14 +96,22 @@ def plan(
     Example: truepose plan machine.yaml -n 40 -o poses.csv --diagnosis result/diagnosis.json --payload 0,2.5,5
     """
     with reported(plugin):
-        asked = request(discriminate, rival, diagnosis, payload, temperature, vary, recorded, target)
+        asked = Request(
+            names=(*(discriminate or ()), *(rival or ())),
+            diagnosis=diagnosis,
+            payload=payload,
+            vary=(*(f"temperature.{text}" for text in temperature or ()), *(vary or ())),
+            recorded=tuple(recorded or ()),
+            targets=tuple(target or ()),
+        )
         if asked.wanted:
             _check_calibration_options(method, criterion)
             _discriminate(machine, n, output, asked, candidates, seed, as_json)
             return
         from truepose.identification.planning.plan import plan as run
-        from truepose.identification.planning.pose_file import plan_table
         from truepose.identification.recording.load import load_recording
+        from truepose.identification.report.plan_words import plan_json, plan_lines, plan_notes
+        from truepose.identification.report.pose_tables import plan_table
         from truepose.models.load import load_machine
 
         check_file(output)
@@ -124,11 +125,13 @@ def plan(
                 loaded, n, method=chosen, criterion=criterion, seed=seed, candidates=given, progress=say
             )
             frame = plan_table(found)
-        lines = _lines(found)
-        _write(output, frame, [f"poses of {loaded.name} for calibration: {n}, {chosen}, seed {seed}", *lines])
-        finish(
-            _summary(found, frame, output), [f"{output}: {n} poses", *lines], _notes(found), as_json=as_json
+        lines = plan_lines(found)
+        write_table(
+            output, frame, [f"poses of {loaded.name} for calibration: {n}, {chosen}, seed {seed}", *lines]
         )
+        columns = [str(c) for c in frame.columns]
+        summary = {"command": "plan", **plan_json(found, columns), "files": [str(output)]}
+        finish(summary, [f"{output}: {n} poses", *lines], plan_notes(found), as_json=as_json)
 
 
 def _check_calibration_options(method: str, criterion: str) -> None:
@@ -143,85 +146,15 @@ def _discriminate(
     machine: Path, n: int, output: Path, asked: Request, candidates: Path | None, seed: int, as_json: bool
 ) -> None:
     """The experiment that tells explanations apart, written and told."""
+    from truepose.identification.report.notes import worded
     from truepose.models.load import load_machine
 
     check_file(output)
     with progress("planning") as say:
         loaded = load_machine(machine)
         found, frame, lines, told = run_discriminate(loaded, n, asked, candidates, seed, say)
-    names = " and ".join(e.name for e in found.explanations)
-    _write(output, frame, [f"rows of {loaded.name} to tell {names} apart: {n}, seed {seed}", *lines])
+    names = joined(e.name for e in found.explanations)
+    write_table(output, frame, [f"rows of {loaded.name} to tell {names} apart: {n}, seed {seed}", *lines])
     summary = {"command": "plan", "machine": loaded.name, "seed": seed, "rows": len(frame)}
     summary |= {"columns": [str(c) for c in frame.columns], **told, "files": [str(output)]}
-    finish(summary, [f"{output}: {len(frame)} rows", *lines], found.notes, as_json=as_json)
-
-
-def _write(path: Path, frame: pd.DataFrame, comments: list[str]) -> None:
-    """CSV with comments above the header, or Parquet, which has no place for them."""
-    from truepose.files import atomic_write_text
-
-    if path.suffix.lower() in {".parquet", ".pq"}:
-        write_table(path, frame)
-        return
-    head = "".join(f"# {line}\n" for line in comments)
-    atomic_write_text(path, head + frame.to_csv(index=False, lineterminator="\n"))
-
-
-def _lines(found: Plan) -> list[str]:
-    """What was reached, against random poses."""
-    by_chance = (
-        "leave a direction open" if found.by_chance is None else "{:.4f} +- {:.4f}".format(*found.by_chance)
-    )
-    by_exchange = "" if found.by_exchange is None else f"; by exchange {found.by_exchange:.4f}"
-    lines = [
-        f"criterion {found.criterion.name}: {found.criterion.title} = {found.value:.4f}; random poses "
-        f"{by_chance} ({len(found.random)} sets){by_exchange}"
-    ]
-    if found.shrinkage is not None:
-        lines.append(
-            f"1-sigma of the {found.determined} determined directions: {found.shrinkage:.3f} of what random poses "
-            "leave (geometric mean)"
-        )
-    return lines
-
-
-def _notes(found: Plan) -> list[str]:
-    notes = []
-    unplanned = dict.fromkeys(
-        name.split("~")[0] for effect in found.machine.effects for name in effect.drivers
-    )
-    notes += [
-        f"{name!r} is not planned: effects that depend on it count at its default" for name in unplanned
-    ]
-    if found.left_out:
-        notes.append(f"{found.left_out} candidates were left out: not assembled, or next to a singularity")
-    alike = found.repeats(CROWDED)
-    if 2 * alike >= len(found.q):
-        notes.append(
-            f"{alike} of {len(found.q)} poses repeat others within {CROWDED:.0%} of the ranges: best for the constants "
-            "of this file, but blind to physics that it lacks; --method exchange spreads them"
-        )
-    return notes
-
-
-def _summary(found: Plan, frame: pd.DataFrame, output: Path) -> dict[str, object]:
-    mean, std = found.by_chance or (None, None)
-    random = {"mean": mean, "std": std, "sets": len(found.random)}
-    indices = {f"O{k}": float(getattr(found.indices, f"o{k}")) for k in range(1, 6)}
-    return {
-        "command": "plan",
-        "machine": found.machine.name,
-        "method": found.method,
-        "criterion": found.criterion.name,
-        "seed": found.seed,
-        "poses": len(frame),
-        "columns": [str(c) for c in frame.columns],
-        "value": found.value,
-        "random": random,
-        "exchange": found.by_exchange,
-        "repeats": found.repeats(CROWDED),
-        "determined": found.determined,
-        "shrinkage": found.shrinkage,
-        "observability": indices,
-        "files": [str(output)],
-    }
+    finish(summary, [f"{output}: {len(frame)} rows", *lines], worded(found.notes), as_json=as_json)

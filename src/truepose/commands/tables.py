@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import uuid
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,7 +18,7 @@ from truepose.commands.common import (
     progress,
     reported,
 )
-from truepose.errors import InputError
+from truepose.files import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,24 +102,6 @@ def simulate(
             write_table(output, frame)
         notes = [*rows.notes, *unheard(whole, rows)]
         _finish("simulate", frame, output, notes, as_json)
-
-
-def write_table(path: Path, frame: pd.DataFrame) -> None:
-    """CSV, or Parquet by the file's ending; whole or not at all, floats at full precision."""
-    from truepose.files import atomic_write_text
-
-    if path.suffix.lower() not in {".parquet", ".pq"}:
-        atomic_write_text(path, frame.to_csv(index=False, lineterminator="\n"))
-        return
-    target = path.resolve()
-    partial = target.with_name(f".{target.name}.{uuid.uuid4().hex[:12]}.partial")
-    try:
-        frame.to_parquet(partial, index=False)
-        partial.replace(target)
-    except OSError as exc:
-        raise InputError(f"{path}: cannot write the file: {exc.strerror}") from exc
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _finish(command: str, frame: pd.DataFrame, output: Path, notes: list[str], as_json: bool) -> None:

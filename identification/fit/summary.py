@@ -1,0 +1,74 @@
+"""Figures of a fit: rms of the 3-D norm by kind, validation rms, and the largest parameter against its null."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.fit.estimate import Estimate
+from truepose.models.sensors.base import Channel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """rms by kind (internal units), chi2 per degree of freedom, validation rms, worst parameter."""
+
+    rms: Mapping[str, float]
+    chi2_per_dof: float
+    validation_rms: Mapping[str, float] | None
+    worst_parameter_sigma: float
+    worst_parameter: str
+    worst_allowed: float
+
+
+def rms_by_kind(residual: Array, channels: Sequence[Channel]) -> dict[str, float]:
+    """Root of the mean over rows and points of the squared norm (mm, rad); ``residual`` (n, m) is whitened."""
+    out = {}
+    for kind in dict.fromkeys(channel.kind for channel in channels):
+        squares = []
+        for point in dict.fromkeys(c.point for c in channels if c.kind == kind):
+            at = [k for k, c in enumerate(channels) if c.kind == kind and c.point == point]
+            squares.append(np.sum((residual[:, at] * [channels[k].sigma for k in at]) ** 2, axis=1))
+        values = np.concatenate(squares)
+        out[kind] = (
+            float(np.sqrt(np.mean(values[np.isfinite(values)])))
+            if np.isfinite(values).any()
+            else float("nan")
+        )
+    return out
+
+
+def worst_allowed(fit: Estimate, *, level: float = 0.99, draws: int = 2000, seed: int = 7) -> float:
+    """Bootstrap null of the largest |estimate - nominal| / tolerance: what a true model exceeds once in 1/(1 - level).
+
+    Under a true model the estimate's departure is N(0, S - C), S tolerances and C the posterior covariance.
+    """
+    free = fit.prior.free
+    tolerance = fit.prior.sigma[free]
+    known = np.isfinite(tolerance) & (free < len(fit.machine.parameters))
+    if not known.any():
+        return float("inf")
+    scaled = fit.covariance[np.ix_(known, known)] / np.outer(tolerance[known], tolerance[known])
+    values, vectors = np.linalg.eigh(np.eye(int(known.sum())) - scaled)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    sample = root @ np.random.default_rng(seed).standard_normal((root.shape[1], draws))
+    return float(np.quantile(np.max(np.abs(sample), axis=0), level))
+
+
+def summarise(fit: Estimate, channels: Sequence[Channel], validation: NDArray[np.bool_]) -> FitSummary:
+    """All figures of one fit."""
+    rows = validation & np.isfinite(fit.residual).all(axis=1)
+    away = np.abs(fit.in_tolerances)
+    return FitSummary(
+        rms=rms_by_kind(fit.residual[fit.used], channels),
+        chi2_per_dof=fit.chi2_per_dof,
+        validation_rms=rms_by_kind(fit.residual[rows], channels) if rows.any() else None,
+        worst_parameter_sigma=fit.worst_parameter_sigma,
+        worst_parameter=fit.prior.names[int(np.argmax(away))],
+        worst_allowed=worst_allowed(fit),
+    )

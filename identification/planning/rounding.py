@@ -1,0 +1,41 @@
+"""Planned joint values in the units of the machine file, rounded inside their ranges."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.models.machine import Machine
+from truepose.models.mechanism import Actuator
+from truepose.models.units import UnitSystem, compatible, convert
+
+Array = NDArray[np.float64]
+
+
+def rounded(q: Array, machine: Machine, step: float) -> Array:
+    """Joint values (n, nq) rounded to about ``step`` of their range in the file's units, never out of it."""
+    out = q.copy()
+    for k, actuator in enumerate(machine.mechanism.actuators):
+        if actuator.range is None:
+            continue
+        unit = file_unit(actuator, machine)
+        low, high = (convert(end, actuator.reading_unit, unit) for end in actuator.range)
+        places = decimals(np.array([high - low]), step)
+        values = np.round(convert(q[:, k], actuator.reading_unit, unit), places)
+        out[:, k] = np.clip(convert(values, unit, actuator.reading_unit), *actuator.range)
+    return out
+
+
+def decimals(values: Array, step: float) -> int:
+    """Decimals that resolve ``step`` of the largest value; 0 where all are zero."""
+    if not np.any(values):
+        return 0
+    return int(np.ceil(-np.log10(step * float(np.max(np.abs(values))))))
+
+
+def file_unit(actuator: Actuator, machine: Machine) -> str:
+    """The unit of a joint's column: as recordings of this machine are read."""
+    units = machine.file.units if machine.file else UnitSystem()
+    if units.joint is not None and compatible(units.joint, actuator.reading_unit):
+        return units.joint
+    return {"mm": units.length, "rad": units.angle}.get(actuator.reading_unit, actuator.reading_unit)

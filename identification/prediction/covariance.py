@@ -1,0 +1,90 @@
+"""What a fit knows and does not know, in a form that a machine file can hold and a prediction can use.
+
+C = F F' for the determined part, F lower triangular; directions that neither readings nor tolerances
+determine are kept apart (``unknown``): as numbers of 1e30 they would drown all others. Internal units: mm,
+rad and each effect's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+
+Array = NDArray[np.float64]
+UNSEEN = 1e-6
+"""A reading sees an unknown direction that moves it by more than this share of what single parameters do."""
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Names of what was estimated, factor (n, n) and unknown directions (k, n)."""
+
+    names: tuple[str, ...]
+    factor: Array
+    unknown: Array
+
+    @classmethod
+    def of(cls, names: Sequence[str], scale: Array, root: Array, unknown: Array) -> Covariance:
+        """Of a covariance root root' with ``unknown`` directions, (n, m) and (k, n), in steps of ``scale`` (n,)."""
+        triangle = np.asarray(np.linalg.qr(root.T * scale, mode="r")).T
+        factor = np.zeros((len(names), len(names)))
+        factor[:, : triangle.shape[1]] = triangle
+        return cls(tuple(names), factor, unknown * scale)
+
+    @classmethod
+    def of_tolerances(cls, names: Sequence[str], sigma: Array) -> Covariance:
+        """Independent entries of known 1-sigma; infinite ones are unknown."""
+        finite = np.isfinite(sigma)
+        return cls(tuple(names), np.diag(np.where(finite, sigma, 0.0)), np.eye(len(sigma))[~finite])
+
+    @classmethod
+    def read(cls, section: Mapping[str, Any], where: str) -> Covariance:
+        """From the section of a machine file. InputError when it is not what ``document`` writes."""
+        try:
+            names = tuple(str(name) for name in section["names"])
+            rows = [np.array(str(row).split(), dtype=float) for row in section["factor"]]
+            factor = np.zeros((len(names), len(names)))
+            for k, row in enumerate(rows):
+                factor[k, : k + 1] = row
+            unknown = np.array([str(row).split() for row in section.get("unknown", [])], dtype=float)
+        except (KeyError, TypeError, ValueError, IndexError) as exc:
+            raise InputError(
+                f"{where}: found a covariance that cannot be read ({exc!r}), expected names and factor"
+            ) from None
+        if len(rows) != len(names) or not np.isfinite(factor).all():
+            raise InputError(
+                f"{where}: found {len(rows)} rows of factor, expected {len(names)} of finite numbers"
+            )
+        return cls(names, factor, unknown.reshape(-1, len(names)))
+
+    def document(self) -> dict[str, Any]:
+        """Names, rows of the lower triangle as text, unknown directions as text."""
+        out: dict[str, Any] = {
+            "form": "C = factor factor', factor lower triangular; mm, rad and each effect's own units",
+            "names": list(self.names),
+            "factor": [_text(self.factor[k, : k + 1]) for k in range(len(self.names))],
+        }
+        return {**out, "unknown": [_text(row) for row in self.unknown]} if len(self.unknown) else out
+
+    def std(self, jacobian: Array, scale: Array) -> Array:
+        """1-sigma of quantities with derivative (..., n) by ``names``; inf where an unknown direction shows.
+
+        ``scale`` (n,) is the size of a step of each entry.
+        """
+        out: Array = np.sqrt(np.sum((jacobian @ self.factor) ** 2, axis=-1))
+        if len(self.unknown):
+            size = np.linalg.norm(jacobian * scale, axis=-1)
+            unit = self.unknown / np.linalg.norm(self.unknown / scale, axis=1)[:, None]
+            seen = np.linalg.norm(jacobian @ unit.T, axis=-1) > UNSEEN * size
+            out = np.where(seen, np.inf, out)
+        return out
+
+
+def _text(row: Array) -> str:
+    return " ".join(repr(float(value)) for value in row)

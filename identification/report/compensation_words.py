@@ -1,0 +1,43 @@
+"""What corrected commands change and reach: lines for a terminal, and JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.compensation.compensate import Compensation
+
+
+def compensation_json(found: Compensation) -> dict[str, object]:
+    """Rows, largest pose errors as the calibrated model predicts them, largest change of each command."""
+
+    def largest(twists: NDArray[np.float64]) -> dict[str, object]:
+        norms = [np.linalg.norm(twists[:, part], axis=1) for part in (slice(0, 3), slice(3, 6))]
+        return {
+            "position": {"value": float(np.max(norms[0])), "unit": "mm"},
+            "rotation": {"value": float(np.max(norms[1])), "unit": "rad"},
+        }
+
+    change = np.max(np.abs(found.command - found.nominal), axis=0)
+    return {
+        "rows": len(found.command),
+        "largest_error": {"before": largest(found.before), "after": largest(found.after)},
+        "largest_correction": dict(zip(found.readings, change.tolist(), strict=True)),
+    }
+
+
+def compensation_lines(found: Compensation, output: Path) -> list[str]:
+    """What was written, and the largest pose error with and without it."""
+
+    def words(twists: NDArray[np.float64]) -> str:
+        position = np.max(np.linalg.norm(twists[:, :3], axis=1))
+        rotation = np.degrees(np.max(np.linalg.norm(twists[:, 3:], axis=1)))
+        return f"{position:.4g} mm, {rotation:.4g} deg"
+
+    return [
+        f"{output}: {len(found.command)} rows, solved by {found.solved_by}",
+        f"  largest pose error, as the calibrated model has it: {words(found.before)} with the path's commands, "
+        f"{words(found.after)} with these",
+    ]

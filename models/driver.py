@@ -1,0 +1,102 @@
+"""Drivers: what a recording may log beside the joints, and what effects and plans may read of it.
+
+A name is ``kind.place``, with numbers where it remembers: ``payload``, ``temperature.leg1``, ``temperature.leg1~300``
+(the same through a first-order lag of 300 s), ``stop.q2~0.01``, ``session.after.2``. Here alone names are taken apart.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+SESSION, TIME, TEMPERATURE, VELOCITY, APPROACH = "session", "time", "temperature", "velocity", "approach"
+AIR = f"{TEMPERATURE}.air"
+OF_THE_WAY = ("stop", "loop")
+"""Kinds of what a joint's way leaves behind (``truepose.identification.recording.memory``)."""
+_NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
+_NAME: Final = re.compile(
+    rf"(?P<kind>[^.]+?)(?:\.(?P<place>.+?))?(?P<numbers>(?:~{_NUMBER})*)", flags=re.DOTALL
+)
+_AFTER: Final = re.compile(r"after\.(\d+)")
+_KINDS: Final[Mapping[str, tuple[str, float]]] = {
+    SESSION: ("1", 1.0),
+    TIME: ("s", 0.0),
+    "pressure": ("hPa", 1013.25),
+    "humidity": ("%", 50.0),
+    TEMPERATURE: ("degC", 20.0),
+    "payload": ("kg", 0.0),
+    VELOCITY: ("{reading}/s", 0.0),
+    APPROACH: ("1", 0.0),
+    "stop": ("{reading}", 0.0),
+    "loop": ("{reading}", 0.0),
+    "creep": ("{reading}", 0.0),
+}
+"""Unit, in terms of the joint's reading where there is one, and value where nothing is recorded."""
+
+
+@dataclass(frozen=True)
+class Driver:
+    """One driver. place: the part, joint or mount that it is of; numbers: what a driver that remembers is told."""
+
+    kind: str
+    place: str = ""
+    numbers: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, name: str) -> Driver:
+        """The driver that a column, an effect or a user calls so; any text is a driver of some kind."""
+        found = _NAME.fullmatch(name)
+        if found is None:
+            return cls(name)
+        numbers = tuple(float(text) for text in found["numbers"].split("~")[1:])
+        return cls(found["kind"], found["place"] or "", numbers)
+
+    @property
+    def name(self) -> str:
+        """What it is called in files."""
+        own = f"{self.kind}.{self.place}" if self.place else self.kind
+        return own + "".join("~" + repr(number).removesuffix(".0") for number in self.numbers)
+
+    @property
+    def now(self) -> Driver:
+        """The same without memory: what it would be if it followed at once."""
+        return replace(self, numbers=())
+
+    @property
+    def column(self) -> str:
+        """The column to record for it: ``time`` for creep, the joint for what its way tells, else its own name."""
+        if self.numbers and self.kind in (*OF_THE_WAY, "creep"):
+            return TIME if self.kind == "creep" else self.place
+        return self.now.name
+
+    @property
+    def after(self) -> int | None:
+        """K of ``session.after.K``, which is 1 from the K-th change of session on; None for all others."""
+        found = _AFTER.fullmatch(self.place) if self.kind == SESSION else None
+        return int(found[1]) if found else None
+
+    @property
+    def default(self) -> float:
+        """Its value where nothing is recorded: 20 degC, 1013.25 hPa, 50 %, the latest session, no motion."""
+        return _KINDS.get(self.kind, ("", 0.0))[1]
+
+    def unit(self, joints: Mapping[str, str]) -> str:
+        """Its unit, where readings of joints are in those of ``joints``; empty where nobody knows."""
+        unit = _KINDS.get(self.kind, ("", 0.0))[0]
+        if "{" not in unit:
+            return unit
+        return unit.format(reading=joints[self.place]) if self.place in joints else ""
+
+    def served_by(self, known: Container[str]) -> str:
+        """The column that stands for it: its own where it is ``known``, else that of the air for any temperature."""
+        return AIR if self.thermal and self.name not in known else self.name
+
+    @property
+    def thermal(self) -> bool:
+        """Whether it is the temperature of a place."""
+        return self.kind == TEMPERATURE and bool(self.place)
+
+
+__all__ = ["AIR", "APPROACH", "OF_THE_WAY", "SESSION", "TEMPERATURE", "TIME", "VELOCITY", "Driver"]

@@ -1,0 +1,98 @@
+"""What a physics effect is: shifts at named ports as a function of coefficients, drivers and loads.
+
+To add one, write a file like those in ``truepose.models.effects``: a class with a ``slug``, ``places``,
+``coefficients`` and ``shifts``, registered with ``@effects.add(slug)``. Screening, naming, reporting,
+prediction and the generated C follow from it. At zero coefficients the machine is untouched.
+"""
+
+from __future__ import annotations
+
+import difflib
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from truepose.errors import InputError
+from truepose.models.assembly import displacement_of
+from truepose.models.machine import Machine
+from truepose.models.placed import Physics, Place, Settings
+from truepose.models.registry import Registry
+
+
+@dataclass(frozen=True)
+class Site:
+    """Symbols an effect may use at its place. Readings in column units, drivers in internal units."""
+
+    machine: Machine
+    place: Place
+    settings: Settings
+    c: Mapping[str, ca.SX]
+    q: Mapping[str, ca.SX]
+    z: Mapping[str, ca.SX]
+    values: Mapping[str, ca.SX]
+    loads: Mapping[str, ca.SX] = field(default_factory=dict)
+    states: Mapping[str, ca.SX] = field(default_factory=dict)
+
+    def displacement(self, reading: str) -> ca.SX:
+        """Displacement of a joint before the effect, mm or rad."""
+        return displacement_of(self.machine, reading, self.values, self.q)
+
+    def moved(self, reading: str) -> ca.SX:
+        """Displacement that the reading alone makes: gain * reading, mm or rad."""
+        actuator = self.machine.mechanism.actuator(reading)
+        return (self.values[actuator.gain] if actuator.gain else 1) * self.q[reading]
+
+    def port(self, reading: str) -> str:
+        """Port that adds to a joint's displacement."""
+        return self.machine.mechanism.actuator(reading).displacement
+
+    def value(self, port: str) -> ca.SX:
+        """Present value of a parameter; of a displacement port, the whole displacement."""
+        known = self.machine.ports.get(port)
+        return self.displacement(known.of) if known and known.kind == "displacement" else self.values[port]
+
+    def driver(self, name: str) -> ca.SX:
+        """A recorded driver (payload kg, temperature degC, time s, approach +-1 ...)."""
+        return self.z[name]
+
+    def load(self, port: str, case: str = "") -> ca.SX:
+        """Gravity's conjugate load at a port: N along lengths, N m about angles; a probe ``case`` is 1 kg."""
+        return self.loads[f"{case}{port}"]
+
+    def direction(self, end: str) -> ca.SX:
+        """(3,) unit vector along a universal or spherical joint's child, or along a rod at its end ``R.a``, ``R.b``,
+        in the frame that the joint is fixed in (``truepose.models.states``)."""
+        return ca.vertcat(*(self.states[f"axis.{end}.{axis}"] for axis in "xyz"))
+
+    def turn(self, joint: str) -> ca.SX:
+        """Angle of a passive revolute joint, rad (``truepose.models.states``)."""
+        return self.states[f"turn.{joint}"]
+
+    def seen(self, column: str) -> ca.SX:
+        """What a sensor's column should read, mm or rad (the whole length where readings are changes)."""
+        return self.states[f"seen.{column}"]
+
+    def checked(self, port: str, who: object) -> str:
+        """The port, if this machine has it."""
+        if port not in self.values:
+            close = difflib.get_close_matches(port, self.values, n=2)
+            near = ", ".join(close) or "none"
+            raise InputError(f"effect {who}: found no port {port!r} on {self.machine.name}; close: {near}")
+        return port
+
+
+class Effect(Physics):
+    """A physics term that knows where on a machine it may act."""
+
+    @abstractmethod
+    def places(self, machine: Machine) -> Sequence[Place]:
+        """Where on this machine the effect may act."""
+
+    def screened(self, machine: Machine, place: Place) -> bool:
+        """Whether a diagnosis should look for it there; where not, a user may still state it."""
+        return True
+
+
+effects: Registry[type[Effect]] = Registry("effect", "truepose.models.effects")

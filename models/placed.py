@@ -1,0 +1,161 @@
+"""An effect at a place, as data: what a machine holds of its physics (what effects do: ``truepose.models.effect``)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Protocol
+
+import casadi as ca
+
+SERIES = 24
+"""From so many coefficients on an effect is a series, whose expected sizes are its prior."""
+Place = tuple[str, ...]
+Settings = Mapping[str, float]
+Shifts = Mapping[str, ca.SX]
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One linear amplitude: unit, largest size to expect (prior scale) and physical bounds."""
+
+    name: str
+    unit: str
+    scale: float
+    lower: float = -float("inf")
+    upper: float = float("inf")
+
+
+class Observed(Protocol):
+    """What an effect may ask of a recording to choose its settings."""
+
+    @property
+    def n_sessions(self) -> int: ...
+
+    def driver(self, name: str) -> object | None: ...
+
+
+class Physics(ABC):
+    """A physics term. Class fields describe it to users; methods define it.
+
+    ``machine`` is a ``truepose.models.machine.Machine`` and ``site`` a ``truepose.models.effect.Site``. Both hold
+    placed effects, so that their types have no name down here.
+    """
+
+    slug: ClassVar[str]
+    title: ClassVar[str] = ""
+    formula: ClassVar[str] = ""
+    size: ClassVar[str] = ""
+    look_alikes: ClassVar[tuple[str, ...]] = ()
+    experiment: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    commonness: ClassVar[float] = 1.0
+    """How often machines have it, in terms of the other effects: it decides between explanations that data leave equal."""
+    needs_load: ClassVar[bool] = False
+    settings_add: ClassVar[bool] = False
+    """Whether terms of one place with different settings may stand together (orders) or exclude others."""
+    continuous: ClassVar[tuple[str, ...]] = ()
+    """Settings that are points of a continuum (a lag): one that was found is refined between its neighbours on the grid."""
+    unvaried: ClassVar[str] = ""
+    """Why a recording cannot speak of the effect where ``settings`` offers nothing; empty for the usual reasons."""
+
+    @abstractmethod
+    def coefficients(self, machine: Any, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        """Amplitudes to estimate at a place."""
+
+    @abstractmethod
+    def shifts(self, site: Any) -> Shifts:
+        """What is added at which ports (mm, rad, or the parameter's own unit)."""
+
+    def drivers(self, machine: Any, place: Place, settings: Settings) -> tuple[str, ...]:
+        """Columns beyond the joints that the formula reads."""
+        return ()
+
+    def explain(self, machine: Any, place: Place) -> str:
+        """One sentence in plain words for the finding."""
+        return f"{self.title or self.slug} at {', '.join(place)}"
+
+    def reads_load(self, settings: Settings) -> bool:
+        """Whether the formula reads gravity loads with these settings."""
+        return self.needs_load
+
+    def settings(self, machine: Any, place: Place, recording: Observed) -> Sequence[Settings]:
+        """Constants the formula is not linear in (order of a harmonic, lag): one candidate each."""
+        return ({},)
+
+    def weight(self, settings: Settings) -> float:
+        """How likely settings are among those of a place, relative to each other."""
+        return 1.0
+
+    def twins(self, settings: Settings) -> Mapping[str, float]:
+        """Effects whose signature is the same function here, with how likely each is relative to this one."""
+        return {}
+
+    def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
+        """What the fitted coefficients say, in words; empty where the numbers speak for themselves."""
+        return ""
+
+
+@dataclass(frozen=True)
+class PlacedEffect:
+    """An effect at a place with its settings and coefficient values."""
+
+    effect: Physics
+    place: Place
+    settings: tuple[tuple[str, float], ...] = ()
+    coefficients: tuple[Coefficient, ...] = ()
+    drivers: tuple[str, ...] = ()
+    amplitudes: tuple[float, ...] = ()
+    spread: float = 100.0
+    """Prior 1-sigma of the coefficients in a fit, in units of their scale."""
+
+    @classmethod
+    def at(
+        cls,
+        effect: Physics,
+        machine: Any,
+        place: Place,
+        settings: Settings | None = None,
+        values: Mapping[str, float] | None = None,
+    ) -> PlacedEffect:
+        """Bind an effect to a place; coefficient values default to 0."""
+        fixed = dict(settings or {})
+        coefficients = effect.coefficients(machine, place, fixed)
+        amplitudes = tuple(float((values or {}).get(c.name, 0.0)) for c in coefficients)
+        drivers = effect.drivers(machine, place, fixed)
+        spread = 1.0 if len(coefficients) >= SERIES else 100.0
+        return cls(effect, place, tuple(sorted(fixed.items())), coefficients, drivers, amplitudes, spread)
+
+    @property
+    def settings_map(self) -> Settings:
+        """Settings by name."""
+        return dict(self.settings)
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Coefficient values by name."""
+        return dict(zip((c.name for c in self.coefficients), self.amplitudes, strict=True))
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the coefficients among all parameters."""
+        return tuple(f"{self.label}:{c.name}" for c in self.coefficients)
+
+    @property
+    def needs_load(self) -> bool:
+        """Whether the formula reads gravity loads."""
+        return self.effect.reads_load(self.settings_map)
+
+    @property
+    def label(self) -> str:
+        """``slug@place+place`` with settings, unique within a machine."""
+        tail = "".join(f",{name}={value:g}" for name, value in self.settings)
+        return f"{self.effect.slug}@{'+'.join(self.place)}{tail}"
+
+    def with_values(self, amplitudes: Sequence[float]) -> PlacedEffect:
+        """The same effect with other coefficient values, in order."""
+        return replace(self, amplitudes=tuple(float(a) for a in amplitudes))
+
+    def __str__(self) -> str:
+        return self.label

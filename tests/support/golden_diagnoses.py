@@ -1,0 +1,172 @@
+"""What a diagnosis says, in short, and what of it has changed.
+
+Kept are verdict, alarms, names, places, classes, probabilities, fitted sizes and the proof. Texts are not kept, nor
+anything that another processor may round to something else.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+Json = Mapping[str, Any]
+PROBABILITY = 0.05
+"""How far a probability, or the p of an alarm, may move."""
+SIZE = 0.5
+"""How far a fitted size may move, in its own 1-sigma."""
+RATIO = 0.05
+"""How far a held-out ratio may move, as a share of it."""
+LEAST = 0.02
+"""Candidates that are less probable are not kept."""
+
+
+def summary(document: Json) -> dict[str, Any]:
+    """What is kept of ``diagnosis.json``. Lists have an order of their own, so that equal probabilities cannot swap."""
+    return {
+        "verdict": document["verdict"],
+        "concealed": document["concealed"],
+        "alarms": {name: _alarm(alarm) for name, alarm in document["alarms"].items()},
+        "findings": {_name(f): _finding(f) for f in sorted(document["findings"], key=_name)},
+        "remainder": _remainder(document["remainder"]),
+        "candidates": {k: p for k, p in _probabilities(document["candidates"]).items() if p >= LEAST},
+        "untestable": sorted({u["effect"] for u in document["untestable"]}),
+        "proof": _proof(document["proof"]),
+    }
+
+
+def text(kept: Json) -> str:
+    """The content of ``expected.json``."""
+    return json.dumps(kept, indent=1, ensure_ascii=False) + "\n"
+
+
+def changes(old: Json, new: Json) -> list[str]:
+    """What differs between two summaries by more than it may, a sentence each."""
+    out = [
+        f"the {key} was {_told(old[key])} and is {_told(new[key])}"
+        for key in ("verdict", "concealed", "remainder")
+        if old[key] != new[key]
+    ]
+    out += _alarms(old["alarms"], new["alarms"])
+    out += _names("finding", old["findings"], new["findings"])
+    for name in sorted(old["findings"].keys() & new["findings"].keys()):
+        out += [f"{name}: {said}" for said in _finding_changes(old["findings"][name], new["findings"][name])]
+    out += [f"candidate {said}" for said in _moved(old["candidates"], new["candidates"])]
+    out += _names("untestable effect", old["untestable"], new["untestable"])
+    return [*out, *_proof_changes(old["proof"], new["proof"])]
+
+
+def _name(entry: Json) -> str:
+    return f"{entry['effect']}@{'+'.join(entry['place'])}"
+
+
+def _probabilities(entries: Sequence[Json]) -> dict[str, float]:
+    """Probability of each name: settings of one effect at one place count together."""
+    total: dict[str, float] = {}
+    for entry in entries:
+        total[_name(entry)] = total.get(_name(entry), 0.0) + float(entry["probability"])
+    return {name: _short(total[name]) for name in sorted(total)}
+
+
+def _short(value: float) -> float:
+    return round(float(value), 3)
+
+
+def _alarm(alarm: Json) -> dict[str, Any]:
+    return {"raised": alarm["raised"], "p": _short(alarm["p"])}
+
+
+def _finding(finding: Json) -> dict[str, Any]:
+    return {
+        "probability": _short(finding["probability"]),
+        "certainty": _short(finding["certainty"]),
+        "prior_dependent": finding["prior_dependent"],
+        "equivalents": _probabilities(finding["equivalents"]),
+        "parameters": {
+            name: {"value": _digits(q["value"]), "std": _digits(q["std"]), "unit": q["unit"]}
+            for name, q in sorted(finding["parameters"].items())
+        },
+    }
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
+def _remainder(left: Json | None) -> dict[str, Any] | None:
+    if left is None:
+        return None
+    # what follows the first semicolon tells shares in whole percent, which may round otherwise elsewhere
+    return {"place": left["place"], "driver": left["driver"], "form": left["form"].partition(";")[0]}
+
+
+def _proof(proof: Json | None) -> dict[str, Any] | None:
+    if proof is None:
+        return None
+    return {
+        "held_out": proof["held_out"],
+        "ratio": _short(proof["ratio"]),
+        "blocks": {b["name"]: {"rows": b["rows"], "ratio": _short(b["ratio"])} for b in proof["blocks"]},
+        "injected_recovered": proof["injected_recovered"],
+    }
+
+
+def _told(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _names(what: str, old: Iterable[str], new: Iterable[str]) -> list[str]:
+    gone, added = sorted(set(old) - set(new)), sorted(set(new) - set(old))
+    return [f"{what} {name} is gone" for name in gone] + [f"{what} {name} is new" for name in added]
+
+
+def _moved(old: Mapping[str, float], new: Mapping[str, float]) -> list[str]:
+    """Probabilities that moved; what is not kept counts as 0."""
+    pairs = {name: (old.get(name, 0.0), new.get(name, 0.0)) for name in sorted({*old, *new})}
+    return [
+        f"{name}: the probability was {a:.3f} and is {b:.3f}"
+        for name, (a, b) in pairs.items()
+        if abs(a - b) > PROBABILITY
+    ]
+
+
+def _alarms(old: Json, new: Json) -> Iterator[str]:
+    for name in sorted({*old, *new}):
+        a, b = old.get(name), new.get(name)
+        if a is None or b is None or a["raised"] != b["raised"] or abs(a["p"] - b["p"]) > PROBABILITY:
+            yield f"the alarm {name} was {_told(a)} and is {_told(b)}"
+
+
+def _finding_changes(old: Json, new: Json) -> Iterator[str]:
+    for key in ("probability", "certainty"):
+        if abs(old[key] - new[key]) > PROBABILITY:
+            yield f"the {key} was {old[key]:.3f} and is {new[key]:.3f}"
+    if old["prior_dependent"] != new["prior_dependent"]:
+        yield f"prior_dependent was {_told(old['prior_dependent'])} and is {_told(new['prior_dependent'])}"
+    yield from _names("equivalent", old["equivalents"], new["equivalents"])
+    yield from (f"equivalent {said}" for said in _moved(old["equivalents"], new["equivalents"]))
+    yield from _names("parameter", old["parameters"], new["parameters"])
+    for name in sorted(old["parameters"].keys() & new["parameters"].keys()):
+        a, b = old["parameters"][name], new["parameters"][name]
+        if a["unit"] != b["unit"] or abs(a["value"] - b["value"]) > SIZE * a["std"]:
+            yield f"{name} was {a['value']:g} +- {a['std']:g} {a['unit']} and is {b['value']:g} {b['unit']}"
+
+
+def _proof_changes(old: Json | None, new: Json | None) -> Iterator[str]:
+    if old is None or new is None:
+        if old != new:
+            yield f"the proof was {_told(old)} and is {_told(new)}"
+        return
+    for key in ("held_out", "injected_recovered"):
+        if old[key] != new[key]:
+            yield f"proof: {key} was {_told(old[key])} and is {_told(new[key])}"
+    yield from (f"proof: {said}" for said in _names("block", old["blocks"], new["blocks"]))
+    whole = (
+        {"all rows": {"rows": None, "ratio": old["ratio"]}},
+        {"all rows": {"rows": None, "ratio": new["ratio"]}},
+    )
+    before, after = {**old["blocks"], **whole[0]}, {**new["blocks"], **whole[1]}
+    for name in sorted(before.keys() & after.keys()):
+        a, b = before[name], after[name]
+        if a["rows"] != b["rows"] or abs(a["ratio"] - b["ratio"]) > RATIO * a["ratio"]:
+            yield f"proof: held-out {name} had {a['rows']} rows at ratio {a['ratio']} and has {b['rows']} at {b['ratio']}"

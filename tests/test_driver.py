@@ -1,0 +1,105 @@
+"""A driver's name says its kind, place and memory; its unit and default are the same wherever it is met."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truepose.codegen.c import generate
+from truepose.identification.planning.discriminate.factors import Offer, factors
+from truepose.identification.recording.load import load_recording
+from truepose.identification.report.drivers import columns
+from truepose.models.driver import AIR, Driver
+from truepose.models.effects.base import Coefficient, Effect, PlacedEffect
+from truepose.models.kinematics import driver_default
+from truepose.models.load import load_machine
+
+KINDS = ("payload", "pressure", "humidity", "temperature", "approach", "velocity", "session", "time", "tilt")
+PLACES = st.one_of(st.just(""), st.from_regex(r"[a-z][a-z0-9_]{0,6}(\.[a-z]{1,3})?", fullmatch=True))
+JOINTS = {"q1": "rad", "slide": "mm", "motor": "turn"}
+ARM = """
+schema: truepose/machine/1
+name: arm
+mechanism: {type: serial, joints: [{name: q1, kind: revolute, r: 300, range: [-150, 150]}]}
+sensor: {type: position, sigma: {xyz: 0.02}}
+"""
+
+
+@given(st.sampled_from(KINDS), PLACES, st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=3))
+def test_a_driver_is_read_back_from_its_name(kind: str, place: str, numbers: list[float]) -> None:
+    driver = Driver(kind, place, tuple(numbers))
+    assert Driver.of(driver.name) == driver
+    assert Driver.of(driver.name).now == Driver(kind, place)
+
+
+@given(st.text())
+def test_any_text_is_a_driver_of_some_kind(name: str) -> None:
+    driver = Driver.of(name)
+    assert Driver.of(driver.name) == driver and np.isfinite(driver.default)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "default"),
+    [
+        ("humidity", "%", 50.0),
+        ("pressure", "hPa", 1013.25),
+        ("temperature.arm~300", "degC", 20.0),
+        ("session.after.2", "1", 1.0),
+        ("velocity.q1", "rad/s", 0.0),
+        ("stop.slide~0.1", "mm", 0.0),
+        ("creep.motor~2", "turn", 0.0),
+        ("velocity.elsewhere", "", 0.0),
+        ("tilt.column", "", 0.0),
+    ],
+)
+def test_unit_and_default_follow_from_the_kind(name: str, unit: str, default: float) -> None:
+    driver = Driver.of(name)
+    assert (driver.unit(JOINTS), driver.default) == (unit, default)
+
+
+def test_the_air_serves_temperatures_alone() -> None:
+    assert Driver.of("temperature.arm").served_by({AIR}) == AIR
+    assert Driver.of("temperature.arm").served_by({AIR, "temperature.arm"}) == "temperature.arm"
+    assert Driver.of("pressure").served_by({AIR}) == "pressure"
+
+
+class Swelling(Effect):
+    """A base that swells with the humidity."""
+
+    slug = "swelling"
+
+    def places(self, machine: object) -> list[tuple[str, ...]]:
+        return [("base",)]
+
+    def coefficients(self, machine: object, place: object, settings: object) -> tuple[Coefficient, ...]:
+        return (Coefficient("k", "mm/%", 1e-3),)
+
+    def drivers(self, machine: object, place: object, settings: object) -> tuple[str, ...]:
+        return ("humidity",)
+
+    def shifts(self, site):  # type: ignore[no-untyped-def]
+        return {"base.motion.z": site.c["k"] * site.driver("humidity")}
+
+
+def test_humidity_is_known_wherever_a_driver_is_met(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text(ARM, encoding="utf-8")
+    machine = load_machine(tmp_path / "arm.yaml")
+    wet = machine.with_effects((PlacedEffect.at(Swelling(), machine, ("base",)),))
+    frame = pd.DataFrame(
+        {"q1": [0.0, 9.0, 30.0], "x": 300.0, "y": 0.0, "z": 0.0, "humidity [1]": [0.4, 0.5, 0.6]}
+    )
+    frame.to_csv(tmp_path / "rows.csv", index=False)
+    recording = load_recording(machine, [tmp_path / "rows.csv"])
+    humidity = recording.driver("humidity")
+    assert humidity is not None and np.allclose(humidity, [40.0, 50.0, 60.0])
+    assert [c.title for c in columns(machine, recording) if c.name == "humidity"] == ["humidity [%]"]
+    (factor,) = factors(machine, wet.effects, Offer({}))
+    assert factor.nominal == driver_default(machine, "humidity") and factor.nominal in factor.levels
+    assert not factor.offered and np.ptp(factor.levels) > 0
+    generate(wet, tmp_path / "c")
+    assert "arm_Z_humidity 0 /* %: humidity */" in (tmp_path / "c" / "arm_kin.h").read_text(encoding="utf-8")
