@@ -13,9 +13,11 @@ from typing import Any, NoReturn, cast
 import pandas as pd
 import pytest
 
-from truepose.commands import challenge, common, identify, tables, words
+from truepose import files
+from truepose.commands import challenge, common
 from truepose.errors import InputError
-from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.diagnosis.result import Diagnosis, Form
+from truepose.identification.report import terminal as words
 
 
 def finding(probability: float, parameters: int) -> SimpleNamespace:
@@ -34,6 +36,8 @@ def finding(probability: float, parameters: int) -> SimpleNamespace:
         explanation="They have play.",
         parameters=numbers,
         equivalents=rivals,
+        failing=False,
+        pile=1,
     )
 
 
@@ -62,12 +66,15 @@ def test_a_finding_is_told_with_its_first_numbers_and_its_rivals(parameters: int
 
 
 def test_what_has_no_name_is_told_by_what_it_follows() -> None:
-    remainder = SimpleNamespace(driver="temperature.air", form="a line")
+    remainder = SimpleNamespace(driver="temperature.air", form=Form("linear", 0.4), place=())
     found = diagnosis("unknown", finding(0.5, 1), concealed=True, remainder=remainder, outlier_rows=(3, 17))
     lines = words.diagnosis_lines(found, Path("out"))
     assert lines[0] == "arm: something is missing, unnamed, though the ordinary fit looked good"
     assert "  backlash at q1, q2 (probability 50.0 %): They have play." in lines
-    assert "  remainder follows temperature.air: a line" in lines
+    assert (
+        "  remainder follows temperature.air: linear in temperature.air; explains 40 % of the remainder; hypothesised"
+        in lines
+    )
     assert "  rows left out as outliers: 3, 17" in lines
 
 
@@ -98,8 +105,8 @@ def test_progress_is_shown_on_a_terminal_only_and_never_on_standard_output(
 @pytest.mark.parametrize(
     ("name", "write"),
     [
-        ("table.parquet", lambda path: tables.write_table(path, pd.DataFrame({"a": [1.0]}))),
-        ("fit.json", lambda path: identify._write(path, "{}")),
+        ("table.parquet", lambda path: files.write_table(path, pd.DataFrame({"a": [1.0]}))),
+        ("fit.json", lambda path: files.atomic_write_text(path, "{}")),
     ],
 )
 def test_a_file_that_cannot_be_written_is_told_and_leaves_nothing(
@@ -109,7 +116,7 @@ def test_a_file_that_cannot_be_written_is_told_and_leaves_nothing(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "open", full)
     with pytest.raises(InputError, match=rf"{name}: cannot write the file: No space left on device"):
         write(tmp_path / name)
     assert not list(tmp_path.iterdir())
