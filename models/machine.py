@@ -15,6 +15,7 @@ from truepose.models.mechanism import AXES, AXIS_UNITS, BASE, Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.placed import PlacedEffect
 from truepose.models.sensor import Channel, Sensor
+from truepose.models.units import UnitSystem
 
 FRAMES = ("base", "tool")
 FRAME_OF: Mapping[str, str] = {f"{frame}.{axis}": frame for frame in FRAMES for axis in AXES}
@@ -68,6 +69,11 @@ class Machine:
         """Geometry, frames and sensors, in one fixed order."""
         sensor = tuple(p for s in self.sensors for p in s.parameters)
         return (*self.mechanism.parameters, *self.frames, *sensor)
+
+    @property
+    def units(self) -> UnitSystem:
+        """Units that its file, and recordings of it, are written in."""
+        return self.file.units if self.file else UnitSystem()
 
     @property
     def channels(self) -> tuple[Channel, ...]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+
+from truepose.models.units import UnitSystem
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,10 @@ class Parameter:
         """Whether the drawing leaves anything to be estimated."""
         return self.tolerance > 0.0
 
+    def written_in(self, units: UnitSystem) -> str:
+        """Its unit in a file of such units."""
+        return units.of("gain") if self.part == "gain" else units.written(self.unit)
+
     @property
     def scale(self) -> float:
         """What one step of this parameter is measured in: its tolerance, or a natural size when unknown."""
@@ -45,8 +50,3 @@ def element_of(name: str) -> str:
 def vector_of(name: str) -> str:
     """What a parameter is a component of: ``leg3.a`` of ``leg3.a.x``; a plain name is its own."""
     return name.rpartition(".")[0] or name
-
-
-def index_of(parameters: Iterable[Parameter]) -> Mapping[str, int]:
-    """Place of each parameter by name."""
-    return {parameter.name: place for place, parameter in enumerate(parameters)}

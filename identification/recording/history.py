@@ -40,16 +40,6 @@ def exponential_lag(time: FloatArray, values: FloatArray, seconds: float) -> Flo
     return lagged
 
 
-def direction_of_travel(readings: FloatArray, piece: IntArray) -> FloatArray:
-    """Sign of the last change before or at each ordered row, (n,); starts at 0 in every piece."""
-    signs = np.zeros(len(readings))
-    for k in range(1, len(readings)):
-        if piece[k] == piece[k - 1]:
-            change = np.sign(readings[k] - readings[k - 1])
-            signs[k] = change if change else signs[k - 1]
-    return signs
-
-
 def stop_operator(
     readings: FloatArray,
     approach: FloatArray,
