@@ -43,20 +43,9 @@ def write_report(diagnosis: Diagnosis, path: Path | str, truth: Mapping[str, Any
     return path
 
 
-def report_text(diagnosis: Diagnosis) -> str:
-    """What was left out and what the data cannot tell, for a terminal."""
-    parts = [findings_section(diagnosis), fit_section(diagnosis), limits_section(diagnosis)]
-    return render.text(_document(diagnosis, parts))
-
-
 def calibration_html(estimate: Estimate, free: Estimate | None, recording: Recording) -> str:
     """The report of a fit alone; ``free`` is the same fit with its tolerances widened."""
     return render.html(_calibration_document(estimate, free, recording))
-
-
-def calibration_text(estimate: Estimate, free: Estimate | None, recording: Recording) -> str:
-    """The same for a terminal."""
-    return render.text(_calibration_document(estimate, free, recording))
 
 
 def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -> Document:
