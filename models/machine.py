@@ -90,6 +90,14 @@ class Machine:
         """Every parameter by name."""
         return {parameter.name: parameter for parameter in self.parameters}
 
+    @property
+    def parameter_units(self) -> Mapping[str, str]:
+        """Internal unit of every parameter, then of every coefficient of its effects, by name."""
+        units = {parameter.name: parameter.unit for parameter in self.parameters}
+        for effect in self.effects:
+            units |= {n: c.unit for n, c in zip(effect.parameter_names, effect.coefficients, strict=True)}
+        return units
+
     @cached_property
     def ports(self) -> Mapping[str, Port]:
         """Ports by name: displacements, error motions of joints and of mounts, readings."""
