@@ -1,17 +1,18 @@
 """Forward kinematics of a symbolic model in Python, for test vectors of the generated C.
 
-Loops are closed by Newton's method with the exact derivative, along a path from the home assembly, so that
-the assembly is the one the machine file means.
+Loops are closed along a path from the home assembly, so that the assembly is the one the machine file means.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.models.closure import closed, one_row
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 
@@ -28,16 +29,21 @@ class Reference:
         inputs = [model.q, model.z, model.p, model.x]
         self.model = model
         self._pose = ca.Function("pose", inputs, [ca.densify(model.pose)])
-        derivatives = [ca.densify(ca.jacobian(model.closure, v)) for v in (model.x, model.q)]
-        self._closure = ca.Function("closure", inputs, [ca.densify(model.closure), *derivatives])
-        self._gap, self._strain = ca.Function("gap", inputs, [ca.densify(model.gap)]), strain_of(model)
+        g, lost = model.equations, [model.closure, ca.jacobian(model.closure, model.q)]
+        self._loops = ca.Function(
+            "loops", inputs, [ca.densify(v) for v in (g, ca.jacobian(g, model.x), model.gap)]
+        )
+        self._lost = ca.Function("lost", inputs, [ca.densify(v) for v in lost])
+        self._scale = coordinate_scale(model.machine, len(model.home), model.gap.numel())
 
     def home_readings(self, start: Array) -> Array:
         """Readings (nq,) at which the loops come closest to closing at the home assembly, from ``start``."""
         q = start.copy()
         for _ in range(_ROUNDS if len(self.model.home) else 0):
-            residual, _, by_q = self._closed(q, self.model.home, self.model.p_home, self.model.z_home)
-            step = np.linalg.lstsq(by_q, -residual, rcond=None)[0]
+            residual, by_q = (
+                np.array(v) for v in self._lost(q, self.model.z_home, self.model.p_home, self.model.home)
+            )
+            step = np.linalg.lstsq(by_q, -residual[:, 0], rcond=None)[0]
             if not np.isfinite(step).all():
                 return start
             q = q + step
@@ -51,19 +57,19 @@ class Reference:
         ``near`` (nq,) are readings at which the home assembly closes nearly; the loops are followed from
         there. Without it Newton's method starts at the home assembly directly.
         """
-        p, z, x = self.model.p_home, self.model.z_home, self.model.home
+        x = self.model.home
         steps = _STEPS if near is not None and len(x) else 1
         for step in range(1, steps + 1):
             at = q if near is None or step == steps else near + step / steps * (q - near)
-            solved = self._newton(at, x, p, z)
+            solved = self._newton(at, x)
             if solved is None:
                 return None
             x = solved
-        return np.array(self._pose(q, z, p, x))
+        return np.array(self._pose(q, self.model.z_home, self.model.p_home, x))
 
     def passive(self, q: Array) -> Array | None:
         """Passive coordinates (nx,) at readings ``q`` (nq,), from the home assembly; None where the loops do not close."""
-        return self._newton(q, self.model.home, self.model.p_home, self.model.z_home)
+        return self._newton(q, self.model.home)
 
     def samples(self, low: Array, high: Array, near: Array, count: int) -> Iterator[tuple[Array, Array]]:
         """``count`` readings spread between ``low`` and ``high`` (nq,), with their poses.
@@ -82,23 +88,12 @@ class Reference:
             if count == 0:
                 return
 
-    def _closed(self, q: Array, x: Array, p: Array, z: Array) -> tuple[Array, Array, Array]:
-        residual, by_x, by_q = (np.array(v) for v in self._closure(q, z, p, x))
-        return residual.ravel(), by_x, by_q
-
-    def _newton(self, q: Array, x: Array, p: Array, z: Array) -> Array | None:
-        reach = max(1.0, float(np.max(np.abs(self.model.home), initial=0.0)))
-        for _ in range(_ROUNDS if len(x) else 0):
-            residual, by_x, _ = self._closed(q, x, p, z)
-            if not (np.isfinite(residual).all() and np.isfinite(by_x).all()):
-                return None
-            step = np.linalg.lstsq(by_x, -residual, rcond=None)[0]
-            size = float(np.max(np.abs(step)))
-            x = x + step * min(1.0, 0.2 * reach / max(size, 1e-300))
-            if size < 1e-12 * reach:
-                lacks = np.max(np.abs(np.array(self._gap(q, z, p, x))), initial=0.0)
-                return x if np.max(np.abs(residual)) < 1e-8 * reach and lacks < self._strain else None
-        return x if len(x) == 0 else None
+    def _newton(self, q: Array, x: Array) -> Array | None:
+        if not len(x):
+            return x
+        here = partial(self._loops, q, self.model.z_home, self.model.p_home)
+        found, good = closed(one_row(here), x[None], self._scale)
+        return found[0] if good[0] else None
 
 
 def strain_of(model: SymbolicModel) -> float:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.models.closure import CoordinateScale, closed, one_row
 from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 
@@ -19,18 +18,6 @@ _NEWTON = 200
 _STARTS = 60
 _SPREAD = 0.3
 """rad, and parts of the reach, by which further starts leave the given home: it may be a singular pose."""
-
-
-@dataclass(frozen=True)
-class CoordinateScale:
-    """Natural size (nx,) of each unknown of the closed loops (mm, rad, N) and the longest step towards it.
-
-    ``gap`` is the largest closure residual (mm) at which loops count as closed.
-    """
-
-    size: Array
-    limit: Array
-    gap: float
 
 
 def coordinate_scale(machine: Machine, unknowns: int, equations: int) -> CoordinateScale:
@@ -82,20 +69,17 @@ def closed_home(closure: ca.Function, given: Array, scale: CoordinateScale) -> A
 
 
 def _newton(closure: ca.Function, start: Array, scale: CoordinateScale) -> Array | None:
-    x = start.astype(float)
-    for _ in range(_NEWTON):
-        g, gx, gap = (np.asarray(v, dtype=float) for v in closure(x))
-        if not np.isfinite(gx).all() or np.linalg.matrix_rank(gx) < len(x):
-            return None
-        step = np.linalg.lstsq(gx, g[:, 0], rcond=None)[0]
-        longest = np.max(np.abs(step) / scale.limit, initial=0.0)
-        x = x - step / max(1.0, float(longest))
-        size = np.max(np.abs(step) / np.maximum(scale.size, 1e-3 * np.abs(x)), initial=0.0)
-        if not np.isfinite(size):
-            return None
-        if size < 1e-11:
-            return x if np.max(np.abs(gap), initial=0.0) < scale.gap else None
-    return None
+    x, good = closed(one_row(closure), start[None], scale, rounds=_NEWTON, solve=_if_determined)
+    return x[0] if good[0] else None
 
 
-__all__ = ["STRAINED", "CoordinateScale", "closed_home", "coordinate_scale", "home_readings"]
+def _if_determined(a: Array, b: Array) -> Array:
+    """Least-squares steps; NaN where a step is not determined: the start may be a singular pose."""
+    out = np.full((len(a), a.shape[2], 1), np.nan)
+    for k, (slope, gap) in enumerate(zip(a, b, strict=True)):
+        if np.isfinite(slope).all() and np.linalg.matrix_rank(slope) == slope.shape[1]:
+            out[k] = np.linalg.lstsq(slope, gap, rcond=None)[0]
+    return out
+
+
+__all__ = ["STRAINED", "closed_home", "coordinate_scale", "home_readings"]

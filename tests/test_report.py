@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from truepose.identification.fit.summary import FitSummary
 from truepose.identification.report.pages import (
     calibration_html,
     report_html,
-    write_report,
 )
 from truepose.models.machine import Machine
 
@@ -68,7 +66,7 @@ def test_headline_names_effect_and_place_in_plain_words(page: str) -> None:
         "0.400 (0.300 to 0.500)",
     ],
 )
-def test_report_says(diagnosis: Diagnosis, page: str, said: str) -> None:
+def test_report_says(page: str, said: str) -> None:
     assert said in own_markup(page)
 
 
@@ -168,11 +166,6 @@ def test_page_loads_nothing(page: str) -> None:
 
 def test_same_bytes_each_time(page: str, machine: Machine) -> None:
     assert page == report_html(synthetic(machine))
-
-
-def test_written_file_is_the_page(diagnosis: Diagnosis, page: str, tmp_path: Path) -> None:
-    path = write_report(diagnosis, tmp_path / "report.html")
-    assert path.read_text(encoding="utf-8") == page
 
 
 def test_text_from_users_is_escaped(machine: Machine) -> None:

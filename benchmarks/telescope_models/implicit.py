@@ -18,6 +18,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
+from truepose.models.closure import closed
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES
@@ -25,8 +26,6 @@ from truepose.models.sensors.base import Channel
 from truepose.models.sensors.pose import Pose
 
 Array = NDArray[np.float64]
-_ROUNDS = 30
-_SETTLED = 1e-12
 
 
 class ClosurePredictor(Predictor):
@@ -46,7 +45,7 @@ class ClosurePredictor(Predictor):
     ) -> None:
         super().__init__(machine, recording, effects)
         self._sensor, self._count = _pose_sensor(machine), _told(machine, len(self.model.home))
-        read = np.column_stack([recording.readings[name] for name in self._sensor.columns])
+        read = np.column_stack([recording.observations[name] for name in self._sensor.columns])
         self._measured = np.tile(np.eye(4), (len(read), 1, 1))
         self._measured[:, :3, :3], self._measured[:, :3, 3] = lie.exp_so3(read[:, 3:]), read[:, :3]
         self._whitener = np.tile(np.eye(self._count) / self._sensor.sigma_xyz, (len(read), 1, 1))
@@ -61,21 +60,19 @@ class ClosurePredictor(Predictor):
 
     def assemble(self, p: Array, start: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
         """Passive coordinates (n, nx) at the measured poses (and of the assembly at home, which closes)."""
-        n, k = len(self.q), self._count
-        x = np.tile(self.model.home, (n, 1)) if start is None else start.copy()
-        good = np.zeros(n, dtype=bool)
-        for _ in range(_ROUNDS):
-            pose, by_x, _, gap_x, *_ = self._kinematics(x, self.q, self.z, p)
-            step = np.zeros_like(x)
-            step[:, :k] = np.linalg.solve(by_x[:, :, :k], _towards(self._measured, pose))[..., 0]
+        x = np.tile(self.model.home, (len(self.q), 1)) if start is None else start
+
+        def equations(x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+            k, at = self._count, (x, self.q[rows], self.z[rows], p)
+            pose, by_x, _, gap_x, *_ = self._kinematics(*at)
+            slope = np.zeros((len(x), x.shape[1], x.shape[1]))
+            slope[:, :k, :k], slope[:, k:, k:] = by_x[:, :, :k], gap_x[:, k:, k:]
+            g = -_towards(self._measured[rows], pose)
             if x.shape[1] > k:
-                gap = self._closure(x, self.q, self.z, p)[0]
-                step[:, k:] = -np.linalg.solve(gap_x[:, k:, k:], gap[:, k:])[..., 0]
-            x += step
-            good = np.max(np.abs(step) / self._scale.size, axis=1) < _SETTLED
-            if good.all() or not np.isfinite(step).all():
-                break
-        return x, good
+                g = np.hstack([g, self._loops.closure(*at)[0][:, k:]])
+            return g, slope, np.zeros((len(x), 0, 1))
+
+        return closed(equations, x, self._loops.scale)
 
     def blocks(self, p: Array, x: Array, weight: Array | NDArray[np.bool_] | None = None) -> Iterator[Block]:
         """All rows at once: gaps in units of their noise, and their Jacobian by p."""
@@ -87,7 +84,7 @@ class ClosurePredictor(Predictor):
         """(n, k, 1) gaps and (n, k, np) their derivative by p, measured poses kept."""
         k = self._count
         _, by_x, by_p, gap_x, gap_p, *_ = self._kinematics(x, self.q, self.z, p)
-        gap = self._closure(x, self.q, self.z, p)[0]
+        gap = self._loops.closure(x, self.q, self.z, p)[0]
         moved = -np.linalg.solve(by_x[:, :, :k], by_p)
         slope = gap_p[:, :k] + gap_x[:, :k, :k] @ moved
         if x.shape[1] > k:

@@ -19,6 +19,7 @@ from scipy.stats.qmc import Halton
 
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
+from truepose.identification.prediction.loops import Loops
 from truepose.models import lie
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel, symbolic_model
@@ -107,23 +108,14 @@ class PoseSolver:
         inputs = [model.q, model.x, model.z, model.p]
         self._pose = BatchFunction("pose", inputs, [model.world])
         self._to_pose = BatchFunction("gap", [*inputs, ca.vec(target)], [gap, ca.jacobian(gap, unknown)])
-        self._closure = BatchFunction("closure", inputs, [closure, ca.jacobian(closure, model.x)])
+        self._loops = Loops(model)
 
     def forward(self, q: Array) -> tuple[Array, Mask]:
         """Sensor-frame poses (n, 4, 4) of the tool at readings (n, nq), and where loops could be closed."""
         q = np.atleast_2d(np.asarray(q, dtype=float))
-        x, nq = np.tile(self.model.home, (len(q), 1)), q.shape[1]
-        good = np.ones(len(q), dtype=bool)
-        if x.shape[1]:
-            unit = self._unit[nq:]
-
-            def system(u: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-                g, by_x = self._closure(q[rows], u * unit, self.z, self.p)
-                return g[..., 0], by_x * unit
-
-            u, residual, _ = _damped_newton(system, x / unit)
-            x, good = u * unit, np.max(np.abs(residual), axis=1) * self.size < max(self._gap, MET)
-        return self._pose(q, x, self.z, self.p)[0], good
+        z = np.tile(self.z, (len(q), 1))
+        x, good = self._loops.assemble(q, z, self.p)
+        return self._pose(q, x, z, self.p)[0], good
 
     def inverse(self, poses: Array, start: Array | None = None, *, restarts: int = RESTARTS) -> Inverse:
         """Readings for sensor-frame ``poses`` (n, 4, 4), from ``start`` (nq,) or (n, nq), by default home.

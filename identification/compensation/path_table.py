@@ -53,7 +53,9 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
                 f"{', '.join(POSE)}; {close_matches(name, table.names)}"
             )
     used = POSE if poses else {}
-    return table, read_recording([table], joint_columns(machine), used, machine.units, need_readings=False)
+    return table, read_recording(
+        [table], joint_columns(machine), used, machine.units, need_observations=False
+    )
 
 
 def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFrame:

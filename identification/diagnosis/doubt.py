@@ -43,8 +43,9 @@ def doubted(
 ) -> tuple[Finding, ...]:
     """The findings, each with some of its probability given to something unnamed, which joins its class.
 
-    None where every one keeps the least only. ``failing``: the model with them still leaves something,
-    ``rival`` where that is known; ``explained``: the share of the misfit that they explain.
+    If every finding has two independent warning signs or more, none is returned (and the verdict is ``unknown``).
+    ``failing``: the model with them still leaves something, ``rival`` where that is known; ``explained``: the share of
+    the misfit that they explain.
     """
     piles = [_pile(machine, f, findings, failing) for f in findings]
     minor = [failing and explained < MOST and f.effect not in CONSTANTS for f in findings]
@@ -96,6 +97,3 @@ def _shared(finding: Finding, rival: Remainder | None, keep: float) -> Finding:
         certainty=keep * finding.certainty,
         equivalents=tuple(sorted((*others, unnamed), key=lambda other: -other.probability)),
     )
-
-
-__all__ = ["doubted", "same_part"]

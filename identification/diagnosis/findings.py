@@ -9,8 +9,8 @@ import numpy as np
 
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import Named
+from truepose.identification.diagnosis.effect_selection import Ranking
 from truepose.identification.diagnosis.result import Alternative, Finding, Quantity
-from truepose.identification.diagnosis.selection import Ranking
 from truepose.identification.fit.estimate import Estimate
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine

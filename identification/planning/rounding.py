@@ -26,10 +26,7 @@ def rounded(q: Array, machine: Machine, step: float) -> Array:
 
 
 def decimals(values: Array, step: float) -> int:
-    """Decimals that resolve ``step`` of the largest value; 0 where all are zero."""
+    """Decimals that resolve ``step`` of the largest of ``values`` (n,); 0 where all are zero."""
     if not np.any(values):
         return 0
     return int(np.ceil(-np.log10(step * float(np.max(np.abs(values))))))
-
-
-__all__ = ["decimals", "rounded"]

@@ -1,7 +1,7 @@
 """What a machine's sensors should read for every row of a recording, with exact derivatives.
 
-Closed loops are solved by Newton's method with the exact derivative of the closure; derivatives of the pose
-follow from the implicit function theorem, dx/dp = -(dg/dx)^-1 dg/dp, never from differentiating iterations.
+Closed loops are solved for (``truepose.identification.prediction.loops``); derivatives of the pose follow from the
+implicit function theorem, dx/dp = -(dg/dx)^-1 dg/dp, never from differentiating iterations.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from collections.abc import Iterator, Sequence
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
+from truepose.identification.prediction.loops import Loops
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined, sights
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
+from truepose.models.closure import solved
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel, Comparison, Rows
@@ -28,7 +28,6 @@ from truepose.models.statics import load_scale
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-_MAX_NEWTON = 40
 _BLOCK = 1024
 FIT = 5
 """How often a fit visits each row, about."""
@@ -61,8 +60,8 @@ class Predictor:
         self.evaluations = visits * len(self.q)
         self.sums: dict[tuple[int, ...], GramFunction] = {}
         """Normal equations by free entries of p, where a fit has asked for them."""
-        closure, n = [m.equations, ca.jacobian(m.equations, m.x), m.gap], self.evaluations
-        self._closure = BatchFunction("closure", inputs, closure, rows=n)
+        n = self.evaluations
+        self._loops = Loops(m, n)
         self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
         outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
         outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
@@ -70,7 +69,6 @@ class Predictor:
         self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
         self._sensors = sights(machine, m.names, n)
         self.origin = _origin(recording) if any(s.differs_from_row for s in machine.sensors) else None
-        self._scale = coordinate_scale(machine, len(m.home), m.gap.numel())
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -82,7 +80,7 @@ class Predictor:
         """What the sensors have to say of how they take this recording, and what of it takes longer than it need."""
         told = [c for s in self.machine.sensors for c in s.cautions(self.recording.labels)]
         functions = (
-            self._closure,
+            self._loops.closure,
             self._pose,
             self._kinematics,
             *(f for s in self._sensors for f in s.functions),
@@ -95,46 +93,8 @@ class Predictor:
 
         A row that reads the change since another needs both.
         """
-        n, nx = len(self.q), len(self.model.home)
-        x = np.tile(self.model.home, (n, 1)) if start is None else start.copy()
-        if nx == 0:
-            return x, np.ones(n, dtype=bool)
-        x, good = self._newton(x, self.q, self.z, p)
-        if good.any() and not good.all():
-            self._continue(x, good, p, _nearest(self.q, good))
-        if not good.all():
-            self._continue(x, good, p, None)
+        x, good = self._loops.assemble(self.q, self.z, p, start)
         return x, good if self.origin is None else good & good[self.origin]
-
-    def _newton(self, x: Array, q: Array, z: Array, p: Array) -> tuple[Array, Mask]:
-        """Newton's method on every row at once, with short steps: the assembly must stay the same one."""
-        good = np.zeros(len(x), dtype=bool)
-        active = np.arange(len(x))
-        for _ in range(_MAX_NEWTON):
-            g, gx, gap = self._closure(x[active], q[active], z[active], p)
-            step = _solve(gx, g)[..., 0]
-            step /= np.maximum(1.0, np.max(np.abs(step) / self._scale.limit, axis=1))[:, None]
-            x[active] -= step
-            size = np.max(np.abs(step) / np.maximum(self._scale.size, 1e-3 * np.abs(x[active])), axis=1)
-            done = (size < 1e-11) & (np.max(np.abs(gap), axis=(1, 2)) < self._scale.gap)
-            good[active[done]] = True
-            active = active[~done & np.isfinite(size)]
-            if not len(active):
-                break
-        return x, good
-
-    def _continue(
-        self, x: Array, good: Mask, p: Array, origin: NDArray[np.intp] | None, steps: int = 8
-    ) -> None:
-        """Follow the rows that are not good from the row ``origin`` names, or from home."""
-        rows = np.flatnonzero(~good)
-        here = np.tile(self.model.home, (len(rows), 1)) if origin is None else x[origin]
-        first = np.tile(self.model.q_home, (len(rows), 1)) if origin is None else self.q[origin]
-        reached = np.zeros(len(rows), dtype=bool)
-        for fraction in np.linspace(0.0, 1.0, steps + 1):
-            q = first + fraction * (self.q[rows] - first)
-            here, reached = self._newton(here, q, self.z[rows], p)
-        x[rows[reached]], good[rows[reached]] = here[reached], True
 
     def poses(self, p: Array, x: Array | None = None) -> tuple[Array, Mask]:
         """Sensor-frame poses of the tool (n, 4, 4); rows that cannot be assembled are False."""
@@ -200,7 +160,7 @@ class Predictor:
             force = -vp[:, 0, :]
             if x.shape[1]:
                 gx, gp = self._kinematics(x, self.q, self.z, p)[3:5]
-                multipliers = _solve(gx.transpose(0, 2, 1), vx.transpose(0, 2, 1))[..., 0]
+                multipliers = solved(gx.transpose(0, 2, 1), vx.transpose(0, 2, 1))[..., 0]
                 force += np.einsum("nk,nkp->np", multipliers, gp)
             out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
         return out
@@ -209,30 +169,9 @@ class Predictor:
         """What the sensors have before them, with total derivatives by p."""
         pose, tx, tp, gx, gp, shift, sx, sp = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
         if x.shape[1]:
-            by_p = _solve(gx, gp)
+            by_p = solved(gx, gp)
             tp, sp = tp - tx @ by_p, sp - sx @ by_p
         return Sight(pose, tp, shift[..., 0], sp)
-
-
-def _solve(a: Array, b: Array) -> Array:
-    """Row-wise solution, by least squares where there are more equations; rows without one are NaN."""
-    if a.shape[1] != a.shape[2]:
-        a, b = a.transpose(0, 2, 1) @ a, a.transpose(0, 2, 1) @ b
-    try:
-        return np.asarray(np.linalg.solve(a, b))
-    except np.linalg.LinAlgError:
-        out = np.full(b.shape, np.nan)
-        for k in range(len(a)):
-            if np.isfinite(a[k]).all() and np.linalg.matrix_rank(a[k]) == len(a[k]):
-                out[k] = np.linalg.solve(a[k], b[k])
-        return out
-
-
-def _nearest(q: Array, good: Mask) -> NDArray[np.intp]:
-    """For each row that is not good the good one with the closest readings."""
-    span = np.ptp(q, axis=0)
-    scaled = q / np.where(span > 0, span, 1.0)
-    return np.flatnonzero(good)[cKDTree(scaled[good]).query(scaled[~good])[1]]
 
 
 def _origin(recording: Recording) -> NDArray[np.intp]:

@@ -42,7 +42,7 @@ class RecordingPart:
 
     file: str
     q: FloatArray  # (n, n_joints)
-    readings: Mapping[str, FloatArray]
+    observations: Mapping[str, FloatArray]
     labels: Mapping[str, tuple[str, ...]]
     drivers: Mapping[str, FloatArray]
     validation: npt.NDArray[np.bool_]
@@ -72,7 +72,7 @@ def read_part(
     return RecordingPart(
         file=table.file,
         q=np.column_stack([_joint(table, joint, units) for joint in joints]),
-        readings={n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL},
+        observations={n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL},
         labels={name: table.texts(name) for name, unit in present.items() if unit == LABEL},
         drivers=drivers,
         validation=_validation(table),

@@ -1,4 +1,4 @@
-"""What the order of rows tells: lagged temperatures, a joint's way and its direction, creep, the row of `from`.
+"""What the order of rows tells: lagged temperatures, a joint's way, creep, the row of `from`.
 
 Plain functions of arrays; rows are ordered by time where it is known, else by their place in the files.
 """

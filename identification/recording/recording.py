@@ -40,7 +40,7 @@ class Recording:
 
     joints: tuple[str, ...]
     q: FloatArray  # (n, n_joints)
-    readings: Mapping[str, FloatArray]
+    observations: Mapping[str, FloatArray]
     labels: Mapping[str, tuple[str, ...]]
     drivers: Mapping[str, FloatArray]
     files: tuple[str, ...]
@@ -130,7 +130,7 @@ class Recording:
         return replace(
             self,
             q=frozen(self.q[index]),
-            readings={name: frozen(values[index]) for name, values in self.readings.items()},
+            observations={name: frozen(values[index]) for name, values in self.observations.items()},
             labels={name: tuple(texts[k] for k in index) for name, texts in self.labels.items()},
             drivers={name: frozen(values[index]) for name, values in self.drivers.items()},
             source_file=frozen(self.source_file[index]),
@@ -161,7 +161,7 @@ def read_recording(
     joints: Sequence[JointColumn],
     sensor_columns: Mapping[str, str],
     units: UnitSystem,
-    need_readings: bool = True,
+    need_observations: bool = True,
     *,
     required: Sequence[str] = (),
     optional_labels: Sequence[str] = (),
@@ -169,14 +169,14 @@ def read_recording(
     """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
 
     `sensor_columns` maps each column to its internal unit ("mm", "rad", "1"), or to "label" for a text.
-    Without `need_readings` sensor columns may be missing. `required` names further columns that must be
+    Without `need_observations` sensor columns may be missing. `required` names further columns that must be
     there (`from`), `optional_labels` texts to keep when they are. Raises InputError naming file, row and
     column.
     """
     if not paths:
         raise InputError("found no recording, expected at least one file")
     asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
-    needed = (*(sensor_columns if need_readings else ()), *required)
+    needed = (*(sensor_columns if need_observations else ()), *required)
     parts = [read_part(path, joints, asked, units, needed) for path in paths]
     return _join(parts, tuple(joint.name for joint in joints), tuple(asked))
 
@@ -197,7 +197,7 @@ def _join(
     return Recording(
         joints=joints,
         q=frozen(np.concatenate([part.q for part in parts])),
-        readings=_common(parts, "readings", sensor_columns, notes),
+        observations=_common(parts, "observations", sensor_columns, notes),
         labels={
             name: _labels(parts, name) for name in sensor_columns if any(name in p.labels for p in parts)
         },

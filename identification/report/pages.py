@@ -36,13 +36,6 @@ def report_html(diagnosis: Diagnosis, truth: Mapping[str, Any] | None = None) ->
     return render.html(_diagnosis_document(diagnosis, truth))
 
 
-def write_report(diagnosis: Diagnosis, path: Path | str, truth: Mapping[str, Any] | None = None) -> Path:
-    """Write ``report_html`` to a file and return its path."""
-    path = Path(path)
-    path.write_text(report_html(diagnosis, truth), encoding="utf-8")
-    return path
-
-
 def calibration_html(estimate: Estimate, free: Estimate | None, recording: Recording) -> str:
     """The report of a fit alone; ``free`` is the same fit with its tolerances widened."""
     return render.html(_calibration_document(estimate, free, recording))

@@ -1,4 +1,4 @@
-"""Documents written down as one self-contained HTML file."""
+"""Documents written down: one self-contained HTML file."""
 
 from __future__ import annotations
 

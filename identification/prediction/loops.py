@@ -1,0 +1,69 @@
+"""Passive coordinates at many rows of readings: Newton's method from home, and along a way where that is too far."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from truepose.codegen.evaluation.batch import BatchFunction
+from truepose.models.closure import closed
+from truepose.models.home import coordinate_scale
+from truepose.models.kinematics import SymbolicModel
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+_STEPS = 8
+
+
+class Loops:
+    """The closed loops of one model; ``rows``: at how many they will be evaluated, in all calls together."""
+
+    def __init__(self, model: SymbolicModel, rows: int = 0) -> None:
+        m = self._model = model
+        outputs = [m.equations, ca.jacobian(m.equations, m.x), m.gap]
+        self.closure = BatchFunction("closure", [m.x, m.q, m.z, m.p], outputs, rows=rows)
+        """Equations, their derivative by x, and gaps."""
+        self.scale = coordinate_scale(m.machine, len(m.home), m.gap.numel())
+
+    def assemble(self, q: Array, z: Array, p: Array, start: Array | None = None) -> tuple[Array, Mask]:
+        """Passive coordinates (n, nx) at readings (n, nq) and drivers (n, nz), and which rows could be assembled."""
+        x = np.tile(self._model.home, (len(q), 1)) if start is None else start.copy()
+        if x.shape[1] == 0:
+            return x, np.ones(len(q), dtype=bool)
+        x, good = self._closed(x, q, z, p)
+        if good.any() and not good.all():
+            self._continue(x, good, (q, z, p), _nearest(q, good))
+        if not good.all():
+            self._continue(x, good, (q, z, p), None)
+        return x, good
+
+    def _closed(self, x: Array, q: Array, z: Array, p: Array) -> tuple[Array, Mask]:
+        def equations(x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+            g, gx, gap = self.closure(x, q[rows], z[rows], p)
+            return g, gx, gap
+
+        return closed(equations, x, self.scale)
+
+    def _continue(
+        self, x: Array, good: Mask, at: tuple[Array, Array, Array], origin: NDArray[np.intp] | None
+    ) -> None:
+        """Follow the rows that are not good from the row ``origin`` names, or from home."""
+        (q, z, p), rows = at, np.flatnonzero(~good)
+        here = np.tile(self._model.home, (len(rows), 1)) if origin is None else x[origin]
+        first = np.tile(self._model.q_home, (len(rows), 1)) if origin is None else q[origin]
+        reached = np.zeros(len(rows), dtype=bool)
+        for fraction in np.linspace(0.0, 1.0, _STEPS + 1):
+            here, reached = self._closed(here, first + fraction * (q[rows] - first), z[rows], p)
+        x[rows[reached]], good[rows[reached]] = here[reached], True
+
+
+def _nearest(q: Array, good: Mask) -> NDArray[np.intp]:
+    """For each row that is not good the good one with the closest readings."""
+    span = np.ptp(q, axis=0)
+    scaled = q / np.where(span > 0, span, 1.0)
+    return np.flatnonzero(good)[cKDTree(scaled[good]).query(scaled[~good])[1]]
+
+
+__all__ = ["Loops"]

@@ -1,0 +1,90 @@
+"""The one iteration that closes loops: Newton's method with short steps, many rows at once.
+
+A machine's home, the rows of a recording, the test vectors of the generated C and gaps at measured poses go through
+it. (The generated C has Newton's method in C of its own; inverse kinematics, which solves for readings too, damps.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Equations = Callable[[Array, NDArray[np.intp]], tuple[Array, Array, Array]]
+"""Unknowns (k, nx) of the rows named (k,) to equations (k, m, 1), their Jacobian (k, m, nx) and gaps (k, g, 1), mm."""
+CLOSED = 1e-11
+"""Step, in parts of an unknown's natural size, after which the next one would be lost in rounding."""
+ROUNDS = 40
+
+
+@dataclass(frozen=True)
+class CoordinateScale:
+    """Natural size (nx,) of each unknown of the closed loops (mm, rad, N) and the longest step towards it.
+
+    ``gap`` is the largest closure residual (mm) at which loops count as closed.
+    """
+
+    size: Array
+    limit: Array
+    gap: float
+
+
+def closed(
+    equations: Equations,
+    start: Array,
+    scale: CoordinateScale,
+    *,
+    rounds: int = ROUNDS,
+    solve: Callable[[Array, Array], Array] | None = None,
+) -> tuple[Array, Mask]:
+    """Unknowns (n, nx) that close the loops next to ``start`` (n, nx), and which rows do (n,).
+
+    Steps are short: the assembly must stay the same one. A row is given up where a step has no size, or where the
+    iteration rests at a gap. ``solve`` is how a step follows from the equations, by default ``solved``.
+    """
+    x, good, active = start.astype(float), np.zeros(len(start), dtype=bool), np.arange(len(start))
+    for _ in range(rounds):
+        g, gx, gap = equations(x[active], active)
+        step = (solve or solved)(gx, g)[..., 0]
+        step /= np.maximum(1.0, np.max(np.abs(step) / scale.limit, axis=1, initial=0.0))[:, None]
+        x[active] -= step
+        natural = np.maximum(scale.size, 1e-3 * np.abs(x[active]))
+        size = np.max(np.abs(step) / natural, axis=1, initial=0.0)
+        shut = np.max(np.abs(gap), axis=(1, 2), initial=0.0) < scale.gap
+        good[active[(size < CLOSED) & shut]] = True
+        active = active[np.isfinite(size) & (size >= CLOSED)]
+        if not len(active):
+            break
+    return x, good
+
+
+def one_row(function: Callable[..., Any]) -> Equations:
+    """Equations of one row from a function of its unknowns (nx,), such as CasADi's, to what ``Equations`` gives."""
+
+    def equations(x: Array, _: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        g, gx, gap = (np.asarray(value, dtype=float)[None] for value in function(x[0]))
+        return g, gx, gap
+
+    return equations
+
+
+def solved(a: Array, b: Array) -> Array:
+    """Row-wise solution, by least squares where there are more equations; rows without one are NaN."""
+    if a.shape[1] != a.shape[2]:
+        a, b = a.transpose(0, 2, 1) @ a, a.transpose(0, 2, 1) @ b
+    try:
+        return np.asarray(np.linalg.solve(a, b))
+    except np.linalg.LinAlgError:
+        out = np.full(b.shape, np.nan)
+        for k in range(len(a)):
+            if np.isfinite(a[k]).all() and np.linalg.matrix_rank(a[k]) == len(a[k]):
+                out[k] = np.linalg.solve(a[k], b[k])
+        return out
+
+
+__all__ = ["CoordinateScale", "Equations", "closed", "one_row", "solved"]
