@@ -15,7 +15,14 @@ import pytest
 from truepose.commands import challenge, common
 from truepose.errors import InputError
 from truepose.files import write_table
-from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Form, Quantity, Remainder
+from truepose.identification.diagnosis.result import (
+    Alternative,
+    Diagnosis,
+    Finding,
+    Form,
+    Quantity,
+    Remainder,
+)
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.report import terminal as words
 
