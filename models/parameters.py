@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 
@@ -37,6 +36,11 @@ class Parameter:
         return {"mm": 100.0, "rad": 1.0}.get(self.unit, 1.0)
 
 
-def index_of(parameters: Iterable[Parameter]) -> Mapping[str, int]:
-    """Place of each parameter by name."""
-    return {parameter.name: place for place, parameter in enumerate(parameters)}
+def element_of(name: str) -> str:
+    """The part that a parameter, or the end of a rod, is of: ``leg3`` of ``leg3.a.x``."""
+    return name.partition(".")[0]
+
+
+def vector_of(name: str) -> str:
+    """What a parameter is a component of: ``leg3.a`` of ``leg3.a.x``; a plain name is its own."""
+    return name.rpartition(".")[0] or name

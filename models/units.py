@@ -219,11 +219,9 @@ class _Numbers:
     limits: str
     fits: Callable[[float], bool]
 
-    def one(self, unit: str) -> str:
-        return f"a {self.kind}number{self.limits} ({unit})"
-
-    def three(self, unit: str) -> str:
-        return f"3 {self.kind}numbers{self.limits} ({unit})"
+    def words(self, unit: str, count: int = 1) -> str:
+        number = f"a {self.kind}number" if count == 1 else f"{count} {self.kind}numbers"
+        return f"{number}{self.limits} ({unit})"
 
     def checked(self, value: object, expected: str) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not self.fits(float(value)):
@@ -239,7 +237,7 @@ _SIGMA = _Numbers("finite ", " > 0", lambda value: 0.0 < value < math.inf)
 def _scalar(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
     def validate(value: object, info: ValidationInfo) -> float:
         units = _units(info)
-        return units.to_internal(numbers.checked(value, numbers.one(units.of(dimension))), dimension)
+        return units.to_internal(numbers.checked(value, numbers.words(units.of(dimension))), dimension)
 
     return BeforeValidator(validate)
 
@@ -247,7 +245,7 @@ def _scalar(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
 def _vector(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
     def validate(value: object, info: ValidationInfo) -> tuple[float, ...]:
         units = _units(info)
-        expected = numbers.three(units.of(dimension))
+        expected = numbers.words(units.of(dimension), 3)
         if numbers is _TOLERANCE and not isinstance(value, (list, tuple)):
             value = [value] * 3  # one tolerance for the three components
         if not isinstance(value, (list, tuple)) or len(value) != 3:
@@ -274,13 +272,16 @@ LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE)]
 AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE)]
 
 
+def meant(name: str, known: Iterable[str]) -> str:
+    """Ending of a message: the known name meant; empty where none is near."""
+    near = difflib.get_close_matches(name, sorted(set(known)), n=3, cutoff=0.6)
+    return "did you mean " + " or ".join(repr(item) for item in near) + "?" if near else ""
+
+
 def close_matches(name: str, known: Iterable[str]) -> str:
     """Ending of a message: the known name meant, or the names there are."""
     names = sorted(set(known))
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
-    if near:
-        return "did you mean " + " or ".join(repr(item) for item in near) + "?"
-    return "known: " + ", ".join(names) if names else ""
+    return meant(name, names) or ("known: " + ", ".join(names) if names else "")
 
 
 class Section(BaseModel):

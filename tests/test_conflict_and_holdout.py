@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from support.examples import examples
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
-from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
-from truepose.identification.diagnosis.parts import inflations, kind_of, part_classes
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import inflations, kind_of, part_classes
 
 Array = NDArray[np.float64]
 READINGS, FREE = 60, 12
@@ -30,7 +31,7 @@ def linear(rng: np.random.Generator, *, noise: float = 1.0, departure: float = 1
         gram=rows.T @ rows,
         free=FREE,
         columns=(),
-        readings=READINGS,
+        n_observations=READINGS,
         departure=np.zeros(FREE),
         weight=np.ones(FREE),
         parts=("length:",) * FREE,
@@ -114,7 +115,7 @@ def campaign(n: int, drivers: Mapping[str, Array], validation: NDArray[np.bool_]
     return Recording(
         joints=("q1", "q2"),
         q=rng.uniform(-1, 1, (n, 2)),
-        readings={},
+        observations={},
         labels={},
         drivers=drivers,
         files=("a.csv",),
@@ -154,7 +155,7 @@ def test_validation_rows_are_the_split_where_there_are_any() -> None:
     np.testing.assert_array_equal(blocks[-1].rows, validation)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(st.permutations(range(30)))
 def test_the_interval_does_not_depend_on_the_order_of_rows(order: list[int]) -> None:
     rng = np.random.default_rng(10)

@@ -53,7 +53,7 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
                 f"{', '.join(POSE)}; {close_matches(name, table.names)}"
             )
     used = POSE if poses else {}
-    return table, read_recording([table], _columns(machine), used, _units(machine), need_readings=False)
+    return table, read_recording([table], _columns(machine), used, _units(machine), need_observations=False)
 
 
 def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFrame:

@@ -64,7 +64,7 @@ def replicate_noise(fit: Estimate, recording: Recording) -> Noise:
 
 def residual_alarm(free: Estimate, recording: Recording) -> Alarm:
     """Lack of fit of the free fit: against replicates where there are enough, else against the stated sigma."""
-    dof = max(free.readings - free.effective_parameters, 1.0)
+    dof = max(free.n_observations - free.effective_parameters, 1.0)
     noise = replicate_noise(free, recording)
     ratio = free.chi2 / dof
     if noise.dof >= MIN_REPLICATES and dof - noise.dof >= 1.0:
@@ -192,7 +192,7 @@ def _share(r: Array, basis: Array) -> float:
 def _projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     """What a fit under tolerances leaves of random residuals: noise - J A^-1 J' noise (whole when J is too large to hold)."""
     free = fit.prior.free
-    if fit.readings * len(free) > LARGEST_PROJECTION:
+    if fit.n_observations * len(free) > LARGEST_PROJECTION:
         return lambda noise: noise
     predictor = Predictor(fit.machine, recording, fit.effects)
     rows = [

@@ -78,7 +78,7 @@ class _Seen:
         m = len(self.information)
         departure = rng.standard_normal((count, m)) * np.sqrt(self.information)
         error = noise * rng.standard_normal((count, m))
-        rest = max(self.lin.readings - len(self.unknown) - m, 0)
+        rest = max(self.lin.n_observations - len(self.unknown) - m, 0)
         squares = (departure + error) ** 2
         return squares, squares.sum(axis=1) + noise**2 * rng.chisquare(max(rest, 1e-9), count)
 
@@ -86,7 +86,7 @@ class _Seen:
         """(b,) noise scale of the free fit, at least the stated one."""
         share = self.information * FREE_WIDENING**2
         share = share / (1.0 + share)
-        dof = max(self.lin.readings - len(self.unknown) - float(np.sum(share)), 1.0)
+        dof = max(self.lin.n_observations - len(self.unknown) - float(np.sum(share)), 1.0)
         found = np.sqrt(np.maximum(length - squares @ share, 0.0) / dof)
         return np.asarray(np.maximum(found, 1.0), dtype=float)
 
@@ -96,9 +96,9 @@ class _Seen:
         z2 = squares / noise[:, None] ** 2
         conflict = np.sum(z2 / (1.0 + h), axis=1)
         predictive = length / noise**2 - np.sum(z2 * h / (1.0 + h), axis=1)
-        readings = max(self.lin.readings - len(self.unknown), 1)
+        count = max(self.lin.n_observations - len(self.unknown), 1)
         first = chi2.logsf(conflict, max(len(self.information), 1))
-        second = chi2.logsf(np.maximum(predictive, 0.0), readings)
+        second = chi2.logsf(np.maximum(predictive, 0.0), count)
         return conflict, np.minimum(first, second)
 
 

@@ -14,8 +14,8 @@ from truepose.identification.diagnosis.alarms import (
     residual_alarm,
     structure_alarm,
 )
-from truepose.identification.diagnosis.evidence import evidence
-from truepose.identification.diagnosis.selection import Selection
+from truepose.identification.diagnosis.effect_evidence import weigh
+from truepose.identification.diagnosis.effect_selection import Selection
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
@@ -75,7 +75,7 @@ def judged(
 
 def likely_inflation(selection: Selection) -> dict[str, float]:
     """How many times wider than stated the tolerances of each class of part likely are, with the effects found."""
-    found = evidence(selection.linearisation, [], selection.grid, selection.accepted)
+    found = weigh(selection.linearisation, [], selection.grid, selection.accepted)
     return dict(zip(selection.grid.classes, found.inflation, strict=True))
 
 

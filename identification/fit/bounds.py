@@ -42,7 +42,7 @@ class Bounds:
         return (self.low[free] - problem.p[free]) / scale, (self.high[free] - problem.p[free]) / scale
 
     def notes(self, prior: Prior, p: Array, *, kept: bool) -> list[str]:
-        """What stands at a bound, and, of a solver that keeps none, what is beyond one the user stated."""
+        """What of ``p`` (np,) stands at a bound, and, of a solver that keeps none, what is beyond one the user stated."""
         out = []
         for k in prior.free:
             margin = AT_BOUND * prior.scale[k]

@@ -104,6 +104,7 @@ def minimise(
 ) -> Solution:
     """Levenberg-Marquardt with Nielsen's damping; ``damping=0`` starts as plain Gauss-Newton.
 
+    ``start`` (n,): the first unknowns; ``blocks`` gives rows (k, n + 1) of [J r] at any.
     Converged when the predicted decrease of the sum of squares is below ``tolerance`` of one
     degree of freedom (sum of squares in units of the noise), or below ``share`` of the whole, by default its
     rounding; but not where a column of J has vanished since the start. Blocks of NaN forbid a place.

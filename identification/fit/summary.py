@@ -61,7 +61,7 @@ def worst_allowed(fit: Estimate, *, level: float = 0.99, draws: int = 2000, seed
 
 
 def summarise(fit: Estimate, channels: Sequence[Channel], validation: NDArray[np.bool_]) -> FitSummary:
-    """All figures of one fit."""
+    """All figures of one fit; ``validation`` (n,) are rows never fitted."""
     rows = validation & np.isfinite(fit.residual).all(axis=1)
     away = np.abs(fit.in_tolerances)
     return FitSummary(

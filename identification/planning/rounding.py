@@ -27,7 +27,7 @@ def rounded(q: Array, machine: Machine, step: float) -> Array:
 
 
 def decimals(values: Array, step: float) -> int:
-    """Decimals that resolve ``step`` of the largest value; 0 where all are zero."""
+    """Decimals that resolve ``step`` of the largest of ``values`` (n,); 0 where all are zero."""
     if not np.any(values):
         return 0
     return int(np.ceil(-np.log10(step * float(np.max(np.abs(values))))))
@@ -39,6 +39,3 @@ def file_unit(actuator: Actuator, machine: Machine) -> str:
     if units.joint is not None and compatible(units.joint, actuator.reading_unit):
         return units.joint
     return {"mm": units.length, "rad": units.angle}.get(actuator.reading_unit, actuator.reading_unit)
-
-
-__all__ = ["decimals", "file_unit", "rounded"]

@@ -69,15 +69,15 @@ def _check_labels(machine: Machine, poses: Recording) -> None:
                 )
 
 
-def with_inputs(path: Path | str, readings: pd.DataFrame) -> pd.DataFrame:
+def with_inputs(path: Path | str, simulated: pd.DataFrame) -> pd.DataFrame:
     """The columns of a file of poses as they stand, then the simulated readings in place of its own."""
     table = read_table(path)
     kept = {}
     for column in table.columns:
-        if column.name not in readings:
+        if column.name not in simulated:
             header = column.name if column.unit is None else f"{column.name} [{column.unit}]"
             kept[header] = list(table.cells[column.name])
-    return pd.concat([pd.DataFrame(kept), readings], axis=1)
+    return pd.concat([pd.DataFrame(kept), simulated], axis=1)
 
 
 def parse_effect(text: str, machine: Machine, option: str = "--effect") -> PlacedEffect:

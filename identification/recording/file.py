@@ -14,7 +14,7 @@ from truepose.errors import InputError
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.driver import APPROACH, VELOCITY, Driver
-from truepose.models.units import FloatArray, UnitSystem, close_matches, compatible, convert
+from truepose.models.units import FloatArray, UnitSystem, close_matches, compatible, convert, meant
 
 IntArray = npt.NDArray[np.int64]
 
@@ -42,7 +42,7 @@ class RecordingPart:
 
     file: str
     q: FloatArray  # (n, n_joints)
-    readings: Mapping[str, FloatArray]
+    observations: Mapping[str, FloatArray]
     labels: Mapping[str, tuple[str, ...]]
     drivers: Mapping[str, FloatArray]
     validation: npt.NDArray[np.bool_]
@@ -72,7 +72,7 @@ def read_part(
     return RecordingPart(
         file=table.file,
         q=np.column_stack([_joint(table, joint, units) for joint in joints]),
-        readings={n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL},
+        observations={n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL},
         labels={name: table.texts(name) for name, unit in present.items() if unit == LABEL},
         drivers=drivers,
         validation=_validation(table),
@@ -184,7 +184,6 @@ def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tupl
     optional = {*known, *_LOGGED, *_of_joints(joints)}
     named = []
     for name in ignored:
-        hint = close_matches(name, optional - set(table.names))
-        near = hint.startswith("did you mean")
-        named.append(f"{name!r} ({hint})" if near else repr(name))
+        hint = meant(name, optional - set(table.names))
+        named.append(f"{name!r} ({hint})" if hint else repr(name))
     return (f"{table.file}: ignored columns that mean nothing here: {', '.join(named)}",)

@@ -1,4 +1,4 @@
-"""What the order of rows tells: lagged temperatures, a joint's way and its direction, creep, the row of `from`.
+"""What the order of rows tells: lagged temperatures, a joint's way, creep, the row of `from`.
 
 Plain functions of arrays; rows are ordered by time where it is known, else by their place in the files.
 """
@@ -38,16 +38,6 @@ def exponential_lag(time: FloatArray, values: FloatArray, seconds: float) -> Flo
             state += rise * (before - state) + slope_share
         lagged[k] = state
     return lagged
-
-
-def direction_of_travel(readings: FloatArray, piece: IntArray) -> FloatArray:
-    """Sign of the last change before or at each ordered row, (n,); starts at 0 in every piece."""
-    signs = np.zeros(len(readings))
-    for k in range(1, len(readings)):
-        if piece[k] == piece[k - 1]:
-            change = np.sign(readings[k] - readings[k - 1])
-            signs[k] = change if change else signs[k - 1]
-    return signs
 
 
 def stop_operator(

@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from truepose.errors import InputError
 from truepose.identification.recording.file import JointColumn, RecordingPart, read_part
-from truepose.identification.recording.history import direction_of_travel, order_in_time
 from truepose.identification.recording.memory import remembered
 from truepose.identification.recording.table import Column, Table
 from truepose.models.driver import TIME, Driver
@@ -41,7 +40,7 @@ class Recording:
 
     joints: tuple[str, ...]
     q: FloatArray  # (n, n_joints)
-    readings: Mapping[str, FloatArray]
+    observations: Mapping[str, FloatArray]
     labels: Mapping[str, tuple[str, ...]]
     drivers: Mapping[str, FloatArray]
     files: tuple[str, ...]
@@ -110,19 +109,6 @@ class Recording:
             return None if values is None else frozen(values[self.rows])
         return self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
 
-    def derived_approach(self, joint: str) -> FloatArray:
-        """Sign of the joint's last change, from the order of the rows (n,); 0 before any change.
-
-        What is recorded as `approach.J` is another thing: an overshoot is not seen in the rows.
-        """
-        whole = self.whole
-        order = order_in_time(whole.time, whole.source_file, whole.source_row)
-        # without a clock the way from one file's last row to the next one's first is unknown
-        files = whole.source_file if whole.time is None else np.zeros(len(whole), dtype=np.int64)
-        signs = np.empty(len(whole))
-        signs[order] = direction_of_travel(whole.q[order, self.joints.index(joint)], files[order])
-        return frozen(signs[self.rows])
-
     def origins(self) -> Recording:
         """For each row the row that `from` names, as a recording of the same length.
 
@@ -150,7 +136,7 @@ class Recording:
         return replace(
             self,
             q=frozen(self.q[index]),
-            readings={name: frozen(values[index]) for name, values in self.readings.items()},
+            observations={name: frozen(values[index]) for name, values in self.observations.items()},
             labels={name: tuple(texts[k] for k in index) for name, texts in self.labels.items()},
             drivers={name: frozen(values[index]) for name, values in self.drivers.items()},
             source_file=frozen(self.source_file[index]),
@@ -181,7 +167,7 @@ def read_recording(
     joints: Sequence[JointColumn],
     sensor_columns: Mapping[str, str],
     units: UnitSystem,
-    need_readings: bool = True,
+    need_observations: bool = True,
     *,
     required: Sequence[str] = (),
     optional_labels: Sequence[str] = (),
@@ -189,14 +175,14 @@ def read_recording(
     """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
 
     `sensor_columns` maps each column to its internal unit ("mm", "rad", "1"), or to "label" for a text.
-    Without `need_readings` sensor columns may be missing. `required` names further columns that must be
+    Without `need_observations` sensor columns may be missing. `required` names further columns that must be
     there (`from`), `optional_labels` texts to keep when they are. Raises InputError naming file, row and
     column.
     """
     if not paths:
         raise InputError("found no recording, expected at least one file")
     asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
-    needed = (*(sensor_columns if need_readings else ()), *required)
+    needed = (*(sensor_columns if need_observations else ()), *required)
     parts = [read_part(path, joints, asked, units, needed) for path in paths]
     return _join(parts, tuple(joint.name for joint in joints), tuple(asked))
 
@@ -217,7 +203,7 @@ def _join(
     return Recording(
         joints=joints,
         q=frozen(np.concatenate([part.q for part in parts])),
-        readings=_common(parts, "readings", sensor_columns, notes),
+        observations=_common(parts, "observations", sensor_columns, notes),
         labels={
             name: _labels(parts, name) for name in sensor_columns if any(name in p.labels for p in parts)
         },

@@ -44,7 +44,7 @@ class FitColumn:
 
 
 def fit_column(key: str, fit: Estimate, summary: FitSummary, validation: Mask) -> FitColumn:
-    """One fit of the three."""
+    """One fit of the three; ``validation`` (n,) are rows never fitted."""
     return FitColumn(
         key, *NAMES[key], (_rms(fit.residual[fit.used]), _rms(fit.residual[validation])), summary
     )

@@ -36,27 +36,9 @@ def report_html(diagnosis: Diagnosis, truth: Mapping[str, Any] | None = None) ->
     return render.html(_diagnosis_document(diagnosis, truth))
 
 
-def write_report(diagnosis: Diagnosis, path: Path | str, truth: Mapping[str, Any] | None = None) -> Path:
-    """Write ``report_html`` to a file and return its path."""
-    path = Path(path)
-    path.write_text(report_html(diagnosis, truth), encoding="utf-8")
-    return path
-
-
-def report_text(diagnosis: Diagnosis) -> str:
-    """What was left out and what the data cannot tell, for a terminal."""
-    parts = [findings_section(diagnosis), fit_section(diagnosis), limits_section(diagnosis)]
-    return render.text(_document(diagnosis, parts))
-
-
 def calibration_html(estimate: Estimate, free: Estimate | None, recording: Recording) -> str:
     """The report of a fit alone; ``free`` is the same fit with its tolerances widened."""
     return render.html(_calibration_document(estimate, free, recording))
-
-
-def calibration_text(estimate: Estimate, free: Estimate | None, recording: Recording) -> str:
-    """The same for a terminal."""
-    return render.text(_calibration_document(estimate, free, recording))
 
 
 def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -> Document:

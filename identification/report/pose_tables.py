@@ -83,6 +83,3 @@ def _numbered(q: Array) -> NDArray[np.int64]:
     _, first, group = np.unique(q, axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return np.asarray(1 + rank[group.reshape(-1)], dtype=np.int64)
-
-
-__all__ = ["experiment_table", "plan_table"]

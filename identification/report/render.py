@@ -1,9 +1,7 @@
-"""Documents written down: one self-contained HTML file, or plain text."""
+"""Documents written down: one self-contained HTML file."""
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +10,10 @@ from markupsafe import Markup
 from plotly.io import to_json
 from plotly.offline import get_plotlyjs
 
-from truepose.identification.report.document import Block, Card, Document, Items, Plot, Table, Text
+from truepose.identification.report.document import Document, Plot
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _CONFIG = '{"displaylogo": false, "responsive": true, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}'
-_WIDTH = 100
 
 
 def html(document: Document) -> str:
@@ -50,47 +47,3 @@ def _json(figure: Any) -> str:
     """A figure as JSON that may stand inside a script element."""
     text = str(to_json(figure, validate=False, engine="json"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def text(document: Document) -> str:
-    """The same document for a terminal, without its plots."""
-    lines = [document.title, "", *_wrapped(document.headline), ""]
-    lines += [f"  {name}: {value}" for name, value in document.facts]
-    for number, section in enumerate(document.sections, 1):
-        heading = f"{number}. {section.title}"
-        body = [line for block in section.blocks for line in _lines(block)]
-        lines += ["", heading, "-" * len(heading), *body] if body else []
-    return "\n".join(lines) + "\n"
-
-
-def _lines(block: Block) -> list[str]:
-    if isinstance(block, Text):
-        return [*_wrapped(block.text), ""]
-    if isinstance(block, Items):
-        lines = [block.title] if block.title else []
-        return [*lines, *(line for item in block.items for line in _wrapped(item, "  - ")), ""]
-    if isinstance(block, Table):
-        return [*_columns([block.head, *block.rows], block.text_columns), ""]
-    if isinstance(block, Card):
-        badge = f"  [{block.badge}]" if block.badge else ""
-        return [
-            f"{block.title}{badge}",
-            *(f"  {line}".rstrip() for inner in block.blocks for line in _lines(inner)),
-        ]
-    return []
-
-
-def _wrapped(paragraph: str, bullet: str = "") -> list[str]:
-    return textwrap.wrap(paragraph, _WIDTH, initial_indent=bullet, subsequent_indent=" " * len(bullet))
-
-
-def _columns(rows: Sequence[Sequence[str]], text_columns: int) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    out = []
-    for row in rows:
-        cells = [
-            c.ljust(w) if k < text_columns else c.rjust(w)
-            for k, (c, w) in enumerate(zip(row, widths, strict=True))
-        ]
-        out.append("  " + "  ".join(cells).rstrip())
-    return out

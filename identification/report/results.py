@@ -1,15 +1,9 @@
-"""Results as JSON: ``diagnosis_json`` for ``diagnosis.json``, ``fit_json`` for ``fit.json``.
-
-What is no number (NaN, infinity) becomes null; the same result gives the same text.
-"""
+"""Results as JSON: ``diagnosis_json`` for ``diagnosis.json``, ``fit_json`` for ``fit.json``."""
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -19,9 +13,11 @@ from truepose.identification.diagnosis.result import Alternative, Diagnosis, Fin
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, rms_by_kind, worst_allowed
-from truepose.identification.identifiability.observability import identifiable, unseen_directions
+from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import explanation, form_words, separating_experiment
+from truepose.identification.report.identifiability_words import meaning
+from truepose.identification.report.json_text import Json, finite
 from truepose.identification.report.notes import diagnosis_notes
 from truepose.models.effects.base import effects
 from truepose.models.machine import Machine
@@ -30,27 +26,6 @@ DIAGNOSIS_SCHEMA = "truepose/diagnosis/1"
 FIT_SCHEMA = "truepose/fit/1"
 _FINE = {"mm": ("um", 1e3), "rad": ("urad", 1e6)}
 """Units that ``diagnosis.json`` gives residuals in; all others, as ``fit.json``, in their own."""
-Json = dict[str, Any]
-
-
-def json_text(value: Mapping[str, Any]) -> str:
-    """Indented JSON, keys in the order given, floats at full precision."""
-    return json.dumps(finite(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def finite(value: Any) -> Any:
-    """The same structure in plain types, with null for what is no finite number."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    if isinstance(value, (str, bool)) or value is None:
-        return value
-    if hasattr(value, "item"):
-        return finite(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> Json:
@@ -107,7 +82,7 @@ def fit_json(
         "method": dict(method or {}),
         "files": list(recording.files),
         **_figures(fit, recording),
-        "unseen": unseen_directions(fit),
+        "unseen": [{"parts": dict(d.parts), "meaning": meaning(d)} for d in unseen(Knowledge.of(fit))],
         "parameters": parameters_json(fit),
         "effects": [_effect(fit, k) for k in range(len(fit.effects))],
         "free": free and _figures(free, recording),
@@ -159,7 +134,7 @@ def _figures(fit: Estimate, recording: Recording) -> Json:
         "iterations": fit.solution.iterations,
         "rows": int(fit.used.sum()),
         "rows_left_out": [recording.where(k) for k in fit.unassembled],
-        "readings": fit.readings,
+        "readings": fit.n_observations,
         "effective_parameters": fit.effective_parameters,
         "chi2": fit.chi2,
         "chi2_per_dof": fit.chi2_per_dof,

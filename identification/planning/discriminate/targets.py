@@ -63,6 +63,3 @@ def _parameters(targets: Sequence[Target], tolerance: float) -> tuple[Parameter,
         for target in targets
         for k, axis in enumerate(_AXES)
     )
-
-
-__all__ = ["Target", "with_targets"]

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from truepose.challenge.examine import RUN, UNDRAWN
 from truepose.challenge.score import read_score
-from truepose.challenge.table import Table, document, markdown, table
-from truepose.files import atomic_write_text
-from truepose.identification.report.results import json_text
+from truepose.challenge.score_table import Table, document, markdown, table
+from truepose.files import atomic_directory, atomic_write_text
+from truepose.identification.report.json_text import json_text
 
 
 def tabled(folder: Path, cases: Sequence[str]) -> Table:
@@ -20,8 +20,9 @@ def tabled(folder: Path, cases: Sequence[str]) -> Table:
         f"{p.name.split('.')[0]}: {p.read_text(encoding='utf-8').strip()}" for p in missing if p.is_file()
     ]
     found = table(scores, undrawn)
-    atomic_write_text(folder / "table.md", markdown(found))
-    atomic_write_text(folder / "table.json", json_text(document(found)))
+    with atomic_directory(folder) as partial:
+        atomic_write_text(partial / "table.md", markdown(found))
+        atomic_write_text(partial / "table.json", json_text(document(found)))
     return found
 
 

@@ -20,7 +20,6 @@ from truepose.commands.common import (
     reported,
     written,
 )
-from truepose.errors import InputError
 
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
@@ -135,34 +134,30 @@ def diagnose(
 
 def write_calibration(result: Calibration, document: Mapping[str, object], output: Path) -> list[str]:
     """The three files of a calibration, whole or not at all; ``document`` is that of ``fit.json``."""
-    from truepose.files import atomic_directory
+    from truepose.files import atomic_directory, atomic_write_text
     from truepose.identification.fit.write_machine import write_calibrated
+    from truepose.identification.report.json_text import json_text
     from truepose.identification.report.pages import calibration_html
-    from truepose.identification.report.results import json_text
 
     with atomic_directory(output) as partial:
         write_calibrated(partial / "calibrated.yaml", result.fit, result.recording)
-        _write(partial / "fit.json", json_text(document))
-        _write(partial / "report.html", calibration_html(result.fit, result.free, result.recording))
+        atomic_write_text(partial / "fit.json", json_text(document))
+        atomic_write_text(
+            partial / "report.html", calibration_html(result.fit, result.free, result.recording)
+        )
         return sorted(file.name for file in partial.iterdir())
 
 
 def write_diagnosis(result: Diagnosis, output: Path, truth: dict[str, object] | None = None) -> list[str]:
     """The three files of a diagnosis, whole or not at all; ``truth`` is for the report's last page alone."""
-    from truepose.files import atomic_directory
+    from truepose.files import atomic_directory, atomic_write_text
     from truepose.identification.fit.write_machine import write_calibrated
+    from truepose.identification.report.json_text import json_text
     from truepose.identification.report.pages import report_html
-    from truepose.identification.report.results import diagnosis_json, json_text
+    from truepose.identification.report.results import diagnosis_json
 
     with atomic_directory(output) as partial:
-        _write(partial / "diagnosis.json", json_text(diagnosis_json(result)))
+        atomic_write_text(partial / "diagnosis.json", json_text(diagnosis_json(result)))
         write_calibrated(partial / "improved.yaml", result.after, result.recording)
-        _write(partial / "report.html", report_html(result, truth))
+        atomic_write_text(partial / "report.html", report_html(result, truth))
         return sorted(file.name for file in partial.iterdir())
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8", newline="")
-    except OSError as exc:
-        raise InputError(f"{path}: cannot write the file: {exc.strerror}") from exc

@@ -1,0 +1,113 @@
+"""Which tests run which lines, and how long they take: collected once, a file of tests after the other, and kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TypedDict
+
+from joblib import Parallel, delayed
+
+from .mutants import Mutant
+
+DISTANT = re.compile(
+    "challenge|wrappers|embedded|packaging|peer_|simulator|nanopos|polisher|real_|_by_others|fuzz|mutation"
+)
+"""Tests of studies, of examinations, of other compilers: they take minutes and say little of one line."""
+LAST = "test_golden_diagnoses"
+LINES_A_SECOND = 1e4
+"""A test that runs so many lines more is as little wanted as one that takes a second longer."""
+SLOW = 8.0
+"""CPU seconds beyond which a test is run against no mutant."""
+
+
+class Record(TypedDict):
+    """What `recorder` writes of a test: CPU seconds, and the lines that it runs by file."""
+
+    test: str
+    seconds: float
+    passed: bool
+    lines: dict[str, list[int]]
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Records of tests that passed in time."""
+
+    tests: tuple[Record, ...]
+
+    @cached_property
+    def by_line(self) -> dict[tuple[str, int], list[Record]]:
+        """The tests that run a line."""
+        out: dict[tuple[str, int], list[Record]] = {}
+        for record in self.tests:
+            for file, lines in record["lines"].items():
+                for line in lines:
+                    out.setdefault((file, line), []).append(record)
+        return out
+
+    def chosen(self, root: Path, mutant: Mutant, budget: float) -> tuple[list[str], float]:
+        """Tests that run a mutant, the most specific and fastest first, and their CPU seconds: at most ``budget``."""
+        lines = [(mutant.file, line) for line in mutant.lines] or list(_using(root, mutant.names))
+        which = {record["test"]: record for line in lines for record in self.by_line.get(line, ())}
+        out, total = [], 0.0
+        for record in sorted(which.values(), key=_cost):
+            if total + record["seconds"] <= budget:
+                out.append(record["test"])
+                total += record["seconds"]
+        return out, total
+
+
+def _cost(record: Record) -> tuple[bool, float, str]:
+    count = sum(map(len, record["lines"].values()))
+    return LAST in record["test"], record["seconds"] + count / LINES_A_SECOND, record["test"]
+
+
+@cache
+def _texts(root: Path) -> dict[str, list[str]]:
+    """Lines of the product's modules."""
+    folders = [root / name for name in ("models", "identification", "codegen", "src")]
+    files = [path for folder in folders for path in folder.rglob("*.py")]
+    return {str(p.resolve().relative_to(root)): p.read_text(encoding="utf-8").splitlines() for p in files}
+
+
+def _using(root: Path, names: tuple[str, ...]) -> Iterator[tuple[str, int]]:
+    """Lines of the product that use a module's names."""
+    words = [re.compile(rf"\b{name}\b") for name in names]
+    for file, lines in _texts(root).items():
+        yield from ((file, n) for n, line in enumerate(lines, 1) if any(w.search(line) for w in words))
+
+
+def collect(tree: Path, records: Path, workers: int) -> Coverage:
+    """Run every file of tests in a copy of the tree, but for those that have their record."""
+    records.mkdir(parents=True, exist_ok=True)
+    names = sorted(p.stem for p in (tree / "tests").glob("test_*.py") if not DISTANT.search(p.stem))
+    wanted = [name for name in names if not (records / f"{name}.jsonl").exists()]
+    Parallel(n_jobs=workers, verbose=5 if wanted else 0)(delayed(_record)(tree, records, n) for n in wanted)
+    texts = [path.read_text(encoding="utf-8") for path in sorted(records.glob("*.jsonl"))]
+    found: list[Record] = [json.loads(line) for text in texts for line in text.splitlines()]
+    return Coverage(tuple(r for r in found if r["passed"] and r["seconds"] <= SLOW))
+
+
+def _record(tree: Path, records: Path, name: str) -> None:
+    partial = records / f"{name}.part"
+    partial.write_text("", encoding="utf-8")
+    environment = settings(tree) | {"MUTATION_RECORD": str(partial), "MUTATION_LIMIT": str(SLOW)}
+    plugin = ["-p", "benchmarks.mutation.recorder", "-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", "-q", *plugin, f"tests/{name}.py"]
+    with (records / f"{name}.log").open("w") as log:
+        subprocess.run(command, cwd=tree, env=environment, stdout=log, stderr=log, check=False)
+    partial.rename(records / f"{name}.jsonl")
+
+
+def settings(tree: Path) -> dict[str, str]:
+    """The environment in which the tests of a copy run on its own code."""
+    path = f"{tree / 'src'}{os.pathsep}{tree}"
+    return os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

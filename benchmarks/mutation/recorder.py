@@ -1,0 +1,66 @@
+"""A pytest plug-in: what each test runs, as a line of JSON in the file named by ``MUTATION_RECORD``.
+
+Only the functions' lines are seen: the lines of an import belong to no test. CPU seconds, children's included.
+A test that takes more than ``MUTATION_LIMIT`` CPU seconds is stopped: it would not be run against a mutant.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+
+import coverage
+import pytest
+
+ROOT = Path.cwd()
+LIMIT = float(os.environ["MUTATION_LIMIT"])
+PRODUCT = [str(ROOT / folder / "*") for folder in ("models", "identification", "codegen", "src")]
+_passed: dict[str, bool] = {}
+
+
+def _seconds() -> float:
+    used = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(u.ru_utime + u.ru_stime for u in used)
+
+
+def _slow(_signal: int, _frame: FrameType | None) -> None:
+    raise TimeoutError(f"more than {LIMIT} s")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Run one test under a trace of its own."""
+    tracer = coverage.Coverage(data_file=None, include=PRODUCT)
+    before, old = _seconds(), signal.signal(signal.SIGPROF, _slow)
+    signal.setitimer(signal.ITIMER_PROF, LIMIT)
+    tracer.start()
+    try:
+        return (yield)
+    finally:
+        tracer.stop()
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, old)
+        data = tracer.get_data()
+        lines = {
+            str(Path(file).relative_to(ROOT)): sorted(data.lines(file) or ())
+            for file in data.measured_files()
+        }
+        seconds = round(_seconds() - before, 3)
+        found = {
+            "test": item.nodeid,
+            "seconds": seconds,
+            "passed": _passed.get(item.nodeid, False),
+            "lines": lines,
+        }
+        with Path(os.environ["MUTATION_RECORD"]).open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(found) + "\n")
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Passed, where every phase did; a skipped test guards nothing."""
+    _passed[report.nodeid] = report.passed and _passed.get(report.nodeid, True)
