@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
@@ -18,6 +19,9 @@ from truepose.identification.drift.movement_selection import Candidate, Selectio
 from truepose.identification.drift.sizes import joint_parameters, movements
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.selection.scales import Point
+from support import MACHINES
+from truepose.identification.drift.sessions import Linear, linearised, sessions_of
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
@@ -223,3 +227,43 @@ def test_frames_go_first_where_they_explain_as_much() -> None:
         assert found.alike[frame].keys() == {1 - frame} and abs(found.alike[frame][1 - frame]) < 3.0
         assert found.extrinsic.tolist() == [k == frame for k in (0, 1)]
         assert found.noise == pytest.approx(1.0) and found.log_bayes_factor > 3.0
+
+
+def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:
+    """The noise is judged by readings that can err: the first of each session counts from itself, and reads 0."""
+    n = 24
+    rows = pd.DataFrame(np.random.default_rng(8).uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
+    origin = np.where(np.arange(n) % (n // 2) == 0, np.arange(n), np.arange(n) - 1)
+    rows = rows.assign(pose=np.arange(n), **{"from": origin}, session=np.arange(n) // (n // 2))
+    rows.assign(dL=np.where(origin == np.arange(n), 0.0, 1e-3)).to_csv(tmp_path / "rows.csv", index=False)
+    machine = load_machine(MACHINES / "distance.yaml")
+    sessions, notes = sessions_of(machine, load_recording(machine, [tmp_path / "rows.csv"]))
+    prior = prior_of(machine)
+    assert not notes
+    assert [linearised(s, prior, prior.mean).readings for s in sessions] == [n // 2 - 1] * 2
+
+
+def test_tolerances_of_parts_may_be_wrong_and_what_has_none_decides_nothing() -> None:
+    """Lengths and angles of the mechanism have doubtful tolerances; frames', and infinite ones, are what they are."""
+    prior = Prior(
+        ("a", "b", "c", "d", "fixed"),
+        np.zeros(5),
+        np.array([0.5, np.inf, 4.0, 0.1, 0.0]),
+        np.array([1.0, 1.0, 2.0, 1.0, 1.0]),
+        ("length", "length", "frame", "angle", "length"),
+    )
+    rng = np.random.default_rng(9)
+    seen = [Linear(rng.standard_normal((5, 4)), rng.standard_normal(5), count) for count in (7, 11)]
+    stack = Stack.of(seen, prior)
+    assert stack.inflated.tolist() == [True, False, False, True]
+    np.testing.assert_allclose(stack.weight[[0, 2, 3]], [2.0, 0.5, 10.0])
+    assert 0.0 < stack.weight[1] < 1e-3
+    assert stack.readings == 18
+    np.testing.assert_array_equal(stack.jacobian[1], seen[1].jacobian)
+    np.testing.assert_allclose(stack.contrasts.T @ stack.contrasts, np.eye(1), atol=1e-12)
+    np.testing.assert_allclose(stack.contrasts.sum(axis=0), 0.0, atol=1e-12)
+    known, unknown = stack.sizes([0]), stack.sizes([0, 1])
+    for sizes, log in (known, unknown):
+        assert np.sum(np.exp(log)) == pytest.approx(1.0) and np.all(np.diff(sizes) > 0.0)
+    # large movements of known parts are rarer than small ones; of unknown parts none is
+    assert known[1][0] - known[1][-1] > 4.0 and np.ptp(unknown[1]) < 1e-12
