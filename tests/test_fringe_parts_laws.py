@@ -77,7 +77,7 @@ def test_a_converter_adds_its_step_and_what_no_average_removes() -> None:
     staircase = step * np.round(x / step) - x
     harmonic = 2.0 * np.mean(staircase * np.sin(2.0 * np.pi * x / step))
     assert calm.stuck == pytest.approx(abs(float(harmonic)) / np.sqrt(2.0), rel=1e-3)
-    for size, most in ((1.0, 1e-7), (2.0, 1e-30)):  # the harmonic fades with the square of the noise
+    for size, most in ((1.0, 1e-7), (2.0, 1e-24)):  # the harmonic fades with the square of the noise
         noisy = noise_of(step * np.round(size * rng.standard_normal(60_000)))
         assert 0.0 < noisy.stuck < most * step
         assert noisy.sigma == pytest.approx(step * np.hypot(size, 1.0 / np.sqrt(12.0)), rel=0.25)
