@@ -14,14 +14,14 @@ from scipy import stats
 from scipy.linalg import block_diag
 from scipy.special import expit
 
+from support import MACHINES
 from truepose.identification.drift.movement_evidence import Stack, grid_for, solve, weigh
 from truepose.identification.drift.movement_selection import Candidate, Selection, candidates_of, select
+from truepose.identification.drift.sessions import Linear, linearised, sessions_of
 from truepose.identification.drift.sizes import joint_parameters, movements
 from truepose.identification.fit.problem import Prior, prior_of
-from truepose.identification.selection.scales import Point
-from support import MACHINES
-from truepose.identification.drift.sessions import Linear, linearised, sessions_of
 from truepose.identification.recording.load import load_recording
+from truepose.identification.selection.scales import Point
 from truepose.models.load import load_machine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
@@ -240,7 +240,7 @@ def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:
     sessions, notes = sessions_of(machine, load_recording(machine, [tmp_path / "rows.csv"]))
     prior = prior_of(machine)
     assert not notes
-    assert [linearised(s, prior, prior.mean).readings for s in sessions] == [n // 2 - 1] * 2
+    assert [linearised(s, prior, prior.mean).n_observations for s in sessions] == [n // 2 - 1] * 2
 
 
 def test_tolerances_of_parts_may_be_wrong_and_what_has_none_decides_nothing() -> None:
@@ -258,7 +258,7 @@ def test_tolerances_of_parts_may_be_wrong_and_what_has_none_decides_nothing() ->
     assert stack.inflated.tolist() == [True, False, False, True]
     np.testing.assert_allclose(stack.weight[[0, 2, 3]], [2.0, 0.5, 10.0])
     assert 0.0 < stack.weight[1] < 1e-3
-    assert stack.readings == 18
+    assert stack.n_observations == 18
     np.testing.assert_array_equal(stack.jacobian[1], seen[1].jacobian)
     np.testing.assert_allclose(stack.contrasts.T @ stack.contrasts, np.eye(1), atol=1e-12)
     np.testing.assert_allclose(stack.contrasts.sum(axis=0), 0.0, atol=1e-12)
