@@ -47,7 +47,7 @@ def rows(
     return Recording(
         joints=tuple(f"q{k}" for k in range(q.shape[1])),
         q=q,
-        readings={},
+        observations={},
         labels={},
         drivers=drivers or {},
         files=("a.csv",),

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from support.studies import study_module
 from truepose.identification.fringes.count import count_fringes
+from truepose.identification.fringes.faults import Fault
 from truepose.identification.fringes.levels import Noise
+from truepose.identification.fringes.move import read_move
 from truepose.identification.fringes.turns import Verdict, Visit, judge
 from truepose.models.fabry_perot import coupling, fringe
 
@@ -76,3 +80,55 @@ def test_a_mirror_that_rests_before_the_end_of_a_fringe_does_not_turn_there(
     assert not count.faults
     assert count.turns == int(back)
     assert abs(count.phase) * signals.WAVELENGTH / (4.0 * np.pi) == pytest.approx(abs(run.change), abs=5e-6)
+
+
+NM = 1e6
+REST, SCAN_TIME, STEP = 0.2, 0.3, 2e-3
+
+
+def short_move(way: float, *, scan: float = 2e-5, after: float = 0.0, noise: float = 0.005) -> Any:
+    """A mirror that goes ``way`` fringes; the light of the last scan is that of one ``after`` fringes farther."""
+    half, t = signals.WAVELENGTH / 2.0, np.arange(0.0, 0.8, STEP)
+    path = half * (0.05 + way * signals.smooth_step(t, REST, 0.4))
+    detector = signals.Detector(noise=noise)
+    run = signals.run(t, path, detector, np.random.default_rng(3), 0.9, scan, SCAN_TIME)
+    if after:
+        last = slice(-round(SCAN_TIME / STEP), None)
+        phase = 4.0 * np.pi * (0.9 + path[-1] + after * half) / run.wavelength[last]
+        run.signal[last] = detector.read(phase, np.random.default_rng(4))
+    return run
+
+
+@pytest.mark.parametrize("way", [3.2, -3.2])
+def test_scans_tell_the_direction_and_on_which_side_of_a_fringe_the_mirror_rests(way: float) -> None:
+    run = short_move(way)
+    move = read_move(run.t, run.signal, run.wavelength, FIBRE)
+    assert move.signed and not move.faults
+    assert abs(move.change - run.change) < 4.0 * move.sigma < 20.0 / NM
+    assert np.sign(move.change) == np.sign(way) and move.count.turns == 0
+    assert move.count.start.doubt == move.count.stop.doubt == 0.0
+    assert move.wavelength == signals.WAVELENGTH
+    plain = short_move(way, scan=0.0)
+    unsigned = read_move(plain.t, plain.signal, plain.wavelength, FIBRE)
+    assert not unsigned.signed and unsigned.change == pytest.approx(
+        abs(way) * signals.WAVELENGTH / 2.0, abs=2e-5
+    )
+
+
+def test_a_count_that_the_scans_contradict_is_not_used() -> None:
+    """One whole fringe that nobody counted is enough."""
+    for after, contradicted in ((0.0, False), (1.0, True)):
+        run = short_move(3.2, after=after)
+        move = read_move(run.t, run.signal, run.wavelength, FIBRE)
+        assert (Fault.COUNT in move.faults) is contradicted
+
+
+def test_light_without_fringes_counts_nothing_and_knows_nothing() -> None:
+    t = np.arange(0.0, 1.0, STEP)
+    noise = np.random.default_rng(5).standard_normal(len(t))
+    for light in (noise, np.zeros(len(t)), np.full(len(t), 7.0)):
+        count = count_fringes(t, light, FIBRE)
+        assert count.faults == (Fault.WEAK,)
+        assert (count.walked, count.turns, count.phase) == (0.0, 0, 0.0)
+        assert np.isinf(count.sigma) and np.isinf(count.noise)
+        assert count.start.doubt == count.stop.doubt == 0.0

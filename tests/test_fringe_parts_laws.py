@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.fringes import faults
+from truepose.identification.fringes import faults, levels
 from truepose.identification.fringes.excursions import (
     Excursions,
     centre_means,
@@ -77,9 +77,10 @@ def test_a_converter_adds_its_step_and_what_no_average_removes() -> None:
     staircase = step * np.round(x / step) - x
     harmonic = 2.0 * np.mean(staircase * np.sin(2.0 * np.pi * x / step))
     assert calm.stuck == pytest.approx(abs(float(harmonic)) / np.sqrt(2.0), rel=1e-3)
-    noisy = noise_of(step * np.round(2.0 * rng.standard_normal(60_000)))
-    assert noisy.stuck < 1e-9 * step
-    assert noisy.sigma == pytest.approx(step * np.hypot(2.0, 1.0 / np.sqrt(12.0)), rel=0.2)
+    for size, most in ((1.0, 1e-7), (2.0, 1e-24)):  # the harmonic fades with the square of the noise
+        noisy = noise_of(step * np.round(size * rng.standard_normal(60_000)))
+        assert 0.0 < noisy.stuck < most * step
+        assert noisy.sigma == pytest.approx(step * np.hypot(size, 1.0 / np.sqrt(12.0)), rel=0.25)
     assert noise_of(rng.standard_normal(2000)).stuck == 0.0
     assert noise_of(np.ones(3)) == Noise(0.0, 0.0)
 
@@ -329,3 +330,20 @@ def test_a_verdict_is_no_surer_than_what_confirms_it() -> None:
     assert sure.confirmed(weak).odds == weak.confirmed(sure).odds == 9.0
     assert sure.confirmed(opposite).odds == 0.0
     assert opposite.confirmed(Verdict(-30.0, True, 1.0, 0.1)).odds == -30.0
+
+
+def test_levels_go_on_beyond_their_knots_as_they_drift_at_the_ends() -> None:
+    knots = np.array([1.0, 2.0, 4.0])
+    drifting = Levels(knots, np.array([0.0, 1.0, 5.0]), np.array([10.0, 12.0, 20.0]), 0.01, 0.02)
+    far = levels._extended((0.0, 6.0), drifting)
+    np.testing.assert_allclose(far.knots, [0.0, 1.0, 2.0, 4.0, 6.0])
+    np.testing.assert_allclose(far.low, [-1.0, 0.0, 1.0, 5.0, 9.0])
+    np.testing.assert_allclose(far.high, [8.0, 10.0, 12.0, 20.0, 28.0])
+    assert (far.sigma, far.misfit) == (0.01, 0.02)
+    still = Levels(np.array([2.0]), np.array([1.0]), np.array([3.0]))
+    assert levels._extended((0.0, 6.0), still) is still
+
+
+def test_light_that_does_not_change_is_no_scan() -> None:
+    wave = np.linspace(BASE, BASE + 2e-5, 500)
+    assert read_scan(wave, np.full(500, 3.0), BASE, G, 0.1) is None

@@ -9,20 +9,20 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
-from truepose.identification.diagnosis.evidence import grid_for
-from truepose.identification.diagnosis.selection import (
-    THRESHOLD,
-    WIDE,
-    Selection,
-    _join_pairs,
-    rank,
-    select,
-    weight,
-)
 
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import refit as refits
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
+from truepose.identification.diagnosis.effect_evidence import grid_for
+from truepose.identification.diagnosis.effect_selection import (
+    THRESHOLD,
+    WIDE,
+    Selection,
+    _join_pairs,
+    log_posterior,
+    rank,
+    select,
+)
 from truepose.identification.diagnosis.refit import refit
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -61,7 +61,7 @@ class Case:
         table = pd.DataFrame(rng.uniform(-1, 1, (ROWS, 2)) * [160, 95], columns=["q1 [deg]", "q2 [deg]"])
         table["approach.q1"], table["approach.q2"] = rng.choice([-1.0, 1.0], (2, ROWS))
         table.to_csv(folder / "poses.csv", index=False)
-        poses = load_recording(machine, [folder / "poses.csv"], need_readings=False)
+        poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
         read = simulate(machine, poses, [parse_effect(text, machine) for text in truth], seed=3)
         pd.concat([table, read], axis=1).to_csv(folder / "rows.csv", index=False)
         recording = load_recording(machine, [folder / "rows.csv"])
@@ -115,7 +115,7 @@ def test_the_weight_of_a_selection_is_the_sum_of_its_steps(tmp_path: Path) -> No
         for s, i in ((empty, play), (one, scale))
     ]
     assert min(steps) > THRESHOLD
-    assert weight(two) - weight(empty) == pytest.approx(sum(steps), rel=1e-9)
+    assert log_posterior(two) - log_posterior(empty) == pytest.approx(sum(steps), rel=1e-9)
 
 
 def test_two_terms_that_are_halves_of_one_become_that_one(tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_two_terms_that_are_halves_of_one_become_that_one(tmp_path: Path) -> Non
     play = case.of_effect("backlash", "q2")
     joined = _join_pairs(halves.linearisation, case.cat, halves.grid, halves.accepted, set())
     assert set(joined) == {play}
-    assert weight(case.with_terms(*joined)) > weight(halves)
+    assert log_posterior(case.with_terms(*joined)) > log_posterior(halves)
     # what may not be taken is not, and a true pair stays
     banned = _join_pairs(halves.linearisation, case.cat, halves.grid, halves.accepted, {play})
     assert play not in banned
