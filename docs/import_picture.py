@@ -187,7 +187,7 @@ def _statements(node: ast.AST, package: list[str], lazy: bool) -> Iterator[tuple
 
 
 def _known(name: str, known: dict[str, Path]) -> str | None:
-    """The module that ``truepose.a.b.name`` is, or that holds it; None for other packages."""
+    """The module that ``truepose.models.lie.exp_so3`` is, or that holds it; None for other packages."""
     if name.partition(".")[0] != "truepose":
         return None
     inner = name.removeprefix("truepose").removeprefix(".")

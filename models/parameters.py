@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from truepose.models.units import UnitSystem
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -27,6 +29,10 @@ class Parameter:
     def free(self) -> bool:
         """Whether the drawing leaves anything to be estimated."""
         return self.tolerance > 0.0
+
+    def written_in(self, units: UnitSystem) -> str:
+        """Its unit in a file of such units."""
+        return units.of("gain") if self.part == "gain" else units.written(self.unit)
 
     @property
     def scale(self) -> float:

@@ -174,6 +174,15 @@ class UnitSystem:
             return "1" if self.joint is None else f"{self.length}/{self.joint}"
         return INTERNAL[dimension]
 
+    def written(self, unit: str) -> str:
+        """The file's unit for what is in ``unit`` inside: lengths and angles; all else stays as it is."""
+        return {"mm": self.length, "rad": self.angle}.get(unit, unit)
+
+    def of_joint(self, unit: str) -> str:
+        """The unit of the column of a joint that is read in ``unit`` inside, unless its header says otherwise."""
+        own = self.joint is not None and compatible(self.joint, unit)
+        return self.of("joint") if own else self.written(unit)
+
     def internal(self, dimension: str) -> str:
         """The program's unit of the same dimension."""
         if dimension == "joint":

@@ -53,7 +53,8 @@ def test_gradients_are_exact_through_loops_loads_and_differences_of_rows(name: s
     information = function.information
     q = 0.8 * poses(information, 12) + 0.2 * information.home
     value, gradient = function.gradient(information.at(q))
-    assert value == function.value(information.at(q))
+    # once with and once without slopes: other sums, of some hundred terms
+    assert value == pytest.approx(function.value(information.at(q)), rel=1e-12)
     rng = np.random.default_rng(4)
     for _ in range(3):
         e = 5e-3 * (information.high - information.low) * rng.uniform(-1, 1, q.shape)

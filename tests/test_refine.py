@@ -275,5 +275,6 @@ def test_creep_begins_anew_where_clocks_do(tmp_path: Path) -> None:
     time = np.tile(60.0 * np.arange(10), 2) + np.repeat([0.0, 1.0], 10)
     both = recorded(tmp_path, time, np.repeat([1, 2], 10)).driver("creep.s~0.1~2")
     alone = recorded(tmp_path, time[:10], np.ones(10, dtype=int)).driver("creep.s~0.1~2")
-    assert both is not None
-    np.testing.assert_array_equal(both[:10], alone)
+    assert both is not None and alone is not None
+    # logarithms of ten ages and of twenty: a processor's vectors may end elsewhere
+    np.testing.assert_allclose(both[:10], alone, rtol=1e-13, atol=1e-13)

@@ -125,11 +125,6 @@ def _standard(residual: Array) -> Array:
     return np.clip(residual / np.where(scale > 0, scale, 1.0), -3.5, 3.5)
 
 
-def recorded_drivers(recording: Recording) -> tuple[str, ...]:
-    """Every logged driver, time included."""
-    return (*recording.drivers, *(("time",) if recording.time is not None else ()))
-
-
 def _draws(r: Array) -> int:
     return DRAWS if r.size < 50_000 else 60
 
@@ -146,7 +141,7 @@ def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
     """Orthonormal functions (n, k) of each recorded driver: three powers and two waves over its range."""
     rows = np.flatnonzero(fit.used)
     columns = {name: recording.q[rows, k] for k, name in enumerate(recording.joints)}
-    for name in recorded_drivers(recording):
+    for name in recording.logged:
         values = recording.driver(name)
         if values is not None:
             columns[name] = values[rows]

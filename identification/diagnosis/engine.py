@@ -176,7 +176,7 @@ def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
         free=free,
         before=before,
         after=after,
-        fits={name: summarise(fit, machine.channels, recording.validation) for name, fit in stages.items()},
+        fits={name: summarise(fit, recording.validation) for name, fit in stages.items()},
         proof=proof,
         terms=after.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),

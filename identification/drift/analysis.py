@@ -23,7 +23,7 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
-from truepose.identification.identifiability.observability import Knowledge, units_of
+from truepose.identification.identifiability.observability import Knowledge
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.note import Note
 from truepose.identification.recording.recording import Recording
@@ -92,7 +92,7 @@ def drift(
         labels=tuple(s.label for s in sessions),
         times=times,
         n_observations=tuple(fit.n_observations for fit in fits),
-        movements=movements(stack, found, prior, units_of(machine, machine.effects), times),
+        movements=movements(stack, found, prior, machine.parameter_units, times),
         noise=found.noise,
         log_bayes_factor=found.log_bayes_factor,
         unseen=_unseen(machine, stack, prior, joint_parameters(stack, found, prior)),
@@ -163,7 +163,7 @@ def _unseen(machine: Machine, stack: Stack, prior: Prior, places: Array) -> Blin
     """What no session sees, not even the one that sees most: whether it moved cannot be told."""
     parts = [Decomposition.of(jacobian, stack.weight) for jacobian in stack.jacobian]
     k = max(range(len(parts)), key=lambda k: parts[k].rank)
-    known = Knowledge.at(prior, units_of(machine, machine.effects), places[k], parts[k])
+    known = Knowledge.at(prior, machine.parameter_units, places[k], parts[k])
     return Blind.of(known, parts[k].null_space, machine, places[k])
 
 

@@ -167,24 +167,6 @@ def pcr(problem: Spectrum, components: int | None = None) -> LinearEstimate:
     return _shrunk(problem, np.where(place < number, 1.0, 0.0), np.asarray(number))
 
 
-def independent_columns(h: Array, tolerance: float = 1e-9) -> NDArray[np.intp]:
-    """Indices of columns of ``h`` (n, m), taken in order, each adding to the rank of those before it.
-
-    The reconstruction of the identification Jacobian of the polisher paper, section 4.1: put first what must
-    be kept. A column adds when more than ``tolerance`` of its length stands off the span of those before.
-    """
-    basis = np.zeros((h.shape[0], 0))
-    kept = []
-    for k, column in enumerate(h.T):
-        left = column - basis @ (basis.T @ column)
-        left -= basis @ (basis.T @ left)  # once more: rounding of the first pass
-        length = float(np.linalg.norm(left))
-        if length > tolerance * float(np.linalg.norm(column)):
-            basis = np.column_stack([basis, left / length])
-            kept.append(k)
-    return np.array(kept, dtype=np.intp)
-
-
 def _shrunk(problem: Spectrum, share: Array, tuning: Array) -> LinearEstimate:
     b = (problem.directions @ (share * problem.alpha)).T * problem.scale
     return LinearEstimate(b.T, share, tuning, problem)
@@ -207,7 +189,6 @@ __all__ = [
     "Spectrum",
     "column_scale",
     "decompose",
-    "independent_columns",
     "liu",
     "liu_parameter",
     "ols",

@@ -19,7 +19,6 @@ from truepose.identification.prediction.predict import predicted, predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.irradiance import Irradiance
-from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]
 _ODDS = 4.6  # log of the odds (99 to 1) from which on the model's sign is taken
@@ -50,7 +49,7 @@ def read_fringes(
     file, row and pose where samples are missing or are no series.
     """
     sensor = sensor_of(machine)
-    units = machine.file.units if machine.file else UnitSystem()
+    units = machine.units
     work = _Work(machine, sensor, rows)
     for index, path in tables.items():
         work.read(index, read_samples(path, units), progress or (lambda _: None))

@@ -22,7 +22,6 @@ from truepose.identification.identifiability.observability import (
     Knowledge,
     determined,
     nearly_unseen,
-    units_of,
     unseen,
 )
 from truepose.identification.identifiability.patterns import Blind
@@ -118,9 +117,7 @@ def identifiability(
         raise InputError(f"{', '.join(rows.files)}: found no row in which {machine.name} can be assembled")
     weight = np.where(np.isinf(prior.sigma), 0.0, prior.scale / np.where(prior.sigma > 0, prior.sigma, 1.0))
     weight = weight[prior.free]
-    known = Knowledge.at(
-        prior, units_of(machine, machine.effects), home, Decomposition.of(seen.factor, weight)
-    )
+    known = Knowledge.at(prior, machine.parameter_units, home, Decomposition.of(seen.factor, weight))
     built = [
         Decomposition.of(Seen.at(predictor, prior, p).factor, weight)
         for p in _as_built(prior, home, machines, np.random.default_rng(seed))

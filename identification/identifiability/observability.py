@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate, Prior
-from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import FRAME_OF, Machine
+from truepose.models.machine import FRAME_OF
 
 Array = NDArray[np.float64]
 UNSEEN_SHARE = 1e-3
@@ -46,7 +45,7 @@ class Knowledge:
     @classmethod
     def of(cls, fit: Estimate) -> Knowledge:
         """What a fit knows."""
-        units = units_of(fit.machine, fit.effects)
+        units = fit.machine.with_effects(fit.effects).parameter_units
         return cls.at(fit.prior, units, fit.p, fit.decomposition)
 
     @classmethod
@@ -96,12 +95,6 @@ def _typical(column: Array, among: Sequence[bool]) -> float:
     """Median size of those columns that the readings see, 0 without any."""
     some = column[among][column[among] > FAINT * np.max(column, initial=0.0)]
     return float(np.median(some)) if len(some) else 0.0
-
-
-def units_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> dict[str, str]:
-    """Internal unit of every parameter and coefficient by its name."""
-    units = {parameter.name: parameter.unit for parameter in machine.parameters}
-    return units | {f"{e.label}:{c.name}": c.unit for e in effects for c in e.coefficients}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from truepose.errors import InputError
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.driver import APPROACH, VELOCITY, Driver
-from truepose.models.units import FloatArray, UnitSystem, close_matches, compatible, convert, meant
+from truepose.models.units import FloatArray, UnitSystem, close_matches, convert, meant
 
 IntArray = npt.NDArray[np.int64]
 
@@ -95,19 +95,8 @@ def _converted(table: Table, name: str, default: str, internal: str) -> FloatArr
     return convert(values, table.unit(name, default, internal), internal, table.where(name))
 
 
-def _default_unit(internal: str, units: UnitSystem) -> str:
-    return {"mm": units.length, "rad": units.angle}.get(internal, internal)
-
-
-def joint_unit(joint: JointColumn, units: UnitSystem) -> str:
-    """The unit a joint's column is in unless its header says otherwise."""
-    if units.joint is not None and compatible(units.joint, joint.unit):
-        return units.joint
-    return _default_unit(joint.unit, units)
-
-
 def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
-    unit = table.unit(joint.name, joint_unit(joint, units), joint.unit)
+    unit = table.unit(joint.name, units.of_joint(joint.unit), joint.unit)
     recorded = table.numbers(joint.name)
     readings = convert(recorded, unit, joint.unit)
     if joint.range is None:
@@ -126,11 +115,11 @@ def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
 
 
 def _reading(table: Table, name: str, internal: str, units: UnitSystem) -> FloatArray:
-    return _converted(table, name, _default_unit(internal, units), internal)
+    return _converted(table, name, units.written(internal), internal)
 
 
 def _drivers(table: Table, joints: Sequence[JointColumn], units: UnitSystem) -> dict[str, FloatArray]:
-    written, internal = {j.name: joint_unit(j, units) for j in joints}, {j.name: j.unit for j in joints}
+    written, internal = {j.name: units.of_joint(j.unit) for j in joints}, {j.name: j.unit for j in joints}
     temperatures = [name for name in table.names if Driver.of(name).thermal]
     out = {}
     for name in (*_LOGGED, *temperatures, *_of_joints(joints)):

@@ -92,14 +92,17 @@ class Recording:
         seen = (numbers[place] == self.session) & (self.session_recorded | own)
         return frozen(np.where(seen, place, numbers.size - 1).astype(np.int64))
 
+    @property
+    def logged(self) -> tuple[str, ...]:
+        """Every logged driver, time included."""
+        return (*self.drivers, *((TIME,) if self.time is not None else ()))
+
     def driver(self, name: str, sessions: Sequence[int] | None = None) -> FloatArray | None:
         """What the recording logged under a driver's name, (n,); None when it did not.
 
-        `time` s, `payload` kg, `pressure` hPa, `humidity` percent, `approach.J`, `velocity.J` (unit of
-        the joint per s), `temperature.PLACE` degC (else `temperature.air`); `temperature.PLACE~300` is
-        the same seen through a first-order lag of 300 s, and `stop.J~r`, `creep.J~t0` what a joint's way leaves
-        behind (see `truepose.identification.recording.memory`); `session.after.K` is 1 from the K-th session
-        change on, 0 before, sessions ranked among `sessions` (see `session_rank`).
+        Units are in `truepose.models.driver`. `temperature.air` stands in for places without a column; names with
+        numbers are of drivers that remember (`truepose.identification.recording.memory`); `session.after.K` is 1
+        from the K-th session change on, 0 before, sessions ranked among `sessions` (see `session_rank`).
         """
         driver = Driver.of(name)
         if driver.after is not None:
@@ -108,15 +111,6 @@ class Recording:
             values = remembered(self.whole, driver)
             return None if values is None else frozen(values[self.rows])
         return self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
-
-    def origins(self) -> Recording:
-        """For each row the row that `from` names, as a recording of the same length.
-
-        Raises ValueError when the recording has no `from`.
-        """
-        if self.from_row is None:
-            raise ValueError("the recording has no column 'from'")
-        return self.whole.subset(self.from_row)
 
     def replicates(self) -> IntArray:
         """Label per row (n,): rows of one file, session and `pose` at the same readings share it."""

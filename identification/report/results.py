@@ -12,7 +12,7 @@ from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Quantity
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.summary import FitSummary, rms_by_kind, worst_allowed
+from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import explanation, form_words, separating_experiment
@@ -125,9 +125,7 @@ def _unbounded(fit: Estimate) -> set[str]:
 
 
 def _figures(fit: Estimate, recording: Recording) -> Json:
-    channels, units = fit.machine.channels, fit.machine.residual_units
-    kept = recording.validation & np.isfinite(fit.residual).all(axis=1)
-    worst = max(range(len(fit.p)), key=lambda k: abs(fit.in_tolerances[k]))
+    told, units = summarise(fit, recording.validation), fit.machine.residual_units
     return {
         "status": fit.solution.status.name.lower(),
         "message": fit.solution.status.value,
@@ -138,13 +136,11 @@ def _figures(fit: Estimate, recording: Recording) -> Json:
         "effective_parameters": fit.effective_parameters,
         "chi2": fit.chi2,
         "chi2_per_dof": fit.chi2_per_dof,
-        "rms": _rms(rms_by_kind(fit.residual[fit.used], channels), units),
-        "validation_rms": _rms(rms_by_kind(fit.residual[kept], channels), units) if kept.any() else None,
+        "rms": _rms(told.rms, units),
+        "validation_rms": _rms(told.validation_rms, units),
         "free_parameters": len(fit.prior.free),
         "rank": fit.rank,
-        "worst_parameter_sigma": fit.worst_parameter_sigma,
-        "worst_parameter": fit.prior.names[worst],
-        "worst_parameter_allowed": worst_allowed(fit),
+        **_worst(told),
     }
 
 
@@ -227,19 +223,28 @@ def _quantity(quantity: Quantity) -> Json:
 
 
 def _summary(fit: FitSummary, units: Mapping[str, str], *, before: bool) -> Json:
-    out: Json = {"rms": _rms(fit.rms, units, _FINE), "chi2_per_dof": fit.chi2_per_dof}
-    out["validation_rms"] = None if fit.validation_rms is None else _rms(fit.validation_rms, units, _FINE)
-    if before:
-        out["worst_parameter_sigma"] = fit.worst_parameter_sigma
-        out["worst_parameter"] = fit.worst_parameter
-        out["worst_parameter_allowed"] = fit.worst_allowed
-    return out
+    return {
+        "rms": _rms(fit.rms, units, _FINE),
+        "chi2_per_dof": fit.chi2_per_dof,
+        "validation_rms": _rms(fit.validation_rms, units, _FINE),
+        **(_worst(fit) if before else {}),
+    }
+
+
+def _worst(fit: FitSummary) -> Json:
+    return {
+        "worst_parameter_sigma": fit.worst_parameter_sigma,
+        "worst_parameter": fit.worst_parameter,
+        "worst_parameter_allowed": fit.worst_allowed,
+    }
 
 
 def _rms(
-    rms: Mapping[str, float],
+    rms: Mapping[str, float] | None,
     units: Mapping[str, str],
     shown: Mapping[str, tuple[str, float]] = MappingProxyType({}),
-) -> Json:
+) -> Json | None:
+    if rms is None:
+        return None
     scaled = {kind: (value, *shown.get(units[kind], (units[kind], 1.0))) for kind, value in rms.items()}
     return {kind: {"value": factor * value, "unit": unit} for kind, (value, unit, factor) in scaled.items()}

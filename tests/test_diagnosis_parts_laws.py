@@ -1,0 +1,266 @@
+"""Laws of a diagnosis' parts: alarms on residuals of a known make, what is left and its form, signs and bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from support.effect_machines import read_machines
+from support.effects import with_effect
+from support.sensor_bench import Bench
+from truepose.identification.diagnosis import classes
+from truepose.identification.diagnosis import effect_selection as selection
+from truepose.identification.diagnosis.alarms import residual_alarm, structure_alarm
+from truepose.identification.diagnosis.candidates import Catalogue
+from truepose.identification.diagnosis.effect_evidence import grid_for
+from truepose.identification.diagnosis.judgement import explained
+from truepose.identification.diagnosis.remainder import describe
+from truepose.identification.diagnosis.signatures import Linearisation
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.summary import rms_by_kind
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.scales import Grid
+from truepose.models.sensors.base import Channel
+
+Array = NDArray[np.float64]
+Case = tuple[Estimate, Recording]
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """A fit of an arm and its recording, every pose repeated; the tests replace the residuals."""
+    bench = Bench(tmp_path_factory.mktemp("case"), "arm")
+
+    def twice(frame: pd.DataFrame) -> None:
+        half = len(frame) // 2
+        frame.iloc[half:] = frame.iloc[:half].to_numpy()
+
+    bench.recording()
+    rows = pd.read_csv(bench.folder / "recording.csv")
+    twice(rows)
+    rows.to_csv(bench.folder / "recording.csv", index=False)
+    recording = load(bench, bench.folder / "recording.csv")
+    return estimate(bench.machine, recording), recording
+
+
+def load(bench: Bench, path: Path) -> Recording:
+    return load_recording(bench.machine, [path])
+
+
+def noise(case: Case, seed: int, size: float = 1.0) -> Array:
+    return size * np.random.default_rng(seed).standard_normal(case[0].residual.shape)
+
+
+def left(case: Case, residual: Array) -> Estimate:
+    return replace(case[0], residual=residual)
+
+
+# -- alarms --------------------------------------------------------------------------------------------
+
+
+def test_a_misfit_is_judged_by_what_repeats_scatter(
+    case: Case,
+) -> None:
+    """Readings scattered five times the stated sigma are noise; what repeats share is none."""
+    fit, recording = case
+    alarms = [residual_alarm(left(case, noise(case, seed, 5.0)), recording) for seed in range(100)]
+    assert {a.about for a in alarms} == {"replicates"}
+    p = np.array([a.p for a in alarms])
+    # residuals of a fit are a little smaller; drawn ones are not: the misfit looks larger by their share
+    share = 1.0 - fit.effective_parameters / fit.n_observations
+    assert np.mean([a.statistic for a in alarms]) == pytest.approx(25.0 / share, rel=0.03)
+    assert 0.01 < np.mean(p < 0.1) < 0.6 and np.mean(p < 1e-4) < 0.02
+    pose = np.random.default_rng(1).standard_normal((len(recording) // 2, fit.residual.shape[1]))
+    off = np.concatenate([pose, pose]) * 10.0
+    assert residual_alarm(left(case, noise(case, 1) + off), recording).p < 1e-6
+
+
+def test_without_repeats_the_misfit_is_judged_by_the_stated_sigma(case: Case) -> None:
+    fit, recording = case
+    alone = replace(recording, pose=np.arange(len(recording), dtype=np.int64))
+    dof = fit.n_observations - fit.effective_parameters
+    for size, seen in ((1.0, False), (1.4, True)):
+        residual = noise(case, 3)
+        residual *= size * np.sqrt(dof / np.sum(residual**2))
+        alarm = residual_alarm(left(case, residual), alone)
+        assert alarm.about == "stated sigma" and alarm.statistic == pytest.approx(size**2)
+        assert alarm.raised is seen
+    assert residual_alarm(left(case, residual / 1.4), alone).p == pytest.approx(0.5, abs=0.05)
+
+
+SHAPES: Mapping[tuple[str, int], Callable[[Array], Array]] = {
+    ("linear", 0): lambda t: t,
+    ("quadratic", 0): lambda t: 3.0 * t**2 + 0.5 * t,
+    ("periodic", 1): lambda t: np.sin(np.pi * t + 0.7),
+    ("periodic", 2): lambda t: np.sin(2.0 * np.pi * t + 0.7),
+    ("periodic", 4): lambda t: np.sin(4.0 * np.pi * t + 0.7),
+}
+
+
+@pytest.mark.parametrize("form", SHAPES)
+def test_what_is_left_is_described_by_its_driver_and_form(case: Case, form: tuple[str, int]) -> None:
+    _, recording = case
+    q2 = recording.q[:, recording.joints.index("q2")]
+    t = 2.0 * (q2 - q2.min()) / np.ptp(q2) - 1.0
+    error = noise(case, 4, 0.3)
+    error[:, 1] += 2.0 * SHAPES[form](t)
+    found = left(case, error)
+    structure = structure_alarm(found, recording)
+    assert structure.driver == "q2" or form[1] > 2  # waves are looked for up to two over the range
+    told = describe(found, recording, replace(structure, driver="q2"))
+    assert (told.form.kind, told.form.cycles, told.form.share) == (*form, structure.share)
+    assert told.place == ("q2",) and told.driver == "q2"
+    assert told.size_sigma == pytest.approx(float(np.sqrt(found.chi2_per_dof)))
+
+
+def test_structure_is_seen_and_shares_what_it_explains(case: Case) -> None:
+    _, recording = case
+    q3 = recording.q[:, recording.joints.index("q3")]
+    t = 2.0 * (q3 - q3.min()) / np.ptp(q3) - 1.0
+    plain = noise(case, 5)
+    for channel in range(plain.shape[1]):
+        plain[:, channel] += 2.0 * np.sqrt(2.0) * np.sin(np.pi * t)
+    found = structure_alarm(left(case, plain), recording)
+    assert found.alarm.raised and found.alarm.p < 1e-4 and found.driver == found.alarm.about == "q3"
+    assert 0.6 < found.share < 0.95  # four fifths of the variance
+    one, other = (structure_alarm(left(case, scale * plain), recording) for scale in (1.0, 7.0))
+    assert one.alarm.p == pytest.approx(other.alarm.p) and one.share == pytest.approx(other.share)
+
+
+def test_neighbours_in_time_that_agree_are_structure_in_the_order_of_rows(case: Case) -> None:
+    _, recording = case
+    clocked = replace(recording, time=np.random.default_rng(6).permutation(len(recording)).astype(float))
+    slow = noise(case, 7, 0.3)
+    rank = np.argsort(np.argsort(clocked.time if clocked.time is not None else []))
+    slow += np.repeat(np.random.default_rng(8).standard_normal((len(rank) // 5 + 1, 3)), 5, axis=0)[rank]
+    found = structure_alarm(left(case, slow), clocked)
+    assert found.alarm.raised and found.driver == "order"
+    told = describe(left(case, slow), clocked, found)
+    assert told.form.kind == "order" and told.place == ()
+    assert structure_alarm(left(case, slow), recording).driver != "order"  # in another order nothing agrees
+
+
+def test_a_driver_of_few_values_makes_steps(case: Case) -> None:
+    _, recording = case
+    side = np.where(np.arange(len(recording)) % 3 == 0, 1.0, -1.0)
+    sided = replace(recording, drivers={**recording.drivers, "approach.q1": side})
+    error = noise(case, 9, 0.3) + side[:, None]
+    structure = structure_alarm(left(case, error), sided)
+    assert structure.driver == "approach.q1"
+    told = describe(left(case, error), sided, structure)
+    assert told.form.kind == "steps" and told.place == ("q1",)
+
+
+def test_the_share_explained_is_of_the_misfit_beyond_noise(case: Case) -> None:
+    fit, _ = case
+    dof = fit.n_observations - fit.effective_parameters
+    unit = noise(case, 10)
+    unit *= np.sqrt(dof / np.sum(unit**2))
+    fits = {chi2: left(case, np.sqrt(chi2) * unit) for chi2 in (0.9, 1.0, 3.0, 5.0, 9.0)}
+    assert explained(fits[9.0], fits[5.0]) == pytest.approx(0.5)
+    assert explained(fits[5.0], fits[3.0]) == pytest.approx(0.5)
+    assert explained(fits[5.0], fits[1.0]) == pytest.approx(1.0)
+    assert explained(fits[5.0], fits[9.0]) == 0.0 and explained(fits[5.0], fits[0.9]) == 1.0
+    assert explained(fits[0.9], fits[0.9]) == 1.0
+
+
+# -- figures and notes ---------------------------------------------------------------------------------
+
+
+def test_rms_is_of_the_norm_of_each_kind() -> None:
+    """Positions of two points and a rotation; a row that cannot be assembled does not count."""
+    rng = np.random.default_rng(11)
+    channels = [Channel(f"{p}.{a}", "mm", 0.5, "position", p) for p in ("P1", "P2") for a in "xyz"]
+    channels += [Channel(f"r{a}", "rad", 0.01, "rotation", "tool") for a in "xyz"]
+    error = rng.standard_normal((50, 9))
+    whitened = error / [c.sigma for c in channels]
+    found = rms_by_kind(np.vstack([whitened, np.full(9, np.nan)]), channels)
+    points = np.sqrt(np.mean([np.sum(error[:, at] ** 2, axis=1) for at in (slice(0, 3), slice(3, 6))]))
+    assert found == pytest.approx(
+        {"position": float(points), "rotation": float(np.sqrt(np.mean(np.sum(error[:, 6:] ** 2, axis=1))))}
+    )
+    assert np.isnan(rms_by_kind(np.full((2, 9), np.nan), channels)["position"])
+
+
+@pytest.fixture(scope="module")
+def compliant(tmp_path_factory: pytest.TempPathFactory) -> Catalogue:
+    """A coefficient that must be positive, one that may have any sign, and one with a bound."""
+    arm = read_machines(tmp_path_factory.getbasetemp() / "parts_laws")["arm"]
+    yields = with_effect(arm, "joint-compliance", ("q2",))
+    shifts = with_effect(arm, "zero-shift", ("q2",), {"session": 1.0})
+    assert yields.coefficients[0].lower == 0.0
+    grows = with_effect(arm, "thermal-expansion", ("link1",))
+    return Catalogue((yields, shifts, grows), (-2.0, -2.0, -2.0), ())
+
+
+def seen(amplitude: tuple[float, float], noise_scale: float = 1.0) -> Linearisation:
+    """Two candidates that show apart, of these amplitudes (in scales), beside one part of unit tolerance."""
+    rng, n = np.random.default_rng(12), 200
+    axes = np.linalg.qr(rng.standard_normal((n, 3)))[0]
+    error = noise_scale * rng.standard_normal(n)
+    stacked = np.column_stack([30.0 * axes, -30.0 * axes[:, 1:] @ np.array(amplitude) + error])
+    slices = (slice(0, 1), slice(1, 2))
+    return Linearisation(stacked.T @ stacked, 1, slices, n, np.zeros(3), np.ones(1), ("length:",), ())
+
+
+def test_signs_count_as_their_chance_and_bounds_as_a_fifth(compliant: Catalogue) -> None:
+    """docs/diagnosis.md: 2 P(c > 0 | data), and (ln(c / bound) / 0.2)^2 / 2 of what lies 3 sigma beyond, at most 50."""
+    one = np.ones(1)
+    for mean, std in ((0.3, 0.2), (0.0, 0.5), (-0.2, 0.2)):
+        expected = float(np.log(2.0 * norm.cdf(mean / std)))
+        assert selection.log_plausibility(compliant, 0, mean * one, std * one) == pytest.approx(expected)
+    assert selection.log_plausibility(compliant, 1, -0.5 * one, 0.1 * one) == 0.0
+    (grows,) = compliant.candidates[2].coefficients
+    limit = grows.upper / grows.scale
+    assert np.isfinite(limit)
+    for factor in (1.2, 1.5):
+        cost = 0.5 * (np.log(factor) / 0.2) ** 2
+        found = selection.log_plausibility(compliant, 2, (factor * limit + 3e-3) * one, 1e-3 * one)
+        assert found == pytest.approx(np.log(2.0) - cost, rel=1e-6)
+    assert selection.log_plausibility(compliant, 2, 1e9 * limit * one, 1e-3 * one) == pytest.approx(
+        np.log(2) - 50.0
+    )
+
+
+@pytest.mark.parametrize("noise", [0.7, 1.0, 1.5, 6.0])
+def test_the_grid_reaches_the_noise_and_finds_it(compliant: Catalogue, noise: float) -> None:
+    lin = seen((0.0, 0.0), noise)
+    grid = grid_for(lin, noise)
+    assert min(grid.noise) < 1.0 and 1.0 in grid.noise and max(grid.noise) >= max(1.7, 1.2 * noise) - 1e-9
+    assert selection.rank(lin, compliant, grid, {}, [0, 1]).evidence.noise == pytest.approx(noise, rel=0.2)
+
+
+def test_a_name_needs_its_evidence_until_tolerances_are_wide_enough(compliant: Catalogue) -> None:
+    """The widening given is the first at which the term is not asked for; without one that does, there is none."""
+    rng, n = np.random.default_rng(13), 60
+    axes = np.linalg.qr(rng.standard_normal((n, 2)))[0]
+    along = (
+        np.cos(0.2) * axes[:, 0] + np.sin(0.2) * axes[:, 1]
+    )  # a part can stand in for it, off by its tolerance
+    grid = Grid((1.0,), ((1.0,),), ("length:",))
+    flips = []
+    for size in (6.0, 12.0, 30.0):
+        stacked = np.column_stack([2.0 * axes[:, 0], 50.0 * along, -size * along])
+        lin = Linearisation(
+            stacked.T @ stacked, 1, (slice(0, 1), slice(1, 2)), n, np.zeros(3), np.ones(1), ("length:",), ()
+        )
+        lin = replace(lin, gram=np.insert(np.insert(lin.gram, 2, 0.0, axis=0), 2, 0.0, axis=1))
+        found = classes.flip_inflation(lin, compliant, grid, {}, 0, selection.THRESHOLD)
+        odds = [
+            float(selection.rank(lin, compliant, Grid((1.0,), ((w,),), ("length:",)), {}, [0]).odds[0])
+            for w in classes.WIDENINGS
+        ]
+        first = next(
+            (w for w, o in zip(classes.WIDENINGS, odds, strict=True) if o < selection.THRESHOLD), None
+        )
+        assert found == first
+        flips.append(found)
+    assert len(set(flips)) > 1  # the sizes tell
