@@ -132,3 +132,9 @@ def test_light_without_fringes_counts_nothing_and_knows_nothing() -> None:
         assert (count.walked, count.turns, count.phase) == (0.0, 0, 0.0)
         assert np.isinf(count.sigma) and np.isinf(count.noise)
         assert count.start.doubt == count.stop.doubt == 0.0
+
+
+@pytest.mark.parametrize(("noise", "weak"), [(0.05, False), (0.07, True)])
+def test_noise_beyond_six_hundredths_of_a_fringe_hides_it(noise: float, weak: bool) -> None:
+    run = short_move(4.2, scan=0.0, noise=noise)
+    assert (Fault.WEAK in count_fringes(run.t, run.signal, FIBRE).faults) is weak
