@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 from truepose.models.units import UnitSystem
+
+_COMPONENTS = ("a", "b", "u", "length", "offset", "gain")
+_NUMBERED = re.compile(r"^(?P<element>.*?)\d*\.(?P<rest>.+)$")
 
 
 @dataclass(frozen=True)
@@ -50,3 +54,12 @@ def element_of(name: str) -> str:
 def vector_of(name: str) -> str:
     """What a parameter is a component of: ``leg3.a`` of ``leg3.a.x``; a plain name is its own."""
     return name.rpartition(".")[0] or name
+
+
+def like_parts(name: str) -> str:
+    """What numbered parts have alike: ``leg.a`` of ``leg3.a.x``, ``q`` of ``q4.beta``."""
+    match = _NUMBERED.match(name)
+    if match is None:
+        return name
+    head = element_of(match["rest"])
+    return f"{match['element']}.{head}" if head in _COMPONENTS else match["element"]

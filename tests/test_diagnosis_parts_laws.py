@@ -28,6 +28,7 @@ from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.models.sensors.base import Channel
 
 Array = NDArray[np.float64]
@@ -208,7 +209,9 @@ def seen(amplitude: tuple[float, float], noise_scale: float = 1.0) -> Linearisat
     error = noise_scale * rng.standard_normal(n)
     stacked = np.column_stack([30.0 * axes, -30.0 * axes[:, 1:] @ np.array(amplitude) + error])
     slices = (slice(0, 1), slice(1, 2))
-    return Linearisation(stacked.T @ stacked, 1, slices, n, np.zeros(3), np.ones(1), ("length:",), ())
+    return Linearisation(
+        stacked.T @ stacked, 1, slices, n, np.zeros(3), np.ones(1), (PartClass("length"),), ()
+    )
 
 
 def test_signs_count_as_their_chance_and_bounds_as_a_fifth(compliant: Catalogue) -> None:
@@ -245,17 +248,26 @@ def test_a_name_needs_its_evidence_until_tolerances_are_wide_enough(compliant: C
     along = (
         np.cos(0.2) * axes[:, 0] + np.sin(0.2) * axes[:, 1]
     )  # a part can stand in for it, off by its tolerance
-    grid = Grid((1.0,), ((1.0,),), ("length:",))
+    grid = Grid((1.0,), ((1.0,),), (PartClass("length"),))
     flips = []
     for size in (6.0, 12.0, 30.0):
         stacked = np.column_stack([2.0 * axes[:, 0], 50.0 * along, -size * along])
         lin = Linearisation(
-            stacked.T @ stacked, 1, (slice(0, 1), slice(1, 2)), n, np.zeros(3), np.ones(1), ("length:",), ()
+            stacked.T @ stacked,
+            1,
+            (slice(0, 1), slice(1, 2)),
+            n,
+            np.zeros(3),
+            np.ones(1),
+            (PartClass("length"),),
+            (),
         )
         lin = replace(lin, gram=np.insert(np.insert(lin.gram, 2, 0.0, axis=0), 2, 0.0, axis=1))
         found = classes.flip_inflation(lin, compliant, grid, {}, 0, selection.THRESHOLD)
         odds = [
-            float(selection.rank(lin, compliant, Grid((1.0,), ((w,),), ("length:",)), {}, [0]).odds[0])
+            float(
+                selection.rank(lin, compliant, Grid((1.0,), ((w,),), (PartClass("length"),)), {}, [0]).odds[0]
+            )
             for w in classes.WIDENINGS
         ]
         first = next(

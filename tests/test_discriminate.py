@@ -33,6 +33,7 @@ from truepose.identification.report.experiment_words import sentences
 from truepose.identification.report.notes import worded
 from truepose.identification.report.pose_tables import experiment_table
 from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]
@@ -170,7 +171,7 @@ def test_the_promise_is_what_the_diagnosis_computes_from_a_recording(tmp_path: P
     read.to_csv(tmp_path / "recording.csv", index=False)
     recording = load_recording(machine, [tmp_path / "recording.csv"])
     lin = Signatures(machine, recording, (true, rival)).linearise(estimate(machine, recording))
-    grid = Grid((1.0,), ((1.0, 1.0),), ("length", "angle"))
+    grid = Grid((1.0,), ((1.0, 1.0),), (PartClass("length"), PartClass("angle")))
     ranking = rank(lin, Catalogue((true, rival), (0.0, 0.0), ()), grid, {}, [0, 1])
     _, missed = missed_chi2(lin, ranking, {}, 0, [0, 1])
     (pair,) = [p for p in found.pairs if p.true.slug == "joint-compliance"]

@@ -15,13 +15,15 @@ from scipy.stats import multivariate_normal, norm
 from truepose.identification.diagnosis.effect_evidence import AMPLITUDES, HOPELESS, log_positive, weigh
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 SIZES = (1, 2, 1, 3)  # coefficients of each candidate
-PARTS = ("length", "length", "angle", "frame", "angle")
+LENGTH, ANGLE = PartClass("length"), PartClass("angle")
+PARTS = (LENGTH, LENGTH, ANGLE, PartClass("frame"), ANGLE)
 READINGS = 24
-ONE = Grid((1.3,), ((2.0, 1.0),), ("length", "angle"))
-SEVERAL = Grid((0.8, 1.0, 1.5), ((1.0, 1.0), (4.0, 1.0), (2.0, 10.0)), ("length", "angle"))
+ONE = Grid((1.3,), ((2.0, 1.0),), (LENGTH, ANGLE))
+SEVERAL = Grid((0.8, 1.0, 1.5), ((1.0, 1.0), (4.0, 1.0), (2.0, 10.0)), (LENGTH, ANGLE))
 NARROW_AND_WIDE = ((2.0, 1.0), (4.0, 4.0))
 GRIDS = pytest.mark.parametrize("grid", [ONE, SEVERAL], ids=["one point", "several points"])
 
@@ -36,7 +38,9 @@ class Dense:
     tolerance: Array
     columns: tuple[slice, ...]
 
-    def covariance(self, noise: float, inflation: Mapping[str, float], spreads: Mapping[int, float]) -> Array:
+    def covariance(
+        self, noise: float, inflation: Mapping[PartClass, float], spreads: Mapping[int, float]
+    ) -> Array:
         """Of e when candidates have amplitudes of these sizes."""
         widened = self.tolerance * [inflation.get(part, 1.0) for part in PARTS]
         out = noise**2 * np.eye(READINGS) + (self.j * widened**2) @ self.j.T
@@ -46,7 +50,7 @@ class Dense:
         return np.asarray(out, dtype=float)
 
     def log_density(
-        self, noise: float, inflation: Mapping[str, float], spreads: Mapping[int, float]
+        self, noise: float, inflation: Mapping[PartClass, float], spreads: Mapping[int, float]
     ) -> float:
         """log N(e; 0, covariance) less its constant."""
         full = multivariate_normal.logpdf(self.e, cov=self.covariance(noise, inflation, spreads))

@@ -18,6 +18,7 @@ from scipy.stats import chi2
 
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import FREE_WIDENING
+from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 DRAWS = 999
@@ -49,7 +50,7 @@ class _Seen:
     vectors: Array
 
     @classmethod
-    def of(cls, lin: Linearisation, inflation: Mapping[str, float]) -> _Seen:
+    def of(cls, lin: Linearisation, inflation: Mapping[PartClass, float]) -> _Seen:
         """Of geometry whose tolerances are ``inflation`` times as wide, by class of part."""
         n = lin.free
         weight = lin.weight / np.array([inflation.get(part, 1.0) for part in lin.parts])
@@ -103,7 +104,7 @@ class _Seen:
 
 
 def conflict_with_tolerances(
-    lin: Linearisation, noise: float, inflation: Mapping[str, float] | None = None
+    lin: Linearisation, noise: float, inflation: Mapping[PartClass, float] | None = None
 ) -> Conflict:
     """The smaller p of two tests, against machines drawn from their tolerances (widened by class of part).
 

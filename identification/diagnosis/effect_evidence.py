@@ -18,7 +18,7 @@ from scipy.special import log_ndtr
 
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.selection.scales import Grid, Point, log_gains, noise_scales
-from truepose.identification.selection.tolerance_classes import inflations
+from truepose.identification.selection.tolerance_classes import PartClass, inflations
 
 Array = NDArray[np.float64]
 AMPLITUDES = np.geomspace(1e-4, 10.0, 21)
@@ -180,14 +180,16 @@ class _Context:
         self.inside = np.concatenate([np.arange(n), extra]).astype(int)
         sizes = [lin.columns[i].stop - lin.columns[i].start for i in accepted]
         self.weight = np.concatenate([lin.weight, 1.0 / np.repeat(list(accepted.values()), sizes)])
-        self.parts = (*lin.parts, *("effect" for _ in extra))
+        self.parts = (*lin.parts, *(PartClass("effect") for _ in extra))
         self.n_observations, self.offset, self.gram = lin.n_observations, n, lin.gram
         shift = np.append(lin.departure, 0.0)
         # e = r - [J G] d: the residual at the drawing values, without effects
         self.cross = lin.gram[:, last] - lin.gram @ shift
         self.square = float(lin.gram[last, last] - 2 * shift @ lin.gram[:, last] + shift @ lin.gram @ shift)
 
-    def null(self, noise: float, inflation: dict[str, float]) -> tuple[float, tuple[object, Array, Array]]:
+    def null(
+        self, noise: float, inflation: dict[PartClass, float]
+    ) -> tuple[float, tuple[object, Array, Array]]:
         inside = self.inside
         widened = np.array([inflation.get(part, 1.0) for part in self.parts])
         precision = (self.weight / widened) ** 2

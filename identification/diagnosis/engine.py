@@ -38,6 +38,7 @@ from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estima
 from truepose.identification.fit.summary import summarise
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -64,7 +65,7 @@ class _Outcome:
     raised: Judgement
     left: Judgement
     screened: Ranking
-    inflation: dict[str, float]
+    inflation: dict[PartClass, float]
 
 
 def diagnose(

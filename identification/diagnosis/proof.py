@@ -19,6 +19,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -61,7 +62,7 @@ def _injected(
     after: Estimate,
     signatures: Signatures,
     cat: Catalogue,
-    classes: tuple[str, ...],
+    classes: tuple[PartClass, ...],
     term: int,
 ) -> bool:
     """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""

@@ -19,7 +19,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.tolerance_classes import part_classes
+from truepose.identification.selection.tolerance_classes import PartClass, part_classes
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
@@ -43,7 +43,7 @@ class Linearisation:
     n_observations: int
     departure: Array
     weight: Array
-    parts: tuple[str, ...]
+    parts: tuple[PartClass, ...]
     candidates: tuple[PlacedEffect, ...]
 
     def indices(self, chosen: Sequence[int]) -> list[int]:

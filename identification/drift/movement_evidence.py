@@ -25,7 +25,7 @@ from truepose.identification.drift.sessions import Linear
 from truepose.identification.fit.decomposition import ROUNDING
 from truepose.identification.fit.problem import Prior
 from truepose.identification.selection.scales import Grid, Point, log_gains, noise_scales
-from truepose.identification.selection.tolerance_classes import INFLATED, INFLATIONS
+from truepose.identification.selection.tolerance_classes import INFLATED, INFLATIONS, PartClass
 
 Array = NDArray[np.float64]
 SIZES = np.geomspace(1e-6, 3.0, 27)
@@ -89,7 +89,7 @@ def grid_for(stack: Stack) -> Grid:
     nothing = solve(stack, {}, Point(1.0, (1.0,), 0.0))
     rms = float(np.linalg.norm(nothing.residual)) / np.sqrt(stack.n_observations)
     inflations = INFLATIONS if stack.inflated.any() else (1.0,)
-    return Grid(noise_scales(rms, 0.4), tuple((v,) for v in inflations), ("all",))
+    return Grid(noise_scales(rms, 0.4), tuple((v,) for v in inflations), (PartClass("all"),))
 
 
 @dataclass(frozen=True)

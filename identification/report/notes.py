@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.note import Note
+from truepose.identification.selection.tolerance_classes import PartClass
 
 _SAID = {
     "unassembled": "{}: the mechanism cannot be assembled there; the row was left out",
@@ -38,19 +39,17 @@ def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
     return (*recording.notes, *said, *_tolerance_notes(found.inflation))
 
 
-def _tolerance_notes(inflation: Mapping[str, float]) -> list[str]:
+def _tolerance_notes(inflation: Mapping[PartClass, float]) -> list[str]:
     """Which tolerances look too small; one line where all do alike."""
     values = list(inflation.values())
     if len(values) > 1 and min(values) > 1.5 and max(values) < 1.2 * min(values):
         return [f"without effects, all tolerances look {max(values):.1f} times too small"]
     return [
-        f"without effects, {_class_words(label)} tolerances look {value:.1f} times too small"
-        for label, value in inflation.items()
+        f"without effects, {_class_words(one)} tolerances look {value:.1f} times too small"
+        for one, value in inflation.items()
         if value > 1.5
     ]
 
 
-def _class_words(label: str) -> str:
-    """``length:leg.a``: the length (leg.a)."""
-    kind, _, group = label.partition(":")
-    return f"{kind} ({group})" if group else kind
+def _class_words(one: PartClass) -> str:
+    return f"{one.kind} ({one.parts})" if one.parts else one.kind

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.selection.tolerance_classes import kind_of
+from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 TOLERANCE_DOUBT = 0.6
@@ -31,7 +31,7 @@ class Grid:
 
     noise: tuple[float, ...]
     inflation: tuple[tuple[float, ...], ...]
-    classes: tuple[str, ...]
+    classes: tuple[PartClass, ...]
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
@@ -47,8 +47,8 @@ class Grid:
         stated = np.logaddexp(np.log(0.8 / 0.1) - 0.5 * (step / 0.1) ** 2, np.log(0.2) - 0.5 * step**2)
         doubt = np.log(inflation) / TOLERANCE_DOUBT
         kinds = [
-            doubt[[kind_of(c) == kind for c in self.classes]]
-            for kind in dict.fromkeys(map(kind_of, self.classes))
+            doubt[[c.kind == kind for c in self.classes]]
+            for kind in dict.fromkeys(c.kind for c in self.classes)
         ]
         cost = min(0.5 * common**2 + sum(_cheapest(own, common) for own in kinds) for common in {0.0, *doubt})
         return float(stated - cost)
