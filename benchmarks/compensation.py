@@ -94,7 +94,7 @@ def calibrated(name: str, folder: Path) -> Machine:
     machine = load_machine(drawing)
     poses = folder / "poses.csv"
     _path(machine, name, 40).to_csv(poses, index=False)
-    read = load_recording(machine, [poses], need_readings=False)
+    read = load_recording(machine, [poses], need_observations=False)
     with_inputs(poses, simulate(machine, read, seed=1)).to_csv(folder / "recording.csv", index=False)
     recording = load_recording(machine, [folder / "recording.csv"])
     fit = estimate(machine, recording)

@@ -38,8 +38,9 @@ from truepose.identification.planning.discriminate.explanations import Explanati
 from truepose.identification.planning.discriminate.factors import Offer
 from truepose.identification.planning.discriminate.result import Experiment
 from truepose.identification.recording.load import load_recording
+from truepose.identification.report.json_text import json_text
 from truepose.identification.report.pose_tables import experiment_table
-from truepose.identification.report.results import diagnosis_json, json_text
+from truepose.identification.report.results import diagnosis_json
 from truepose.models.load import load_machine, resolve_place
 from truepose.models.machine import Machine
 

@@ -15,8 +15,8 @@ from importlib.resources import files
 from pathlib import Path
 
 from truepose.identification.diagnosis.candidates import catalogue
-from truepose.identification.diagnosis.evidence import grid_for
-from truepose.identification.diagnosis.selection import rank
+from truepose.identification.diagnosis.effect_evidence import grid_for
+from truepose.identification.diagnosis.effect_selection import rank
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import estimate

@@ -146,7 +146,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "turns": any(layout.turns),
         "turning": [int(turn) for turn in layout.turns],
         "tool": [places[f"tool.{axis}"] for axis in ("x", "y", "z", "rx", "ry", "rz")],
-        "parameters": _entries(model.names, _parameter_units(model)),
+        "parameters": _entries(model.names, [*model.machine.parameter_units.values()]),
         "joints": _joints(model.machine),
         "drivers": _entries(model.drivers, _driver_units(model)),
         "tolerance": {"position": f"{layout.position:g}", "rotation": f"{layout.rotation:g}"},
@@ -203,13 +203,6 @@ def _entries(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]
     return [
         {"name": comment(name), "identifier": identifier, "unit": comment(unit)}
         for name, identifier, unit in rows
-    ]
-
-
-def _parameter_units(model: SymbolicModel) -> list[str]:
-    machine = model.machine
-    return [p.unit for p in machine.parameters] + [
-        c.unit for effect in machine.effects for c in effect.coefficients
     ]
 
 

@@ -30,10 +30,12 @@ FOLDERS = {"models": "models", "identification": "identification", "codegen": "c
 # From the ground up. A room is a folder or a single file, named below `truepose`.
 FLOORS = (
     ("errors", "wording"),
+    ("publication",),
     ("files",),
     ("models",),
     ("codegen",),
     ("codegen.evaluation",),
+    ("identification.note",),
     ("identification.recording",),
     ("identification.prediction",),
     ("identification.fit",),
@@ -43,6 +45,7 @@ FLOORS = (
         "identification.photogrammetry",
         "identification.compensation",
     ),
+    ("identification.selection",),
     ("identification.diagnosis",),
     ("identification.drift",),
     ("identification.planning",),
@@ -184,7 +187,7 @@ def _statements(node: ast.AST, package: list[str], lazy: bool) -> Iterator[tuple
 
 
 def _known(name: str, known: dict[str, Path]) -> str | None:
-    """The module that ``truepose.a.b.name`` is, or that holds it; None for other packages."""
+    """The module that ``truepose.models.lie.exp_so3`` is, or that holds it; None for other packages."""
     if name.partition(".")[0] != "truepose":
         return None
     inner = name.removeprefix("truepose").removeprefix(".")

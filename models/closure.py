@@ -40,17 +40,17 @@ def closed(
     scale: CoordinateScale,
     *,
     rounds: int = ROUNDS,
-    solve: Callable[[Array, Array], Array] | None = None,
+    careful: bool = False,
 ) -> tuple[Array, Mask]:
     """Unknowns (n, nx) that close the loops next to ``start`` (n, nx), and which rows do (n,).
 
     Steps are short: the assembly must stay the same one. A row is given up where a step has no size, or where the
-    iteration rests at a gap. ``solve`` is how a step follows from the equations, by default ``solved``.
+    iteration rests at a gap; with ``careful`` also at a start that is a singular pose, to rounding.
     """
     x, good, active = start.astype(float), np.zeros(len(start), dtype=bool), np.arange(len(start))
     for _ in range(rounds):
         g, gx, gap = equations(x[active], active)
-        step = (solve or solved)(gx, g)[..., 0]
+        step = (determined if careful else solved)(gx, g)[..., 0]
         step /= np.maximum(1.0, np.max(np.abs(step) / scale.limit, axis=1, initial=0.0))[:, None]
         x[active] -= step
         natural = np.maximum(scale.size, 1e-3 * np.abs(x[active]))
@@ -80,11 +80,16 @@ def solved(a: Array, b: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(a, b))
     except np.linalg.LinAlgError:
-        out = np.full(b.shape, np.nan)
-        for k in range(len(a)):
-            if np.isfinite(a[k]).all() and np.linalg.matrix_rank(a[k]) == len(a[k]):
-                out[k] = np.linalg.solve(a[k], b[k])
-        return out
+        return determined(a, b)
 
 
-__all__ = ["CoordinateScale", "Equations", "closed", "one_row", "solved"]
+def determined(a: Array, b: Array) -> Array:
+    """Row-wise least squares, more slowly; rows that do not determine a solution are NaN."""
+    out = np.full((len(a), a.shape[2], b.shape[2]), np.nan)
+    for k in range(len(a)):
+        if np.isfinite(a[k]).all() and np.linalg.matrix_rank(a[k]) == a.shape[2]:
+            out[k] = np.linalg.lstsq(a[k], b[k], rcond=None)[0]
+    return out
+
+
+__all__ = ["CoordinateScale", "Equations", "closed", "determined", "one_row", "solved"]

@@ -69,17 +69,8 @@ def closed_home(closure: ca.Function, given: Array, scale: CoordinateScale) -> A
 
 
 def _newton(closure: ca.Function, start: Array, scale: CoordinateScale) -> Array | None:
-    x, good = closed(one_row(closure), start[None], scale, rounds=_NEWTON, solve=_if_determined)
+    x, good = closed(one_row(closure), start[None], scale, rounds=_NEWTON, careful=True)
     return x[0] if good[0] else None
-
-
-def _if_determined(a: Array, b: Array) -> Array:
-    """Least-squares steps; NaN where a step is not determined: the start may be a singular pose."""
-    out = np.full((len(a), a.shape[2], 1), np.nan)
-    for k, (slope, gap) in enumerate(zip(a, b, strict=True)):
-        if np.isfinite(slope).all() and np.linalg.matrix_rank(slope) == slope.shape[1]:
-            out[k] = np.linalg.lstsq(slope, gap, rcond=None)[0]
-    return out
 
 
 __all__ = ["STRAINED", "closed_home", "coordinate_scale", "home_readings"]

@@ -21,13 +21,11 @@ from truepose.models.machine_file import (
     MassSpec,
     read_machine,
 )
-from truepose.models.mechanism import Mechanism
+from truepose.models.mechanism import AXIS_UNITS, Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.placed import Place, PlacedEffect
 from truepose.models.sensor import Sensor, sensors
 from truepose.models.units import close_matches
-
-_XYZ = ("x", "y", "z")
 
 
 def load_machine(path: Path | str) -> Machine:
@@ -114,16 +112,12 @@ def _frames(file: MachineFile, mechanism: Mechanism) -> tuple[Parameter, ...]:
         spec = file.frames.base if frame == "base" else file.frames.tool
         if frame == "tool" and not spec.present and mechanism.tool_length:
             spec = _own_tool(file, mechanism.tool_length)
-        parts = (
-            ("", "mm", "xyz", spec.xyz, spec.tolerance.xyz),
-            ("r", "rad", "rpy", spec.rpy, spec.tolerance.rpy),
-        )
-        for prefix, unit, part, values, tolerances in parts:
-            for k, axis in enumerate(_XYZ):
-                name = f"{frame}.{prefix}{axis}"
-                override = file.override_for(name, unit)
-                tolerance = tolerances[k] if override is None else override
-                out.append(Parameter(name, unit, values[k], tolerance, "frame", ("frames", frame, part, k)))
+        values, tolerances = (*spec.xyz, *spec.rpy), (*spec.tolerance.xyz, *spec.tolerance.rpy)
+        for k, (axis, unit) in enumerate(AXIS_UNITS.items()):
+            name, field = f"{frame}.{axis}", ("frames", frame, "xyz" if k < 3 else "rpy", k % 3)
+            override = file.override_for(name, unit)
+            tolerance = tolerances[k] if override is None else override
+            out.append(Parameter(name, unit, values[k], tolerance, "frame", field))
     return tuple(out)
 
 

@@ -15,6 +15,7 @@ from truepose.models.mechanism import AXES, AXIS_UNITS, BASE, Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.placed import PlacedEffect
 from truepose.models.sensor import Channel, Sensor
+from truepose.models.units import UnitSystem
 
 FRAMES = ("base", "tool")
 FRAME_OF: Mapping[str, str] = {f"{frame}.{axis}": frame for frame in FRAMES for axis in AXES}
@@ -70,6 +71,11 @@ class Machine:
         return (*self.mechanism.parameters, *self.frames, *sensor)
 
     @property
+    def units(self) -> UnitSystem:
+        """Units that its file, and recordings of it, are written in."""
+        return self.file.units if self.file else UnitSystem()
+
+    @property
     def channels(self) -> tuple[Channel, ...]:
         """Residual components of every sensor, in order."""
         return tuple(channel for sensor in self.sensors for channel in sensor.channels)
@@ -83,6 +89,14 @@ class Machine:
     def geometry(self) -> Mapping[str, Parameter]:
         """Every parameter by name."""
         return {parameter.name: parameter for parameter in self.parameters}
+
+    @property
+    def parameter_units(self) -> Mapping[str, str]:
+        """Internal unit of every parameter, then of every coefficient of its effects, by name."""
+        units = {parameter.name: parameter.unit for parameter in self.parameters}
+        for effect in self.effects:
+            units |= {n: c.unit for n, c in zip(effect.parameter_names, effect.coefficients, strict=True)}
+        return units
 
     @cached_property
     def ports(self) -> Mapping[str, Port]:

@@ -118,9 +118,9 @@ class Sensor(ABC):
         """Read the section ``sensor`` of the machine file."""
 
     @property
-    @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
-        """Constants of the instrument."""
+        """Constants of the instrument; none where the tool frame says where its target is."""
+        return ()
 
     @property
     @abstractmethod

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from truepose.errors import InputError
 from truepose.models.units import UnitSystem, close_matches, compatible, convert
 
-_AXES = ("x", "y", "z")
-_TURNS = ("rx", "ry", "rz")
-_DIRECTION = "u"
+_AXES, _TURNS, _DIRECTION = ("x", "y", "z"), ("rx", "ry", "rz"), "u"
 
 
 @dataclass(frozen=True)

@@ -174,6 +174,15 @@ class UnitSystem:
             return "1" if self.joint is None else f"{self.length}/{self.joint}"
         return INTERNAL[dimension]
 
+    def written(self, unit: str) -> str:
+        """The file's unit for what is in ``unit`` inside: lengths and angles; all else stays as it is."""
+        return {"mm": self.length, "rad": self.angle}.get(unit, unit)
+
+    def of_joint(self, unit: str) -> str:
+        """The unit of the column of a joint that is read in ``unit`` inside, unless its header says otherwise."""
+        own = self.joint is not None and compatible(self.joint, unit)
+        return self.of("joint") if own else self.written(unit)
+
     def internal(self, dimension: str) -> str:
         """The program's unit of the same dimension."""
         if dimension == "joint":
@@ -272,13 +281,16 @@ LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE)]
 AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE)]
 
 
+def meant(name: str, known: Iterable[str]) -> str:
+    """Ending of a message: the known name meant; empty where none is near."""
+    near = difflib.get_close_matches(name, sorted(set(known)), n=3, cutoff=0.6)
+    return "did you mean " + " or ".join(repr(item) for item in near) + "?" if near else ""
+
+
 def close_matches(name: str, known: Iterable[str]) -> str:
     """Ending of a message: the known name meant, or the names there are."""
     names = sorted(set(known))
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
-    if near:
-        return "did you mean " + " or ".join(repr(item) for item in near) + "?"
-    return "known: " + ", ".join(names) if names else ""
+    return meant(name, names) or ("known: " + ", ".join(names) if names else "")
 
 
 class Section(BaseModel):

@@ -17,10 +17,15 @@ from hypothesis import settings  # noqa: E402
 
 pytest.register_assert_rewrite("support")
 
+from support.examples import examples  # noqa: E402
 from support.generated_c import SANITIZERS, Built, build, has_sanitizers  # noqa: E402
 from support.skips import NOTHING_BESIDE, SHARED, judge  # noqa: E402
 
 settings.register_profile("truepose", deadline=None, derandomize=True)
+# for .ci/nightly: another seed each time, which --hypothesis-seed gives, so that nothing else may be remembered
+settings.register_profile(
+    "nightly", deadline=None, derandomize=False, database=None, max_examples=examples(100), print_blob=True
+)
 settings.load_profile("truepose")
 
 

@@ -62,7 +62,7 @@ def recorded(
     q = np.random.default_rng(5).uniform(ranges[:, 0], ranges[:, 1], (25, len(ranges)))
     units = [1.0 if a.unit == "mm" else 180 / np.pi for a in machine.mechanism.actuators]
     np.savetxt(path, q * units, delimiter=",", header=",".join(machine.mechanism.readings), comments="")
-    predictor = Predictor(machine, load_recording(machine, [path], need_readings=False))
+    predictor = Predictor(machine, load_recording(machine, [path], need_observations=False))
     names, values, _, _ = predictor.columns(truth, predictor.assemble(truth)[0])
     read = values + noise * (machine.sensors[0].noisy(values, rng) - values)
     header = ",".join([*machine.mechanism.readings, *names])

@@ -191,8 +191,8 @@ def test_the_command_keeps_bounds(tmp_path: Path) -> None:
     recording = simulated(machine, truth, np.random.default_rng(13))
     table = dict(zip(machine.mechanism.readings, recording.q.T, strict=True))
     headers = [f"{name} [{'mm' if name == 'q1' else 'rad'}]" for name in table]
-    headers += [f"{name} [{'rad' if name[0] == 'r' else 'mm'}]" for name in recording.readings]
-    columns = np.column_stack([*table.values(), *recording.readings.values()])
+    headers += [f"{name} [{'rad' if name[0] == 'r' else 'mm'}]" for name in recording.observations]
+    columns = np.column_stack([*table.values(), *recording.observations.values()])
     np.savetxt(tmp_path / "r.csv", columns, delimiter=",", header=",".join(headers), comments="", fmt="%.17g")
     arguments = [str(tmp_path / "m.yaml"), str(tmp_path / "r.csv"), "-o", str(tmp_path / "out")]
     result = CliRunner().invoke(app, ["calibrate", *arguments, "--solver", "ipopt"])

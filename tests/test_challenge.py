@@ -321,7 +321,9 @@ def test_two_cases_through_the_command(examined: tuple[Path, dict[str, Any]]) ->
 
 def test_the_engine_is_shown_no_truth(examined: tuple[Path, dict[str, Any]]) -> None:
     folder, _ = examined
-    for key in (folder / "answers").glob("*.json"):
+    keys = sorted((folder / "answers").glob("*.json"))
+    assert len(keys) == 2
+    for key in keys:
         solution = solutions.from_file(key)
         seen = folder / "cases" / solution.case
         assert {p.name for p in seen.iterdir()} == {"machine.yaml", "recording.csv", "heldout.csv"}

@@ -27,7 +27,7 @@ def _done(folder: Path, count: int) -> Challenge:
 def test_what_joblib_is_told_to_use_takes_the_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     threads, heard = dict[str, int](), list[tuple[int, int, str]]()
     monkeypatch.setattr(
-        examine, "one", lambda _, seat, __: threads.update({seat.name: threading.get_ident()})
+        examine, "write_and_sit", lambda _, seat, __: threads.update({seat.name: threading.get_ident()})
     )
     with joblib.parallel_config(backend="threading"):
         seats = examine.run(_done(tmp_path, 5), jobs=2, progress=lambda *said: heard.append(said))
@@ -43,7 +43,7 @@ def test_what_goes_wrong_with_a_case_is_raised(
     def full(*_: object) -> None:
         raise OSError("no space left")
 
-    monkeypatch.setattr(examine, "one", full)
+    monkeypatch.setattr(examine, "write_and_sit", full)
     with joblib.parallel_config(backend="threading"), pytest.raises(OSError, match="no space left"):
         examine.run(_done(tmp_path, 3), jobs=jobs)
 

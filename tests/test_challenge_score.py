@@ -19,9 +19,9 @@ from truepose.challenge.figures import at_least, at_most, headline, median
 from truepose.challenge.findings import Reply, read_reply
 from truepose.challenge.measures import held_out_error, parameter_bias
 from truepose.challenge.score import Score, Statement, score
+from truepose.challenge.score_table import document, lines, markdown, table
 from truepose.challenge.solutions import Geometry, HeldOut, Reference, Solution, Truth
-from truepose.challenge.table import document, lines, markdown, table
-from truepose.identification.report.results import json_text
+from truepose.identification.report.json_text import json_text
 
 GEOMETRY = Geometry(("a", "b"), (1.0, 2.0), (0.1, 0.2), ((1.0, 0.0),))
 HELD = HeldOut(("x",), ("mm",), (0.01,), ((1.0,), (2.0,)))

@@ -174,6 +174,7 @@ def test_the_simulator_imports_nothing_that_it_examines() -> None:
     allowed = {"numpy", "scipy", "pandas", "yaml", "__future__", "abc", "collections", "dataclasses", "enum"}
     allowed |= {"functools", "itertools", "math", "types", "typing", "contextlib"}
     root = Path(str(package.__file__)).parent
+    seen = set()
     for path in root.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             names = []
@@ -186,3 +187,5 @@ def test_the_simulator_imports_nothing_that_it_examines() -> None:
             for name in names:
                 own = name.startswith("truepose.challenge.simulator")
                 assert own or name.split(".")[0] in allowed, f"{path}: imports {name}"
+                seen.add(name.split(".")[0])
+    assert {"numpy", "scipy", "pandas", "yaml"} <= seen

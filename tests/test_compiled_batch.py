@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from support.built_machines import TEXTS, manufactured, read_machines, simulated
 from support.engines import compile_all, compile_none
+from support.examples import examples
 from support.generated_c import needs_compiler
 from truepose.codegen.evaluation import compiled, engine, rowwise
 from truepose.codegen.evaluation.batch import BatchFunction
@@ -79,7 +80,7 @@ def test_rows_may_be_shared_and_one_may_stand_for_all(cache: Path) -> None:
 
 
 @needs_compiler
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(25))
 @given(data=st.data())
 def test_neither_order_nor_chunks_matter(cache: Path, data: st.DataObject) -> None:
     """Not to a single bit: a row does not know its place."""

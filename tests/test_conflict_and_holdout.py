@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from support.examples import examples
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
-from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
-from truepose.identification.diagnosis.parts import inflations, kind_of, part_classes
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass, inflations, part_classes
 
 Array = NDArray[np.float64]
 READINGS, FREE = 60, 12
@@ -30,10 +31,10 @@ def linear(rng: np.random.Generator, *, noise: float = 1.0, departure: float = 1
         gram=rows.T @ rows,
         free=FREE,
         columns=(),
-        readings=READINGS,
+        n_observations=READINGS,
         departure=np.zeros(FREE),
         weight=np.ones(FREE),
-        parts=("length:",) * FREE,
+        parts=(PartClass("length"),) * FREE,
         candidates=(),
     )
 
@@ -61,7 +62,7 @@ def test_wrong_tolerances_are_seen_and_widening_them_reconciles() -> None:
     lin = linear(np.random.default_rng(5), departure=6.0)
     noise = free_noise(lin)
     assert conflict_with_tolerances(lin, noise).p < 1e-3
-    assert conflict_with_tolerances(lin, noise, {"length:": 6.0}).p > 0.01
+    assert conflict_with_tolerances(lin, noise, {PartClass("length"): 6.0}).p > 0.01
 
 
 def test_parameters_without_tolerance_are_projected_out() -> None:
@@ -89,17 +90,25 @@ KINDS = [{"u": "angle"}.get(name.split(".")[1], "length") for name in NAMES]
 
 def test_classes_tell_parts_of_a_leg_apart_and_keep_frames_together() -> None:
     classes = part_classes([*NAMES, "base.x"], [*KINDS, "frame"])
-    assert set(classes) == {"length:leg.a", "length:leg.b", "length:leg.length", "angle:leg.u", "frame:"}
-    assert part_classes(["q1.d", "q1.r", "q2.d"], ["length"] * 3) == ("length:",) * 3  # too few for a class
+    assert set(classes) == {
+        PartClass("length", "leg.a"),
+        PartClass("length", "leg.b"),
+        PartClass("length", "leg.length"),
+        PartClass("angle", "leg.u"),
+        PartClass("frame"),
+    }
+    assert (
+        part_classes(["q1.d", "q1.r", "q2.d"], ["length"] * 3) == (PartClass("length"),) * 3
+    )  # too few for a class
 
 
 def test_inflations_are_whole_kinds_and_single_classes() -> None:
-    classes = ("length:leg.a", "length:leg.b", "angle:leg.u")
+    classes = (PartClass("length", "leg.a"), PartClass("length", "leg.b"), PartClass("angle", "leg.u"))
     grid = Grid((1.0,), inflations(classes), classes)
     assert (2.0, 2.0, 4.0) in grid.inflation
     assert (2.0, 1.0, 1.0) in grid.inflation
     assert len(set(grid.inflation)) == len(grid.inflation)
-    assert {kind_of(c) for c in classes} == {"length", "angle"}
+    assert {c.kind for c in classes} == {"length", "angle"}
     # one optimist for all lengths costs what one wrong class costs
     assert grid.log_prior(1.0, (2.0, 2.0, 1.0)) == pytest.approx(grid.log_prior(1.0, (2.0, 1.0, 1.0)))
     # everything off by one factor is one doubt, two kinds by different ones are two
@@ -114,7 +123,7 @@ def campaign(n: int, drivers: Mapping[str, Array], validation: NDArray[np.bool_]
     return Recording(
         joints=("q1", "q2"),
         q=rng.uniform(-1, 1, (n, 2)),
-        readings={},
+        observations={},
         labels={},
         drivers=drivers,
         files=("a.csv",),
@@ -154,7 +163,7 @@ def test_validation_rows_are_the_split_where_there_are_any() -> None:
     np.testing.assert_array_equal(blocks[-1].rows, validation)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(st.permutations(range(30)))
 def test_the_interval_does_not_depend_on_the_order_of_rows(order: list[int]) -> None:
     rng = np.random.default_rng(10)

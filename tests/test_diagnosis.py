@@ -82,7 +82,7 @@ class Bench:
         names = [f"{n} [{u}]" for n, u in zip(self.machine.mechanism.readings, units, strict=True)]
         true = q if stands is None else stands
         recording = load_recording(
-            self.machine, [self.csv(pd.DataFrame(true, columns=names))], need_readings=False
+            self.machine, [self.csv(pd.DataFrame(true, columns=names))], need_observations=False
         )
         predictor = Predictor(self.machine, recording)
         place = {name: k for k, name in enumerate(predictor.model.names)}

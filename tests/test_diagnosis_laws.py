@@ -13,15 +13,16 @@ from scipy.stats import chi2
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import selection
+from truepose.identification.diagnosis import effect_selection as selection
 from truepose.identification.diagnosis.alarms import Alarm, replicate_noise
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.evidence import Grid
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.outliers import outlying_rows
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ def rows(
     return Recording(
         joints=tuple(f"q{k}" for k in range(q.shape[1])),
         q=q,
-        readings={},
+        observations={},
         labels={},
         drivers=drivers or {},
         files=("a.csv",),
@@ -86,7 +87,7 @@ def test_an_alarm_without_cause_is_raised_once_in_a_hundred() -> None:
 def test_stated_sigmas_are_right_to_10_per_cent_four_times_in_five() -> None:
     """Moments of the prior of the noise's logarithm: 0.8 of a width of 0.1, 0.2 of a width of 1."""
     step = np.linspace(-9.0, 9.0, 6001)
-    grid = Grid((), ((1.0,),), ("length:",))
+    grid = Grid((), ((1.0,),), (PartClass("length"),))
     density = np.exp([grid.log_prior(float(k), (1.0,)) for k in np.exp(step)]) / np.sqrt(2 * np.pi)
     moments = [float(np.sum(density * step**power) * (step[1] - step[0])) for power in (0, 1, 2, 4)]
     expected = (1.0, 0.0, 0.8 * 0.1**2 + 0.2, 3.0 * (0.8 * 0.1**4 + 0.2))
@@ -161,13 +162,20 @@ def seen(size: float, turn: float) -> Linearisation:
     along = np.cos(0.5 * turn) * axes[0] + np.sin(0.5 * turn) * axes[1]
     stacked = np.column_stack([axes[2], *columns, -size * along + np.sqrt(n) * axes[3]])
     return Linearisation(
-        stacked.T @ stacked, 1, (slice(0, 1), slice(1, 2)), n, np.zeros(3), np.ones(1), ("length:",), ()
+        stacked.T @ stacked,
+        1,
+        (slice(0, 1), slice(1, 2)),
+        n,
+        np.zeros(3),
+        np.ones(1),
+        (PartClass("length"),),
+        (),
     )
 
 
 def test_a_term_gives_way_to_one_that_is_better_by_more_than_one(pair: Catalogue) -> None:
     """In log odds; among terms that are nearly as good the one found first stays."""
-    grid = Grid((1.0,), ((1.0,),), ("length:",))
+    grid = Grid((1.0,), ((1.0,),), (PartClass("length"),))
     kept: list[float] = []
     changed: list[float] = []
     for turn in np.linspace(0.0, 1.0, 41):
@@ -185,7 +193,7 @@ def test_a_term_gives_way_to_one_that_is_better_by_more_than_one(pair: Catalogue
 @pytest.mark.parametrize(("size", "asked_for"), [(0.0, False), (12.0, True)])
 def test_a_term_stays_only_as_long_as_it_is_asked_for(pair: Catalogue, size: float, asked_for: bool) -> None:
     """Log odds of 3, that is a probability of 0.95."""
-    grid = Grid((1.0,), ((1.0,),), ("length:",))
+    grid = Grid((1.0,), ((1.0,),), (PartClass("length"),))
     lin = seen(size, 0.0)
     odds = selection.rank(lin, pair, grid, {}, [0, 1]).odds
     assert bool(1.0 / (1.0 + np.exp(-odds.max())) > 0.95) is asked_for

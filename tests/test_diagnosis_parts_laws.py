@@ -15,10 +15,11 @@ from scipy.stats import norm
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import classes, selection
+from truepose.identification.diagnosis import classes
+from truepose.identification.diagnosis import effect_selection as selection
 from truepose.identification.diagnosis.alarms import residual_alarm, structure_alarm
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.evidence import Grid, grid_for
+from truepose.identification.diagnosis.effect_evidence import grid_for
 from truepose.identification.diagnosis.judgement import explained
 from truepose.identification.diagnosis.remainder import describe
 from truepose.identification.diagnosis.signatures import Linearisation
@@ -26,6 +27,8 @@ from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.models.sensors.base import Channel
 
 Array = NDArray[np.float64]
@@ -73,7 +76,7 @@ def test_a_misfit_is_judged_by_what_repeats_scatter(
     assert {a.about for a in alarms} == {"replicates"}
     p = np.array([a.p for a in alarms])
     # residuals of a fit are a little smaller; drawn ones are not: the misfit looks larger by their share
-    share = 1.0 - fit.effective_parameters / fit.readings
+    share = 1.0 - fit.effective_parameters / fit.n_observations
     assert np.mean([a.statistic for a in alarms]) == pytest.approx(25.0 / share, rel=0.03)
     assert 0.01 < np.mean(p < 0.1) < 0.6 and np.mean(p < 1e-4) < 0.02
     pose = np.random.default_rng(1).standard_normal((len(recording) // 2, fit.residual.shape[1]))
@@ -84,7 +87,7 @@ def test_a_misfit_is_judged_by_what_repeats_scatter(
 def test_without_repeats_the_misfit_is_judged_by_the_stated_sigma(case: Case) -> None:
     fit, recording = case
     alone = replace(recording, pose=np.arange(len(recording), dtype=np.int64))
-    dof = fit.readings - fit.effective_parameters
+    dof = fit.n_observations - fit.effective_parameters
     for size, seen in ((1.0, False), (1.4, True)):
         residual = noise(case, 3)
         residual *= size * np.sqrt(dof / np.sum(residual**2))
@@ -159,7 +162,7 @@ def test_a_driver_of_few_values_makes_steps(case: Case) -> None:
 
 def test_the_share_explained_is_of_the_misfit_beyond_noise(case: Case) -> None:
     fit, _ = case
-    dof = fit.readings - fit.effective_parameters
+    dof = fit.n_observations - fit.effective_parameters
     unit = noise(case, 10)
     unit *= np.sqrt(dof / np.sum(unit**2))
     fits = {chi2: left(case, np.sqrt(chi2) * unit) for chi2 in (0.9, 1.0, 3.0, 5.0, 9.0)}
@@ -206,7 +209,9 @@ def seen(amplitude: tuple[float, float], noise_scale: float = 1.0) -> Linearisat
     error = noise_scale * rng.standard_normal(n)
     stacked = np.column_stack([30.0 * axes, -30.0 * axes[:, 1:] @ np.array(amplitude) + error])
     slices = (slice(0, 1), slice(1, 2))
-    return Linearisation(stacked.T @ stacked, 1, slices, n, np.zeros(3), np.ones(1), ("length:",), ())
+    return Linearisation(
+        stacked.T @ stacked, 1, slices, n, np.zeros(3), np.ones(1), (PartClass("length"),), ()
+    )
 
 
 def test_signs_count_as_their_chance_and_bounds_as_a_fifth(compliant: Catalogue) -> None:
@@ -214,16 +219,18 @@ def test_signs_count_as_their_chance_and_bounds_as_a_fifth(compliant: Catalogue)
     one = np.ones(1)
     for mean, std in ((0.3, 0.2), (0.0, 0.5), (-0.2, 0.2)):
         expected = float(np.log(2.0 * norm.cdf(mean / std)))
-        assert selection.physical(compliant, 0, mean * one, std * one) == pytest.approx(expected)
-    assert selection.physical(compliant, 1, -0.5 * one, 0.1 * one) == 0.0
+        assert selection.log_plausibility(compliant, 0, mean * one, std * one) == pytest.approx(expected)
+    assert selection.log_plausibility(compliant, 1, -0.5 * one, 0.1 * one) == 0.0
     (grows,) = compliant.candidates[2].coefficients
     limit = grows.upper / grows.scale
     assert np.isfinite(limit)
     for factor in (1.2, 1.5):
         cost = 0.5 * (np.log(factor) / 0.2) ** 2
-        found = selection.physical(compliant, 2, (factor * limit + 3e-3) * one, 1e-3 * one)
+        found = selection.log_plausibility(compliant, 2, (factor * limit + 3e-3) * one, 1e-3 * one)
         assert found == pytest.approx(np.log(2.0) - cost, rel=1e-6)
-    assert selection.physical(compliant, 2, 1e9 * limit * one, 1e-3 * one) == pytest.approx(np.log(2) - 50.0)
+    assert selection.log_plausibility(compliant, 2, 1e9 * limit * one, 1e-3 * one) == pytest.approx(
+        np.log(2) - 50.0
+    )
 
 
 @pytest.mark.parametrize("noise", [0.7, 1.0, 1.5, 6.0])
@@ -241,17 +248,26 @@ def test_a_name_needs_its_evidence_until_tolerances_are_wide_enough(compliant: C
     along = (
         np.cos(0.2) * axes[:, 0] + np.sin(0.2) * axes[:, 1]
     )  # a part can stand in for it, off by its tolerance
-    grid = Grid((1.0,), ((1.0,),), ("length:",))
+    grid = Grid((1.0,), ((1.0,),), (PartClass("length"),))
     flips = []
     for size in (6.0, 12.0, 30.0):
         stacked = np.column_stack([2.0 * axes[:, 0], 50.0 * along, -size * along])
         lin = Linearisation(
-            stacked.T @ stacked, 1, (slice(0, 1), slice(1, 2)), n, np.zeros(3), np.ones(1), ("length:",), ()
+            stacked.T @ stacked,
+            1,
+            (slice(0, 1), slice(1, 2)),
+            n,
+            np.zeros(3),
+            np.ones(1),
+            (PartClass("length"),),
+            (),
         )
         lin = replace(lin, gram=np.insert(np.insert(lin.gram, 2, 0.0, axis=0), 2, 0.0, axis=1))
         found = classes.flip_inflation(lin, compliant, grid, {}, 0, selection.THRESHOLD)
         odds = [
-            float(selection.rank(lin, compliant, Grid((1.0,), ((w,),), ("length:",)), {}, [0]).odds[0])
+            float(
+                selection.rank(lin, compliant, Grid((1.0,), ((w,),), (PartClass("length"),)), {}, [0]).odds[0]
+            )
             for w in classes.WIDENINGS
         ]
         first = next(

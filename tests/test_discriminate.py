@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support import MACHINES
+from support.examples import examples
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import missed_chi2
-from truepose.identification.diagnosis.evidence import Grid
-from truepose.identification.diagnosis.selection import rank
+from truepose.identification.diagnosis.effect_selection import rank
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.planning.discriminate.criterion import Contest, Race, chosen
@@ -30,7 +30,10 @@ from truepose.identification.planning.information import PoseInformation
 from truepose.identification.prediction.simulate import parse_effect, simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.experiment_words import sentences
+from truepose.identification.report.notes import worded
 from truepose.identification.report.pose_tables import experiment_table
+from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]
@@ -96,7 +99,7 @@ def test_order_of_rows_and_rescaled_geometry_change_nothing(seed: int) -> None:
     assert other.missed(design) == pytest.approx(c.missed(design), rel=1e-6)
 
 
-@hypothesis_settings(max_examples=25)
+@hypothesis_settings(max_examples=examples(25))
 @example_seeds
 def test_chosen_rows_are_distinct_and_beat_random_ones(seed: int) -> None:
     race = Race((contest(seed),), 2, np.ones(2, dtype=bool))
@@ -161,14 +164,14 @@ def test_the_promise_is_what_the_diagnosis_computes_from_a_recording(tmp_path: P
     found = planned("arm", "joint-compliance@q2:c=2e-6", "backlash@q2:b=1e-4", n=24, payload="0,5")
     frame = experiment_table(found)
     frame.to_csv(tmp_path / "rows.csv", index=False)
-    rows = load_recording(machine, [tmp_path / "rows.csv"], need_readings=False)
+    rows = load_recording(machine, [tmp_path / "rows.csv"], need_observations=False)
     true, rival = (e.forms[0][0] for e in found.explanations)
     missing = parse_effect("joint-compliance@q2:c=2e-6", machine)
     read = with_inputs(tmp_path / "rows.csv", simulate(machine, rows, [missing], seed=None))
     read.to_csv(tmp_path / "recording.csv", index=False)
     recording = load_recording(machine, [tmp_path / "recording.csv"])
     lin = Signatures(machine, recording, (true, rival)).linearise(estimate(machine, recording))
-    grid = Grid((1.0,), ((1.0, 1.0),), ("length", "angle"))
+    grid = Grid((1.0,), ((1.0, 1.0),), (PartClass("length"), PartClass("angle")))
     ranking = rank(lin, Catalogue((true, rival), (0.0, 0.0), ()), grid, {}, [0, 1])
     _, missed = missed_chi2(lin, ranking, {}, 0, [0, 1])
     (pair,) = [p for p in found.pairs if p.true.slug == "joint-compliance"]
@@ -207,7 +210,7 @@ def test_sides_time_and_sessions_come_by_themselves() -> None:
 def test_what_a_way_leaves_behind_is_varied_by_the_side() -> None:
     found = planned("arm", "friction-hysteresis@q2", "actuator-scale@q2")
     assert set(found.rows.drivers) == {"approach.q2"} and found.expected > 0.0
-    assert any("strokes that shrink are not planned" in note for note in found.notes)
+    assert any("strokes that shrink are not planned" in note for note in worded(found.notes))
     backlash = planned("arm", "friction-hysteresis@q2", "backlash@q2")
     assert backlash.hopeless
 
@@ -265,4 +268,4 @@ def test_changes_of_length_count_from_one_reference_row(tmp_path: Path) -> None:
     frame = experiment_table(found)
     assert len(frame) == 7 and set(frame["from"]) == {1} and list(frame["pose"]) == list(range(1, 8))
     frame.to_csv(tmp_path / "rows.csv", index=False)
-    assert len(load_recording(machine, [tmp_path / "rows.csv"], need_readings=False)) == 7
+    assert len(load_recording(machine, [tmp_path / "rows.csv"], need_observations=False)) == 7

@@ -18,6 +18,7 @@ from truepose.identification.planning.discriminate.explanations import class_of
 from truepose.identification.planning.discriminate.factors import Offer
 from truepose.identification.planning.discriminate.targets import Target
 from truepose.identification.report.experiment_words import experiment_json, sentences
+from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine
 
 NAMELESS = {"effect": "unknown", "place": ["q2"], "probability": 0.5}
@@ -59,7 +60,7 @@ def test_what_has_no_name_is_told_and_not_planned_for(tmp_path: Path) -> None:
     named = {"effect": "transmission-error", "place": ["q2"], "probability": 0.3}
     wanted = class_of(diagnosis_file(tmp_path, equivalents=[NAMELESS, named]), arm())
     assert [e.slug for e in wanted.explanations] == ["joint-compliance", "transmission-error"]
-    assert any("without a name" in note for note in wanted.notes)
+    assert any("without a name" in note for note in worded(wanted.notes))
 
 
 @pytest.mark.parametrize(

@@ -23,9 +23,10 @@ from typer.testing import CliRunner
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.drift.analysis import Drift, drift
-from truepose.identification.drift.evidence import Point, Stack, state, weigh
+from truepose.identification.drift.movement_evidence import Stack, solve, weigh
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.drift_words import drift_json, drift_lines
+from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
+from truepose.identification.selection.scales import Point
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]
@@ -177,15 +178,15 @@ def test_evidence_is_that_of_the_dense_gaussian() -> None:
     jacobian, offset = rng.standard_normal((sessions, rows, n)), 2.0 * rng.standard_normal((sessions, rows))
     weight, inflated = np.array([1.0, 0.5, 1.0, 1.0]), np.array([True, False, True, True])
     stack = Stack(jacobian, offset, sessions * rows, weight, inflated)
-    points = [Point(noise, inflation, -noise) for noise in (0.8, 2.0) for inflation in (1.0, 3.0)]
+    points = [Point(noise, (inflation,), -noise) for noise in (0.8, 2.0) for inflation in (1.0, 3.0)]
     accepted, candidates = {1: 0.3}, [(0,), (2, 3)]
-    weighed = weigh(stack, [state(stack, accepted, point) for point in points], candidates)
+    weighed = weigh(stack, [solve(stack, accepted, point) for point in points], candidates)
 
     between = np.eye(sessions) - 1.0 / sessions
     stacked = jacobian.reshape(-1, n)
 
     def dense(point: Point, moving: Mapping[int, float]) -> float:
-        spread = np.where(inflated, point.inflation, 1.0) / weight
+        spread = np.where(inflated, point.inflation[0], 1.0) / weight
         cov = point.noise**2 * np.eye(len(stacked)) + (stacked * spread**2) @ stacked.T
         for i, q in moving.items():
             shown = jacobian[:, :, i]
@@ -293,8 +294,8 @@ def test_rows_that_count_from_another_session_are_left_out(tmp_path: Path) -> No
     run("simulate", machine, tmp_path / "poses.csv", "-o", tmp_path / "read.csv")
     loaded = load_machine(machine)
     found = drift(loaded, load_recording(loaded, [tmp_path / "read.csv"]))
-    assert any("row 21: counts from a row of another session" in note for note in found.notes)
-    assert found.readings == (19, 19)  # the first row reads 0, the 21st is left out
+    assert any("row 21: counts from a row of another session" in note for note in drift_notes(found))
+    assert found.n_observations == (19, 19)  # the first row reads 0, the 21st is left out
     assert not moved(found)
 
 

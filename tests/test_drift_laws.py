@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,14 @@ from scipy.special import expit
 
 from support import MACHINES
 from truepose.identification.drift.analysis import drift
-from truepose.identification.drift.evidence import Point, Stack, grid, state, weigh
-from truepose.identification.drift.selection import Candidate, Selection, candidates_of, select
+from truepose.identification.drift.movement_evidence import Stack, grid_for, solve, weigh
+from truepose.identification.drift.movement_selection import Candidate, Selection, candidates_of, select
 from truepose.identification.drift.sessions import Linear, linearised, sessions_of
 from truepose.identification.drift.sizes import joint_parameters, movements
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.recording.load import load_recording
+from truepose.identification.report.drift_words import drift_notes
+from truepose.identification.selection.scales import Point
 from truepose.models.load import load_machine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
@@ -34,13 +37,13 @@ def test_a_movement_is_believed_from_a_probability_of_095() -> None:
     rng = np.random.default_rng(1)
     rows = 30
     jacobian = rng.standard_normal((2, rows, 1))
-    points, only = [Point(1.0, 1.0, 0.0)], Candidate("q1.d", (0,), False)
+    points, only = [Point(1.0, (1.0,), 0.0)], Candidate("q1.d", (0,), False)
     believed: list[float] = []
     doubted: list[float] = []
     for size in np.linspace(0.0, 1.5, 61):
         apart = np.array([-size / 2, size / 2])[:, None] * jacobian[:, :, 0]
         stack = Stack(jacobian, apart, 2 * rows, np.ones(1), np.zeros(1, dtype=bool))
-        gain = float(weigh(stack, [state(stack, {}, points[0])], [(0,)]).gain[0])
+        gain = float(weigh(stack, [solve(stack, {}, points[0])], [(0,)]).gain[0])
         found = select(stack, [only], points)
         (believed if found.accepted else doubted).append(float(expit(gain)))
     assert max(doubted) < 0.96 and min(believed) > 0.94
@@ -73,7 +76,7 @@ def stacked(seed: int, moving: Array | None = None) -> Stack:
 def dense(stack: Stack, point: Point, moving: dict[int, float]) -> tuple[Array, Array]:
     """Posterior mean and covariance of all sessions' parameters (K n), by conditioning one Gaussian on the readings."""
     k, _, n = stack.jacobian.shape
-    tolerance = np.where(stack.inflated, point.inflation, 1.0) / stack.weight
+    tolerance = np.where(stack.inflated, point.inflation[0], 1.0) / stack.weight
     prior = np.kron(np.ones((k, k)), np.diag(tolerance**2))
     for i, size in moving.items():
         one = np.zeros((n, n))
@@ -87,7 +90,7 @@ def dense(stack: Stack, point: Point, moving: dict[int, float]) -> tuple[Array, 
 
 def chosen(stack: Stack, point: Point, moving: dict[int, float], log_odds: Array) -> Selection:
     """What moves, said rather than found."""
-    found = (state(stack, moving, point),)
+    found = (solve(stack, moving, point),)
     return Selection(
         moving,
         2.0 * log_odds,
@@ -99,7 +102,7 @@ def chosen(stack: Stack, point: Point, moving: dict[int, float], log_odds: Array
     )
 
 
-@pytest.mark.parametrize("point", [Point(1.0, 1.0, 0.0), Point(1.7, 4.0, 0.0)])
+@pytest.mark.parametrize("point", [Point(1.0, (1.0,), 0.0), Point(1.7, (4.0,), 0.0)])
 def test_movements_are_those_of_the_joint_gaussian(point: Point) -> None:
     """Changes since the first session, their 1-sigma, and what would stay hidden of the others."""
     stack, moving = stacked(2, np.array([0.0, 0.6, -0.3, 1.0])), {1: 0.8}
@@ -137,11 +140,11 @@ def test_movements_are_those_of_the_joint_gaussian(point: Point) -> None:
 
 
 def test_a_steady_movement_has_its_rate_and_an_unsteady_one_says_so() -> None:
-    point, units = Point(0.05, 1.0, 0.0), {"a": "mm", "b": "rad", "c": "mm"}
+    point, units = Point(0.05, (1.0,), 0.0), {"a": "mm", "b": "rad", "c": "mm"}
     for way, steady in (((0.0, 0.6, 2.4, 3.0), True), ((0.0, 3.0, 0.0, 3.0), False)):
         stack = stacked(3, np.array(way))
-        quiet = Stack(stack.jacobian, stack.offset, stack.readings, WEIGHT, stack.inflated)
-        found = chosen(quiet, Point(1.0, 1.0, 0.0), {1: 3.0}, np.array([-4.0, 6.0, -4.0]))
+        quiet = Stack(stack.jacobian, stack.offset, stack.n_observations, WEIGHT, stack.inflated)
+        found = chosen(quiet, Point(1.0, (1.0,), 0.0), {1: 3.0}, np.array([-4.0, 6.0, -4.0]))
         _, own, _ = movements(quiet, found, PRIOR, units, TIMES)
         assert own.steady is steady and own.rate is not None and own.rate_std is not None
         if steady:
@@ -162,8 +165,8 @@ def test_what_no_session_sees_is_unseen_and_what_a_movement_hides_is_masked() ->
     blind[:, :, 2] = blind[:, :, 1] * (
         1.0 + 1e-4 * np.random.default_rng(5).standard_normal((SESSIONS, ROWS))
     )
-    hard = Stack(blind, stack.offset, stack.readings, np.array([1.0, 1e-3, 1e-3]), stack.inflated)
-    found = chosen(hard, Point(1.0, 1.0, 0.0), {1: 100.0}, np.array([-4.0, 6.0, -4.0]))
+    hard = Stack(blind, stack.offset, stack.n_observations, np.array([1.0, 1e-3, 1e-3]), stack.inflated)
+    found = chosen(hard, Point(1.0, (1.0,), 0.0), {1: 100.0}, np.array([-4.0, 6.0, -4.0]))
     unseen, moved, masked = movements(hard, found, PRIOR, {"a": "mm", "b": "rad", "c": "mm"}, None)
     assert (unseen.status, moved.status, masked.status) == ("unseen", "moved", "masked")
     assert np.isinf(unseen.hidden)
@@ -198,14 +201,16 @@ def test_frames_and_sensors_may_move_as_a_whole(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rms", [0.5, 1.0, 8.0])
 def test_the_grid_holds_the_stated_noise_and_what_is_left_when_nothing_moves(rms: float) -> None:
     stack = stacked(6)
-    points = grid(stack, rms)
+    still = solve(stack, {}, Point(1.0, (1.0,), 0.0)).residual
+    stack = replace(stack, offset=stack.offset * rms * np.sqrt(stack.n_observations) / np.linalg.norm(still))
+    points = grid_for(stack).points
     noise = sorted({p.noise for p in points})
     assert noise[:2] == [0.8, 1.0] and noise[-1] == pytest.approx(max(1.7, 1.2 * rms))
     assert max(np.diff(np.log(noise))) < 0.5  # no scale is farther than a quarter in the log from one of them
-    assert {p.inflation for p in points} == {1.0, 2.0, 4.0}
-    rigid = Stack(stack.jacobian, stack.offset, stack.readings, WEIGHT, np.zeros(3, dtype=bool))
-    assert {p.inflation for p in grid(rigid, rms)} == {1.0}
-    at = {(p.noise, p.inflation): p.log_prior for p in points}
+    assert {p.inflation for p in points} == {(1.0,), (2.0,), (4.0,)}
+    rigid = replace(stack, inflated=np.zeros(3, dtype=bool))
+    assert {p.inflation for p in grid_for(rigid).points} == {(1.0,)}
+    at = {(p.noise, *p.inflation): p.log_prior for p in points}
     assert at[1.0, 1.0] > at[1.0, 2.0] > at[1.0, 4.0] and at[1.0, 1.0] > at[0.8, 1.0] > at[noise[-1], 1.0]
 
 
@@ -216,7 +221,7 @@ def test_frames_go_first_where_they_explain_as_much() -> None:
     jacobian[:, :, 1] = jacobian[:, :, 0] * (1.0 + 1e-3 * rng.standard_normal((2, 20)))
     apart = np.array([-1.0, 1.0])[:, None] * 4.0 * jacobian[:, :, 0]
     stack = Stack(jacobian, apart, 40, np.ones(2), np.zeros(2, dtype=bool))
-    points = [Point(1.0, 1.0, 0.0)]
+    points = [Point(1.0, (1.0,), 0.0)]
     for frame in (0, 1):
         both = [Candidate(f"p{k}", (k,), k == frame) for k in (0, 1)]
         found = select(stack, both, points)
@@ -237,7 +242,7 @@ def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:
     sessions, notes = sessions_of(machine, load_recording(machine, [tmp_path / "rows.csv"]))
     prior = prior_of(machine)
     assert not notes
-    assert [linearised(s, prior, prior.mean).readings for s in sessions] == [n // 2 - 1] * 2
+    assert [linearised(s, prior, prior.mean).n_observations for s in sessions] == [n // 2 - 1] * 2
 
 
 def test_tolerances_of_parts_may_be_wrong_and_what_has_none_decides_nothing() -> None:
@@ -255,7 +260,7 @@ def test_tolerances_of_parts_may_be_wrong_and_what_has_none_decides_nothing() ->
     assert stack.inflated.tolist() == [True, False, False, True]
     np.testing.assert_allclose(stack.weight[[0, 2, 3]], [2.0, 0.5, 10.0])
     assert 0.0 < stack.weight[1] < 1e-3
-    assert stack.readings == 18
+    assert stack.n_observations == 18
     np.testing.assert_array_equal(stack.jacobian[1], seen[1].jacobian)
     np.testing.assert_allclose(stack.contrasts.T @ stack.contrasts, np.eye(1), atol=1e-12)
     np.testing.assert_allclose(stack.contrasts.sum(axis=0), 0.0, atol=1e-12)
@@ -281,7 +286,7 @@ def test_checks_of_an_older_calibration_do_not_hang_on_the_stated_sigma(tmp_path
         )
         machine = load_machine(path)
         whole = drift(machine, load_recording(machine, files))
-        assert any("times the stated noise" in note for note in whole.notes) is (share < 0.5)
+        assert ("times the stated noise" in " ".join(drift_notes(whole))) is (share < 0.5)
         found = whole.durability
         assert found.noise == pytest.approx(1.0 / share, rel=0.2)
         checks.append((found.carried[0], found.frames[0], found.full[0]))

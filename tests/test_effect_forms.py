@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.effects import with_effect
+from support.examples import examples
 from support.telescope_legs import leg_rows
 from support.tool_pose import HEAD, pose
 from truepose.identification.recording.history import creep_sum, stop_operator
@@ -118,7 +119,9 @@ def test_a_pin_circles_across_itself_so_many_times_a_turn(
 
 def test_what_is_fixed_in_the_turning_body_is_no_order_of_a_pin(machine: Callable[[str], Machine]) -> None:
     robot, runout = machine("robot"), effects.get("joint-runout", "test")()
-    for joint in hinges(robot):
+    found = hinges(robot)
+    assert found
+    for joint in found:
         orders = [s["order"] for s in runout.settings(robot, (joint.name,), _Recorded())]
         assert orders
         assert not {0.0, 1.0} & set(orders)
@@ -208,7 +211,7 @@ SIDES = st.sampled_from([-1.0, 1.0])
     width=st.floats(0.5, 10),
     behind=st.floats(0.1, 30),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_a_known_overshoot_is_a_way_through_its_turning_points(
     way: list[tuple[float, float]], width: float, behind: float
 ) -> None:
@@ -223,7 +226,7 @@ def test_a_known_overshoot_is_a_way_through_its_turning_points(
 
 
 @given(way=st.lists(st.tuples(st.floats(-50, 50), SIDES), min_size=2, max_size=20), width=st.floats(0.5, 10))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_from_far_enough_every_row_stands_at_its_limit(way: list[tuple[float, float]], width: float) -> None:
     readings, side = (np.array(v) for v in zip(*way, strict=True))
     found = stop_operator(readings, side, np.zeros(len(way), dtype=np.int64), width, 3 * width)

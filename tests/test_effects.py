@@ -21,12 +21,16 @@ from truepose.models.effects.base import (
     Site,
     effects,
 )
+from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.units import parse_unit
 
 LOADED = ("arm", "telescope", "gough", "hybrid", "planar", "graph")
 EFFECTS = list(effects)
+PLACED = [slug for slug in effects if slug not in OF_ROWS]
+"""Those that act at places of a machine; the others act on rows of a recording."""
+TWINNED = [slug for slug in effects if effects.get(slug, "test").twins is not Effect.twins]
 
 
 @pytest.fixture(scope="module")
@@ -34,59 +38,75 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
     return read_machines(tmp_path_factory.getbasetemp() / "effects")
 
 
+def where_it_acts(machines: Mapping[str, Machine], slug: str) -> list[tuple[str, list[PlacedEffect]]]:
+    """Machines (by name) on which an effect has a place, and the effect there; never none."""
+    found = [(name, candidates(machine, slug)) for name, machine in machines.items()]
+    acting = [(name, placed) for name, placed in found if placed]
+    assert acting, f"no machine of these tests has a place for {slug}"
+    return acting
+
+
 # -- laws of every effect ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("slug", EFFECTS)
-@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("slug", PLACED)
 def test_zero_coefficients_leave_the_machine_and_slopes_follow_the_ports(
-    machines: Mapping[str, Machine], name: str, slug: str
+    machines: Mapping[str, Machine], slug: str
 ) -> None:
-    machine, placed = machines[name], candidates(machines[name], slug)
-    if not placed:
-        return
-    reference = bare(machine)
-    solved = Solved(symbolic_model(machine, placed), READINGS[name])
-    np.testing.assert_allclose(solved.pose, reference.pose, atol=1e-10)
-    np.testing.assert_allclose(solved.readings, reference.readings, atol=1e-10)
-    column = len(machine.parameters)
-    place_of = {port: k for k, port in enumerate(reference.model.names)}
-    for effect in placed:
-        slopes = shift_slopes(machine, effect)
-        by_port = reference.jacobian[:, [place_of[port] for port in slopes]]
-        expected = by_port @ np.array(list(slopes.values()))
-        found = solved.jacobian[:, column : column + len(effect.coefficients)]
-        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9, err_msg=effect.label)
-        column += len(effect.coefficients)
+    for name, placed in where_it_acts(machines, slug):
+        machine = machines[name]
+        reference = bare(machine)
+        solved = Solved(symbolic_model(machine, placed), READINGS[name])
+        np.testing.assert_allclose(solved.pose, reference.pose, atol=1e-10, err_msg=name)
+        np.testing.assert_allclose(solved.readings, reference.readings, atol=1e-10, err_msg=name)
+        column = len(machine.parameters)
+        place_of = {port: k for k, port in enumerate(reference.model.names)}
+        for effect in placed:
+            slopes = shift_slopes(machine, effect)
+            by_port = reference.jacobian[:, [place_of[port] for port in slopes]]
+            expected = by_port @ np.array(list(slopes.values()))
+            found = solved.jacobian[:, column : column + len(effect.coefficients)]
+            title = f"{effect.label} on {name}"
+            np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9, err_msg=title)
+            column += len(effect.coefficients)
 
 
 @pytest.mark.parametrize("slug", EFFECTS)
-@pytest.mark.parametrize("name", TEXTS)
-def test_descriptions_units_and_bounds(machines: Mapping[str, Machine], name: str, slug: str) -> None:
+def test_every_effect_is_described(slug: str) -> None:
     kind = effects.get(slug, "test")
     assert kind.slug == slug
     assert all((kind.title, kind.formula, kind.size, kind.look_alikes, kind.experiment, kind.source))
     assert slug not in kind.look_alikes
-    for placed in candidates(machines[name], slug):
-        names = [c.name for c in placed.coefficients]
-        assert len(set(names)) == len(names) > 0
-        for c in placed.coefficients:
-            assert parse_unit(c.unit, c.unit, "test") == c.unit
-            assert 0 < c.scale < np.inf
-            assert c.lower <= 0 < c.upper
-        sentence = placed.effect.explain(machines[name], placed.place)
-        assert sentence.endswith(".")
-        assert 20 < len(sentence) < 200
 
 
-@pytest.mark.parametrize("slug", EFFECTS)
+@pytest.mark.parametrize("slug", PLACED)
+def test_units_bounds_and_explanations(machines: Mapping[str, Machine], slug: str) -> None:
+    for name, acting in where_it_acts(machines, slug):
+        for placed in acting:
+            names = [c.name for c in placed.coefficients]
+            assert len(set(names)) == len(names) > 0
+            for c in placed.coefficients:
+                assert parse_unit(c.unit, c.unit, "test") == c.unit
+                assert 0 < c.scale < np.inf
+                assert c.lower <= 0 < c.upper
+            sentence = placed.effect.explain(machines[name], placed.place)
+            assert sentence.endswith(".")
+            assert 20 < len(sentence) < 200
+
+
+@pytest.mark.parametrize("slug", PLACED)
 def test_places_are_distinct_and_settings_default(machines: Mapping[str, Machine], slug: str) -> None:
-    for machine in machines.values():
-        effect = effects.get(slug, "test")()
+    for name, _ in where_it_acts(machines, slug):
+        machine, effect = machines[name], effects.get(slug, "test")()
         places = list(effect.places(machine))
         assert len(set(places)) == len(places)
-        if places:  # a user may name a place without settings
-            symbolic_model(machine, [PlacedEffect.at(effect, machine, places[0])])
+        # a user may name a place without settings
+        symbolic_model(machine, [PlacedEffect.at(effect, machine, places[0])])
+
+
+@pytest.mark.parametrize("slug", OF_ROWS)
+def test_effects_of_rows_have_no_place_on_a_machine(machines: Mapping[str, Machine], slug: str) -> None:
+    assert not [name for name, machine in machines.items() if candidates(machine, slug)]
 
 
 def test_a_leg_and_its_actuator_are_one_place(machines: Mapping[str, Machine]) -> None:
@@ -104,36 +124,43 @@ def test_unknown_places_are_told(machines: Mapping[str, Machine], slug: str, wro
         symbolic_model(machines["telescope"], [with_effect(machines["telescope"], slug, (wrong,))])
 
 
-@pytest.mark.parametrize("name", TEXTS)
-def test_effects_of_weight_need_masses_and_gravity(machines: Mapping[str, Machine], name: str) -> None:
-    for slug in ("joint-compliance", "leg-compliance", "gravity-sag"):
-        assert effects.get(slug, "test").needs_load
-        probed = slug == "joint-compliance" and name == "unweighed"
-        if name not in LOADED and not probed:
-            assert not effects.get(slug, "test")().places(machines[name])
+@pytest.mark.parametrize("slug", ["joint-compliance", "leg-compliance", "gravity-sag"])
+def test_effects_of_weight_need_masses_and_gravity(machines: Mapping[str, Machine], slug: str) -> None:
+    assert effects.get(slug, "test").needs_load
+    probed = {"unweighed"} if slug == "joint-compliance" else set()
+    weightless = set(TEXTS) - set(LOADED) - probed
+    assert weightless
+    assert not [name for name in weightless if effects.get(slug, "test")().places(machines[name])]
 
 
-@pytest.mark.parametrize("slug", EFFECTS)
-@pytest.mark.parametrize("name", TEXTS)
-def test_weights_are_positive_and_twins_are_the_same_function(
-    machines: Mapping[str, Machine], name: str, slug: str
-) -> None:
+@pytest.mark.parametrize("slug", PLACED)
+def test_weights_are_positive(machines: Mapping[str, Machine], slug: str) -> None:
+    for _, acting in where_it_acts(machines, slug):
+        assert all(0 < placed.effect.weight(placed.settings_map) < np.inf for placed in acting)
+
+
+@pytest.mark.parametrize("slug", TWINNED)
+def test_twins_are_the_same_function(machines: Mapping[str, Machine], slug: str) -> None:
     """What a twin does at a place, whatever its settings, the effect can do there too."""
-    machine, effect = machines[name], effects.get(slug, "test")()
-    for placed in candidates(machine, slug):
-        assert 0 < effect.weight(placed.settings_map) < np.inf
-        twins = effect.twins(placed.settings_map)
-        own = shift_slopes(machine, placed) if twins else {}
-        for twin, relative in twins.items():
-            assert 0 < relative <= 1
-            assert twin != slug
-            same = [other for other in candidates(machine, twin) if other.place == placed.place]
-            assert same
-            for other in same:
-                for port, slopes in shift_slopes(machine, other).items():
-                    np.testing.assert_allclose(
-                        np.min(abs(slopes[:, None] - own[port]), axis=1), 0, atol=1e-12
-                    )
+    checked = 0
+    for name, acting in where_it_acts(machines, slug):
+        for placed in acting:
+            for twin, relative in placed.effect.twins(placed.settings_map).items():
+                assert 0 < relative <= 1
+                assert twin != slug
+                checked += compare_twins(machines[name], placed, twin)
+    assert checked
+
+
+def compare_twins(machine: Machine, placed: PlacedEffect, twin: str) -> int:
+    """The twin's slopes at the same place are among the effect's own; the number of ports compared."""
+    own = shift_slopes(machine, placed)
+    same = [other for other in candidates(machine, twin) if other.place == placed.place]
+    compared = [item for other in same for item in shift_slopes(machine, other).items()]
+    for port, slopes in compared:
+        np.testing.assert_allclose(np.min(abs(slopes[:, None] - own[port]), axis=1), 0, atol=1e-12)
+    assert compared
+    return len(compared)
 
 
 # -- a user's own effect -------------------------------------------------------------------------------

@@ -111,7 +111,7 @@ def test_freedom_fits_better_and_strays_further(machines: Mapping[str, Machine],
     stated = prior_of(machine).sigma
     for tight, loose in pairwise(fits):
         # the free fit stops when half the sum of squares has less than that share of the readings to gain
-        assert loose.chi2 <= tight.chi2 + 2 * FREE_TOLERANCE * loose.readings
+        assert loose.chi2 <= tight.chi2 + 2 * FREE_TOLERANCE * loose.n_observations
         assert loose.effective_parameters >= tight.effective_parameters
         # only an independent set of tolerances is widened, a larger one where more of it shows
         assert np.sum(loose.prior.sigma > stated) >= np.sum(tight.prior.sigma > stated)

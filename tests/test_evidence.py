@@ -12,15 +12,18 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from truepose.identification.diagnosis.evidence import AMPLITUDES, HOPELESS, Grid, evidence, log_positive
+from truepose.identification.diagnosis.effect_evidence import AMPLITUDES, HOPELESS, log_positive, weigh
 from truepose.identification.diagnosis.signatures import Linearisation
+from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 SIZES = (1, 2, 1, 3)  # coefficients of each candidate
-PARTS = ("length", "length", "angle", "frame", "angle")
+LENGTH, ANGLE = PartClass("length"), PartClass("angle")
+PARTS = (LENGTH, LENGTH, ANGLE, PartClass("frame"), ANGLE)
 READINGS = 24
-ONE = Grid((1.3,), ((2.0, 1.0),), ("length", "angle"))
-SEVERAL = Grid((0.8, 1.0, 1.5), ((1.0, 1.0), (4.0, 1.0), (2.0, 10.0)), ("length", "angle"))
+ONE = Grid((1.3,), ((2.0, 1.0),), (LENGTH, ANGLE))
+SEVERAL = Grid((0.8, 1.0, 1.5), ((1.0, 1.0), (4.0, 1.0), (2.0, 10.0)), (LENGTH, ANGLE))
 NARROW_AND_WIDE = ((2.0, 1.0), (4.0, 4.0))
 GRIDS = pytest.mark.parametrize("grid", [ONE, SEVERAL], ids=["one point", "several points"])
 
@@ -35,7 +38,9 @@ class Dense:
     tolerance: Array
     columns: tuple[slice, ...]
 
-    def covariance(self, noise: float, inflation: Mapping[str, float], spreads: Mapping[int, float]) -> Array:
+    def covariance(
+        self, noise: float, inflation: Mapping[PartClass, float], spreads: Mapping[int, float]
+    ) -> Array:
         """Of e when candidates have amplitudes of these sizes."""
         widened = self.tolerance * [inflation.get(part, 1.0) for part in PARTS]
         out = noise**2 * np.eye(READINGS) + (self.j * widened**2) @ self.j.T
@@ -45,7 +50,7 @@ class Dense:
         return np.asarray(out, dtype=float)
 
     def log_density(
-        self, noise: float, inflation: Mapping[str, float], spreads: Mapping[int, float]
+        self, noise: float, inflation: Mapping[PartClass, float], spreads: Mapping[int, float]
     ) -> float:
         """log N(e; 0, covariance) less its constant."""
         full = multivariate_normal.logpdf(self.e, cov=self.covariance(noise, inflation, spreads))
@@ -59,7 +64,7 @@ class Dense:
             gram=rows.T @ rows,
             free=len(PARTS),
             columns=self.columns,
-            readings=READINGS,
+            n_observations=READINGS,
             departure=departure,
             weight=1.0 / self.tolerance,
             parts=PARTS,
@@ -115,7 +120,7 @@ ACCEPTED: Sequence[Mapping[int, float]] = ({}, {0: 0.3}, {1: 0.05, 3: 1.0})
 def test_evidence_of_nothing_more(
     dense: Dense, lin: Linearisation, grid: Grid, accepted: Mapping[int, float]
 ) -> None:
-    found = evidence(lin, [], grid, accepted)
+    found = weigh(lin, [], grid, accepted)
     assert found.null == pytest.approx(float(logsumexp(brute(dense, grid, accepted))), abs=1e-6)
     assert found.gain.shape == (0,)
 
@@ -126,7 +131,7 @@ def test_gain_is_the_log_bayes_factor_of_the_densities(
     dense: Dense, lin: Linearisation, grid: Grid, accepted: Mapping[int, float]
 ) -> None:
     wanted = [k for k in range(len(SIZES)) if k not in accepted]
-    found = evidence(lin, wanted, grid, accepted)
+    found = weigh(lin, wanted, grid, accepted)
     null = float(logsumexp(brute(dense, grid, accepted)))
     expected = [integrated(dense, grid, candidate, accepted) - null for candidate in wanted]
     np.testing.assert_allclose(found.gain, expected, atol=1e-6)
@@ -144,7 +149,7 @@ def test_narrow_tolerances_that_nothing_else_needs_wide_count_with_the_candidate
     stated, wide = (brute(mimicked, Grid((1.0,), (point,), SEVERAL.classes), {}) for point in NARROW_AND_WIDE)
     assert wide[0] > stated[0] + 2 * HOPELESS
     grid = Grid((1.0,), NARROW_AND_WIDE, SEVERAL.classes)
-    found = evidence(mimicked.linearisation(np.zeros(len(PARTS) + sum(SIZES))), [0], grid, {})
+    found = weigh(mimicked.linearisation(np.zeros(len(PARTS) + sum(SIZES))), [0], grid, {})
     expected = integrated(mimicked, grid, 0, {}) - float(logsumexp(brute(mimicked, grid, {})))
     assert found.gain[0] == pytest.approx(expected, abs=1e-6)
 
@@ -154,7 +159,7 @@ def test_log_bayes_factors_add_along_any_path(lin: Linearisation) -> None:
     spreads = {0: 0.3, 1: 0.05, 3: 1.0}
 
     def null(*chosen: int) -> float:
-        return evidence(lin, [], SEVERAL, {k: spreads[k] for k in chosen}).null
+        return weigh(lin, [], SEVERAL, {k: spreads[k] for k in chosen}).null
 
     together = null(0, 1, 3) - null()
     assert null(3, 0, 1) - null() == pytest.approx(together, abs=1e-7)
@@ -164,7 +169,7 @@ def test_log_bayes_factors_add_along_any_path(lin: Linearisation) -> None:
 
 
 def test_the_order_of_what_is_wanted_does_not_matter(lin: Linearisation) -> None:
-    forth, back = evidence(lin, [0, 1, 2, 3], SEVERAL, {}), evidence(lin, [3, 2, 1, 0], SEVERAL, {})
+    forth, back = weigh(lin, [0, 1, 2, 3], SEVERAL, {}), weigh(lin, [3, 2, 1, 0], SEVERAL, {})
     np.testing.assert_allclose(forth.gain, back.gain[::-1], rtol=1e-12)
     for k in range(len(SIZES)):
         np.testing.assert_allclose(forth.amplitude[k], back.amplitude[-1 - k])
@@ -176,7 +181,7 @@ def test_amplitudes_are_those_of_the_gaussian_posterior(
 ) -> None:
     """At the best amplitude's prior size: c ~ N(0, q^2), e ~ N(G c, C)."""
     wanted = [k for k in range(len(SIZES)) if k not in accepted]
-    found = evidence(lin, wanted, ONE, accepted)
+    found = weigh(lin, wanted, ONE, accepted)
     (noise,), (inflation,) = ONE.noise, ONE.inflation
     c = dense.covariance(noise, dict(zip(ONE.classes, inflation, strict=True)), accepted)
     for place, candidate in enumerate(wanted):
@@ -193,7 +198,7 @@ def test_amplitudes_are_those_of_the_gaussian_posterior(
 
 
 def test_noise_and_inflation_are_those_of_the_posterior(dense: Dense, lin: Linearisation) -> None:
-    found = evidence(lin, [0], SEVERAL, {})
+    found = weigh(lin, [0], SEVERAL, {})
     logs = brute(dense, SEVERAL, {})
     weight = np.exp(logs - logsumexp(logs))
     noise = np.repeat(SEVERAL.noise, len(SEVERAL.inflation))
@@ -211,11 +216,11 @@ def test_what_is_there_is_found_and_what_is_not_is_not(dense: Dense) -> None:
         dense.tolerance,
         dense.columns,
     )
-    found = evidence(strong.linearisation(np.zeros(len(PARTS) + sum(SIZES))), [2], ONE, {})
+    found = weigh(strong.linearisation(np.zeros(len(PARTS) + sum(SIZES))), [2], ONE, {})
     assert found.gain[0] > 10.0
     assert -5.0 < found.amplitude[0][0] < -0.5
     quiet = Dense(0.0 * dense.e, dense.j, dense.g, dense.tolerance, dense.columns)
-    nothing = evidence(quiet.linearisation(np.zeros(len(PARTS) + sum(SIZES))), [0, 1, 2, 3], ONE, {})
+    nothing = weigh(quiet.linearisation(np.zeros(len(PARTS) + sum(SIZES))), [0, 1, 2, 3], ONE, {})
     assert np.all(nothing.gain < 0.0)
 
 
@@ -224,7 +229,7 @@ def test_a_parameter_without_a_tolerance_is_one_of_a_very_wide_one(dense: Dense)
     wide = Dense(dense.e, dense.j, dense.g, np.array([1e5, *dense.tolerance[1:]]), dense.columns)
     none = Dense(dense.e, dense.j, dense.g, np.array([np.inf, *dense.tolerance[1:]]), dense.columns)
     zero = np.zeros(len(PARTS) + sum(SIZES))
-    gains = [evidence(problem.linearisation(zero), [0, 1, 2, 3], ONE, {}).gain for problem in (wide, none)]
+    gains = [weigh(problem.linearisation(zero), [0, 1, 2, 3], ONE, {}).gain for problem in (wide, none)]
     np.testing.assert_allclose(gains[0], gains[1], atol=1e-5)
 
 

@@ -373,7 +373,7 @@ def round_trip(miss: float, *, wrong: int = 2) -> Recording:
     return Recording(
         joints=("q1",),
         q=pose[:, None].astype(float),
-        readings={"dL": change},
+        observations={"dL": change},
         labels={},
         drivers={},
         files=("rows.csv",),
@@ -393,7 +393,7 @@ def round_trip(miss: float, *, wrong: int = 2) -> Recording:
 def test_a_return_that_misses_by_whole_counts_leaves_its_way_out(counts: float, left_out: bool) -> None:
     rows = round_trip(counts * HALF_WAVE)
     read = np.arange(6) > 0
-    bad, notes = miscounted(rows, rows.readings["dL"], np.full(6, 1e-6), read, HALF_WAVE)
+    bad, notes = miscounted(rows, rows.observations["dL"], np.full(6, 1e-6), read, HALF_WAVE)
     assert bad.tolist() == [False, *[left_out] * 5]
     assert len(notes) == (abs(counts) >= 0.25)
     if left_out:
@@ -402,14 +402,14 @@ def test_a_return_that_misses_by_whole_counts_leaves_its_way_out(counts: float, 
     if counts == 0.5:
         assert "no whole counts: the mirror did not come back" in notes[0]
     unread = read & (np.arange(6) != 4)  # the chain is broken: nothing returns
-    assert not miscounted(rows, rows.readings["dL"], np.full(6, 1e-6), unread, HALF_WAVE)[0].any()
+    assert not miscounted(rows, rows.observations["dL"], np.full(6, 1e-6), unread, HALF_WAVE)[0].any()
 
 
 def test_changes_known_poorly_may_miss_by_less_than_their_sigma_tells() -> None:
     """A gap of 0.9 counts is one count where four sigma of the way reach it, and none where they do not."""
     rows, read = round_trip(0.9 * HALF_WAVE), np.arange(6) > 0
     for sigma, bad in ((1e-6, False), (2e-5, True)):
-        found, _ = miscounted(rows, rows.readings["dL"], np.full(6, sigma), read, HALF_WAVE)
+        found, _ = miscounted(rows, rows.observations["dL"], np.full(6, sigma), read, HALF_WAVE)
         assert found.any() == bad
 
 

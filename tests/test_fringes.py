@@ -221,7 +221,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
         rows[name] = rng.uniform(-reach, reach, n)
     rows.to_csv(folder / "rows.csv", index=False)
     machine = load_machine(folder / "built.yaml")
-    change = predict(machine, load_recording(machine, [folder / "rows.csv"], need_readings=False))["dL"]
+    change = predict(machine, load_recording(machine, [folder / "rows.csv"], need_observations=False))["dL"]
     rows.assign(dL=change).to_csv(folder / "true.csv", index=False)
     frames = []
     for pose in range(1, n):
@@ -272,7 +272,7 @@ def test_counted_changes_are_the_true_ones(lab: Path) -> None:
     known = load_recording(machine, [lab / "true.csv"])
     assert found.from_row is not None and known.from_row is not None
     np.testing.assert_array_equal(found.from_row, known.from_row)  # nothing left out
-    np.testing.assert_allclose(NM * found.readings["dL"], NM * known.readings["dL"], atol=TOLD)
+    np.testing.assert_allclose(NM * found.observations["dL"], NM * known.observations["dL"], atol=TOLD)
     assert not any("nominal machine" in note for note in found.notes)
 
 
@@ -302,7 +302,9 @@ def test_without_scans_a_note_says_whose_the_sign_is(lab: Path, tmp_path: Path) 
     kept = np.flatnonzero(found.from_row == rows["from"])
     assert len(kept) > 1
     # three sigma of the sensor, 30 nm, is the coarsest that is let in; three times that for its error
-    np.testing.assert_allclose(NM * found.readings["dL"][kept], NM * rows["dL"].to_numpy()[kept], atol=90.0)
+    np.testing.assert_allclose(
+        NM * found.observations["dL"][kept], NM * rows["dL"].to_numpy()[kept], atol=90.0
+    )
 
 
 def test_signs_in_the_table_replace_scans(lab: Path, tmp_path: Path) -> None:
@@ -312,9 +314,11 @@ def test_signs_in_the_table_replace_scans(lab: Path, tmp_path: Path) -> None:
     machine = load_machine(lab / "machine.yaml")
     found = load_recording(machine, [tmp_path / "rows.csv"], irradiance=[tmp_path / "light.csv"])
     assert not any("nominal machine" in note for note in found.notes)
-    kept = found.readings["dL"] != 0.0
+    kept = found.observations["dL"] != 0.0
     assert kept.sum() > 1
-    np.testing.assert_allclose(NM * found.readings["dL"][kept], NM * rows["dL"].to_numpy()[kept], atol=90.0)
+    np.testing.assert_allclose(
+        NM * found.observations["dL"][kept], NM * rows["dL"].to_numpy()[kept], atol=90.0
+    )
 
 
 def test_a_pose_without_samples_and_a_pose_too_many_are_named(lab: Path, tmp_path: Path) -> None:

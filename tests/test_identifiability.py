@@ -19,11 +19,13 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.identifiability.analysis import drawn_poses, identifiability
+from truepose.identification.identifiability.analysis import identifiability
 from truepose.identification.identifiability.observability import identifiable
+from truepose.identification.identifiability.poses import drawn_poses
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.identifiability_words import identifiability_lines, unseen_sentences
+from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]
@@ -97,7 +99,7 @@ def test_expected_sigmas_are_those_of_the_fit_to_come(kind: str) -> None:
     units = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
     turn = {name: np.pi / 180 if unit == "rad" else 1.0 for name, unit in units.items()}
     read = {name: turn[name] * frame[name].to_numpy() for name in map(str, frame)}
-    fit = estimate(machine, replace(poses, readings=read))
+    fit = estimate(machine, replace(poses, observations=read))
     at_drawing = np.array([p.std_at_drawing for p in found.parameters])
     # the fit is a few tolerances' thousandths away from the drawing
     np.testing.assert_allclose(at_drawing, fit.std[fit.prior.free], rtol=0.02)
@@ -116,10 +118,14 @@ def test_readings_are_not_needed_and_change_nothing(tmp_path: Path) -> None:
     q.to_csv(tmp_path / "poses.csv", index=False)
     run("simulate", MACHINES / "serial.yaml", tmp_path / "poses.csv", "-o", tmp_path / "read.csv")
     bare, read = (
-        identifiability(machine, load_recording(machine, [tmp_path / name], need_readings=False))
+        identifiability(machine, load_recording(machine, [tmp_path / name], need_observations=False))
         for name in ("poses.csv", "read.csv")
     )
-    assert (bare.poses, bare.readings, bare.rank) == (read.poses, read.readings, read.rank) == (20, 60, 13)
+    assert (
+        (bare.poses, bare.n_observations, bare.rank)
+        == (read.poses, read.n_observations, read.rank)
+        == (20, 60, 13)
+    )
     np.testing.assert_allclose([p.std for p in bare.parameters], [p.std for p in read.parameters], rtol=1e-9)
     assert unseen_sentences(bare.unseen) == unseen_sentences(read.unseen)
 
@@ -161,9 +167,9 @@ def test_rows_that_cannot_be_assembled_are_noted() -> None:
     q[3, 2] = 500.0  # turns: one leg of 2.8 m
     found = identifiability(machine, replace(poses, q=q))
     assert found.poses == 19
-    assert found.notes == (
+    assert worded(found.notes) == [
         "drawn poses: row 4: the mechanism cannot be assembled there; the row was left out",
-    )
+    ]
 
 
 # -- refusals and the command --------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from support.examples import examples
 from support.generated_c import needs_compiler
 from support.lane_functions import TARGETS, Evaluate, c_text, compiled
 from truepose.codegen.expressions import Graph
@@ -101,7 +102,7 @@ NUMBERS = st.one_of(
 ROWS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=1, max_size=19)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(rows=ROWS, shared=st.tuples(NUMBERS, NUMBERS))
 def test_every_operation_is_that_of_casadi(
     every: tuple[Real, Evaluate], rows: list[tuple[float, ...]], shared: tuple[float, ...]

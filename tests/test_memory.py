@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from support.examples import examples
 from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
 from truepose.identification.recording.recording import JointColumn, Recording, read_recording
 from truepose.models.driver import Driver
@@ -152,7 +153,7 @@ def driver(recording: Recording, name: str) -> Array:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(seed=st.integers(0, 1000))
 def test_drivers_depend_on_the_clock_not_on_the_order_of_rows(
     tmp_path_factory: pytest.TempPathFactory, name: str, seed: int

@@ -21,11 +21,11 @@ from truepose.identification.diagnosis.doubt import (
     doubted,
     same_part,
 )
+from truepose.identification.diagnosis.effect_selection import Selection
 from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.naming import likelier
-from truepose.identification.diagnosis.remainder import pile
+from truepose.identification.diagnosis.remainder import of_pile
 from truepose.identification.diagnosis.result import Alternative, Finding, Form, Remainder
-from truepose.identification.diagnosis.selection import Selection
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.load import load_recording
@@ -137,10 +137,10 @@ def test_a_likelier_cause_takes_a_terms_place_where_it_stays_likelier_in_its_own
         for term in (shift, drift)
     }
     classes = {shift: [first], drift: [later]}
-    monkeypatch.setattr(naming, "only", lambda selection, *_: selection)
+    monkeypatch.setattr(naming, "restricted", lambda selection, *_: selection)
     monkeypatch.setattr(naming, "_classes", lambda selection: classes[next(iter(selection.accepted))])
     monkeypatch.setattr(naming, "_exchanged", lambda *_: selections[drift])
-    chosen, named = naming.name(cast(Selection, selections[shift]), np.zeros(0, dtype=bool), None)
+    chosen, named = naming.name_terms(cast(Selection, selections[shift]), np.zeros(0, dtype=bool), None)
     assert list(chosen.accepted) == [drift if stays else shift]
     assert named == classes[drift if stays else shift]
 
@@ -248,10 +248,10 @@ def test_a_name_shares_its_part_with_something_unnamed_there_only(weighed: tuple
 def test_withheld_names_say_where_they_meet_and_what_it_looks_like() -> None:
     fit = cast(Estimate, SimpleNamespace(chi2_per_dof=4.0))
     meeting = [other("axis-coupling", "q3", "q1"), other("backlash", "q3")]
-    left = pile(meeting, fit, Structure(QUIET, "q2", 9.0, 0.1))
+    left = of_pile(meeting, fit, Structure(QUIET, "q2", 9.0, 0.1))
     assert (left.place, left.driver, left.size_sigma) == (("q3",), "q2", 2.0)
     assert "axis-coupling at q3+q1, backlash at q3" in form_words(left) and "hypothesised" in form_words(left)
-    apart = pile(
+    apart = of_pile(
         [other("axis-coupling", "q2", "q1"), other("backlash", "q3")], fit, Structure(QUIET, "q2", 9.0, 0.1)
     )
     assert apart.place == ("q2", "q1")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import re
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support.studies import BENCHMARKS, study_module
+from support.texts import assert_same_to_the_last_digit
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver, Reach, inverse
@@ -156,19 +156,10 @@ def test_the_plan_is_that_of_section_v() -> None:
     assert len(np.unique(motions.start[45:, 3:], axis=0)) == 8
 
 
-_NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
-
-
 @pytest.mark.parametrize("name", sorted(recordings.files()))
 def test_bundled_files_are_what_the_simulator_makes(name: str) -> None:
-    """The same text, but for the last written digit of a number, which another library may flip."""
-    made, kept = recordings.files()[name], (BUNDLED / name).read_text(encoding="utf-8")
-    if made == kept:
-        return
-    assert _NUMBER.sub("#", made) == _NUMBER.sub("#", kept)
-    for one, two in zip(_NUMBER.findall(made), _NUMBER.findall(kept), strict=True):
-        last = min(Decimal(1).scaleb(int(Decimal(v).as_tuple().exponent)) for v in (one, two))
-        assert abs(Decimal(one) - Decimal(two)) <= last
+    kept = (BUNDLED / name).read_text(encoding="utf-8")
+    assert_same_to_the_last_digit(recordings.files()[name], kept)
 
 
 def test_the_machine_file_is_table_i_and_frees_what_the_paper_identifies(machine: Machine) -> None:

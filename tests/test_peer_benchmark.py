@@ -158,7 +158,9 @@ def test_hexapods_closed_form_gives_every_leg_its_length(tmp_path: Path) -> None
     path = tmp_path / "hexapod.yaml"
     hexapod.write_machine(path, hexapod.document(machine))
     loaded = {p.name: p.nominal for p in load_machine(path).parameters}
-    assert loaded["leg3.length"] == machine.length[2] and loaded["leg5.u.x"] == machine.u[4, 0]
+    assert loaded["leg3.length"] == machine.length[2]
+    # a direction is made of length one again when it is read: a few roundings, other ones on another processor
+    assert loaded["leg5.u.x"] == pytest.approx(machine.u[4, 0], rel=1e-14)
 
 
 def test_ratios_are_to_the_same_flags_and_the_quietest_round_counts() -> None:

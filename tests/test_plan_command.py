@@ -30,7 +30,7 @@ def test_the_command_writes_poses_and_says_what_they_are_worth(tmp_path: Path) -
     assert "log det(J'J + prior) = " in comment and "random poses" in comment
     assert "random poses" in result.stdout
     machine = machine_of("distance")
-    recording = load_recording(machine, [output], need_readings=False)
+    recording = load_recording(machine, [output], need_observations=False)
     assert np.array_equal(recording.q, plan(machine, 7, seed=2).q) and recording.from_row is not None
     assert run("simulate", MACHINES / "distance.yaml", output, "-o", tmp_path / "out.csv").exit_code == 0
 
@@ -45,7 +45,7 @@ def test_the_command_s_json_is_one_object(tmp_path: Path) -> None:
         document["value"] == pytest.approx(document["exchange"], rel=1e-6)
         and document["random"]["mean"] < document["value"]
     )
-    recording = load_recording(machine_of("serial"), [output], need_readings=False)
+    recording = load_recording(machine_of("serial"), [output], need_observations=False)
     assert len(recording) == 6
 
 

@@ -135,7 +135,7 @@ def test_plans_are_reproducible_and_can_be_measured(name: str, method: str, tmp_
     assert (found.q >= ranges[:, 0]).all() and (found.q <= ranges[:, 1]).all()
     table = plan_table(found)
     table.to_csv(tmp_path / "poses.csv", index=False)
-    recording = load_recording(machine, [tmp_path / "poses.csv"], need_readings=False)
+    recording = load_recording(machine, [tmp_path / "poses.csv"], need_observations=False)
     assert np.max(np.abs(recording.q - found.q) / (ranges[:, 1] - ranges[:, 0])) < 1e-11
     assert len(simulate(machine, recording)) == 10
     assert ("from" in table) == (name == "distance")

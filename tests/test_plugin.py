@@ -174,7 +174,7 @@ def belt(tmp_path_factory: pytest.TempPathFactory, forget: None) -> Job:
     stands = q + np.outer(TRUE_K * q[:, 1] ** 3, [0, 1])
     names = [f"{name} [rad]" for name in machine.mechanism.readings]
     pd.DataFrame(stands, columns=names).to_csv(job.recording, index=False)
-    readings = simulate(machine, load_recording(machine, [job.recording], need_readings=False), seed=5)
+    readings = simulate(machine, load_recording(machine, [job.recording], need_observations=False), seed=5)
     pd.concat([pd.DataFrame(q, columns=names), readings], axis=1).to_csv(job.recording, index=False)
     run("diagnose", job.machine, job.recording, "-o", job.out, "--plugin", job.plugin)
     return job
@@ -216,7 +216,7 @@ def test_a_new_effect_is_part_of_the_improved_machine_and_predicts(belt: Job) ->
     assert placed.label == "stretched-belt@q2"
     recording = load_recording(machine, [belt.recording])
     foreseen = predict(machine, recording)
-    off = np.concatenate([foreseen[c] - recording.readings[c] for c in ("x", "y", "z")])
+    off = np.concatenate([foreseen[c] - recording.observations[c] for c in ("x", "y", "z")])
     assert np.sqrt(np.mean(off**2)) == pytest.approx(0.02, rel=0.25)
 
 

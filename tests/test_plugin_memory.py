@@ -76,7 +76,7 @@ def written(machine: Machine, path: Path, seed: int) -> Recording:
     frame = pd.DataFrame(way, columns=["q1 [rad]", "q2 [rad]"])
     frame.to_csv(path, index=False)
     cable = PlacedEffect.at(effects.get("cable-drag", "test")(), machine, ("q1",), None, {"k": TRUE_K})
-    poses = load_recording(machine, [path], need_readings=False)
+    poses = load_recording(machine, [path], need_observations=False)
     pd.concat([frame, simulate(machine, poses, [cable], seed=seed)], axis=1).to_csv(path, index=False)
     return load_recording(machine, [path])
 
@@ -98,10 +98,10 @@ def test_its_memory_predicts_another_recording(job: Job, tmp_path: Path) -> None
     improved = load_machine(job.out / "improved.yaml")
     other = written(improved.with_effects(()), tmp_path / "other.csv", seed=9)
     foreseen = predict(improved, other)
-    off = np.concatenate([foreseen[c] - other.readings[c] for c in ("x", "y", "z")])
+    off = np.concatenate([foreseen[c] - other.observations[c] for c in ("x", "y", "z")])
     assert np.sqrt(np.mean(off**2)) == pytest.approx(0.02, rel=0.25)
     blind = simulate(improved.with_effects(()), other, seed=None)
-    worse = np.concatenate([blind[c] - other.readings[c] for c in ("x", "y", "z")])
+    worse = np.concatenate([blind[c] - other.observations[c] for c in ("x", "y", "z")])
     assert np.sqrt(np.mean(worse**2)) > 0.1
 
 

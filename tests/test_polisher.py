@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from support.studies import BENCHMARKS, study_module
+from support.texts import assert_same_to_the_last_digit
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prediction.predictor import Predictor
@@ -33,8 +34,10 @@ ranks, montecarlo, layers, errors_model = (
 
 
 def test_bundled_files_are_what_the_simulator_writes(tmp_path: Path) -> None:
-    for file in bundle.write(tmp_path):
-        assert file.read_bytes() == (BUNDLE / file.name).read_bytes()
+    written = bundle.write(tmp_path)
+    assert {*(file.name for file in written), "machine.yaml"} == {path.name for path in BUNDLE.iterdir()}
+    for file in written:
+        assert_same_to_the_last_digit(file.read_text("utf-8"), (BUNDLE / file.name).read_text("utf-8"))
 
 
 @pytest.mark.parametrize("name", ["workspace", "motions", "robot", "physics", "bundle"])

@@ -53,7 +53,8 @@ def test_gradients_are_exact_through_loops_loads_and_differences_of_rows(name: s
     information = function.information
     q = 0.8 * poses(information, 12) + 0.2 * information.home
     value, gradient = function.gradient(information.at(q))
-    assert value == function.value(information.at(q))
+    # once with and once without slopes: other sums, of some hundred terms
+    assert value == pytest.approx(function.value(information.at(q)), rel=1e-12)
     rng = np.random.default_rng(4)
     for _ in range(3):
         e = 5e-3 * (information.high - information.low) * rng.uniform(-1, 1, q.shape)
@@ -76,7 +77,7 @@ def test_the_planned_information_is_what_a_fit_would_use(name: str, tmp_path: Pa
     made = replace(made, q=found.q)
     plan_table(made).to_csv(tmp_path / "poses.csv", index=False)
     frame = simulate(
-        machine, load_recording(machine, [tmp_path / "poses.csv"], need_readings=False), seed=None
+        machine, load_recording(machine, [tmp_path / "poses.csv"], need_observations=False), seed=None
     )
     with_inputs(tmp_path / "poses.csv", frame).to_csv(tmp_path / "recording.csv", index=False)
     predictor = Predictor(machine, load_recording(machine, [tmp_path / "recording.csv"]), machine.effects)

@@ -76,8 +76,8 @@ def test_what_is_written_is_a_recording_of_a_pose_sensor(files: Path) -> None:
     machine = load_machine(files / "machine.yaml")
     recording = load_recording(machine, [files / "out.csv"])
     table = pose_table(points(), SIGMA)
-    assert recording.readings["x"] == pytest.approx(table["x"].to_numpy(float), abs=1e-9)
-    assert recording.readings["rz"] == pytest.approx(np.deg2rad(table["rz"].to_numpy(float)), abs=1e-12)
+    assert recording.observations["x"] == pytest.approx(table["x"].to_numpy(float), abs=1e-9)
+    assert recording.observations["rz"] == pytest.approx(np.deg2rad(table["rz"].to_numpy(float)), abs=1e-12)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

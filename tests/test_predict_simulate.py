@@ -48,8 +48,9 @@ def recorded(machine: Machine, path: Path, frame: pd.DataFrame) -> Recording:
 @pytest.mark.parametrize("kind", KINDS)
 def test_simulation_without_noise_is_the_prediction(kind: str, tmp_path: Path) -> None:
     machine = load_machine(MACHINES / f"{kind}.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_readings=False)
+    rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_observations=False)
     silent, predicted = simulate(machine, rows, seed=None), predict(machine, rows)
+    assert set() < set(silent) <= set(predicted)
     for name in silent:
         np.testing.assert_array_equal(silent[name], predicted[name])
 
@@ -57,7 +58,7 @@ def test_simulation_without_noise_is_the_prediction(kind: str, tmp_path: Path) -
 @pytest.mark.parametrize("kind", KINDS)
 def test_prediction_has_a_std_for_each_column_and_the_pose(kind: str, tmp_path: Path) -> None:
     machine = load_machine(MACHINES / f"{kind}.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_readings=False)
+    rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_observations=False)
     frame = predict(machine, rows)
     columns = [name for sensor in machine.sensors for name in sensor.columns]
     pose = [f"pose.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
@@ -68,7 +69,7 @@ def test_prediction_has_a_std_for_each_column_and_the_pose(kind: str, tmp_path: 
 
 def test_noise_is_the_instruments_and_follows_the_seed(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "serial.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv", n=400)], need_readings=False)
+    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv", n=400)], need_observations=False)
     silent, first, same, other = (simulate(machine, rows, seed=seed) for seed in (None, 1, 1, 2))
     pd.testing.assert_frame_equal(first, same)
     assert not first.equals(other)
@@ -77,7 +78,7 @@ def test_noise_is_the_instruments_and_follows_the_seed(tmp_path: Path) -> None:
 
 def test_a_change_since_itself_is_nothing(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "distance.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_readings=False)
+    rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_observations=False)
     frame = simulate(machine, rows, seed=4)
     assert frame["dL"][0] == 0.0
     assert (frame["dL"][1:] != 0.0).all()
@@ -88,7 +89,7 @@ def test_calibration_recovers_what_was_simulated(kind: str, tmp_path: Path) -> N
     """Parameters drawn from their tolerances: predictions come back within their own 1-sigma."""
     drawn = load_machine(MACHINES / f"{kind}.yaml")
     path = poses(drawn, tmp_path / "poses.csv", n=60)
-    rows = load_recording(drawn, [path], need_readings=False)
+    rows = load_recording(drawn, [path], need_observations=False)
     truth = _moved(drawn, np.random.default_rng(11))
     recording = recorded(drawn, path, simulate(truth, rows, seed=3))
     fit = estimate(drawn, recording, damping=0.0)
@@ -125,7 +126,7 @@ def _moved(machine: Machine, rng: np.random.Generator) -> Machine:
 
 def test_std_of_tolerances_and_of_an_unknown_base(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "ups.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv")], need_readings=False)
+    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv")], need_observations=False)
     assert np.isinf(predict(machine, rows)["x.std"]).all()  # the base may stand anywhere
     recording = recorded(machine, tmp_path / "p.csv", simulate(machine, rows, seed=1))
     write_calibrated(tmp_path / "calibrated.yaml", estimate(machine, recording), recording)
@@ -137,13 +138,13 @@ def test_effects_of_a_calibrated_file_use_the_rows_own_drivers(tmp_path: Path) -
     machine = load_machine(MACHINES / "pus.yaml")
     effect = parse_effect("thermal-expansion@base:alpha=2e-5[1/K]", machine)
     path = poses(machine, tmp_path / "p.csv", columns={"temperature.base": np.linspace(15, 25, 25)})
-    rows = load_recording(machine, [path], need_readings=False)
+    rows = load_recording(machine, [path], need_observations=False)
     recording = recorded(machine, path, simulate(machine, rows, [effect], seed=1))
     fit = estimate(machine, recording, (effect,))
     write_calibrated(tmp_path / "improved.yaml", fit, recording)
     improved = load_machine(tmp_path / "improved.yaml")
     hot = poses(machine, tmp_path / "hot.csv", columns={"temperature.base": np.full(25, 30.0)})
-    rows = load_recording(improved, [hot], need_readings=False)
+    rows = load_recording(improved, [hot], need_observations=False)
     found, wanted = predict(improved, rows), simulate(machine, rows, [effect], seed=None)
     plain = simulate(machine, rows, seed=None)
     missed = max(float(np.max(np.abs(found[c] - wanted[c]))) for c in wanted)
@@ -155,14 +156,16 @@ def test_an_unseen_session_takes_the_shift_of_the_latest(tmp_path: Path) -> None
     machine = load_machine(MACHINES / "serial.yaml")
     effect = parse_effect("frame-shift@base:z=3[mm],session=1", machine)
     path = poses(machine, tmp_path / "p.csv", columns={"session": np.repeat([4, 7], [12, 13])})
-    rows = load_recording(machine, [path], need_readings=False)
+    rows = load_recording(machine, [path], need_observations=False)
     recording = recorded(machine, path, simulate(machine, rows, [effect], seed=1))
     write_calibrated(tmp_path / "improved.yaml", estimate(machine, recording, (effect,)), recording)
     improved = load_machine(tmp_path / "improved.yaml")
     z = {}
     for session in (4, 7, 9):
         later = poses(machine, tmp_path / "later.csv", columns={"session": np.full(25, session)})
-        z[session] = predict(improved, load_recording(improved, [later], need_readings=False))["z"].to_numpy()
+        z[session] = predict(improved, load_recording(improved, [later], need_observations=False))[
+            "z"
+        ].to_numpy()
     np.testing.assert_allclose(z[9], z[7])
     np.testing.assert_allclose(z[7] - z[4], 3.0, atol=0.05)
 
@@ -175,7 +178,7 @@ def test_a_row_that_cannot_be_assembled_stays_empty(tmp_path: Path) -> None:
     frame.to_csv(path, index=False)
     actuators = tuple(replace(a, range=None) for a in machine.mechanism.actuators)
     unbound = replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))
-    rows = load_recording(unbound, [path], need_readings=False)
+    rows = load_recording(unbound, [path], need_observations=False)
     found = predict(unbound, rows)
     assert found.loc[3].isna().all()
     assert not found.drop(index=3).isna().any().any()
@@ -188,11 +191,12 @@ def test_a_row_that_cannot_be_assembled_stays_empty(tmp_path: Path) -> None:
 
 def test_a_file_in_other_units_predicts_the_same(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "serial.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv")], need_readings=False)
+    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv")], need_observations=False)
     text = (MACHINES / "serial.yaml").read_text(encoding="utf-8")
     other = _in_micrometres(text, tmp_path / "um.yaml")
-    rows_um = load_recording(other, [tmp_path / "p.csv"], need_readings=False)
+    rows_um = load_recording(other, [tmp_path / "p.csv"], need_observations=False)
     found, wanted = predict(other, rows_um), predict(machine, rows)
+    assert len(wanted.columns) >= 6
     for column in wanted:
         angle = str(column).startswith("pose.r")
         factor = convert(1.0, "mrad", "deg") if angle else convert(1.0, "um", "mm")
@@ -260,7 +264,7 @@ def test_columns_of_the_poses_pass_through(tmp_path: Path) -> None:
         tmp_path / "p.csv",
         columns={"role": ["validation"] * 25, "note": ["a"] * 25, "x": np.zeros(25)},
     )
-    rows = load_recording(machine, [path], need_readings=False)
+    rows = load_recording(machine, [path], need_observations=False)
     frame = with_inputs(path, simulate(machine, rows))
     assert list(frame) == ["pose", "role", "note", "q1 [mm]", "q2 [rad]", "q3 [rad]", "x", "y", "z"]
     assert (frame["x"] != 0).all() and set(frame["role"]) == {"validation"}

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from support.examples import examples
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
 from truepose.identification.recording.recording import JointColumn, read_recording
 from truepose.models.units import UnitSystem
@@ -20,8 +21,8 @@ from truepose.models.units import UnitSystem
 def test_values_are_in_internal_units(tmp_path: Path) -> None:
     recording = read(tmp_path, "# made by hand\n" + BASIC + "# the end\n\n")
     np.testing.assert_array_equal(recording.q, [[10.0, math.pi / 2], [20.0, -math.pi / 2]])
-    np.testing.assert_array_equal(recording.readings["x"], [1.0, 2.0])
-    np.testing.assert_array_equal(recording.readings["rx"], [math.pi, 0.0])
+    np.testing.assert_array_equal(recording.observations["x"], [1.0, 2.0])
+    np.testing.assert_array_equal(recording.observations["rx"], [math.pi, 0.0])
     assert recording.source_row.tolist() == [1, 2]
     assert recording.where(1) == f"{tmp_path / 'a.csv'}: row 2"
     assert recording.pose is None
@@ -36,8 +37,8 @@ def test_units_come_from_the_header_else_from_the_machine_file(tmp_path: Path) -
     text += "10000,0.5,0.001,2,2,293.15,500,101325,0.4\n"
     recording = read(tmp_path, text, units=UnitSystem("m", "rad"))
     assert recording.q[0] == pytest.approx([10.0, 0.5])
-    assert recording.readings["x"][0] == pytest.approx(1.0)
-    assert recording.readings["rx"][0] == 2.0
+    assert recording.observations["x"][0] == pytest.approx(1.0)
+    assert recording.observations["rx"][0] == 2.0
     expected = {
         "time": 120.0,
         "temperature.base": 20.0,
@@ -62,10 +63,10 @@ def test_turns_stay_as_recorded(tmp_path: Path) -> None:
 
 
 def test_readings_may_be_missing_where_none_are_needed(tmp_path: Path) -> None:
-    recording = read(tmp_path, "s,r,x\n10,90,1\n", need_readings=False)
-    assert set(recording.readings) == {"x"}
+    recording = read(tmp_path, "s,r,x\n10,90,1\n", need_observations=False)
+    assert set(recording.observations) == {"x"}
     text = "s,r\n10,90\n"
-    assert "missing column 'from'" in refusal(tmp_path, text, need_readings=False, required=("from",))
+    assert "missing column 'from'" in refusal(tmp_path, text, need_observations=False, required=("from",))
 
 
 def test_unknown_columns_are_ignored_with_a_note(tmp_path: Path) -> None:
@@ -93,7 +94,13 @@ def test_labels_are_texts(tmp_path: Path) -> None:
 def test_arrays_are_read_only(tmp_path: Path) -> None:
     recording = read(tmp_path, "s,r,x,rx,time,pose,approach.s\n1,1,1,1,1,1,1\n2,2,2,2,2,2,1\n")
     part = recording.subset([1])
-    for array in (recording.q, part.q, recording.readings["x"], recording.time, part.driver("approach.s")):
+    for array in (
+        recording.q,
+        part.q,
+        recording.observations["x"],
+        recording.time,
+        part.driver("approach.s"),
+    ):
         assert array is not None
         assert not array.flags.writeable
         assert array.dtype == np.float64
@@ -160,7 +167,7 @@ frames = st.lists(
 )
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(frames)
 def test_csv_and_parquet_hold_the_same(tmp_path_factory: pytest.TempPathFactory, rows: list[Any]) -> None:
     folder = tmp_path_factory.mktemp("table")
@@ -175,7 +182,7 @@ def test_csv_and_parquet_hold_the_same(tmp_path_factory: pytest.TempPathFactory,
     np.testing.assert_array_equal(one.validation, two.validation)
     np.testing.assert_array_equal(one.replicates(), two.replicates())
     for name in SENSOR:
-        np.testing.assert_array_equal(one.readings[name], two.readings[name])
+        np.testing.assert_array_equal(one.observations[name], two.observations[name])
 
 
 POSE = dict.fromkeys(("x", "y", "z"), "mm") | dict.fromkeys(("rx", "ry", "rz"), "rad")
@@ -199,4 +206,4 @@ def test_recordings_at_hand_are_accepted(shared: Path, name: str) -> None:
     joints = [JointColumn(f"{stem}{k}", unit) for k, (stem, unit) in enumerate(kinds, start=1)]
     recording = read_recording([shared / name], joints, sensor, units)
     assert len(recording) == n_rows
-    assert set(recording.readings) == set(sensor)
+    assert set(recording.observations) == set(sensor)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,10 +20,12 @@ def test_from_is_local_to_a_file_and_survives_a_subset(tmp_path: Path) -> None:
     assert recording.from_row.tolist() == [0, 0, 1, 2, 4, 4, 5, 6]
     part = recording.subset([7, 1])
     assert part.rows.tolist() == [7, 1]
-    assert part.origins().q[:, 0].tolist() == [3.0, 1.0]
-    assert part.subset([0]).origins().source_row.tolist() == [3]
-    with pytest.raises(ValueError, match="no column 'from'"):
-        read(tmp_path, BASIC).origins()
+    assert part.from_row is not None
+    assert part.whole.subset(part.from_row).q[:, 0].tolist() == [3.0, 1.0]
+    one = part.subset([0])
+    assert one.from_row is not None
+    assert one.whole.subset(one.from_row).source_row.tolist() == [3]
+    assert read(tmp_path, BASIC).from_row is None
 
 
 @st.composite

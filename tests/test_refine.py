@@ -15,18 +15,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
-from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.evidence import grid_for
-from truepose.identification.diagnosis.refine import log_share, refined
-from truepose.identification.diagnosis.selection import (
+from truepose.identification.diagnosis.effect_evidence import grid_for
+from truepose.identification.diagnosis.effect_selection import (
     BOUND_DOUBT,
     LARGEST_COST,
     WIDE,
     Selection,
-    physical,
+    log_plausibility,
+    log_posterior,
     select,
-    weight,
 )
+from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.refine import log_share, refined
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -75,7 +75,7 @@ def warm_boom(folder: Path, lag: float, alpha: float = ALPHA) -> tuple[Machine, 
     warm = 20.0 + 6.0 * (1 - np.exp(-time / 2500)) + 1.5 * np.sin(2 * np.pi * time / 1500)
     s, q = rng.uniform(-100, 100, ROWS), rng.uniform(-170, 170, ROWS)
     frame = pd.DataFrame({"s [mm]": s, "q [deg]": q, "time": time, "temperature.link2": warm})
-    unread = load_recording(machine, [written(folder, frame)], need_readings=False)
+    unread = load_recording(machine, [written(folder, frame)], need_observations=False)
     predictor = Predictor(machine, unread)
     seen = []
     for k, grown in enumerate(800.0 * alpha * (body(warm, lag) - 20.0)):
@@ -217,7 +217,7 @@ def test_a_selection_weighs_more_with_the_true_term_than_without(tmp_path: Path)
     lin = searched.signatures.linearise(without)
     empty = Selection({}, without, lin, found.grid, searched.signatures, searched.catalogue)
     assert found.all_named
-    assert weight(found) > weight(empty) + 100
+    assert log_posterior(found) > log_posterior(empty) + 100
 
 
 # -- bounds --------------------------------------------------------------------------------------------------
@@ -226,15 +226,15 @@ def test_a_selection_weighs_more_with_the_true_term_than_without(tmp_path: Path)
 @given(st.floats(1.0, 40.0), st.floats(1.0, 1.5))
 def test_the_further_beyond_its_bound_the_more_a_coefficient_costs(times: float, more: float) -> None:
     cat = _bounded()
-    here, beyond = (physical(cat, 0, np.array([v]), np.array([0.0])) for v in (times, times * more))
+    here, beyond = (log_plausibility(cat, 0, np.array([v]), np.array([0.0])) for v in (times, times * more))
     assert 0.0 >= here >= beyond >= -LARGEST_COST
     assert here == pytest.approx(max(-0.5 * (np.log(times) / BOUND_DOUBT) ** 2, -LARGEST_COST))
-    assert physical(cat, 0, np.array([-times]), np.array([0.0])) == here
+    assert log_plausibility(cat, 0, np.array([-times]), np.array([0.0])) == here
 
 
 @given(st.floats(-1.0, 1.0), st.floats(0.0, 3.0))
 def test_within_its_bounds_a_coefficient_costs_nothing(value: float, std: float) -> None:
-    assert physical(_bounded(), 0, np.array([value]), np.array([std])) == 0.0
+    assert log_plausibility(_bounded(), 0, np.array([value]), np.array([std])) == 0.0
 
 
 def _bounded() -> Catalogue:
@@ -258,7 +258,7 @@ def recorded(folder: Path, time: Array, session: Array) -> Recording:
     path.write_text(TEXT)
     way = 40 * np.sin(np.arange(len(time)))
     frame = pd.DataFrame({"s [mm]": way, "q [deg]": 0.0, "time": time, "session": session})
-    return load_recording(load_machine(path), [written(folder, frame)], need_readings=False)
+    return load_recording(load_machine(path), [written(folder, frame)], need_observations=False)
 
 
 def test_creep_goes_on_while_one_clock_runs(tmp_path: Path) -> None:
@@ -275,5 +275,6 @@ def test_creep_begins_anew_where_clocks_do(tmp_path: Path) -> None:
     time = np.tile(60.0 * np.arange(10), 2) + np.repeat([0.0, 1.0], 10)
     both = recorded(tmp_path, time, np.repeat([1, 2], 10)).driver("creep.s~0.1~2")
     alone = recorded(tmp_path, time[:10], np.ones(10, dtype=int)).driver("creep.s~0.1~2")
-    assert both is not None
-    np.testing.assert_array_equal(both[:10], alone)
+    assert both is not None and alone is not None
+    # logarithms of ten ages and of twenty: a processor's vectors may end elsewhere
+    np.testing.assert_allclose(both[:10], alone, rtol=1e-13, atol=1e-13)

@@ -36,10 +36,10 @@ def test_huber_resists_outliers_that_draw_least_squares_away(machines: Mapping[s
     machine, rng = machines["hexapod"], np.random.default_rng(8)
     truth = manufactured(machine, rng)
     clean = simulated(machine, truth, rng, 60)
-    wild = {name: values.copy() for name, values in clean.readings.items()}
+    wild = {name: values.copy() for name, values in clean.observations.items()}
     wild["x"][::12] += 2.0
     wild["rz"][3::20] += 0.01
-    recording = replace(clean, readings=wild)
+    recording = replace(clean, observations=wild)
     plain, robust = (estimate(machine, recording, loss=loss) for loss in ("gauss", "huber"))
     assert np.abs(departures(plain, truth)).max() > 10.0
     assert np.abs(departures(robust, truth)).max() < 5.0
@@ -58,11 +58,11 @@ def test_validation_rows_and_excluded_rows_are_not_fitted(machines: Mapping[str,
     machine, rng = machines["arm"], np.random.default_rng(10)
     recording = simulated(machine, manufactured(machine, rng), rng)
     out = np.arange(len(recording)) % 4 == 0
-    spoiled = {name: np.where(out, values + 1.0, values) for name, values in recording.readings.items()}
+    spoiled = {name: np.where(out, values + 1.0, values) for name, values in recording.observations.items()}
     fits = [
         estimate(machine, recording.subset(~out)),
-        estimate(machine, replace(recording, readings=spoiled), exclude=out),
-        estimate(machine, replace(recording, readings=spoiled, validation=out)),
+        estimate(machine, replace(recording, observations=spoiled), exclude=out),
+        estimate(machine, replace(recording, observations=spoiled, validation=out)),
     ]
     for fit in fits[1:]:
         assert np.abs(departures(fit, fits[0].p)).max() < 1e-3
@@ -122,9 +122,9 @@ def test_readings_of_another_machine_are_no_estimate(machines: Mapping[str, Mach
     """Nonsense is fitted badly or not at all, never called good."""
     machine, rng = machines["hexapod"], np.random.default_rng(14)
     recording = simulated(machine, nominal(machine), rng)
-    scrambled = {name: rng.permutation(values) for name, values in recording.readings.items()}
+    scrambled = {name: rng.permutation(values) for name, values in recording.observations.items()}
     try:
-        fit = estimate(machine, replace(recording, readings=scrambled))
+        fit = estimate(machine, replace(recording, observations=scrambled))
     except ConvergenceError as error:
         assert "responsible" in str(error)
     else:

@@ -128,7 +128,7 @@ def predictor_at(machine: Machine, q: Array) -> Predictor:
     table = Table("random", tuple(Column(name) for name in names), cells, len(q))
     columns = [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
     return Predictor(
-        machine, read_recording([table], columns, {}, UnitSystem("mm", "rad"), need_readings=False)
+        machine, read_recording([table], columns, {}, UnitSystem("mm", "rad"), need_observations=False)
     )
 
 

@@ -114,7 +114,7 @@ def test_a_fit_finds_the_truth_within_its_uncertainty(
     off = np.array(fit.fitted_effects()[0].amplitudes) - true.amplitudes
     assert np.all(abs(off) < 4 * std)
     assert np.linalg.norm(true.amplitudes) > 4 * np.linalg.norm(std)
-    freedom = fit.readings - fit.effective_parameters
+    freedom = fit.n_observations - fit.effective_parameters
     assert abs(fit.chi2 - freedom) < 4 * np.sqrt(2 * freedom)
 
 
@@ -143,7 +143,7 @@ def test_a_periodic_error_comes_back_after_half_a_wavelength(benches: Mapping[st
     for columns in ({}, axis):
         path = bench.folder / "steps.csv"
         frame.rename(columns=columns).to_csv(path, index=False)
-        rows = load_recording(bench.machine, [path], need_readings=False)
+        rows = load_recording(bench.machine, [path], need_observations=False)
         placed = bench.placed("sensor-periodic@sensor:order=1,a=2e-5")
         plain, wavy = (simulate(bench.machine, rows, e, seed=None)["dL"] for e in ([], [placed]))
         if abs(plain[1]) > 0.9 * 1e3 * half:  # the axis along the beam
@@ -159,7 +159,7 @@ def test_air_shortens_where_it_is_warm_and_lengthens_where_it_is_dense(benches: 
     frame = bench.drivers.iloc[[0, 0, 0]].copy()
     frame["temperature.air"], frame["pressure [hPa]"] = [20.0, 21.0, 20.0], [1013.25, 1013.25, 1014.25]
     frame.to_csv(bench.folder / "air.csv", index=False)
-    rows = load_recording(bench.machine, [bench.folder / "air.csv"], need_readings=False)
+    rows = load_recording(bench.machine, [bench.folder / "air.csv"], need_observations=False)
     plain, air = (
         simulate(bench.machine, rows, e, seed=None).to_numpy()
         for e in ([], [bench.placed("air-refraction@sensor:share=1")])
@@ -185,7 +185,7 @@ def test_a_late_sensor_sees_where_the_joints_stood(benches: Mapping[str, Bench])
     for name in bench.machine.mechanism.readings:
         frame[f"{name} [rad]"] -= tau * frame[f"velocity.{name} [rad/s]"]
     frame.to_csv(bench.folder / "earlier.csv", index=False)
-    rows = load_recording(bench.machine, [bench.folder / "earlier.csv"], need_readings=False)
+    rows = load_recording(bench.machine, [bench.folder / "earlier.csv"], need_observations=False)
     np.testing.assert_allclose(late, simulate(bench.machine, rows, seed=None), atol=1e-6)
 
 

@@ -111,7 +111,7 @@ def test_sockets_add_up_with_other_sensors(tmp_path: Path) -> None:
     centre = [at[f"bar.centre.{axis}"] for axis in "xyz"]
     assert np.all(np.abs(fit.p[centre] - [401, 99, 50.5]) < 5 * fit.std[centre])
     assert np.all(fit.std[centre] < 0.3)
-    assert fit.readings == 48 * 7 - 15
+    assert fit.n_observations == 48 * 7 - 15
     assert 0.75 < fit.chi2_per_dof < 1.25  # 3 sigma of 280 degrees of freedom
     assert list(predict(machine, recording).columns[:2]) == ["bar.length", "bar.length.std"]
     write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
@@ -155,7 +155,7 @@ def test_commands_without_readings(tmp_path: Path) -> None:
     assert all(str(name).startswith("pose.") for name in predict(machine, recording))
     joints = pd.read_csv(tmp_path / "rows.csv").drop(columns=["placement", "socket"])
     joints.to_csv(tmp_path / "joints.csv", index=False)
-    plain = load_recording(machine, [tmp_path / "joints.csv"], need_readings=False)
+    plain = load_recording(machine, [tmp_path / "joints.csv"], need_observations=False)
     assert len(predict(machine, plain)) == len(joints)
     assert simulate(machine, recording).empty
     with pytest.raises(

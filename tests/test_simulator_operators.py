@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from support.examples import examples
 from truepose.challenge.simulator import heat, operators
 from truepose.challenge.simulator.base import Array
 from truepose.challenge.simulator.cantilever import Section, cantilever
@@ -108,7 +109,7 @@ class TestHeat:
         body = heat.lump(time, 1e-3 * time, 600.0)
         assert 1e-3 * time[-1] - body[-1] == pytest.approx(0.6, rel=1e-9)
 
-    @settings(max_examples=30)
+    @settings(max_examples=examples(30))
     @given(st.floats(10, 3000), st.integers(2, 6))
     def test_more_instants_change_nothing(self, lag: float, parts: int) -> None:
         time, drive = np.array([0.0, 400.0, 700.0, 2000.0]), np.array([20.0, 26.0, 21.0, 24.0])

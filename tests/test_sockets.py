@@ -113,9 +113,9 @@ def test_degrees_of_freedom_count_the_sockets(tmp_path: Path) -> None:
     """
     fits = [estimate(*campaign(tmp_path, seed)[:2]) for seed in range(24)]
     ratios = np.array([fit.chi2_per_dof for fit in fits])
-    dof = np.mean([fit.readings - fit.effective_parameters for fit in fits])
+    dof = np.mean([fit.n_observations - fit.effective_parameters for fit in fits])
     assert fits[0].levels == 15
-    assert fits[0].readings == 72 - 15
+    assert fits[0].n_observations == 72 - 15
     assert np.mean(ratios) == pytest.approx(
         1.0, abs=4 * np.sqrt(2 / dof / len(fits))
     )  # 4 sigma of chi2's mean
@@ -208,7 +208,7 @@ def test_sets_may_have_balls_of_their_own(tmp_path: Path) -> None:
     found = [fit.p[[at[f"{prefix}ball.{axis}"] for axis in "xyz"]] for prefix in ("", "long.")]
     np.testing.assert_allclose(found[1] - found[0], long - short, atol=0.2)  # 5 sigma of the readings' part
     assert fit.levels == 30
-    assert fit.readings == 3 * 72 - 30
+    assert fit.n_observations == 3 * 72 - 30
     assert 0.6 < fit.chi2_per_dof < 1.4
     channels = [c for sensor in machine.sensors for c in sensor.channels]
     # each row has one ball: the two sensors share the rows, and the rms is that of 72 balls

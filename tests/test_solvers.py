@@ -61,9 +61,9 @@ def test_all_solvers_find_one_minimum_of_the_telescope() -> None:
 def test_robust_fits_agree_too(machines: Mapping[str, Machine]) -> None:
     machine, rng = machines["6-ups"], np.random.default_rng(2)
     clean = simulated(machine, manufactured(machine, rng), rng)
-    wild = {name: values.copy() for name, values in clean.readings.items()}
+    wild = {name: values.copy() for name, values in clean.observations.items()}
     wild["x"][::10] += 1.0
-    recording = replace(clean, readings=wild)
+    recording = replace(clean, observations=wild)
     gn, ipopt = estimate(machine, recording, loss="huber"), bounded(machine, recording, loss="huber")
     assert gn.weights.min() < 0.1
     # weights settle to 3e-3, and each solver's own end decides where
@@ -81,7 +81,7 @@ def test_the_programs_derivatives(machines: Mapping[str, Machine], name: str) ->
     program = Program(problem, np.zeros(len(prior.free)))
     v = np.append(rng.standard_normal(program.n), 0.1 * rng.standard_normal(program.size - program.n))
     v[: program.n] /= program.step  # one tolerance
-    for function in (program.readings, program.equations):
+    for function in (program.observations, program.equations):
         _, slopes = function(v)
         for _ in range(4):
             way = rng.standard_normal(program.size)
@@ -122,8 +122,8 @@ def test_validation_rows_are_not_fitted(machines: Mapping[str, Machine]) -> None
     machine, rng = machines["6-pus"], np.random.default_rng(11)
     recording = simulated(machine, manufactured(machine, rng), rng)
     out = np.arange(len(recording)) % 4 == 0
-    spoiled = {name: np.where(out, values + 1.0, values) for name, values in recording.readings.items()}
-    fit = bounded(machine, replace(recording, readings=spoiled, validation=out))
+    spoiled = {name: np.where(out, values + 1.0, values) for name, values in recording.observations.items()}
+    fit = bounded(machine, replace(recording, observations=spoiled, validation=out))
     assert apart(fit, estimate(machine, recording.subset(~out))) < SAME
 
 
@@ -143,5 +143,5 @@ def test_readings_that_compare_rows(tmp_path: Path) -> None:
     predictor = Predictor(machine, poses)
     names, values, _, _ = predictor.columns(truth, predictor.assemble(truth)[0])
     noise = np.array([0.05, 0.05, 0.05, 0.001]) * rng.standard_normal(values.shape)
-    recording = replace(poses, readings=dict(zip(names, (values + noise).T, strict=True)))
+    recording = replace(poses, observations=dict(zip(names, (values + noise).T, strict=True)))
     assert apart(bounded(machine, recording), estimate(machine, recording)) < SAME

@@ -43,7 +43,7 @@ def test_frames_start_where_the_readings_put_them(tmp_path: Path, loose: str, be
     poses = rng.uniform(low, high, (20, len(ranges)))
     text = "\n".join(",".join(f"{v:.9f}" for v in row) for row in poses)
     (tmp_path / "poses.csv").write_text(",".join(columns) + "\n" + text + "\n")
-    rows = load_recording(true, [tmp_path / "poses.csv"], need_readings=False)
+    rows = load_recording(true, [tmp_path / "poses.csv"], need_observations=False)
     read = with_inputs(tmp_path / "poses.csv", simulate(true, rows, seed=None))
     read.to_csv(tmp_path / "read.csv", index=False)
     start = aligned_start(Predictor(drawn, load_recording(drawn, [tmp_path / "read.csv"])))

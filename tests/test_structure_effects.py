@@ -168,7 +168,7 @@ def simulated(machine: Machine, n: int, *terms: PlacedEffect, seed: int, **colum
     path = folder / f"{machine.name}_{seed}.csv"
     frame.to_csv(path, index=False)
     assert set(machine.mechanism.readings) <= set(names)
-    poses = load_recording(machine, [path], need_readings=False)
+    poses = load_recording(machine, [path], need_observations=False)
     pd.concat([frame, simulate(machine, poses, terms, seed=seed)], axis=1).to_csv(path, index=False)
     return load_recording(machine, [path])
 

@@ -14,9 +14,10 @@ from support import MACHINES
 from support.short_arm import POSITION, arm, status
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.identifiability.analysis import drawn_poses, identifiability
+from truepose.identification.identifiability.analysis import identifiability
 from truepose.identification.identifiability.observability import Direction, Knowledge, nearly_unseen
 from truepose.identification.identifiability.patterns import patterns
+from truepose.identification.identifiability.poses import drawn_poses
 from truepose.identification.identifiability.subset import (
     Columns,
     independent_subset,

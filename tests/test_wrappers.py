@@ -164,10 +164,7 @@ def test_rows_take_drivers_by_row_or_once(built: Built) -> None:
 def test_all_solutions_are_rows_where_the_library_has_them(built: Built) -> None:
     _, machine = python(built)
     q, poses = rows_of(built)
-    if not hasattr(built.library, "arm_ik_all"):
-        with pytest.raises(NotImplementedError, match="use ik"):
-            machine.ik_all(poses[1])
-        return
+    assert hasattr(built.library, "arm_ik_all")
     found = machine.ik_all(poses[1])
     assert found.shape[1] == built.n and len(found) == len(machine.ik_all(poses[1].tolist()))
     turn = 2 * np.pi
@@ -176,6 +173,12 @@ def test_all_solutions_are_rows_where_the_library_has_them(built: Built) -> None
     assert np.min(np.max(np.abs(apart), axis=1)) < 0.01
     for row in found:
         np.testing.assert_allclose(machine.fk(row).ravel(), poses[1], rtol=0, atol=2e-6)
+
+
+@cases(("turns",), ("double",))
+def test_without_a_closed_form_there_is_no_list_of_solutions(built: Built) -> None:
+    with pytest.raises(NotImplementedError, match="use ik"):
+        python(built)[1].ik_all(rows_of(built)[1][1])
 
 
 @cases(("arm",), ("double",))

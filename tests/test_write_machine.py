@@ -50,7 +50,7 @@ def rows(machine: Machine, path: Path, n: int = 30) -> Recording:
         unit = "rad" if actuator.reading_unit == "rad" else actuator.reading_unit
         data[f"{actuator.reading} [{unit}]"] = rng.uniform(*actuator.range, n)
     pd.DataFrame(data).to_csv(path, index=False)
-    return load_recording(machine, [path], need_readings=False)
+    return load_recording(machine, [path], need_observations=False)
 
 
 def read(
@@ -61,7 +61,9 @@ def read(
     frame = simulate(metric, poses, effects, seed=seed)
     units = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
     turn = {name: np.pi / 180 if unit == "rad" else 1.0 for name, unit in units.items()}
-    return replace(poses, readings={name: turn[name] * frame[name].to_numpy() for name in map(str, frame)})
+    return replace(
+        poses, observations={name: turn[name] * frame[name].to_numpy() for name in map(str, frame)}
+    )
 
 
 def fitted(kind: str, tmp_path: Path) -> tuple[Machine, Recording, Estimate]:

@@ -26,6 +26,7 @@ AREAS = {
     "models": "models/**/*.py",
     "fit": "identification/fit/*.py",
     "diagnosis": "identification/diagnosis/*.py",
+    "selection": "identification/selection/*.py",
     "drift": "identification/drift/*.py",
     "fringes": "identification/fringes/*.py",
     "codegen": "codegen/*.py",
@@ -67,7 +68,7 @@ def main() -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mutation", description=__doc__)
-    parser.add_argument("--sample", type=int, default=360, help="mutants, shared equally by the areas")
+    parser.add_argument("--sample", type=int, default=420, help="mutants, shared equally by the areas")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", nargs="*", choices=AREAS, help="areas (default: all)")
     parser.add_argument("--budget", type=float, default=60.0, help="CPU seconds of tests a mutant")

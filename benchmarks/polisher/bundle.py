@@ -81,7 +81,7 @@ class Simulation:
     """Noise-free tool poses (n, 4, 4), readings (n, 9) mm, thermometers (n, 3) degC, and what moved the joints (n, 6)."""
 
     poses: Array
-    readings: Array
+    observations: Array
     temperature: Array
     added: Array
 
@@ -115,7 +115,7 @@ def recording_text(rows: Plan, simulation: Simulation) -> str:
         row = [str(k + 1), f"{rows.time[k]:g}", role, f"{rows.payload[k]:g}"]
         row += [f"{t:.2f}" for t in simulation.temperature[k]]
         row += [f"{v + 0.0:.10g}" for v in joints[k]]
-        lines.append(",".join(row + [f"{v:.6f}" for v in simulation.readings[k]]))
+        lines.append(",".join(row + [f"{v:.6f}" for v in simulation.observations[k]]))
     return "\n".join(lines) + "\n"
 
 

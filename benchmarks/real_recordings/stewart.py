@@ -23,8 +23,8 @@ def leg_errors(fit: Estimate, recording: Recording) -> np.ndarray:
         if name.startswith("wrong-constant@"):
             values[name.removeprefix("wrong-constant@").split(":")[0]] += value
     world = np.tile(np.eye(4), (len(recording), 1, 1))
-    world[:, :3, 3] = np.column_stack([recording.readings[c] for c in ("x", "y", "z")])
-    world[:, :3, :3] = lie.exp_so3(np.column_stack([recording.readings[c] for c in ("rx", "ry", "rz")]))
+    world[:, :3, 3] = np.column_stack([recording.observations[c] for c in ("x", "y", "z")])
+    world[:, :3, :3] = lie.exp_so3(np.column_stack([recording.observations[c] for c in ("rx", "ry", "rz")]))
     shift = {a: values.get(f"frame-shift@base,session=1:{a}", 0.0) for a in ("x", "y", "z", "rx", "ry", "rz")}
     moved = _pose([shift[a] for a in ("x", "y", "z")], [shift[a] for a in ("rx", "ry", "rz")])
     after = (recording.session_rank() >= 1)[:, None, None]

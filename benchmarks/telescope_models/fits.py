@@ -138,6 +138,6 @@ def _poses_read(campaign: Campaign) -> Array:
     machine = load_machine(campaign.machine("spherical", "pose"))
     recording = load_recording(machine, [campaign.recording("pose")])
     out = np.tile(np.eye(4), (len(recording.q), 1, 1))
-    out[:, :3, 3] = np.column_stack([recording.readings[c] for c in ("x", "y", "z")])
-    out[:, :3, :3] = lie.exp_so3(np.column_stack([recording.readings[c] for c in ("rx", "ry", "rz")]))
+    out[:, :3, 3] = np.column_stack([recording.observations[c] for c in ("x", "y", "z")])
+    out[:, :3, :3] = lie.exp_so3(np.column_stack([recording.observations[c] for c in ("rx", "ry", "rz")]))
     return out

@@ -45,7 +45,7 @@ class ClosurePredictor(Predictor):
     ) -> None:
         super().__init__(machine, recording, effects)
         self._sensor, self._count = _pose_sensor(machine), _told(machine, len(self.model.home))
-        read = np.column_stack([recording.readings[name] for name in self._sensor.columns])
+        read = np.column_stack([recording.observations[name] for name in self._sensor.columns])
         self._measured = np.tile(np.eye(4), (len(read), 1, 1))
         self._measured[:, :3, :3], self._measured[:, :3, 3] = lie.exp_so3(read[:, 3:]), read[:, :3]
         self._whitener = np.tile(np.eye(self._count) / self._sensor.sigma_xyz, (len(read), 1, 1))

@@ -92,7 +92,7 @@ def recording_text(simulation: Simulation, roles: Sequence[str] | None = None, c
     head = ["pose", "time", *(["role"] if roles else []), *joints, *simulation.columns]
     lines = [f"# {comment}"] if comment else []
     lines.append(",".join(head))
-    for n, (rho, reading) in enumerate(zip(simulation.rho, simulation.readings, strict=True)):
+    for n, (rho, reading) in enumerate(zip(simulation.rho, simulation.observations, strict=True)):
         row = [str(n + 1), str(SECONDS_PER_POSE * n), *([roles[n]] if roles else [])]
         row += [f"{v + 0.0:.7g}" for v in rho]
         lines.append(",".join(row + [f"{v:.7f}" for v in reading]))

@@ -101,13 +101,8 @@ class PoseSolver:
         readings = [self.size if a.reading_unit == "mm" else 1.0 for a in machine.mechanism.actuators]
         self._unit = np.array([*readings, *unit])
         self._gap = scale.gap if np.isfinite(scale.gap) else MET * self.size
-        closure = model.equations * share
-        target, unknown = ca.SX.sym("target", 4, 4), ca.vertcat(model.q, model.x)
-        turn = lie.log_so3_sx(model.world[:3, :3] @ target[:3, :3].T)
-        gap = ca.vertcat(closure, (model.world[:3, 3] - target[:3, 3]) / self.size, turn)
-        inputs = [model.q, model.x, model.z, model.p]
-        self._pose = BatchFunction("pose", inputs, [model.world])
-        self._to_pose = BatchFunction("gap", [*inputs, ca.vec(target)], [gap, ca.jacobian(gap, unknown)])
+        self._pose = BatchFunction("pose", [model.q, model.x, model.z, model.p], [model.world])
+        self._to_pose = pose_gap(model, self.size, share)
         self._loops = Loops(model)
 
     def forward(self, q: Array) -> tuple[Array, Mask]:
@@ -146,7 +141,7 @@ class PoseSolver:
         x = np.broadcast_to(self.model.home, (len(poses), len(self.model.home)))
         u, gap, settled = _damped_newton(system, np.hstack([start, x]) / unit)
         q, x = self._wrapped(u[:, :nq] * unit[:nq]), u[:, nq:] * unit[nq:]
-        closure, position, rotation = np.split(np.abs(gap), [gap.shape[1] - 6, gap.shape[1] - 3], axis=1)
+        position, rotation, closure = np.split(np.abs(gap), [3, 6], axis=1)
         closed = np.max(closure, axis=1, initial=0.0) * self.size <= self._gap
         met = closed & (np.max(position, axis=1) <= MET) & (np.max(rotation, axis=1) <= MET)
         beyond = self._beyond(q) & met[:, None]
@@ -195,6 +190,19 @@ def loop_scales(machine: Machine, model: SymbolicModel, size: float) -> tuple[Ar
         unit[-forces:] = weight
         share[-forces:] *= scale.size[:forces] / weight
     return share, unit
+
+
+def pose_gap(model: SymbolicModel, size: float, share: Array) -> BatchFunction:
+    """What is left to a pose and to closed loops, (3 + 3 + nc, 1) in parts of ``size`` and rad, with its derivative.
+
+    ``share`` (nc,) is what the loops' equations are multiplied by.
+    """
+    goal, unknown = ca.SX.sym("goal", 4, 4), ca.vertcat(model.q, model.x)
+    place = (model.world[:3, 3] - goal[:3, 3]) / size
+    turn = lie.log_so3_sx(model.world[:3, :3] @ goal[:3, :3].T)
+    gap = ca.vertcat(place, turn, model.equations * share)
+    inputs = [model.q, model.x, model.z, model.p, ca.vec(goal)]
+    return BatchFunction("gap", inputs, [gap, ca.jacobian(gap, unknown)])
 
 
 def _better(best: Inverse, again: Inverse, rows: NDArray[np.intp], size: float) -> Inverse:
@@ -267,4 +275,4 @@ def _step(slope: Array, r: Array, damping: Array) -> Array:
     return -out
 
 
-__all__ = ["MET", "Inverse", "PoseSolver", "Reach", "inverse", "loop_scales"]
+__all__ = ["MET", "Inverse", "PoseSolver", "Reach", "inverse", "loop_scales", "pose_gap"]

@@ -21,16 +21,16 @@ from truepose.identification.compensation.compiled import (
     shared_out,
 )
 from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
-from truepose.identification.recording.file import JointColumn, joint_unit
+from truepose.identification.recording.load import joint_columns
 from truepose.identification.recording.recording import Recording, read_recording
 from truepose.identification.recording.table import Table, read_table
 from truepose.models import lie
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
-from truepose.models.units import UnitSystem, close_matches, convert
+from truepose.models.mechanism import AXIS_UNITS as POSE
+from truepose.models.units import close_matches, convert
 
 Array = NDArray[np.float64]
-POSE = {"x": "mm", "y": "mm", "z": "mm", "rx": "rad", "ry": "rad", "rz": "rad"}
 _BLOCK = 8192
 _MARKS = 500
 """Rows along a long path that are solved here, for the C to start from."""
@@ -53,14 +53,16 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
                 f"{', '.join(POSE)}; {close_matches(name, table.names)}"
             )
     used = POSE if poses else {}
-    return table, read_recording([table], _columns(machine), used, _units(machine), need_readings=False)
+    return table, read_recording(
+        [table], joint_columns(machine), used, machine.units, need_observations=False
+    )
 
 
 def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFrame:
     """The table with the joints' columns corrected, each in its own unit."""
     corrected = {}
-    for k, joint in enumerate(_columns(machine)):
-        unit = table.unit(joint.name, joint_unit(joint, _units(machine)), joint.unit)
+    for k, joint in enumerate(joint_columns(machine)):
+        unit = table.unit(joint.name, machine.units.of_joint(joint.unit), joint.unit)
         corrected[joint.name] = convert(found.command[:, k], joint.unit, unit)
     headers = {c.name: c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in table.columns}
     return pd.DataFrame(
@@ -73,19 +75,19 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
 
 def _with_joints(machine: Machine, table: Table) -> Table:
     """The table with nominal joints for its poses."""
-    units = _units(machine)
+    units = machine.units
     parts = []
     for name, internal in POSE.items():
-        own = {"mm": units.length, "rad": units.angle}[internal]
-        parts.append(convert(table.numbers(name), table.unit(name, own, internal), internal))
+        unit = table.unit(name, units.written(internal), internal)
+        parts.append(convert(table.numbers(name), unit, internal))
     poses = np.broadcast_to(np.eye(4), (table.n_rows, 4, 4)).copy()
     poses[:, :3, 3] = np.column_stack(parts[:3])
     poses[:, :3, :3] = lie.exp_so3(np.column_stack(parts[3:]))
     q = _nominal_joints(machine, table, poses)
     return table.with_numbers(
         {
-            joint.name: convert(q[:, k], joint.unit, joint_unit(joint, units))
-            for k, joint in enumerate(_columns(machine))
+            joint.name: convert(q[:, k], joint.unit, units.of_joint(joint.unit))
+            for k, joint in enumerate(joint_columns(machine))
         },
     )
 
@@ -142,14 +144,6 @@ def _check_reach(table: Table, rows: NDArray[np.intp], found: Inverse) -> None:
         f"{table.file}: row {rows[row] + 1}: found a pose that the nominal machine cannot take ({why}), "
         "expected one within reach"
     )
-
-
-def _columns(machine: Machine) -> list[JointColumn]:
-    return [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
-
-
-def _units(machine: Machine) -> UnitSystem:
-    return machine.file.units if machine.file else UnitSystem()
 
 
 __all__ = ["POSE", "commands", "load_path"]

@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
-from truepose.identification.compensation.inverse import MET, loop_scales
+from truepose.identification.compensation.inverse import MET, loop_scales, pose_gap
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
@@ -86,7 +84,7 @@ class Follower:
         share, unknown = loop_scales(machine, model, self.size)
         self._unit = np.array([self.size if unit == "mm" else 1.0 for unit in units] + [*unknown])
         self._closed = max(scale.gap if np.isfinite(scale.gap) else 0.0, MET * self.size)
-        self._gap = _gap_of(model, self.size, share)
+        self._gap = pose_gap(model, self.size, share)
 
     @property
     def reach(self) -> Array:
@@ -202,19 +200,6 @@ class Follower:
                 f"be {command[row, k]:.6g} {actuator.reading_unit}, expected it in the joint's range "
                 f"[{low:.6g}, {high:.6g}] {actuator.reading_unit}"
             )
-
-
-def _gap_of(model: SymbolicModel, size: float, share: Array) -> BatchFunction:
-    """What is left to a pose and to closed loops, (3 + 3 + nc, 1) in parts of ``size`` and rad, with its derivative.
-
-    ``share`` (nc,) is what the loops' equations are multiplied by.
-    """
-    goal, unknown = ca.SX.sym("goal", 4, 4), ca.vertcat(model.q, model.x)
-    place = (model.world[:3, 3] - goal[:3, 3]) / size
-    turn = lie.log_so3_sx(model.world[:3, :3] @ goal[:3, :3].T)
-    gap = ca.vertcat(place, turn, model.equations * share)
-    inputs = [model.q, model.x, model.z, model.p, ca.vec(goal)]
-    return BatchFunction("gap", inputs, [gap, ca.jacobian(gap, unknown)])
 
 
 def _least(slope: Array, gap: Array) -> Array:

@@ -19,6 +19,7 @@ from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 RAISED = 0.01
@@ -64,7 +65,7 @@ def replicate_noise(fit: Estimate, recording: Recording) -> Noise:
 
 def residual_alarm(free: Estimate, recording: Recording) -> Alarm:
     """Lack of fit of the free fit: against replicates where there are enough, else against the stated sigma."""
-    dof = max(free.readings - free.effective_parameters, 1.0)
+    dof = max(free.n_observations - free.effective_parameters, 1.0)
     noise = replicate_noise(free, recording)
     ratio = free.chi2 / dof
     if noise.dof >= MIN_REPLICATES and dof - noise.dof >= 1.0:
@@ -78,7 +79,9 @@ def residual_alarm(free: Estimate, recording: Recording) -> Alarm:
     return Alarm(ratio, float(chi2.sf(free.chi2, dof)), "stated sigma")
 
 
-def prior_conflict(lin: Linearisation, noise: float, inflation: Mapping[str, float] | None = None) -> Alarm:
+def prior_conflict(
+    lin: Linearisation, noise: float, inflation: Mapping[PartClass, float] | None = None
+) -> Alarm:
     """Conflict of identifiable combinations, and of the readings at the drawing, with tolerances.
 
     ``noise`` scales sigma; ``inflation`` widens tolerances by class of part.
@@ -125,11 +128,6 @@ def _standard(residual: Array) -> Array:
     return np.clip(residual / np.where(scale > 0, scale, 1.0), -3.5, 3.5)
 
 
-def recorded_drivers(recording: Recording) -> tuple[str, ...]:
-    """Every logged driver, time included."""
-    return (*recording.drivers, *(("time",) if recording.time is not None else ()))
-
-
 def _draws(r: Array) -> int:
     return DRAWS if r.size < 50_000 else 60
 
@@ -146,7 +144,7 @@ def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
     """Orthonormal functions (n, k) of each recorded driver: three powers and two waves over its range."""
     rows = np.flatnonzero(fit.used)
     columns = {name: recording.q[rows, k] for k, name in enumerate(recording.joints)}
-    for name in recorded_drivers(recording):
+    for name in recording.logged:
         values = recording.driver(name)
         if values is not None:
             columns[name] = values[rows]
@@ -192,7 +190,7 @@ def _share(r: Array, basis: Array) -> float:
 def _projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     """What a fit under tolerances leaves of random residuals: noise - J A^-1 J' noise (whole when J is too large to hold)."""
     free = fit.prior.free
-    if fit.readings * len(free) > LARGEST_PROJECTION:
+    if fit.n_observations * len(free) > LARGEST_PROJECTION:
         return lambda noise: noise
     predictor = Predictor(fit.machine, recording, fit.effects)
     rows = [

@@ -12,9 +12,9 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from truepose.identification.diagnosis.candidates import Catalogue, Cause
-from truepose.identification.diagnosis.evidence import Grid
-from truepose.identification.diagnosis.selection import Ranking, rank
+from truepose.identification.diagnosis.effect_selection import Ranking, rank
 from truepose.identification.diagnosis.signatures import Linearisation
+from truepose.identification.selection.scales import Grid
 
 Array = NDArray[np.float64]
 CERTAIN = 0.95

@@ -18,6 +18,7 @@ from scipy.stats import chi2
 
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import FREE_WIDENING
+from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 DRAWS = 999
@@ -49,7 +50,7 @@ class _Seen:
     vectors: Array
 
     @classmethod
-    def of(cls, lin: Linearisation, inflation: Mapping[str, float]) -> _Seen:
+    def of(cls, lin: Linearisation, inflation: Mapping[PartClass, float]) -> _Seen:
         """Of geometry whose tolerances are ``inflation`` times as wide, by class of part."""
         n = lin.free
         weight = lin.weight / np.array([inflation.get(part, 1.0) for part in lin.parts])
@@ -78,7 +79,7 @@ class _Seen:
         m = len(self.information)
         departure = rng.standard_normal((count, m)) * np.sqrt(self.information)
         error = noise * rng.standard_normal((count, m))
-        rest = max(self.lin.readings - len(self.unknown) - m, 0)
+        rest = max(self.lin.n_observations - len(self.unknown) - m, 0)
         squares = (departure + error) ** 2
         return squares, squares.sum(axis=1) + noise**2 * rng.chisquare(max(rest, 1e-9), count)
 
@@ -86,7 +87,7 @@ class _Seen:
         """(b,) noise scale of the free fit, at least the stated one."""
         share = self.information * FREE_WIDENING**2
         share = share / (1.0 + share)
-        dof = max(self.lin.readings - len(self.unknown) - float(np.sum(share)), 1.0)
+        dof = max(self.lin.n_observations - len(self.unknown) - float(np.sum(share)), 1.0)
         found = np.sqrt(np.maximum(length - squares @ share, 0.0) / dof)
         return np.asarray(np.maximum(found, 1.0), dtype=float)
 
@@ -96,14 +97,14 @@ class _Seen:
         z2 = squares / noise[:, None] ** 2
         conflict = np.sum(z2 / (1.0 + h), axis=1)
         predictive = length / noise**2 - np.sum(z2 * h / (1.0 + h), axis=1)
-        readings = max(self.lin.readings - len(self.unknown), 1)
+        count = max(self.lin.n_observations - len(self.unknown), 1)
         first = chi2.logsf(conflict, max(len(self.information), 1))
-        second = chi2.logsf(np.maximum(predictive, 0.0), readings)
+        second = chi2.logsf(np.maximum(predictive, 0.0), count)
         return conflict, np.minimum(first, second)
 
 
 def conflict_with_tolerances(
-    lin: Linearisation, noise: float, inflation: Mapping[str, float] | None = None
+    lin: Linearisation, noise: float, inflation: Mapping[PartClass, float] | None = None
 ) -> Conflict:
     """The smaller p of two tests, against machines drawn from their tolerances (widened by class of part).
 

@@ -15,6 +15,7 @@ from dataclasses import replace
 from truepose.identification.diagnosis.result import Alternative, Finding, Remainder
 from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.models.machine import Machine
+from truepose.models.parameters import element_of
 
 KEPT = 0.5
 """Share of its probability that a name keeps where the model with it still fails, and for each further name of its pile."""
@@ -42,8 +43,9 @@ def doubted(
 ) -> tuple[Finding, ...]:
     """The findings, each with some of its probability given to something unnamed, which joins its class.
 
-    None where every one keeps the least only. ``failing``: the model with them still leaves something,
-    ``rival`` where that is known; ``explained``: the share of the misfit that they explain.
+    If every finding has two independent warning signs or more, none is returned (and the verdict is ``unknown``).
+    ``failing``: the model with them still leaves something, ``rival`` where that is known; ``explained``: the share of
+    the misfit that they explain.
     """
     piles = [_pile(machine, f, findings, failing) for f in findings]
     minor = [failing and explained < MOST and f.effect not in CONSTANTS for f in findings]
@@ -81,7 +83,7 @@ def _parts(machine: Machine, place: Sequence[str]) -> set[str]:
     part_of |= {
         moved[a.drives]: part_of.get(a.reading, a.reading) for a in mechanism.actuators if a.drives in moved
     }
-    names = (name.partition(".")[0] for name in place)
+    names = map(element_of, place)
     return {part_of.get(name, name) for name in names}
 
 
@@ -95,6 +97,3 @@ def _shared(finding: Finding, rival: Remainder | None, keep: float) -> Finding:
         certainty=keep * finding.certainty,
         equivalents=tuple(sorted((*others, unnamed), key=lambda other: -other.probability)),
     )
-
-
-__all__ = ["doubted", "same_part"]

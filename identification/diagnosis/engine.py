@@ -14,30 +14,31 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import classes, doubt, outliers, remainder
 from truepose.identification.diagnosis.candidates import Catalogue, catalogue
+from truepose.identification.diagnosis.effect_selection import (
+    THRESHOLD,
+    WIDE,
+    Ranking,
+    Selection,
+    rank,
+    restricted,
+    select,
+)
 from truepose.identification.diagnosis.findings import (
     evidence_map,
     merge_findings,
     ranked_alternatives,
 )
 from truepose.identification.diagnosis.judgement import Judgement, explained, judged, likely_inflation
-from truepose.identification.diagnosis.naming import name
+from truepose.identification.diagnosis.naming import name_terms
 from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.result import Diagnosis, Finding, Remainder
-from truepose.identification.diagnosis.selection import (
-    THRESHOLD,
-    WIDE,
-    Ranking,
-    Selection,
-    only,
-    rank,
-    select,
-)
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.summary import summarise
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -64,7 +65,7 @@ class _Outcome:
     raised: Judgement
     left: Judgement
     screened: Ranking
-    inflation: dict[str, float]
+    inflation: dict[PartClass, float]
 
 
 def diagnose(
@@ -125,8 +126,8 @@ def _judge(fits: _Fits, found: Selection) -> _Outcome:
     """Names, what is left beside them, and the verdict."""
     signatures, cat = found.signatures, found.catalogue
     machine, recording = signatures.machine, signatures.recording
-    rival = remainder.unnamed(cat, found.accepted, found.fit)
-    selection, named_terms = name(found, fits.outliers, rival)
+    rival = remainder.strongest_unnamed(cat, found.accepted, found.fit)
+    selection, named_terms = name_terms(found, fits.outliers, rival)
     lin, stated = signatures.linearise(fits.before), dict.fromkeys(cat.stated, WIDE)
     others = [i for i in range(len(cat.candidates)) if i not in stated]
     screened = rank(lin, cat, selection.grid, stated, others)
@@ -139,8 +140,8 @@ def _judge(fits: _Fits, found: Selection) -> _Outcome:
     share = explained(fits.before, selection.fit) if rival is not None or left.fails else 1.0
     findings = doubt.doubted(machine, names, rival, failing=failing, explained=share)
     if names and not findings:
-        rival = rival or remainder.pile(names, fits.before, raised.structure)
-        selection = only(selection, fits.outliers, cat.stated)
+        rival = rival or remainder.of_pile(names, fits.before, raised.structure)
+        selection = restricted(selection, fits.outliers, cat.stated)
         left = raised
     verdict = "missing-physics" if findings else "unknown" if rival or raised.fails else "adequate"
     return _Outcome(selection, findings, verdict, rival, raised, left, screened, inflation)
@@ -159,11 +160,7 @@ def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
     free, before, named = fits.free, fits.before, verdict == "missing-physics"
     after = selection.fit if named else before
     stages = {"free": free, "before": before, "after": after}
-    proof = (
-        prove(before, after, recording, fits.outliers, signatures, cat, selection.grid, selection.accepted)
-        if named
-        else None
-    )
+    proof = prove(before, selection, fits.outliers) if named else None
     return Diagnosis(
         machine=machine,
         recording=recording,
@@ -180,7 +177,7 @@ def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
         free=free,
         before=before,
         after=after,
-        fits={name: summarise(fit, machine.channels, recording.validation) for name, fit in stages.items()},
+        fits={name: summarise(fit, recording.validation) for name, fit in stages.items()},
         proof=proof,
         terms=after.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),

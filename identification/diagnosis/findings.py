@@ -9,11 +9,12 @@ import numpy as np
 
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import Named
+from truepose.identification.diagnosis.effect_selection import Ranking
 from truepose.identification.diagnosis.result import Alternative, Finding, Quantity
-from truepose.identification.diagnosis.selection import Ranking
 from truepose.identification.fit.estimate import Estimate
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine
+from truepose.models.parameters import element_of
 
 
 def alternative(cat: Catalogue, index: int, probability: float, gain: float) -> Alternative:
@@ -36,7 +37,7 @@ def evidence_map(cat: Catalogue, ranking: Ranking) -> dict[str, float]:
     for i, gain in zip(ranking.indices, ranking.gain, strict=True):
         place = cat.candidates[i].place
         if len(place) == 1 and cat.named(i):
-            part = place[0].partition(".")[0]
+            part = element_of(place[0])
             out[part] = max(out.get(part, -np.inf), float(gain))
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 

@@ -51,7 +51,10 @@ class HeldOut:
 
 
 def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]:
-    """Name of the split, and its blocks: extrapolations first, then the validation rows or four blocks in time."""
+    """Name of the split, and its blocks: extrapolations first, then the validation rows or four blocks in time.
+
+    ``used`` (n,) are the rows fitted.
+    """
     blocks = _extrapolations(recording, used)
     if recording.validation.sum() >= 3:
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
@@ -98,7 +101,7 @@ def _thermometers(recording: Recording) -> list[tuple[str, str]]:
 
 
 def held_out(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> HeldOut:
-    """Fit without each block, before and after, and see what is left on it."""
+    """Fit without each block, before and after, and see what is left on it. ``outliers`` (n,) never count."""
     split, blocks = held_out_blocks(recording, before.used)
     squares: dict[str, tuple[Array, Array]] = {}
     predictors = [Predictor(fit.machine, recording, fit.effects) for fit in (before, after)]
@@ -148,7 +151,10 @@ def _ratio(before: Array, after: Array) -> float:
 
 
 def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float, tuple[float, float]]:
-    """Root of the ratio of mean squares with its 95 % bootstrap interval over rows, in whatever order they come."""
+    """Root of the ratio of mean squares of rows, ``before`` and ``after`` (n,), with its 95 % bootstrap interval.
+
+    The order of rows does not matter.
+    """
     ratio = _ratio(before, after)
     if len(before) >= 20_000:
         return ratio, (ratio, ratio)
@@ -157,6 +163,3 @@ def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float
     picks = np.random.default_rng(seed).integers(0, len(before), (BOOTSTRAP, len(before)))
     draws = np.sqrt(after[picks].mean(axis=1) / before[picks].mean(axis=1))
     return ratio, (float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)))
-
-
-__all__ = ["Block", "HeldOut", "held_out", "held_out_blocks", "ratio_interval"]

@@ -14,11 +14,12 @@ from truepose.identification.diagnosis.alarms import (
     residual_alarm,
     structure_alarm,
 )
-from truepose.identification.diagnosis.evidence import evidence
-from truepose.identification.diagnosis.selection import Selection
+from truepose.identification.diagnosis.effect_evidence import weigh
+from truepose.identification.diagnosis.effect_selection import Selection
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.tolerance_classes import PartClass
 
 CLEAR_P = 1e-3
 """An alarm below this p is no chance: the model fails."""
@@ -58,7 +59,7 @@ def judged(
     ordinary: Estimate,
     fit: Estimate,
     lin: Linearisation,
-    inflation: Mapping[str, float],
+    inflation: Mapping[PartClass, float],
     recording: Recording,
 ) -> Judgement:
     """Of ``fit``, with ``lin`` there; ``ordinary`` is the fit whose misfit counts, and says how large the noise is."""
@@ -73,9 +74,9 @@ def judged(
     return Judgement(alarms, structure, prior_conflict(lin, noise, widened).p)
 
 
-def likely_inflation(selection: Selection) -> dict[str, float]:
+def likely_inflation(selection: Selection) -> dict[PartClass, float]:
     """How many times wider than stated the tolerances of each class of part likely are, with the effects found."""
-    found = evidence(selection.linearisation, [], selection.grid, selection.accepted)
+    found = weigh(selection.linearisation, [], selection.grid, selection.accepted)
     return dict(zip(selection.grid.classes, found.inflation, strict=True))
 
 

@@ -10,13 +10,19 @@ from numpy.typing import NDArray
 from truepose.identification.diagnosis import classes, doubt
 from truepose.identification.diagnosis.candidates import Catalogue, Cause
 from truepose.identification.diagnosis.classes import Named
+from truepose.identification.diagnosis.effect_selection import (
+    MANY_TERMS,
+    Selection,
+    refitted,
+    restricted,
+    spread_of,
+)
 from truepose.identification.diagnosis.result import Remainder
-from truepose.identification.diagnosis.selection import MANY_TERMS, Selection, only, refitted, spread_of
 
 Mask = NDArray[np.bool_]
 
 
-def name(found: Selection, exclude: Mask, rival: Remainder | None) -> tuple[Selection, list[Named]]:
+def name_terms(found: Selection, exclude: Mask, rival: Remainder | None) -> tuple[Selection, list[Named]]:
     """Terms of the catalogue whose class is certain, fitted without the others; their classes.
 
     A name beside something unnamed (``rival``) on the same part is likely half of it, and is not given. Where
@@ -29,11 +35,11 @@ def name(found: Selection, exclude: Mask, rival: Remainder | None) -> tuple[Sele
         for i in found.accepted
         if i in cat.stated or (cat.named(i) and not doubt.same_part(machine, cat.candidates[i].place, rival))
     ]
-    selection = only(found, exclude, kept)
+    selection = restricted(found, exclude, kept)
     named = _classes(selection)
     while uncertain := [n.index for n in named if n.certainty < classes.CERTAIN]:
         certain = [i for i in selection.accepted if i not in uncertain]
-        selection = only(selection, exclude, certain)
+        selection = restricted(selection, exclude, certain)
         named = _classes(selection)
     exchanged = _exchanged(selection, exclude, named)
     renamed = _classes(exchanged) if exchanged is not selection else named
@@ -45,7 +51,7 @@ def name(found: Selection, exclude: Mask, rival: Remainder | None) -> tuple[Sele
 def _classes(selection: Selection) -> list[Named]:
     """Every accepted term with its class."""
     fit, cat = selection.fit, selection.catalogue
-    excess = max(fit.chi2 - (fit.readings - fit.effective_parameters), 0.0)
+    excess = max(fit.chi2 - (fit.n_observations - fit.effective_parameters), 0.0)
     unexplained = 0.5 * excess / max(fit.chi2_per_dof, 1.0)
     return [
         classes.name_term(selection.linearisation, cat, selection.grid, selection.accepted, i, unexplained)
@@ -89,6 +95,3 @@ def likelier(cat: Catalogue, named: Named) -> int | None:
         m.index: m.probability for m in named.equivalents if cat.cause(m.index) == best
     }
     return max(own, key=lambda i: own[i])
-
-
-__all__ = ["likelier", "name"]

@@ -27,7 +27,7 @@ BY_CHANCE = 0.2
 
 
 def row_scale(residual: Array) -> tuple[Array, float]:
-    """Rms of each row's whitened residual and a robust estimate of the noise scale of rows."""
+    """(n,) rms of each row of the whitened residual (n, m), and a robust estimate of the noise scale of rows."""
     size = np.sqrt(np.mean(residual**2, axis=1))
     m = residual.shape[1]
     typical = float(np.median(size)) / np.sqrt(chi2.ppf(0.5, m) / m)
@@ -64,7 +64,7 @@ def fringes_by_row(fit: Estimate, recording: Recording, rows: Sequence[int]) -> 
 
 
 def miscounted_fringes(fit: Estimate, recording: Recording, far: NDArray[np.bool_]) -> dict[int, int]:
-    """Rows among ``far`` whose reading is too long by k half wavelengths, with k (not 0): row index to k.
+    """Rows among ``far`` (n,) whose reading is too long by k half wavelengths, with k (not 0): row index to k.
 
     All other readings of the row must be as predicted. Where several interferometers miscounted, k is that of
     the first. A reading is the change since its own row of origin: rows counted on from a miscounted one without

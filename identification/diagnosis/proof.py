@@ -6,40 +6,32 @@ equally flexible black box, and the recovery of the effect injected into simulat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import INDISTINCT
-from truepose.identification.diagnosis.evidence import Grid
+from truepose.identification.diagnosis.effect_selection import Selection, rank
 from truepose.identification.diagnosis.holdout import ROLE, held_out, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.result import Proof
-from truepose.identification.diagnosis.selection import rank
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.scales import Grid
+from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-def prove(
-    before: Estimate,
-    after: Estimate,
-    recording: Recording,
-    outliers: Mask,
-    signatures: Signatures,
-    cat: Catalogue,
-    grid: Grid,
-    accepted: Mapping[int, float],
-) -> Proof:
-    """All four proofs of the accepted terms."""
+def prove(before: Estimate, found: Selection, outliers: Mask) -> Proof:
+    """All four proofs of the accepted terms; ``outliers`` (n,) are rows left out."""
+    signatures, cat, grid, after = found.signatures, found.catalogue, found.grid, found.fit
+    recording = signatures.recording
     held = held_out(before, after, recording, outliers)
     ratio, interval = ratio_interval(held.before, held.after)
-    main = next(i for i in accepted if i not in cat.stated)
+    main = next(i for i in found.accepted if i not in cat.stated)
     return Proof(
         held_out=held.split,
         blocks=held.blocks,
@@ -70,7 +62,7 @@ def _injected(
     after: Estimate,
     signatures: Signatures,
     cat: Catalogue,
-    classes: tuple[str, ...],
+    classes: tuple[PartClass, ...],
     term: int,
 ) -> bool:
     """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""
@@ -88,10 +80,12 @@ def _injected(
     projected = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(last)) * noise
     gram[:last, last] = gram[last, :last] = projected - gram[:last, at] @ amplitude  # prediction less reading
     gram[last, last] = (
-        amplitude @ gram[np.ix_(at, at)] @ amplitude - 2 * amplitude @ projected[at] + noise**2 * lin.readings
+        amplitude @ gram[np.ix_(at, at)] @ amplitude
+        - 2 * amplitude @ projected[at]
+        + noise**2 * lin.n_observations
     )
     simulated = Linearisation(
-        gram, lin.free, lin.columns, lin.readings, np.zeros(last), lin.weight, lin.parts, lin.candidates
+        gram, lin.free, lin.columns, lin.n_observations, np.zeros(last), lin.weight, lin.parts, lin.candidates
     )
     wanted = list(range(len(cat.candidates)))
     known = Grid((noise,), ((1.0,) * len(classes),), classes)  # what was simulated is known

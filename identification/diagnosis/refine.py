@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.evidence import Grid, evidence
+from truepose.identification.diagnosis.effect_evidence import weigh
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.selection.scales import Grid
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]
@@ -26,6 +27,16 @@ SMOOTH = 1.0
 """Log evidence by which neighbouring values may differ from the best when no further round is needed."""
 WORTHWHILE = 1.0
 """Log posterior odds that a refined value must bring: where the grid's own does as well, it stays."""
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """A setting of a candidate, and the next lower and higher value in the catalogue (its own at an end)."""
+
+    index: int
+    name: str
+    low: float
+    high: float
 
 
 @dataclass(frozen=True)
@@ -55,14 +66,14 @@ def refined(
     """
     for index in (i for i in accepted if i not in cat.stated):
         for name in cat.candidates[index].effect.continuous:
-            cell = _neighbours(cat, index, name)
-            if cell is not None:
-                cat = _refined_setting(signatures, cat, fit, grid, accepted, index, name, cell)
+            setting = _setting(cat, index, name)
+            if setting is not None:
+                cat = _refined_setting(signatures, cat, fit, grid, accepted, setting)
     return cat
 
 
-def _neighbours(cat: Catalogue, index: int, name: str) -> tuple[float, float] | None:
-    """The next lower and the next higher value of a setting in the catalogue (its own at an end); None without any."""
+def _setting(cat: Catalogue, index: int, name: str) -> _Setting | None:
+    """A setting of a candidate between its neighbours in the catalogue; None without any."""
     here = cat.candidates[index]
     if name not in here.settings_map:
         return None
@@ -76,7 +87,7 @@ def _neighbours(cat: Catalogue, index: int, name: str) -> tuple[float, float] | 
     ]
     low = max((v for v in values if v < own), default=own)
     high = min((v for v in values if v > own), default=own)
-    return (low, high) if high > low else None
+    return _Setting(index, name, low, high) if high > low else None
 
 
 def _refined_setting(
@@ -85,29 +96,27 @@ def _refined_setting(
     fit: Estimate,
     grid: Grid,
     accepted: Mapping[int, float],
-    index: int,
-    name: str,
-    cell: tuple[float, float],
+    setting: _Setting,
 ) -> Catalogue:
     """The catalogue with one setting of one accepted term at its likeliest value, where that is worth it."""
-    terms = list(accepted)
+    terms, index = list(accepted), setting.index
     placed = [cat.candidates[i] for i in terms]
     rest = {k: accepted[i] for k, i in enumerate(terms) if i != index}
-    at, (low, high) = terms.index(index), cell
+    at, low, high = terms.index(index), setting.low, setting.high
     for _ in range(ROUNDS):
         values = np.unique([float(f"{v:.3g}") for v in np.linspace(low, high, TRIALS)])
         if len(values) < 3:
             return cat
-        trials = [_with_setting(signatures, cat.candidates[index], name, float(v)) for v in values]
+        trials = [_with_setting(signatures, cat.candidates[index], setting.name, float(v)) for v in values]
         few = signatures.of([*placed, *trials])
         wanted = [at, *range(len(placed), len(placed) + len(trials))]
-        gain = evidence(few.linearise(fit), wanted, grid, rest).gain
+        gain = weigh(few.linearise(fit), wanted, grid, rest).gain
         found = _Trials(values, gain[1:], float(gain[0]))
         near = found.around_best()
         if np.ptp(found.gain[near]) < SMOOTH:
             break
         low, high = float(values[near.start]), float(values[near.stop - 1])
-    cost = log_share(found.values[near], found.gain[near], (cell[1] - cell[0]) / 2)
+    cost = log_share(found.values[near], found.gain[near], (setting.high - setting.low) / 2)
     if found.gain[found.best] + cost < found.present + WORTHWHILE:
         return cat
     return cat.replaced(index, trials[found.best], cost)
@@ -122,7 +131,7 @@ def log_share(values: Sequence[float] | Array, gain: Sequence[float] | Array, ce
     """Log of the part of a cell of the grid that three values in a row around the best leave likely, at most 0.
 
     The grid's point stands for its whole cell; a value picked from it because it fits best has only that share of its
-    prior. The log evidence is taken for a parabola through the three.
+    prior. ``gain`` (3,), the log evidence at ``values`` (3,), is taken for a parabola.
     """
     curvature = -2.0 * float(np.polyfit(np.asarray(values) - np.mean(values), gain, 2)[0])
     if curvature <= 0.0:

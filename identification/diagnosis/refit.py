@@ -28,6 +28,7 @@ def refit(
     """Nonlinear fit with the accepted terms.
 
     A term of the wrong sign, or the newest one where no minimum is found, is banned and the fit repeated without it.
+    ``exclude`` (n,) are rows left out.
     """
     machine, recording = signatures.machine, signatures.recording
     current = dict(accepted)

@@ -28,7 +28,7 @@ def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remai
     return Remainder(place, driver, Form(kind, structure.share, cycles), size)
 
 
-def pile(names: Sequence[Finding], fit: Estimate, structure: Structure) -> Remainder:
+def of_pile(names: Sequence[Finding], fit: Estimate, structure: Structure) -> Remainder:
     """What several names together stand in for, none of which is believed: at the part that all share, if any."""
     size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
     form = Form("pile", causes=tuple((f.effect, f.place) for f in names))
@@ -36,7 +36,7 @@ def pile(names: Sequence[Finding], fit: Estimate, structure: Structure) -> Remai
     return Remainder(shared or names[0].place, structure.driver, form, size)
 
 
-def unnamed(cat: Catalogue, accepted: Iterable[int], fit: Estimate) -> Remainder | None:
+def strongest_unnamed(cat: Catalogue, accepted: Iterable[int], fit: Estimate) -> Remainder | None:
     """The strongest rival without a name among accepted terms, if there is one."""
     for index in accepted:
         placed = cat.candidates[index]

@@ -11,6 +11,7 @@ from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
@@ -139,4 +140,4 @@ class Diagnosis:
     terms: tuple[PlacedEffect, ...]
     outlier_rows: tuple[int, ...]
     noise: float
-    inflation: Mapping[str, float]
+    inflation: Mapping[PartClass, float]

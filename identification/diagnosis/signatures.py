@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.identification.diagnosis.parts import part_classes
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
+from truepose.identification.selection.tolerance_classes import PartClass, part_classes
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
@@ -40,10 +40,10 @@ class Linearisation:
     gram: Array
     free: int
     columns: tuple[slice, ...]
-    readings: int
+    n_observations: int
     departure: Array
     weight: Array
-    parts: tuple[str, ...]
+    parts: tuple[PartClass, ...]
     candidates: tuple[PlacedEffect, ...]
 
     def indices(self, chosen: Sequence[int]) -> list[int]:
@@ -70,14 +70,14 @@ class Signatures:
         return other
 
     def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
-        """Gram matrix at a fit, whose effects must be among the candidates."""
+        """Gram matrix at a fit, whose effects must be among the candidates; ``order`` (n,) as in ``blocks``."""
         geometry = self._geometry(fit)
         n = len(geometry)
         size = n + self.width + 1
-        gram, readings = np.zeros((size, size)), -fit.levels
+        gram, count = np.zeros((size, size)), -fit.levels
         for block in self.blocks(fit, order=order):
             gram += block.T @ block
-            readings += int(np.sum(np.any(block != 0.0, axis=1)))
+            count += int(np.sum(np.any(block != 0.0, axis=1)))
         departure = np.zeros(size - 1)
         departure[:n] = (fit.p - fit.prior.mean)[geometry] / fit.prior.scale[geometry]
         labels = [c.label for c in self.candidates]
@@ -88,7 +88,7 @@ class Signatures:
             ]
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
-            gram, n, self.columns, readings, departure, fit.prior_weight[:n], parts, self.candidates
+            gram, n, self.columns, count, departure, fit.prior_weight[:n], parts, self.candidates
         )
 
     def _geometry(self, fit: Estimate) -> NDArray[np.intp]:
@@ -97,7 +97,10 @@ class Signatures:
         return free[free < len(self.machine.parameters)]
 
     def blocks(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Iterator[Array]:
-        """Rows of [J G r] of the fitted readings; ``order`` gives effects the drivers of other rows (placebo)."""
+        """Blocks (k, free + width + 1) of rows of [J G r] of the fitted readings.
+
+        ``order`` (n,) gives effects the drivers of other rows (a placebo).
+        """
         free = self._geometry(fit)
         scale = fit.prior.scale[free]
         for rows, block, signature in self.rows(fit, order=order):

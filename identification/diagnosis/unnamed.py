@@ -55,7 +55,9 @@ class Unnamed(Effect):
         self.sources = tuple(name for name, values in columns.items() if np.ptp(values) > 0)
         self._middle = {n: float(columns[n].min() + columns[n].max()) / 2 for n in self.sources}
         self._half = {n: float(np.ptp(columns[n])) / 2 for n in self.sources}
-        seen = [recording.readings[f"{p}{a}"] for s in machine.sensors for p in point_names(s) for a in XYZ]
+        seen = [
+            recording.observations[f"{p}{a}"] for s in machine.sensors for p in point_names(s) for a in XYZ
+        ]
         self._reach = max((float(np.max(np.abs(v))) for v in seen if len(v)), default=1.0) or 1.0
 
     def places(self, machine: Machine) -> Sequence[Place]:

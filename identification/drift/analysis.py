@@ -1,7 +1,7 @@
 """Which parameters move between recordings, how fast, and how long an older calibration lasts.
 
 All sessions are one least-squares problem. Every parameter is common to all sessions unless the evidence asks
-for copies of its own (``drift_selection``); sizes and rates come from the joint covariance, in which what no
+for copies of its own (``movement_selection``); sizes and rates come from the joint covariance, in which what no
 recording can tell stays uncertain. See docs/identifiability.md.
 """
 
@@ -15,28 +15,23 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification.drift.durability import Durability, durability
-from truepose.identification.drift.evidence import Point, Stack, grid, state
-from truepose.identification.drift.selection import Selection, candidates_of, select
+from truepose.identification.drift.movement_evidence import Stack, grid_for
+from truepose.identification.drift.movement_selection import Selection, candidates_of, select
 from truepose.identification.drift.sessions import Session, bounded, linearised, sessions_of
 from truepose.identification.drift.sizes import Movement, joint_parameters, movements
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
-from truepose.identification.identifiability.observability import Knowledge, units_of
+from truepose.identification.identifiability.observability import Knowledge
 from truepose.identification.identifiability.patterns import Blind
+from truepose.identification.note import Note
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 ROUNDS = 4
 ABOUT_STEPS = 3
-NOISY = 1.5
-"""Noise, in stated sigmas, above which physics that the model lacks may show as movement."""
-_CARE = (
-    "either it is stated too small or the model lacks physics, which differs between sets of poses and may "
-    "show as movement (truepose diagnose looks for it)"
-)
 SETTLED = 0.1
 """Linearised again until the readings of no session change by more than this many sigmas in all."""
 
@@ -47,19 +42,20 @@ class Drift:
 
     labels, times (s, None where not recorded), movements of every free parameter, noise in stated sigmas,
     log_bayes_factor of what moves against nothing, unseen: directions that no recording sees; durability:
-    how long calibrations last.
+    how long calibrations last; settled: whether the joint fit came to rest, otherwise sizes are approximate.
     """
 
     machine: str
     labels: tuple[str, ...]
     times: tuple[float, ...] | None
-    readings: tuple[int, ...]
+    n_observations: tuple[int, ...]
     movements: tuple[Movement, ...]
     noise: float
     log_bayes_factor: float
     unseen: Blind
     durability: Durability
-    notes: tuple[str, ...]
+    settled: bool
+    notes: tuple[Note | str, ...]
 
     @property
     def moved(self) -> tuple[Movement, ...]:
@@ -95,24 +91,15 @@ def drift(
         machine=machine.name,
         labels=tuple(s.label for s in sessions),
         times=times,
-        readings=tuple(fit.readings for fit in fits),
-        movements=movements(stack, found, prior, units_of(machine, machine.effects), times),
+        n_observations=tuple(fit.n_observations for fit in fits),
+        movements=movements(stack, found, prior, machine.parameter_units, times),
         noise=found.noise,
         log_bayes_factor=found.log_bayes_factor,
         unseen=_unseen(machine, stack, prior, joint_parameters(stack, found, prior)),
         durability=durability(sessions, fits, prior, found.extrinsic, accuracy),
-        notes=(*recording.notes, *notes, *_lost(sessions, fits), *_cautions(found, settled)),
+        settled=settled,
+        notes=(*recording.notes, *notes, *_lost(sessions, fits)),
     )
-
-
-def _cautions(found: Selection, settled: bool) -> list[str]:
-    """What a reader must know before the result."""
-    out = []
-    if found.noise > NOISY:
-        out.append(f"residuals are {found.noise:.2g} times the stated noise: {_CARE}")
-    if not settled:
-        out.append(f"the joint fit still moved after {ROUNDS} rounds; sizes are approximate")
-    return out
 
 
 def _fit(session: Session, prior: Prior) -> Estimate:
@@ -143,12 +130,12 @@ def _joint(
     The first linearisation of each session is its fit about that of the session with most readings: what a
     session hardly sees is then the same in all.
     """
-    reference = max(fits, key=lambda fit: fit.readings)
+    reference = max(fits, key=lambda fit: fit.n_observations)
     places = [_about(s, prior, fit.p, reference.p) for s, fit in zip(sessions, fits, strict=True)]
     candidates = candidates_of(machine, prior)
     for _ in range(ROUNDS):
         stack = Stack.of([linearised(s, prior, p) for s, p in zip(sessions, places, strict=True)], prior)
-        found = select(stack, candidates, _points(stack), progress)
+        found = select(stack, candidates, grid_for(stack).points, progress)
         there = joint_parameters(stack, found, prior)
         steps = (there - np.array(places))[:, prior.free] / prior.scale[prior.free]
         change = np.linalg.norm(np.einsum("kij,kj->ki", stack.jacobian, steps), axis=1)
@@ -172,26 +159,17 @@ def _about(session: Session, prior: Prior, start: Array, p: Array) -> Array:
     return start
 
 
-def _points(stack: Stack) -> tuple[Point, ...]:
-    """Noise up to what is left when nothing may move."""
-    nothing = state(stack, {}, Point(1.0, 1.0, 0.0))
-    return grid(stack, float(np.linalg.norm(nothing.residual)) / np.sqrt(stack.readings))
-
-
 def _unseen(machine: Machine, stack: Stack, prior: Prior, places: Array) -> Blind:
     """What no session sees, not even the one that sees most: whether it moved cannot be told."""
     parts = [Decomposition.of(jacobian, stack.weight) for jacobian in stack.jacobian]
     k = max(range(len(parts)), key=lambda k: parts[k].rank)
-    known = Knowledge.at(prior, units_of(machine, machine.effects), places[k], parts[k])
+    known = Knowledge.at(prior, machine.parameter_units, places[k], parts[k])
     return Blind.of(known, parts[k].null_space, machine, places[k])
 
 
-def _lost(sessions: Sequence[Session], fits: Sequence[Estimate]) -> list[str]:
+def _lost(sessions: Sequence[Session], fits: Sequence[Estimate]) -> list[Note]:
     return [
-        f"{session.recording.where(k)}: the mechanism cannot be assembled there; the row was left out"
+        Note("unassembled", session.recording.where(k))
         for session, fit in zip(sessions, fits, strict=True)
         for k in fit.unassembled
     ]
-
-
-__all__ = ["Drift", "drift"]

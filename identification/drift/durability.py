@@ -67,7 +67,7 @@ class Durability:
 def noise_of(fits: Sequence[Estimate]) -> tuple[float, float]:
     """Noise in stated sigmas from what free fits leave, and the degrees of freedom that tell it."""
     left = sum(_free_residual(fit)[0] for fit in fits)
-    freedom = float(sum(fit.readings - fit.rank for fit in fits))
+    freedom = float(sum(fit.n_observations - fit.rank for fit in fits))
     if freedom < FEW:
         return 1.0, np.inf
     return max(float(np.sqrt(left / freedom)), LEAST_NOISE), freedom
@@ -191,6 +191,3 @@ def _free_residual(fit: Estimate) -> tuple[float, int]:
 def _own(fit: Estimate) -> Check:
     rms = rms_by_kind(fit.residual[fit.used], fit.machine.channels)
     return Check(rms, rms, fit.machine.residual_units, 1.0, True)
-
-
-__all__ = ["Check", "Durability", "durability", "noise_of"]

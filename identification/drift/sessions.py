@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior, Problem
+from truepose.identification.note import Note
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
@@ -37,26 +38,23 @@ class Linear:
 
     jacobian: Array
     offset: Array
-    readings: int
+    n_observations: int
 
 
-def sessions_of(machine: Machine, recording: Recording) -> tuple[tuple[Session, ...], tuple[str, ...]]:
+def sessions_of(machine: Machine, recording: Recording) -> tuple[tuple[Session, ...], tuple[Note, ...]]:
     """Sessions by time where it is recorded, else by number (files without one: as they were given); notes.
 
     A reading that counts from a row of another session is left out: between them things may have moved. Raises
     InputError for fewer than two sessions with rows to fit.
     """
     whole, crossing = _without_crossings(recording)
-    notes = [
-        f"{recording.where(int(k))}: counts from a row of another session; its reading was left out"
-        for k in crossing
-    ]
+    notes = [Note("crossing", recording.where(int(k))) for k in crossing]
     found = []
     for number in dict.fromkeys(whole.session.tolist()):
         rows = whole.subset(whole.session == number)
         label = _label(whole, rows, number)
         if rows.validation.all():
-            notes.append(f"{label}: every row is for validation; it was left out")
+            notes.append(Note("validation", label))
             continue
         time = None if rows.time is None else float(np.median(rows.time))
         found.append((time if time is not None else float(number), label, time, rows))
@@ -103,19 +101,16 @@ def _label(recording: Recording, rows: Recording, number: int) -> str:
 def linearised(session: Session, prior: Prior, p: Array) -> Linear:
     """The session's readings about ``p`` (np,). Rows that cannot be assembled there do not count."""
     problem = Problem(session.predictor, bounded(prior), p, ~session.recording.validation)
-    free, readings, blocks = prior.free, 0, []
+    free, count, blocks = prior.free, 0, []
     for block in problem.data(p, problem.x):
-        readings += int(np.sum(np.any(block != 0.0, axis=1)))
+        count += int(np.sum(np.any(block != 0.0, axis=1)))
         blocks.append(block)
     factor = triangular(blocks, len(free) + 1)
     jacobian = factor[:, :-1]
     at = (p - prior.mean)[free] / prior.scale[free]
-    return Linear(jacobian, factor[:, -1] - jacobian @ at, readings)
+    return Linear(jacobian, factor[:, -1] - jacobian @ at, count)
 
 
 def bounded(prior: Prior) -> Prior:
     """The prior with infinite tolerances made very wide: a session of few rows may say nothing of them."""
     return replace(prior, sigma=np.where(np.isinf(prior.sigma), UNBOUNDED * prior.scale, prior.sigma))
-
-
-__all__ = ["Linear", "Session", "bounded", "linearised", "sessions_of"]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from truepose.identification.drift.evidence import Stack, State, information, state
-from truepose.identification.drift.selection import Selection
+from truepose.identification.drift.movement_evidence import Stack, State, information, solve
+from truepose.identification.drift.movement_selection import Selection
 from truepose.identification.fit.problem import Prior
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def movements(
     names = [prior.names[k] for k in prior.free]
     clock = np.arange(len(stack.jacobian), dtype=float) if times is None else np.array(times)
     probability, best = found.probability, found.best
-    here, calm = (_followed(stack, s) for s in (best, state(stack, {}, best.point)))
+    here, calm = (_followed(stack, s) for s in (best, solve(stack, {}, best.point)))
     places = {i: place for place, (i, _) in enumerate(best.accepted)}
     out = []
     for i, name in enumerate(names):

@@ -54,7 +54,7 @@ def _points(
     for k in range(0, len(channels), 3):
         triple = channels[k : k + 3]
         predicted.append(values[rows][:, [names.index(c) for c in triple]])
-        measured.append(np.column_stack([predictor.recording.readings[c][rows] for c in triple]))
+        measured.append(np.column_stack([predictor.recording.observations[c][rows] for c in triple]))
     return (np.vstack(predicted), np.vstack(measured)) if predicted else (np.zeros((0, 3)), np.zeros((0, 3)))
 
 
@@ -76,7 +76,7 @@ def _turn_tool(predictor: Predictor, p: Array, rows: NDArray[np.bool_], predicte
     channels = [c.name for c in predictor.channels if c.kind == "rotation"]
     if len(channels) != 3:
         return False
-    measured = lie.exp_so3(np.column_stack([predictor.recording.readings[c][rows] for c in channels]))
+    measured = lie.exp_so3(np.column_stack([predictor.recording.observations[c][rows] for c in channels]))
     mean = np.mean(np.swapaxes(predicted, 1, 2) @ measured, axis=0)
     u, _, vt = np.linalg.svd(mean)
     turn = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt

@@ -76,11 +76,11 @@ class LinearEstimate:
 
 
 def decompose(
-    h: Array, y: Array, scale: Literal["raw", "unit"] | Array = "raw", *, readings: int | None = None
+    h: Array, y: Array, scale: Literal["raw", "unit"] | Array = "raw", *, n_observations: int | None = None
 ) -> Spectrum:
     """The problem of ``h`` (n, m) and ``y`` (n,) or (n, k), one column a right-hand side.
 
-    ``readings`` is how many there were where ``h`` and ``y`` are a triangular factor of them. Directions that
+    ``n_observations`` is how many there were where ``h`` and ``y`` are a triangular factor of them. Directions that
     no reading sees stay at zero. Raises InputError when no reading is left to tell the noise.
     """
     size = column_scale(h) if isinstance(scale, str) and scale == "unit" else np.ones(h.shape[1])
@@ -88,7 +88,7 @@ def decompose(
     u, s, vt = np.linalg.svd(h * size, full_matrices=False)
     seen = s > ROUNDING * np.max(s, initial=1e-300)
     u, s, vt = u[:, seen], s[seen], vt[seen]
-    freedom = (len(h) if readings is None else readings) - len(s)
+    freedom = (len(h) if n_observations is None else n_observations) - len(s)
     if freedom < 1:
         raise InputError(
             f"found {freedom + len(s)} readings for {len(s)} combinations of parameters, "
@@ -167,24 +167,6 @@ def pcr(problem: Spectrum, components: int | None = None) -> LinearEstimate:
     return _shrunk(problem, np.where(place < number, 1.0, 0.0), np.asarray(number))
 
 
-def independent_columns(h: Array, tolerance: float = 1e-9) -> NDArray[np.intp]:
-    """Indices of columns of ``h`` (n, m), taken in order, each adding to the rank of those before it.
-
-    The reconstruction of the identification Jacobian of the polisher paper, section 4.1: put first what must
-    be kept. A column adds when more than ``tolerance`` of its length stands off the span of those before.
-    """
-    basis = np.zeros((h.shape[0], 0))
-    kept = []
-    for k, column in enumerate(h.T):
-        left = column - basis @ (basis.T @ column)
-        left -= basis @ (basis.T @ left)  # once more: rounding of the first pass
-        length = float(np.linalg.norm(left))
-        if length > tolerance * float(np.linalg.norm(column)):
-            basis = np.column_stack([basis, left / length])
-            kept.append(k)
-    return np.array(kept, dtype=np.intp)
-
-
 def _shrunk(problem: Spectrum, share: Array, tuning: Array) -> LinearEstimate:
     b = (problem.directions @ (share * problem.alpha)).T * problem.scale
     return LinearEstimate(b.T, share, tuning, problem)
@@ -207,7 +189,6 @@ __all__ = [
     "Spectrum",
     "column_scale",
     "decompose",
-    "independent_columns",
     "liu",
     "liu_parameter",
     "ols",

@@ -18,10 +18,9 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Direction
 from truepose.models.parameters import Parameter
-from truepose.models.units import UnitSystem, close_matches
+from truepose.models.units import close_matches, convert
 
 Array = NDArray[np.float64]
-DIMENSIONS = {"mm": "length", "rad": "angle"}
 AT_BOUND = 1e-9
 """Part of a step's size that still counts as standing at a bound."""
 
@@ -42,7 +41,7 @@ class Bounds:
         return (self.low[free] - problem.p[free]) / scale, (self.high[free] - problem.p[free]) / scale
 
     def notes(self, prior: Prior, p: Array, *, kept: bool) -> list[str]:
-        """What stands at a bound, and, of a solver that keeps none, what is beyond one the user stated."""
+        """What of ``p`` (np,) stands at a bound, and, of a solver that keeps none, what is beyond one the user stated."""
         out = []
         for k in prior.free:
             margin = AT_BOUND * prior.scale[k]
@@ -109,13 +108,10 @@ def _internal(
     given: tuple[float, float], parameter: Parameter | None, machine: Machine
 ) -> tuple[float, float]:
     """Bounds in mm and rad; those of effects, and plain numbers, are in their own unit already."""
-    units = machine.file.units if machine.file else UnitSystem()
     if parameter is None:
         return given
-    dimension = "gain" if parameter.part == "gain" else DIMENSIONS.get(parameter.unit)
-    if dimension is None:
-        return given
-    return units.to_internal(given[0], dimension), units.to_internal(given[1], dimension)
+    own = parameter.written_in(machine.units)
+    return convert(given[0], own, parameter.unit), convert(given[1], own, parameter.unit)
 
 
 __all__ = ["Bounds", "bounds_of", "directions"]

@@ -31,7 +31,7 @@ from truepose.identification.fit.widening import untied
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
-from truepose.models.units import close_matches
+from truepose.models.units import meant
 
 Array = NDArray[np.float64]
 ESTIMATORS = ("map", "ols", "liu", "ridge", "pcr", "huber")
@@ -229,8 +229,8 @@ class _Work:
 
 def _check(what: str, name: str, known: Sequence[str]) -> None:
     if name not in known:
-        hint = close_matches(name, known)
-        ending = f"; {hint}" if hint.startswith("did") else ""
+        hint = meant(name, known)
+        ending = f"; {hint}" if hint else ""
         raise InputError(f"--{what}: found {name!r}, expected one of {', '.join(known)}{ending}")
 
 

@@ -117,10 +117,10 @@ class Decomposition:
         k = basis.shape[1]
         if k == 0:
             return np.zeros((len(self.weight), 0)), np.zeros((0, 0))
-        readings = np.eye(self.rank, k) * np.append(self.singular[: self.rank], np.zeros(k - self.rank))
-        triangle = np.linalg.qr(np.vstack([readings, self.weight[:, None] * basis]), mode="r")
+        seen = np.eye(self.rank, k) * np.append(self.singular[: self.rank], np.zeros(k - self.rank))
+        triangle = np.linalg.qr(np.vstack([seen, self.weight[:, None] * basis]), mode="r")
         root = solve_triangular(triangle, basis.T, trans="T").T
-        share = solve_triangular(triangle, readings.T, trans="T").T
+        share = solve_triangular(triangle, seen.T, trans="T").T
         return np.asarray(root), np.asarray(share)
 
     @property
@@ -139,12 +139,12 @@ class Decomposition:
         out: Array = np.linalg.norm(self.root, axis=1)
         return np.where(np.any(self.unknown != 0.0, axis=0), np.inf, out) if len(self.unknown) else out
 
-    def observability(self, readings: int) -> Observability:
+    def observability(self, n_observations: int) -> Observability:
         """Indices O1 to O5 of the seen directions, for a number of readings."""
         s = self.singular[: self.rank]
         if not len(s):
             return Observability(0.0, 0.0, 0.0, 0.0, 0.0)
-        volume = float(np.exp(np.mean(np.log(s)))) / np.sqrt(max(readings, 1))
+        volume = float(np.exp(np.mean(np.log(s)))) / np.sqrt(max(n_observations, 1))
         first, last = float(s[0]), float(s[-1])
         return Observability(volume, last / first, last, last**2 / first, 1.0 / float(np.sum(1.0 / s)))
 

@@ -79,7 +79,7 @@ class Estimate:
 
     @property
     def prior_weight(self) -> Array:
-        """Scale over tolerance of each free entry; 0 without a prior."""
+        """(n,) scale over tolerance of each free entry; 0 without a prior."""
         free = self.prior.free
         return np.where(
             np.isinf(self.prior.sigma[free]), 0.0, self.prior.scale[free] / self.prior.sigma[free]
@@ -126,7 +126,7 @@ class Estimate:
         return self.known.effective
 
     @property
-    def readings(self) -> int:
+    def n_observations(self) -> int:
         """Number of fitted readings, less the levels that compared rows share."""
         return int(np.sum(self.residual[self.used] != 0.0)) - self.levels
 
@@ -138,7 +138,7 @@ class Estimate:
     @property
     def chi2_per_dof(self) -> float:
         """chi2 over readings less effective parameters."""
-        return self.chi2 / max(self.readings - self.effective_parameters, 1.0)
+        return self.chi2 / max(self.n_observations - self.effective_parameters, 1.0)
 
     @property
     def in_tolerances(self) -> Array:
@@ -183,8 +183,9 @@ def estimate(
     """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording``.
 
     ``damping`` is that of the first step; without it full steps are taken, and damped ones where those find no
-    minimum. ``exclude`` leaves rows out; rows that cannot be assembled are left out and listed. A fit that is not
-    widened ends when half the sum of squares has less than ``tolerance`` left to gain. ``solver`` takes the
+    minimum. ``start`` (np,) are parameters and
+    coefficients to begin with; ``exclude`` (n,) leaves rows out; rows that cannot be assembled are left out and listed.
+    A fit that is not widened ends when half the sum of squares has less than ``tolerance`` left to gain. ``solver`` takes the
     place of damped Gauss-Newton. Raises InputError for too few rows, ConvergenceError naming the parameters
     responsible when no minimum is reached.
     """
@@ -196,7 +197,7 @@ def estimate(
     if widen != 1.0:
         prior = widened(problem, widen)
         problem = Problem(predictor, prior, p, used)
-        tolerance = FREE_TOLERANCE * problem.readings
+        tolerance = FREE_TOLERANCE * problem.n_observations
     tries = TRIES if widen == 1.0 else FREE_TRIES
     descents = [
         partial(minimise, problem.blocks, damping=steps, tolerance=tolerance, limit=limit)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +85,8 @@ def triangular(blocks: Iterable[Array], columns: int) -> Array:
 def _by_qr(blocks: Iterable[Array], columns: int) -> Array:
     factor = np.zeros((columns, columns))
     for block in blocks:
+        if not np.isfinite(block).all():  # LAPACK would come to NaN too, but slowly
+            return np.full((columns, columns), np.nan)
         factor = np.asarray(np.linalg.qr(np.vstack([factor, block]), mode="r"))
         if len(factor) < columns:
             factor = np.vstack([factor, np.zeros((columns - len(factor), columns))])
@@ -91,41 +94,49 @@ def _by_qr(blocks: Iterable[Array], columns: int) -> Array:
 
 
 def minimise(
-    blocks: Blocks, start: Array, *, limit: int = 100, tolerance: float = 1e-9, damping: float = 1e-4
+    blocks: Blocks,
+    start: Array,
+    *,
+    limit: int = 100,
+    tolerance: float = 1e-9,
+    share: float = 1e-15,
+    damping: float = 1e-4,
 ) -> Solution:
     """Levenberg-Marquardt with Nielsen's damping; ``damping=0`` starts as plain Gauss-Newton.
 
+    ``start`` (n,): the first unknowns; ``blocks`` gives rows (k, n + 1) of [J r] at any.
     Converged when the predicted decrease of the sum of squares is below ``tolerance`` of one
-    degree of freedom (sum of squares in units of the noise) or lost in its rounding; but not where a column
-    of J has vanished since the start.
+    degree of freedom (sum of squares in units of the noise), or below ``share`` of the whole, by default its
+    rounding; but not where a column of J has vanished since the start. Blocks of NaN forbid a place.
     """
     t = start.astype(float)
     factor = triangular(blocks(t), len(t) + 1)
     cost = _cost(factor)
     if not np.isfinite(cost):
         return Solution(t, factor, cost, Status.FAILED, 0, np.inf, np.zeros(len(t)))
-    found = _descend(blocks, t, factor, limit, tolerance, damping)
+    found = _descend(blocks, t, factor, limit, (tolerance, share), damping)
     if found.status.ok and np.any(_influence(found.factor) < VANISHED * _influence(factor)):
         return replace(found, status=Status.ESCAPED)
     return _polished(blocks, found, tolerance) if found.status.ok and found.decrement < SURE else found
 
 
 def _descend(
-    blocks: Blocks, t: Array, factor: Array, limit: int, tolerance: float, damping: float
+    blocks: Blocks, t: Array, factor: Array, limit: int, enough: tuple[float, float], damping: float
 ) -> Solution:
     n, cost, movement = len(t), _cost(factor), np.zeros(len(t))
-    mu, growth, decrement = damping, 2.0, np.inf
+    mu, growth, linear = damping, 2.0, _Linear(factor, n)
     for iteration in range(1, limit + 1):
-        decrement = _decrement(factor, n)
-        if decrement < tolerance + 1e-15 * cost:
+        decrement = linear.decrement
+        if decrement < enough[0] + enough[1] * cost:
             return Solution(t, factor, cost, Status.CONVERGED, iteration, decrement, movement)
-        step = newton_step(factor, n, mu)
+        step = linear.step(mu)
         trial = triangular(blocks(t + step), n + 1)
         after = _cost(trial)
         predicted = cost - 0.5 * float(np.sum((factor[:, :n] @ step + factor[:, n]) ** 2))
         ratio = (cost - after) / predicted if predicted > 0 and np.isfinite(after) else -1.0
         if ratio > 1e-4:
             t, factor, cost, movement = t + step, trial, after, step
+            linear = _Linear(factor, n)
             mu = mu * max(1.0 / 5.0, 1.0 - (2.0 * ratio - 1.0) ** 3) if ratio < 0.9 else 0.1 * mu
             mu, growth = (mu if mu > 1e-15 else 0.0), 2.0
             continue
@@ -135,7 +146,7 @@ def _descend(
             status = Status.CONVERGED if small else Status.STALLED
             return Solution(t, factor, cost, status, iteration, decrement, movement)
         mu, growth = max(mu, 1e-7) * growth, 2.0 * growth
-    return Solution(t, factor, cost, Status.LIMIT, limit, decrement, movement)
+    return Solution(t, factor, cost, Status.LIMIT, limit, linear.decrement, movement)
 
 
 def _polished(blocks: Blocks, found: Solution, tolerance: float) -> Solution:
@@ -144,12 +155,16 @@ def _polished(blocks: Blocks, found: Solution, tolerance: float) -> Solution:
     The last one is not tried: what is left after it is of second order.
     """
     n = len(found.t)
+    linear = _Linear(found.factor, n)
     for _ in range(POLISHING):
-        after = found.t + newton_step(found.factor, n, least=UNSEEN)
+        after = found.t + linear.step(least=UNSEEN)
         if found.decrement < tolerance:
             return replace(found, t=after)
         factor = triangular(blocks(after), n + 1)
-        left = _decrement(factor, n) if np.isfinite(factor).all() else np.inf
+        if not np.isfinite(factor).all():
+            return found
+        linear = _Linear(factor, n)
+        left = linear.decrement
         if left > 0.5 * found.decrement:
             return found
         found = replace(found, t=after, factor=factor, cost=_cost(factor), decrement=left)
@@ -171,28 +186,38 @@ def newton_step(factor: Array, n: int, mu: float = 0.0, *, least: float = 1e-13)
 
     Directions whose singular value is below the share ``least`` of the largest stay where they are.
     """
-    norms = np.linalg.norm(factor[:, :n], axis=0)
-    norms[norms == 0] = 1.0
-    if n >= WIDE_PROBLEM:
-        wide: Array = -_normal(factor[:, :n] / norms, factor[:, n], mu)[0] / norms
-        return wide
-    u, s, vt = np.linalg.svd(factor[:, :n] / norms, full_matrices=False)
-    keep = s > least * max(s[0], 1e-300)
-    gain = np.divide(s, s**2 + mu, out=np.zeros_like(s), where=keep)
-    step: Array = -(vt.T @ (gain * (u.T @ factor[:, n]))) / norms
-    return step
+    return _Linear(factor, n).step(mu, least=least)
 
 
-def _decrement(factor: Array, n: int) -> float:
-    """Half the squared length of r inside the span of J: what an undamped step would gain."""
-    norms = np.linalg.norm(factor[:, :n], axis=0)
-    norms[norms == 0] = 1.0
-    if n >= WIDE_PROBLEM:
-        step, right = _normal(factor[:, :n] / norms, factor[:, n], 1e-14)
-        return 0.5 * float(step @ right)
-    u, s, _ = np.linalg.svd(factor[:, :n] / norms, full_matrices=False)
-    inside = u[:, s > 1e-13 * max(s[0], 1e-300)].T @ factor[:, n]
-    return 0.5 * float(inside @ inside)
+class _Linear:
+    """The linear problem of a triangular factor of [J r], columns of J at unit length; decomposed once."""
+
+    def __init__(self, factor: Array, n: int) -> None:
+        self._norms = np.linalg.norm(factor[:, :n], axis=0)
+        self._norms[self._norms == 0] = 1.0
+        self._a, self._r = factor[:, :n] / self._norms, factor[:, n]
+        self._svd = None if n >= WIDE_PROBLEM else np.linalg.svd(self._a, full_matrices=False)
+
+    def step(self, mu: float = 0.0, *, least: float = 1e-13) -> Array:
+        """As ``newton_step`` has it."""
+        if self._svd is None:
+            wide: Array = -_normal(self._a, self._r, mu)[0] / self._norms
+            return wide
+        u, s, vt = self._svd
+        keep = s > least * max(s[0], 1e-300)
+        gain = np.divide(s, s**2 + mu, out=np.zeros_like(s), where=keep)
+        step: Array = -(vt.T @ (gain * (u.T @ self._r))) / self._norms
+        return step
+
+    @cached_property
+    def decrement(self) -> float:
+        """Half the squared length of r inside the span of J: what an undamped step would gain."""
+        if self._svd is None:
+            step, right = _normal(self._a, self._r, 1e-14)
+            return 0.5 * float(step @ right)
+        u, s, _ = self._svd
+        inside = u[:, s > 1e-13 * max(s[0], 1e-300)].T @ self._r
+        return 0.5 * float(inside @ inside)
 
 
 def _normal(a: Array, b: Array, mu: float) -> tuple[Array, Array]:

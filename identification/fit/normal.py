@@ -35,7 +35,7 @@ class NormalEquations:
 
     @classmethod
     def of(cls, predictor: Predictor, free: NDArray[np.intp]) -> NormalEquations | None:
-        """None where rows are few, loops have to be closed, or rows are compared."""
+        """Of parameters ``free`` (n,); None where rows are few, loops have to be closed, or rows are compared."""
         machine, recording = predictor.machine, predictor.recording
         if len(predictor.model.home) or any(sensor.compares for sensor in machine.sensors):
             return None
@@ -45,7 +45,7 @@ class NormalEquations:
         if key not in predictor.sums:
             predictor.sums[key] = _sums(predictor, free)
         function = predictor.sums[key]
-        columns = [recording.readings[name] for sensor in machine.sensors for name in sensor.columns]
+        columns = [recording.observations[name] for sensor in machine.sensors for name in sensor.columns]
         return (
             cls(function, (predictor.q, predictor.z, np.column_stack(columns)))
             if function.engine.compiled

@@ -33,7 +33,7 @@ class Prior:
 
     @property
     def free(self) -> NDArray[np.intp]:
-        """Indices of what is estimated."""
+        """(n,) indices of what is estimated."""
         return np.flatnonzero(self.sigma > 0)
 
     def with_sigma(self, sigma: Array) -> Prior:
@@ -82,7 +82,7 @@ class Problem:
         self.used = used & good
         self.levels = sum(c.unknowns for c in predictor.comparisons(self.used) if c is not None)
         """Unknowns that compared rows share (points of sockets): readings that say nothing of parameters."""
-        self.readings = int(self.used.sum()) * len(predictor.channels) - self.levels
+        self.n_observations = int(self.used.sum()) * len(predictor.channels) - self.levels
         self._check_size()
         self._normal = NormalEquations.of(predictor, prior.free)
 
@@ -117,7 +117,7 @@ class Problem:
         return rows
 
     def data(self, p: Array, x: Array) -> Iterable[Array]:
-        """Rows of [J r] of the readings alone."""
+        """Blocks (k, n + 1) of rows of [J r] of the readings alone, at ``p`` (np,) and ``x`` (rows, nx)."""
         free, root = self.prior.free, np.sqrt(self.weights)
         for block in self.predictor.blocks(p, x, self.used * self.weights):
             rows = np.flatnonzero(self.used[block.rows])
@@ -127,7 +127,7 @@ class Problem:
             yield stacked.reshape(-1, len(free) + 1)
 
     def prior_rows(self, p: Array) -> Array:
-        """Rows of [J r] of the tolerances, one for each free parameter."""
+        """(n, n + 1) rows of [J r] of the tolerances, one for each free parameter, at ``p`` (np,)."""
         free = self.prior.free
         sigma = self.prior.sigma[free]
         weight = np.where(np.isinf(sigma), 0.0, self.prior.scale[free] / sigma)
@@ -144,10 +144,10 @@ class Problem:
         recording = self.predictor.recording
         known = int(np.sum(np.isfinite(self.prior.sigma[self.prior.free])))
         free = len(self.prior.free)
-        if self.readings < free - known or self.readings == 0:
+        if self.n_observations < free - known or self.n_observations == 0:
             raise InputError(
                 f"{', '.join(recording.files)}: found {int(self.used.sum())} usable rows "
-                f"({self.readings} readings), expected at least as many readings as the {free - known} "
+                f"({self.n_observations} readings), expected at least as many readings as the {free - known} "
                 "parameters without a finite tolerance"
             )
 

@@ -63,7 +63,7 @@ class Program:
     def _scale(self, start: Array, natural: Array) -> None:
         """Columns of the passive coordinates, and rows of the equations, of about length one."""
         v = self.unknowns(start)
-        block = self._readings(v)
+        block = self._observations(v)
         used = np.flatnonzero(self.problem.used)
         seen = np.sqrt(np.mean(np.sum(block.here[used][:, :, -self.nx :] ** 2, axis=1), axis=0))
         self._stride = 1.0 / np.maximum(seen, 1.0 / (REST * natural))
@@ -91,9 +91,9 @@ class Program:
         rows = self.problem.prior_rows(self.problem.p)
         return np.diag(rows[:, :-1]) * self.step, rows[:, -1]
 
-    def readings(self, v: Array) -> tuple[Array, sp.csc_array]:
+    def observations(self, v: Array) -> tuple[Array, sp.csc_array]:
         """(k,) whitened residuals of the fitted rows and their derivative (k, size)."""
-        block, used = self._readings(v), np.flatnonzero(self.problem.used)
+        block, used = self._observations(v), np.flatnonzero(self.problem.used)
         root = np.sqrt(self.problem.weights[used])[:, None]
         by_t = (
             block.changes(block.here[:, :, self.problem.prior.free] * self._by_step)[used] * root[..., None]
@@ -136,7 +136,7 @@ class Program:
         changes = block.changes(apart.reshape(*by_x.shape[:2], -1))[used] * root[..., None]
         return _full(changes.reshape(-1, changes.shape[2]))
 
-    def _readings(self, v: Array) -> Block:
+    def _observations(self, v: Array) -> Block:
         """Residuals of all rows, with derivatives by p and by each row's own coordinates side by side."""
         predictor, p = self.problem.predictor, self.problem.at(self.steps(v))
         pose, by_p, by_x, shift, shift_by_p, shift_by_x = self._evaluated(v)[:6]

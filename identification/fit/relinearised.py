@@ -106,14 +106,14 @@ class _Columns:
     """Steps of the problem as columns of the estimator: t = origin + [loose, or unit * b of what is held].
 
     held (n_free,) parameters with a tolerance; origin (n_free,) their drawing value in steps; unit (n_held,),
-    None for columns of length one; reading: size of a whitened reading; readings: their number.
+    None for columns of length one; reading: size of a whitened reading; n_observations: their number.
     """
 
     held: NDArray[np.bool_]
     origin: Array
     unit: Array | None
     reading: float
-    readings: int
+    n_observations: int
 
     @classmethod
     def of(cls, problem: Problem, drawing: Prior, scaling: Scaling) -> _Columns:
@@ -123,7 +123,7 @@ class _Columns:
         origin = np.where(held, (drawing.mean[free] - problem.p[free]) / step, 0.0)
         units = {"tolerance": (sigma / step)[held], "raw": 1.0 / step[held], "unit": None}
         reading = problem.predictor.channels[0].sigma if scaling == "raw" else 1.0
-        return cls(held, origin, units[scaling], reading, problem.readings)
+        return cls(held, origin, units[scaling], reading, problem.n_observations)
 
     def solved(self, factor: Array, t: Array, linear: Linear) -> tuple[Array, Shrunk]:
         """Steps (n_free,) that the estimator makes of the triangular factor of [J r] at ``t``."""
@@ -135,7 +135,10 @@ class _Columns:
         inverse, rank = _inverse(r[:k, :k])
         unit = 1.0 / np.linalg.norm(j[:, self.held], axis=0) if self.unit is None else self.unit
         problem = decompose(
-            self.reading * r[k:, k:n], -self.reading * r[k:, n], unit, readings=self.readings - rank
+            self.reading * r[k:, k:n],
+            -self.reading * r[k:, n],
+            unit,
+            n_observations=self.n_observations - rank,
         )
         found = linear(problem.counted_from(at[self.held]))
         follow = -inverse @ r[:k, k:n]  # the loose ones follow the held ones

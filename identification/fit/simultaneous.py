@@ -91,7 +91,7 @@ def _polished(
 def _minimum(program: Program, start: Array, low: Array, high: Array) -> tuple[Array, Status, int]:
     """Unknowns (size,) of the program where IPOPT ends, how it ended, and its iterations."""
     first = program.unknowns(start)
-    residual = program.readings(first)[0]
+    residual = program.observations(first)[0]
     unknowns = ca.MX.sym("v", program.size + len(residual))
     weight, pull = program.prior
     held = ca.DM(pull) + ca.DM(weight) * unknowns[: program.n]
@@ -142,7 +142,7 @@ class _Equations:
         v, w = np.split(unknowns, [self._program.size])
         if self._at is None or not np.array_equal(self._at, v):
             self._at = v.copy()
-            self._kept = self._program.readings(v), self._program.equations(v)
+            self._kept = self._program.observations(v), self._program.equations(v)
         (r, by_v), (g, loops) = self._kept
         below = sp.csr_array((len(g), len(r)))
         slopes = sp.vstack([sp.hstack([-by_v, sp.eye_array(len(r))]), sp.hstack([loops, below])])

@@ -60,8 +60,9 @@ def worst_allowed(fit: Estimate, *, level: float = 0.99, draws: int = 2000, seed
     return float(np.quantile(np.max(np.abs(sample), axis=0), level))
 
 
-def summarise(fit: Estimate, channels: Sequence[Channel], validation: NDArray[np.bool_]) -> FitSummary:
-    """All figures of one fit."""
+def summarise(fit: Estimate, validation: NDArray[np.bool_]) -> FitSummary:
+    """All figures of one fit; ``validation`` (n,) are the rows that are never fitted."""
+    channels = fit.machine.channels
     rows = validation & np.isfinite(fit.residual).all(axis=1)
     away = np.abs(fit.in_tolerances)
     return FitSummary(

@@ -22,7 +22,7 @@ from truepose.models.machine import Machine
 from truepose.models.machine_file import write_machine
 from truepose.models.mechanism import AXES, Direction
 from truepose.models.parameters import Parameter
-from truepose.models.units import UnitSystem
+from truepose.models.units import UnitSystem, convert
 
 FieldPath = tuple[str | int, ...]
 
@@ -88,10 +88,7 @@ def _expand(document: dict[str, Any], machine: Machine) -> None:
 
 def in_file_units(parameter: Parameter, value: float, units: UnitSystem) -> float:
     """A parameter's value (mm, rad) as its machine file writes it."""
-    if parameter.part == "gain":
-        return float(units.from_internal(value, "gain"))
-    dimension = {"mm": "length", "rad": "angle"}.get(parameter.unit)
-    return float(value if dimension is None else units.from_internal(value, dimension))
+    return float(convert(value, parameter.unit, parameter.written_in(units)))
 
 
 def _write_parameter(document: dict[str, Any], parameter: Parameter, value: float, machine: Machine) -> None:

@@ -19,7 +19,6 @@ from truepose.identification.prediction.predict import predicted, predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.irradiance import Irradiance
-from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]
 _ODDS = 4.6  # log of the odds (99 to 1) from which on the model's sign is taken
@@ -28,7 +27,7 @@ _SHOWN = 12
 
 
 @dataclass(frozen=True)
-class Readings:
+class ReadLengths:
     """``dL`` (n,) in mm with its 1-sigma; ``left_out`` (n,): rows that carry no reading; what there is to say."""
 
     change: Array
@@ -42,20 +41,20 @@ def read_fringes(
     rows: Recording,
     tables: dict[int, Path],
     progress: Callable[[str], None] | None = None,
-) -> Readings:
-    """Readings of the rows whose source file (an index into ``rows.files``) has a table of samples.
+) -> ReadLengths:
+    """ReadLengths of the rows whose source file (an index into ``rows.files``) has a table of samples.
 
     The sign comes from the table's column ``sign``, from scans of the wavelength, or from the machine's nominal
     constants where they leave little doubt. Rows of other files are 0 and not left out. Raises InputError naming
     file, row and pose where samples are missing or are no series.
     """
     sensor = sensor_of(machine)
-    units = machine.file.units if machine.file else UnitSystem()
+    units = machine.units
     work = _Work(machine, sensor, rows)
     for index, path in tables.items():
         work.read(index, read_samples(path, units), progress or (lambda _: None))
     work.close()
-    return Readings(work.change, work.sigma, work.left_out, tuple(work.notes))
+    return ReadLengths(work.change, work.sigma, work.left_out, tuple(work.notes))
 
 
 def sensor_of(machine: Machine) -> Irradiance:
@@ -69,7 +68,7 @@ def sensor_of(machine: Machine) -> Irradiance:
 
 
 class _Work:
-    """Readings as they come in."""
+    """ReadLengths as they come in."""
 
     def __init__(self, machine: Machine, sensor: Irradiance, rows: Recording) -> None:
         self.machine, self.sensor, self.rows = machine, sensor, rows
@@ -203,11 +202,11 @@ def _listed(numbers: Sequence[int]) -> str:
     return f"row{'s' if len(numbers) > 1 else ''} {shown}{more}"
 
 
-def with_readings(rows: Recording, found: Readings) -> Recording:
+def with_lengths(rows: Recording, found: ReadLengths) -> Recording:
     """The recording with dL; a row that was left out refers to itself, so that it says nothing."""
     assert rows.from_row is not None
     origin = np.where(found.left_out, np.arange(len(rows)), rows.from_row)
     for array in (origin, found.change):
         array.setflags(write=False)
-    readings = {**rows.readings, "dL": found.change}
-    return replace(rows, readings=readings, from_row=origin, notes=(*rows.notes, *found.notes))
+    observations = {**rows.observations, "dL": found.change}
+    return replace(rows, observations=observations, from_row=origin, notes=(*rows.notes, *found.notes))

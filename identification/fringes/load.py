@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from truepose.errors import InputError
-from truepose.identification.fringes.lengths import read_fringes, sensor_of, with_readings
+from truepose.identification.fringes.lengths import read_fringes, sensor_of, with_lengths
 from truepose.identification.recording.load import load_recording as load_rows
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table
@@ -21,7 +21,7 @@ def load_recording(
     machine: Machine,
     paths: Sequence[Path | str],
     *,
-    need_readings: bool = True,
+    need_observations: bool = True,
     irradiance: Sequence[Path | str] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Recording:
@@ -33,7 +33,7 @@ def load_recording(
     if irradiance:
         sensor_of(machine)
     files = [Path(p) for p in paths]
-    counted = need_readings and any(isinstance(sensor, Irradiance) for sensor in machine.sensors)
+    counted = need_observations and any(isinstance(sensor, Irradiance) for sensor in machine.sensors)
     lacking = [k for k, file in enumerate(files) if "dL" not in read_table(file)] if counted else []
     if lacking and not irradiance:
         raise InputError(f"{files[lacking[0]]}: missing column 'dL', and no --irradiance to count it from")
@@ -43,13 +43,13 @@ def load_recording(
             "without a column 'dL', in the same order"
         )
     if not lacking:
-        return load_rows(machine, files, need_readings=need_readings)
+        return load_rows(machine, files, need_observations=need_observations)
     rows = load_rows(machine, files, without="dL")
     tables = {k: Path(p) for k, p in zip(lacking, irradiance, strict=True)}
     found = read_fringes(machine, rows, tables, progress)
     others = [file for k, file in enumerate(files) if k not in lacking]
     if others:
         recorded = ~np.isin(rows.source_file, lacking)
-        found.change[recorded] = load_rows(machine, others).readings["dL"]
+        found.change[recorded] = load_rows(machine, others).observations["dL"]
         rows = replace(rows, notes=tuple(note for note in rows.notes if not note.startswith("column 'dL'")))
-    return with_readings(rows, found)
+    return with_lengths(rows, found)

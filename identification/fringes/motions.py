@@ -12,12 +12,14 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from truepose.identification.fit.leastsquares import minimise
 from truepose.models.fabry_perot import fringe, fringe_slope
 
 Array = NDArray[np.float64]
 _FAR = 0.6  # rad
 _STILL = 0.1  # rad a half of the samples: speed of a mirror that rests
-_STEPS = 30
+_STEPS, _DAMPING = 30, 1e-3
+_LEFT, _SHARE = 5e-4, 1e-5  # of chi2 to gain: absolute, or as a part
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Motion:
 
     def level(self) -> tuple[float, float]:
         """v at the end of the fringe, and its 1-sigma."""
-        jacobian, share = self.problem.jacobian(self.a), np.array([1.0, float(self.problem.light.high)])
+        jacobian, share = self.problem.rows(self.a)[:, :-1], np.array([1.0, float(self.problem.light.high)])
         covariance = np.linalg.pinv(jacobian.T @ jacobian)[-2:, -2:]
         variance = float(share @ covariance @ share)
         return float(share @ self.a[-2:] + share[1]), float(np.sqrt(max(variance, 0.0)))
@@ -132,20 +134,16 @@ class Problem:
         phase = x + (np.pi if self.light.high else 0.0)
         return fringe(np.cos(phase), self.light.g), fringe_slope(phase, self.light.g)
 
-    def residual(self, a: Array) -> Array:
-        """Light, edges and levels, whitened."""
-        light = a[-2] + (1.0 + a[-1]) * self.shape(self.basis @ a[:-2])[0] - self.light.v
-        edges = (self.held @ a[:-2] - self.at) / self.tight
-        return np.concatenate([light / self.light.sigma, edges, a[-2:] / self.light.slack])
-
-    def jacobian(self, a: Array) -> Array:
-        """Derivative of `residual`."""
-        shape, slope = self.shape(self.basis @ a[:-2])
-        light = np.column_stack([self.basis * ((1.0 + a[-1]) * slope)[:, None], np.ones_like(shape), shape])
-        edges = np.hstack([self.held / self.tight[:, None], np.zeros((len(self.held), 2))])
-        levels = np.zeros((2, len(a)))
-        levels[0, -2] = levels[1, -1] = 1.0 / self.light.slack
-        return np.vstack([light / self.light.sigma[:, None], edges, levels])
+    def rows(self, a: Array) -> Array:
+        """(m, p + 3) light, edges and levels, whitened: derivatives by coefficients and levels, then the residual."""
+        x = self.basis @ a[:-2]
+        shape, slope = self.shape(x)
+        off = a[-2] + (1.0 + a[-1]) * shape - self.light.v
+        light = np.column_stack([self.basis * ((1.0 + a[-1]) * slope)[:, None], np.ones_like(x), shape, off])
+        edges = np.column_stack([self.held, np.zeros((len(self.held), 2)), self.held @ a[:-2] - self.at])
+        levels = np.hstack([np.zeros((2, len(a) - 2)), np.eye(2), a[-2:, None]])
+        whole = (light, self.light.sigma[:, None]), (edges, self.tight[:, None]), (levels, self.light.slack)
+        return np.vstack([part / sigma for part, sigma in whole])
 
     def starts(self) -> Iterator[Array]:
         """Guesses of the coefficients.
@@ -176,25 +174,12 @@ class Problem:
         return [self.reached(a) for a in (*self.starts(), *further)]
 
     def reached(self, a: Array) -> Motion:
-        """The motion that least squares (Levenberg) reach from coefficients ``a``."""
-        e, damping = self.residual(a), 1e-3
-        chi2 = float(e @ e)
-        for _ in range(_STEPS):
-            jacobian = self.jacobian(a)
-            normal, gradient = jacobian.T @ jacobian, jacobian.T @ e
-            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -gradient)
-            tried = self.residual(a + step)
-            value = float(tried @ tried)
-            if value < chi2:
-                done = chi2 - value < 1e-3 * max(chi2, 1.0)
-                a, e, chi2, damping = a + step, tried, value, 0.2 * damping
-                if done:
-                    break
-            else:
-                damping *= 5.0
-                if damping > 1e6:
-                    break
+        """The motion that least squares reach from coefficients ``a``."""
+        found = minimise(
+            lambda a: [self.rows(a)], a, limit=_STEPS, tolerance=_LEFT, share=_SHARE, damping=_DAMPING
+        )
+        a = found.t
         ends = self.basis[[0, -1]] @ a[:-2]
         # a held edge keeps a motion on its side; without one it may end up on the other
         passes = self.side > 0.0 if len(self.at) else bool(ends[0] * ends[1] < 0.0)
-        return Motion(self, a, chi2, passes)
+        return Motion(self, a, 2.0 * found.cost, passes)

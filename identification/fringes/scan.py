@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.fit.leastsquares import minimise
 from truepose.identification.fringes.levels import Levels, rough_levels
 from truepose.models.fabry_perot import fringe, fringe_slope
 
@@ -25,6 +26,7 @@ _MISFIT = 0.1  # of a fringe
 _POOR = 0.3  # of the length
 _PHASE = 0.005  # rad: no phase is better than the levels' shape
 _STARTS = 4
+_STEPS, _LEFT, _DAMPING = 30, 1e-6, 1e-3
 
 
 @dataclass(frozen=True)
@@ -111,32 +113,16 @@ def _candidates(x: Array, v: Array, g: float, known: bool) -> list[Array]:
 
 
 def _fit(x: Array, v: Array, sigma: Array, p: Array, g: float, slack: float) -> tuple[float, Array, Array]:
-    """chi2, parameters and their covariance by least squares (Levenberg); a length is positive."""
+    """chi2, parameters and their covariance by least squares; a length is positive."""
 
-    def parts(p: Array) -> tuple[Array, Array]:
+    def blocks(p: Array) -> list[Array]:
         phase = p[0] + p[1] * x
         shape, slope = fringe(np.cos(phase), g), fringe_slope(phase, g)
-        residual = np.concatenate([(p[2] + (1.0 + p[3]) * shape - v) / sigma, p[2:] / slack])
-        rate = (1.0 + p[3]) * slope
-        columns = np.column_stack([rate, rate * x, np.ones_like(x), shape]) / sigma[:, None]
-        levels = np.hstack([np.zeros((2, 2)), np.eye(2) / slack])
-        return residual, np.vstack([columns, levels])
+        rate = (1.0 + p[3]) * slope if p[1] > 0.0 else np.full_like(x, np.nan)
+        rows = np.column_stack([rate, rate * x, np.ones_like(x), shape, p[2] + (1.0 + p[3]) * shape - v])
+        levels = np.column_stack([np.zeros((2, 2)), np.eye(2), p[2:]])
+        return [np.vstack([rows / sigma[:, None], levels / slack])]
 
-    residual, jacobian = parts(p)
-    chi2, damping = float(residual @ residual), 1e-3
-    for _ in range(30):
-        normal = jacobian.T @ jacobian
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), -jacobian.T @ residual)
-        tried = p + step
-        residual1, jacobian1 = parts(tried)
-        value = float(residual1 @ residual1)
-        if value < chi2 and tried[1] > 0.0:
-            done = chi2 - value < 1e-6 * chi2
-            p, residual, jacobian, chi2, damping = tried, residual1, jacobian1, value, 0.2 * damping
-            if done:
-                break
-        else:
-            damping *= 5.0
-            if damping > 1e8:
-                break
-    return chi2, p, np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
+    found = minimise(blocks, p, limit=_STEPS, tolerance=_LEFT, share=_LEFT, damping=_DAMPING)
+    jacobian = found.factor[:, :4]
+    return 2.0 * found.cost, found.t, np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)

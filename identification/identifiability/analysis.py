@@ -22,12 +22,12 @@ from truepose.identification.identifiability.observability import (
     Knowledge,
     determined,
     nearly_unseen,
-    units_of,
     unseen,
 )
 from truepose.identification.identifiability.patterns import Blind
-from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_readings
+from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_observations
 from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
+from truepose.identification.note import Note
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
@@ -79,7 +79,7 @@ class Identifiability:
     files: tuple[str, ...]
     seed: int | None
     poses: int
-    readings: int
+    n_observations: int
     free: int
     rank: int
     rank_at_drawing: int
@@ -91,7 +91,7 @@ class Identifiability:
     nearly: tuple[Direction, ...]
     subset: Subset
     known: Knowledge
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def identifiability(
@@ -109,7 +109,7 @@ def identifiability(
     and when no row can be assembled.
     """
     rows = drawn_poses(machine, poses, seed) if recording is None else recording
-    predictor = with_readings(machine, rows)
+    predictor = with_observations(machine, rows)
     prior = prior_of(machine, machine.effects)
     home = aligned_start(predictor) if measured(machine, rows) else predictor.model.p_home.copy()
     seen = Seen.at(predictor, prior, home)
@@ -117,9 +117,7 @@ def identifiability(
         raise InputError(f"{', '.join(rows.files)}: found no row in which {machine.name} can be assembled")
     weight = np.where(np.isinf(prior.sigma), 0.0, prior.scale / np.where(prior.sigma > 0, prior.sigma, 1.0))
     weight = weight[prior.free]
-    known = Knowledge.at(
-        prior, units_of(machine, machine.effects), home, Decomposition.of(seen.factor, weight)
-    )
+    known = Knowledge.at(prior, machine.parameter_units, home, Decomposition.of(seen.factor, weight))
     built = [
         Decomposition.of(Seen.at(predictor, prior, p).factor, weight)
         for p in _as_built(prior, home, machines, np.random.default_rng(seed))
@@ -158,11 +156,11 @@ def _judged(
         files=recording.files if seed is None else (),
         seed=seed,
         poses=int(seen.used.sum()),
-        readings=seen.readings,
+        n_observations=seen.n_observations,
         free=len(known.names),
         rank=best.rank,
         rank_at_drawing=here.rank,
-        indices=here.observability(seen.readings),
+        indices=here.observability(seen.n_observations),
         parameters=_sights(known, std, never.directions, blind),
         unseen=never,
         unseen_at_drawing=unseen(known, hidden),
@@ -170,10 +168,7 @@ def _judged(
         nearly=nearly_unseen(known),
         subset=independent_subset(Columns(known.names, seen.factor, known.scale)),
         known=known,
-        notes=tuple(
-            f"{recording.where(int(k))}: the mechanism cannot be assembled there; the row was left out"
-            for k in lost
-        ),
+        notes=tuple(Note("unassembled", recording.where(int(k))) for k in lost),
     )
 
 
@@ -217,12 +212,3 @@ def _status(seen: bool, std: float, tolerance: float) -> str:
     if seen:
         return "determined"
     return "tolerance decides" if std > UNTOUCHED * tolerance else "partly"
-
-
-__all__ = [
-    "DRAWN_POSES",
-    "Identifiability",
-    "ParameterSight",
-    "drawn_poses",
-    "identifiability",
-]

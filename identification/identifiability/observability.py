@@ -1,12 +1,11 @@
-"""Which parameters the readings determine, and which combinations they cannot see, in words.
+"""Which parameters the readings determine, and which combinations they cannot see.
 
 ``Knowledge`` is what readings and tolerances say of the free parameters, of a fit or of one to come.
-``unseen`` and ``nearly_unseen`` give directions that one parameter each leads, ``Direction.meaning`` says them.
+``unseen`` and ``nearly_unseen`` give directions that one parameter each leads.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,8 +15,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate, Prior
-from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import FRAME_OF, Machine
+from truepose.models.machine import FRAME_OF
 
 Array = NDArray[np.float64]
 UNSEEN_SHARE = 1e-3
@@ -30,8 +28,6 @@ LEVER = 300.0
 """mm at which angles are compared with lengths where the readings do not tell."""
 FAINT = 1e-9
 """A column below this share of the largest is rounding."""
-_SHOWN = 10
-_NUMBERED = re.compile(r"^(?P<stem>\D+)(?P<number>\d+)\.(?P<rest>.+)$")
 
 
 @dataclass(frozen=True)
@@ -49,7 +45,7 @@ class Knowledge:
     @classmethod
     def of(cls, fit: Estimate) -> Knowledge:
         """What a fit knows."""
-        units = units_of(fit.machine, fit.effects)
+        units = fit.machine.with_effects(fit.effects).parameter_units
         return cls.at(fit.prior, units, fit.p, fit.decomposition)
 
     @classmethod
@@ -101,12 +97,6 @@ def _typical(column: Array, among: Sequence[bool]) -> float:
     return float(np.median(some)) if len(some) else 0.0
 
 
-def units_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> dict[str, str]:
-    """Internal unit of every parameter and coefficient by its name."""
-    units = {parameter.name: parameter.unit for parameter in machine.parameters}
-    return units | {f"{e.label}:{c.name}": c.unit for e in effects for c in e.coefficients}
-
-
 @dataclass(frozen=True)
 class Direction:
     """Parameters that move together: by how much (mm, rad, or the unit of an effect), the leading one first.
@@ -118,11 +108,6 @@ class Direction:
     parts: Mapping[str, float]
     size: float = 0.0
     open_ended: bool = False
-
-    @property
-    def meaning(self) -> str:
-        """A sentence: what moves with what, and who decided."""
-        return _sentence(tuple(self.parts), self.open_ended)
 
 
 def identifiable(fit: Estimate) -> Mapping[str, bool]:
@@ -150,11 +135,6 @@ def unseen(known: Knowledge, directions: Array | None = None) -> tuple[Direction
     """The directions that the readings cannot see (or those given, in steps), frames leading where they can."""
     rows = known.decomposition.null_space if directions is None else directions
     return tuple(_direction(known, row) for row in _sparse(known.physical(rows), known.names))
-
-
-def unseen_directions(fit: Estimate) -> list[dict[str, object]]:
-    """One entry per direction that the readings cannot see: its parts (mm, rad) and a sentence."""
-    return [{"parts": dict(d.parts), "meaning": d.meaning} for d in unseen(Knowledge.of(fit))]
 
 
 def nearly_unseen(known: Knowledge) -> tuple[Direction, ...]:
@@ -189,43 +169,6 @@ def _direction(known: Knowledge, row: Array, size: float = 0.0) -> Direction:
     return Direction({known.names[k]: float(row[k] / known.lever[k]) for k in parts}, size, open_ended)
 
 
-def _sentence(names: Sequence[str], open_ended: bool) -> str:
-    who = "nothing decided, they stay at the drawing" if open_ended else "tolerances decided"
-    groups = grouped(sorted(names, key=lambda name: name not in FRAME_OF))
-    if len(names) == 1:
-        who = "nothing decided, it stays at the drawing" if open_ended else "its tolerance decided"
-        return f"{names[0]} alone is not seen; {who}"
-    rest = groups[1:] or groups
-    shown = ", ".join(rest[:_SHOWN]) + (f" and {len(rest) - _SHOWN} more" if len(rest) > _SHOWN else "")
-    if len(groups) == 1:
-        return f"moving {shown} together is not seen; {who}"
-    return f"moving {groups[0]} together with {shown} is not seen; {who}"
-
-
-def grouped(names: Sequence[str]) -> list[str]:
-    """Names with those that differ by a number only drawn together: ``leg1..leg6 a.x``."""
-    groups: dict[tuple[str, str], list[str]] = {}
-    for name in names:
-        match = _NUMBERED.match(name)
-        key = (match["stem"], match["rest"]) if match else ("", name)
-        groups.setdefault(key, []).append(match["number"] if match else "")
-    out = []
-    for (stem, rest), numbers in groups.items():
-        if not stem:
-            out.append(rest)
-        elif len(numbers) == 1:
-            out.append(f"{stem}{numbers[0]}.{rest}")
-        else:
-            out.append(f"{_span(stem, sorted(int(n) for n in numbers))} {rest}")
-    return out
-
-
-def _span(stem: str, numbers: Sequence[int]) -> str:
-    if numbers[-1] - numbers[0] == len(numbers) - 1:
-        return f"{stem}{numbers[0]}..{stem}{numbers[-1]}"
-    return ", ".join(f"{stem}{n}" for n in numbers)
-
-
 def _sparse(basis: Array, names: Sequence[str]) -> Array:
     """The same directions, each led by one parameter (row reduction): frames first; largest part 1."""
     rows, free = basis.copy(), list(range(len(basis)))
@@ -248,17 +191,3 @@ def _reduce(rows: Array, lead: int, pivot: int) -> None:
     for other in range(len(rows)):
         if other != lead:
             rows[other] -= rows[other, pivot] * rows[lead]
-
-
-__all__ = [
-    "Direction",
-    "Knowledge",
-    "determined",
-    "grouped",
-    "identifiable",
-    "nearly_unseen",
-    "shares",
-    "units_of",
-    "unseen",
-    "unseen_directions",
-]

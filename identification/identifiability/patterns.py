@@ -188,6 +188,3 @@ def _spanned(rows: Sequence[Array], new: Array, share: float = 1e-3) -> bool:
     basis = np.array(rows)
     away = new - np.linalg.lstsq(basis.T, new, rcond=None)[0] @ basis
     return bool(np.linalg.norm(away) < share * np.linalg.norm(new))
-
-
-__all__ = ["Blind", "Pattern", "patterns", "point_frames", "remaining"]

@@ -44,7 +44,7 @@ def drawn_poses(machine: Machine, n: int, seed: int = SEED) -> Recording:
     return Recording(
         joints=machine.mechanism.readings,
         q=q,
-        readings={},
+        observations={},
         labels={},
         drivers={},
         files=("drawn poses",),
@@ -60,10 +60,10 @@ def drawn_poses(machine: Machine, n: int, seed: int = SEED) -> Recording:
 
 def measured(machine: Machine, recording: Recording) -> bool:
     """Whether every column of every sensor was recorded."""
-    return all(name in recording.readings for sensor in machine.sensors for name in sensor.columns)
+    return all(name in recording.observations for sensor in machine.sensors for name in sensor.columns)
 
 
-def with_readings(machine: Machine, recording: Recording) -> Predictor:
+def with_observations(machine: Machine, recording: Recording) -> Predictor:
     """A predictor whose recording has readings: where some are missing, what the sensors should have read."""
     predictor = Predictor(machine, recording, machine.effects)
     if measured(machine, recording):
@@ -74,7 +74,7 @@ def with_readings(machine: Machine, recording: Recording) -> Predictor:
     names, values, _, _ = predictor.columns(p, x)
     read = dict(zip(names, np.where(good[:, None], values, 0.0).T, strict=True))
     complete = copy.copy(predictor)
-    complete.recording = replace(recording, readings={**recording.readings, **read})
+    complete.recording = replace(recording, observations={**recording.observations, **read})
     return complete
 
 
@@ -85,24 +85,21 @@ class Seen:
 
     factor: Array
     used: NDArray[np.bool_]
-    readings: int
+    n_observations: int
 
     @classmethod
     def at(cls, predictor: Predictor, prior: Prior, p: Array) -> Seen:
         """At parameters ``p`` (np,)."""
         x, good = predictor.assemble(p)
         used = good & ~predictor.recording.validation
-        free, readings = prior.free, 0
+        free, count = prior.free, 0
 
         def rows() -> Iterator[Array]:
-            nonlocal readings
+            nonlocal count
             for block in predictor.blocks(p, x, used):
                 jacobian = block.jacobian[used[block.rows]][:, :, free] * prior.scale[free]
                 flat = jacobian.reshape(-1, len(free))
-                readings += int(np.sum(np.any(flat != 0.0, axis=1)))
+                count += int(np.sum(np.any(flat != 0.0, axis=1)))
                 yield flat
 
-        return cls(triangular(rows(), len(free)), used, readings)
-
-
-__all__ = ["SEED", "Seen", "drawn_poses", "measured", "with_readings"]
+        return cls(triangular(rows(), len(free)), used, count)

@@ -158,13 +158,3 @@ def _subset(columns: Columns, kept: Sequence[int]) -> Subset:
     singular = np.linalg.svd(matrix, compute_uv=False)
     condition = float(singular[0] / singular[-1]) if len(singular) else 0.0
     return Subset(tuple(columns.names[k] for k in kept), relations, condition)
-
-
-__all__ = [
-    "Columns",
-    "SpectralReduction",
-    "Subset",
-    "independent_subset",
-    "sequential_subset",
-    "spectral_reduction",
-]

@@ -13,10 +13,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 from scipy.stats import chi2 as chi2_distribution
 
 from truepose.errors import ConvergenceError, InputError
+from truepose.identification.fit.leastsquares import minimise
 from truepose.models import lie
 
 Array = NDArray[np.float64]
@@ -27,6 +27,7 @@ SUSPICIOUS = 0.01
 """Chance that any good point of a body is called suspect."""
 _MAX_ITERATIONS = 100
 _FLAT = 1e-6
+_EXACT = 1e-20  # of a squared radius
 
 
 @dataclass(frozen=True)
@@ -142,16 +143,19 @@ def cylinder_frame(points: ArrayLike, radius: float) -> Array:
     axes[0] *= np.linalg.det(axes)
     local = (p - middle) @ axes.T
 
-    def gaps(u: Array) -> Array:
-        """Distances to the axis through (u0, u1, 0) along (u2, u3, 1), less the radius."""
-        z = np.array([u[2], u[3], 1.0]) / np.sqrt(1.0 + u[2] ** 2 + u[3] ** 2)
-        return np.asarray(np.linalg.norm(np.cross(local - [u[0], u[1], 0.0], z), axis=1) - radius)
+    def blocks(u: Array) -> list[Array]:
+        """[J r]: distances to the axis through (u0, u1, 0) along (u2, u3, 1), less the radius, in radii."""
+        w, v = np.array([u[2], u[3], 1.0]), local - [u[0], u[1], 0.0]
+        height = v @ w / (w @ w)
+        across = v - height[:, None] * w
+        away = np.linalg.norm(across, axis=1)
+        out = -across[:, :2] / np.maximum(away, 1e-300)[:, None]
+        return [np.column_stack([out, height[:, None] * out, away - radius]) / radius]
 
     starts = [
         np.array([a * radius, b * radius, 0.0, 0.0]) for a, b in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
     ]
-    fits = [least_squares(gaps, start, method="lm", x_scale=[radius, radius, 0.1, 0.1]) for start in starts]
-    u = min(fits, key=lambda fit: float(fit.cost)).x
+    u = min((minimise(blocks, start, tolerance=_EXACT) for start in starts), key=lambda fit: fit.cost).t
     z = np.array([u[2], u[3], 1.0]) / np.sqrt(1.0 + u[2] ** 2 + u[3] ** 2)
     foot = np.array([u[0], u[1], 0.0])
     foot = foot - (foot @ z) * z  # where the axis passes the barycentre, the origin here

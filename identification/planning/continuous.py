@@ -130,6 +130,3 @@ def _apart(q: Array, information: PoseInformation, seed: int) -> Array:
         _APART * information.span * np.random.default_rng(seed).standard_normal((len(again), q.shape[1]))
     )
     return np.clip(out, information.low, information.high)
-
-
-__all__ = ["Landscape", "climb"]

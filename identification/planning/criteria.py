@@ -98,7 +98,7 @@ class Objective:
     prior: Array
 
     def project(self, rows: Array) -> Array:
-        """(..., r) rows of a Jacobian (..., k)."""
+        """Rows of a Jacobian (..., k) in the objective's r directions: (..., r)."""
         return np.asarray(rows @ self.basis)
 
     def value(self, rows: Array) -> float:
@@ -132,6 +132,3 @@ class Objective:
         stacked = np.vstack([rows.reshape(-1, rows.shape[-1]), self.prior])
         _, s, vt = np.linalg.svd(np.linalg.qr(stacked, mode="r"), full_matrices=False)
         return np.asarray(s[::-1] ** 2), np.asarray(vt[::-1].T)
-
-
-__all__ = ["CRITERIA", "Criterion", "Objective"]

@@ -32,7 +32,10 @@ class Pool:
 
     @classmethod
     def of(cls, signature: Array, differs: NDArray[np.bool_]) -> Pool:
-        """With as few rows a candidate as hold the same information, where no reading is a difference."""
+        """From signatures (c, m, r), with as few rows a candidate as hold the same information.
+
+        Where a reading is a difference, ``differs`` (m,), all rows stay.
+        """
         if differs.any() or not len(signature):
             return cls(signature, differs)
         _, s, v = np.linalg.svd(signature, full_matrices=False)
@@ -40,7 +43,7 @@ class Pool:
         return cls(s[:, :rank, None] * v[:, :rank], np.zeros(rank, dtype=bool))
 
     def row(self, candidate: NDArray[np.intp] | int, before: int | None) -> Array:
-        """(..., m, r) Jacobian of poses that follow ``before`` (None: they come first)."""
+        """Jacobian (..., m, r) of poses, ``candidate`` (...,), that follow ``before`` (None: they come first)."""
         here = self.signature[candidate]
         if not self.differs.any():
             return np.asarray(here)
@@ -125,6 +128,3 @@ def _scores(objective: Objective, rows: Array, updates: Array, signs: Array) -> 
         objective.information(rows) + some.transpose(0, 2, 1) @ (signs[:, None] * some)
     )
     return out
-
-
-__all__ = ["DEPTH", "Pool", "exchange"]

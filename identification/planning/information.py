@@ -51,7 +51,7 @@ class Poses:
         return np.asarray(self.good & (self.amplification <= strongest))
 
     def take(self, rows: NDArray[np.intp] | Mask) -> Poses:
-        """Some of them."""
+        """Poses by number (k,) or by mask (n,)."""
         return Poses(
             self.q[rows], self.x[rows], self.signature[rows], self.good[rows], self.amplification[rows]
         )
@@ -255,7 +255,7 @@ def _recording(machine: Machine, q: Array) -> Recording:
     return Recording(
         joints=machine.mechanism.readings,
         q=frozen(q.copy()),
-        readings={},
+        observations={},
         labels={},
         drivers={},
         files=("planned poses",),
@@ -267,6 +267,3 @@ def _recording(machine: Machine, q: Array) -> Recording:
         pose=frozen(rows + 1),
         from_row=frozen(np.maximum(rows - 1, 0)),
     )
-
-
-__all__ = ["PoseInformation", "Poses"]

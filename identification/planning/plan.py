@@ -158,10 +158,10 @@ def _objective(
     seen = w > SEEN
     if criterion.with_prior:
         return Objective(criterion, np.eye(k), np.diag(information.weight)), int(np.sum(seen))
-    readings = int(np.sum(np.any(rows[0] != 0.0, axis=1)))
-    if readings < np.sum(seen) or not seen.any():
+    count = int(np.sum(np.any(rows[0] != 0.0, axis=1)))
+    if count < np.sum(seen) or not seen.any():
         raise InputError(
-            f"criterion {criterion.name}: found {len(draws[0].q)} poses ({readings} readings), expected at least "
+            f"criterion {criterion.name}: found {len(draws[0].q)} poses ({count} readings), expected at least "
             f"{max(int(np.sum(seen)), 1)} readings: as many as directions that poses of this machine can show; "
             "take more poses, or criterion d"
         )
@@ -197,6 +197,3 @@ def _indices(information: PoseInformation, poses: Poses) -> Observability:
     rows = information.rows(poses.signature).reshape(-1, len(information.names))
     found = Decomposition.of(np.asarray(np.linalg.qr(rows, mode="r")), information.weight)
     return found.observability(int(np.sum(np.any(rows != 0.0, axis=1))))
-
-
-__all__ = ["METHODS", "Plan", "plan"]

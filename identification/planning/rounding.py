@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.machine import Machine
-from truepose.models.mechanism import Actuator
-from truepose.models.units import UnitSystem, compatible, convert
+from truepose.models.units import convert
 
 Array = NDArray[np.float64]
 
@@ -18,7 +17,7 @@ def rounded(q: Array, machine: Machine, step: float) -> Array:
     for k, actuator in enumerate(machine.mechanism.actuators):
         if actuator.range is None:
             continue
-        unit = file_unit(actuator, machine)
+        unit = machine.units.of_joint(actuator.reading_unit)
         low, high = (convert(end, actuator.reading_unit, unit) for end in actuator.range)
         places = decimals(np.array([high - low]), step)
         values = np.round(convert(q[:, k], actuator.reading_unit, unit), places)
@@ -27,18 +26,7 @@ def rounded(q: Array, machine: Machine, step: float) -> Array:
 
 
 def decimals(values: Array, step: float) -> int:
-    """Decimals that resolve ``step`` of the largest value; 0 where all are zero."""
+    """Decimals that resolve ``step`` of the largest of ``values`` (n,); 0 where all are zero."""
     if not np.any(values):
         return 0
     return int(np.ceil(-np.log10(step * float(np.max(np.abs(values))))))
-
-
-def file_unit(actuator: Actuator, machine: Machine) -> str:
-    """The unit of a joint's column: as recordings of this machine are read."""
-    units = machine.file.units if machine.file else UnitSystem()
-    if units.joint is not None and compatible(units.joint, actuator.reading_unit):
-        return units.joint
-    return {"mm": units.length, "rad": units.angle}.get(actuator.reading_unit, actuator.reading_unit)
-
-
-__all__ = ["decimals", "file_unit", "rounded"]

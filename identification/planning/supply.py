@@ -82,6 +82,3 @@ def _levels(information: PoseInformation, rng: np.random.Generator) -> Array:
     else:
         shares = np.unique(rng.integers(0, 3, (wanted, joints)), axis=0) / 2.0
     return np.asarray(information.low + shares * (information.high - information.low))
-
-
-__all__ = ["CANDIDATES", "Supply"]

@@ -64,6 +64,3 @@ def _nearest(q: Array, good: Mask) -> NDArray[np.intp]:
     span = np.ptp(q, axis=0)
     scaled = q / np.where(span > 0, span, 1.0)
     return np.flatnonzero(good)[cKDTree(scaled[good]).query(scaled[~good])[1]]
-
-
-__all__ = ["Loops"]

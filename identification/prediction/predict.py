@@ -20,7 +20,8 @@ from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.driver import Driver
 from truepose.models.machine import Machine
-from truepose.models.units import UnitSystem
+from truepose.models.mechanism import AXIS_UNITS
+from truepose.models.units import convert
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -44,17 +45,17 @@ def predict(machine: Machine, recording: Recording) -> pd.DataFrame:
     Columns are in the units of the machine file. Rows that cannot be assembled are NaN (see ``unassembled``).
     """
     found = predicted(predictor_for(machine, recording))
-    units = machine.file.units if machine.file else UnitSystem()
+    units = machine.units
     assert found.std is not None
     data: dict[str, Array] = {}
     for k, (name, unit) in enumerate(found.columns.items()):
-        data[name] = from_internal(found.values[:, k], unit, units)
-        data[f"{name}.std"] = from_internal(found.std[:, k], unit, units)
+        data[name] = convert(found.values[:, k], unit, units.written(unit))
+        data[f"{name}.std"] = convert(found.std[:, k], unit, units.written(unit))
     turns = np.full((len(recording), 3), np.nan)
     turns[found.good] = lie.log_so3(found.poses[found.good, :3, :3])
     pose = np.hstack([found.poses[:, :3, 3], turns])
-    for k, name in enumerate(POSE):
-        data[name] = from_internal(pose[:, k], "mm" if k < 3 else "rad", units)
+    for name, values, unit in zip(POSE, pose.T, AXIS_UNITS.values(), strict=True):
+        data[name] = convert(values, unit, units.written(unit))
     return pd.DataFrame(data)
 
 
@@ -151,16 +152,9 @@ def _stated(predictor: Predictor) -> Array:
     return np.array(sigma)
 
 
-def from_internal(values: Array, unit: str, units: UnitSystem) -> Array:
-    """Values of a column (mm, rad, or another unit that stays) in the file's units."""
-    dimension = {"mm": "length", "rad": "angle"}.get(unit)
-    return values if dimension is None else units.from_internal(values, dimension)
-
-
 __all__ = [
     "POSE",
     "Prediction",
-    "from_internal",
     "predict",
     "predicted",
     "predictor_for",

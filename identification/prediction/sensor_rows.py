@@ -114,7 +114,7 @@ class SensorFunctions:
         comparison: Comparison | None,
     ) -> Block:
         """Residuals whitened by sigma, with their derivatives, of what is seen in ``rows``."""
-        columns = [recording.readings[c][rows] for c in self.sensor.columns]
+        columns = [recording.observations[c][rows] for c in self.sensor.columns]
         y = np.column_stack(columns) if columns else np.zeros((len(sight.pose), 0))
         if comparison is None:
             self._check_labels(recording)

@@ -14,14 +14,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.prediction.predict import from_internal, predicted, predictor_for
+from truepose.identification.prediction.predict import predicted, predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table
 from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.load import place_effect, resolve_place
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.machine_file import EffectSpec
-from truepose.models.units import UnitSystem, close_matches, parse_unit
+from truepose.models.units import close_matches, convert, parse_unit
 
 Array = NDArray[np.float64]
 _HEAD = re.compile(r"^(?P<slug>[^@:=\s]+)@(?P<place>[^:=]+)(?::(?P<rest>.*))?$")
@@ -46,7 +46,7 @@ def simulate(
         row = int(np.flatnonzero(~found.good)[0])
         raise InputError(f"{poses.where(row)}: the mechanism cannot be assembled there; mend or drop the row")
     rng = np.random.default_rng(0 if seed is None else seed)
-    units = machine.file.units if machine.file else UnitSystem()
+    units = machine.units
     data: dict[str, Array] = {}
     offset = 0
     for sensor in machine.sensors:
@@ -56,7 +56,7 @@ def simulate(
         if sensor.differs_from_row and poses.from_row is not None:  # a change since itself is nothing
             read = np.where((poses.from_row == np.arange(len(poses)))[:, None], 0.0, read)
         for k, (name, unit) in enumerate(sensor.columns.items()):
-            data[name] = from_internal(read[:, k], unit, units)
+            data[name] = convert(read[:, k], unit, units.written(unit))
     return pd.DataFrame(data)
 
 
@@ -69,15 +69,15 @@ def _check_labels(machine: Machine, poses: Recording) -> None:
                 )
 
 
-def with_inputs(path: Path | str, readings: pd.DataFrame) -> pd.DataFrame:
+def with_inputs(path: Path | str, simulated: pd.DataFrame) -> pd.DataFrame:
     """The columns of a file of poses as they stand, then the simulated readings in place of its own."""
     table = read_table(path)
     kept = {}
     for column in table.columns:
-        if column.name not in readings:
+        if column.name not in simulated:
             header = column.name if column.unit is None else f"{column.name} [{column.unit}]"
             kept[header] = list(table.cells[column.name])
-    return pd.concat([pd.DataFrame(kept), readings], axis=1)
+    return pd.concat([pd.DataFrame(kept), simulated], axis=1)
 
 
 def parse_effect(text: str, machine: Machine, option: str = "--effect") -> PlacedEffect:

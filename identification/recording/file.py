@@ -14,7 +14,7 @@ from truepose.errors import InputError
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.driver import APPROACH, VELOCITY, Driver
-from truepose.models.units import FloatArray, UnitSystem, close_matches, compatible, convert
+from truepose.models.units import FloatArray, UnitSystem, close_matches, convert, meant
 
 IntArray = npt.NDArray[np.int64]
 
@@ -42,7 +42,7 @@ class RecordingPart:
 
     file: str
     q: FloatArray  # (n, n_joints)
-    readings: Mapping[str, FloatArray]
+    observations: Mapping[str, FloatArray]
     labels: Mapping[str, tuple[str, ...]]
     drivers: Mapping[str, FloatArray]
     validation: npt.NDArray[np.bool_]
@@ -72,7 +72,7 @@ def read_part(
     return RecordingPart(
         file=table.file,
         q=np.column_stack([_joint(table, joint, units) for joint in joints]),
-        readings={n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL},
+        observations={n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL},
         labels={name: table.texts(name) for name, unit in present.items() if unit == LABEL},
         drivers=drivers,
         validation=_validation(table),
@@ -95,19 +95,8 @@ def _converted(table: Table, name: str, default: str, internal: str) -> FloatArr
     return convert(values, table.unit(name, default, internal), internal, table.where(name))
 
 
-def _default_unit(internal: str, units: UnitSystem) -> str:
-    return {"mm": units.length, "rad": units.angle}.get(internal, internal)
-
-
-def joint_unit(joint: JointColumn, units: UnitSystem) -> str:
-    """The unit a joint's column is in unless its header says otherwise."""
-    if units.joint is not None and compatible(units.joint, joint.unit):
-        return units.joint
-    return _default_unit(joint.unit, units)
-
-
 def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
-    unit = table.unit(joint.name, joint_unit(joint, units), joint.unit)
+    unit = table.unit(joint.name, units.of_joint(joint.unit), joint.unit)
     recorded = table.numbers(joint.name)
     readings = convert(recorded, unit, joint.unit)
     if joint.range is None:
@@ -126,11 +115,11 @@ def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
 
 
 def _reading(table: Table, name: str, internal: str, units: UnitSystem) -> FloatArray:
-    return _converted(table, name, _default_unit(internal, units), internal)
+    return _converted(table, name, units.written(internal), internal)
 
 
 def _drivers(table: Table, joints: Sequence[JointColumn], units: UnitSystem) -> dict[str, FloatArray]:
-    written, internal = {j.name: joint_unit(j, units) for j in joints}, {j.name: j.unit for j in joints}
+    written, internal = {j.name: units.of_joint(j.unit) for j in joints}, {j.name: j.unit for j in joints}
     temperatures = [name for name in table.names if Driver.of(name).thermal]
     out = {}
     for name in (*_LOGGED, *temperatures, *_of_joints(joints)):
@@ -184,7 +173,6 @@ def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tupl
     optional = {*known, *_LOGGED, *_of_joints(joints)}
     named = []
     for name in ignored:
-        hint = close_matches(name, optional - set(table.names))
-        near = hint.startswith("did you mean")
-        named.append(f"{name!r} ({hint})" if near else repr(name))
+        hint = meant(name, optional - set(table.names))
+        named.append(f"{name!r} ({hint})" if hint else repr(name))
     return (f"{table.file}: ignored columns that mean nothing here: {', '.join(named)}",)

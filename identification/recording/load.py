@@ -8,27 +8,35 @@ from pathlib import Path
 from truepose.identification.recording.file import LABEL
 from truepose.identification.recording.recording import JointColumn, Recording, read_recording
 from truepose.models.machine import Machine
-from truepose.models.units import UnitSystem
+
+
+def joint_columns(machine: Machine) -> list[JointColumn]:
+    """What the joints' columns of a recording of this machine hold."""
+    return [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
 
 
 def load_recording(
-    machine: Machine, paths: Sequence[Path | str], *, need_readings: bool = True, without: str = ""
+    machine: Machine, paths: Sequence[Path | str], *, need_observations: bool = True, without: str = ""
 ) -> Recording:
     """One or several files as one recording. Raises InputError naming file, row and column.
 
-    Without ``need_readings`` the sensors' columns may be missing; else only the column ``without`` may.
+    Without ``need_observations`` the sensors' columns may be missing; else only the column ``without`` may.
     """
     files = [Path(p) for p in paths]
-    joints = [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
     columns = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
     columns |= {name: LABEL for sensor in machine.sensors for name in sensor.label_columns}
     optional = [name for sensor in machine.sensors for name in sensor.optional_labels]
-    units = machine.file.units if machine.file else UnitSystem()
-    changes = need_readings and any(sensor.differs_from_row for sensor in machine.sensors)
+    changes = need_observations and any(sensor.differs_from_row for sensor in machine.sensors)
     required = ("from",) if changes else ()
     if without:
         required = (*required, *(name for name in columns if name != without))
-        need_readings = False
+        need_observations = False
     return read_recording(
-        files, joints, columns, units, need_readings, required=required, optional_labels=optional
+        files,
+        joint_columns(machine),
+        columns,
+        machine.units,
+        need_observations,
+        required=required,
+        optional_labels=optional,
     )

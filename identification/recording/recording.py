@@ -40,7 +40,7 @@ class Recording:
 
     joints: tuple[str, ...]
     q: FloatArray  # (n, n_joints)
-    readings: Mapping[str, FloatArray]
+    observations: Mapping[str, FloatArray]
     labels: Mapping[str, tuple[str, ...]]
     drivers: Mapping[str, FloatArray]
     files: tuple[str, ...]
@@ -92,14 +92,17 @@ class Recording:
         seen = (numbers[place] == self.session) & (self.session_recorded | own)
         return frozen(np.where(seen, place, numbers.size - 1).astype(np.int64))
 
+    @property
+    def logged(self) -> tuple[str, ...]:
+        """Every logged driver, time included."""
+        return (*self.drivers, *((TIME,) if self.time is not None else ()))
+
     def driver(self, name: str, sessions: Sequence[int] | None = None) -> FloatArray | None:
         """What the recording logged under a driver's name, (n,); None when it did not.
 
-        `time` s, `payload` kg, `pressure` hPa, `humidity` percent, `approach.J`, `velocity.J` (unit of
-        the joint per s), `temperature.PLACE` degC (else `temperature.air`); `temperature.PLACE~300` is
-        the same seen through a first-order lag of 300 s, and `stop.J~r`, `creep.J~t0` what a joint's way leaves
-        behind (see `truepose.identification.recording.memory`); `session.after.K` is 1 from the K-th session
-        change on, 0 before, sessions ranked among `sessions` (see `session_rank`).
+        Units are in `truepose.models.driver`. `temperature.air` stands in for places without a column; names with
+        numbers are of drivers that remember (`truepose.identification.recording.memory`); `session.after.K` is 1
+        from the K-th session change on, 0 before, sessions ranked among `sessions` (see `session_rank`).
         """
         driver = Driver.of(name)
         if driver.after is not None:
@@ -108,15 +111,6 @@ class Recording:
             values = remembered(self.whole, driver)
             return None if values is None else frozen(values[self.rows])
         return self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
-
-    def origins(self) -> Recording:
-        """For each row the row that `from` names, as a recording of the same length.
-
-        Raises ValueError when the recording has no `from`.
-        """
-        if self.from_row is None:
-            raise ValueError("the recording has no column 'from'")
-        return self.whole.subset(self.from_row)
 
     def replicates(self) -> IntArray:
         """Label per row (n,): rows of one file, session and `pose` at the same readings share it."""
@@ -136,7 +130,7 @@ class Recording:
         return replace(
             self,
             q=frozen(self.q[index]),
-            readings={name: frozen(values[index]) for name, values in self.readings.items()},
+            observations={name: frozen(values[index]) for name, values in self.observations.items()},
             labels={name: tuple(texts[k] for k in index) for name, texts in self.labels.items()},
             drivers={name: frozen(values[index]) for name, values in self.drivers.items()},
             source_file=frozen(self.source_file[index]),
@@ -167,7 +161,7 @@ def read_recording(
     joints: Sequence[JointColumn],
     sensor_columns: Mapping[str, str],
     units: UnitSystem,
-    need_readings: bool = True,
+    need_observations: bool = True,
     *,
     required: Sequence[str] = (),
     optional_labels: Sequence[str] = (),
@@ -175,14 +169,14 @@ def read_recording(
     """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
 
     `sensor_columns` maps each column to its internal unit ("mm", "rad", "1"), or to "label" for a text.
-    Without `need_readings` sensor columns may be missing. `required` names further columns that must be
+    Without `need_observations` sensor columns may be missing. `required` names further columns that must be
     there (`from`), `optional_labels` texts to keep when they are. Raises InputError naming file, row and
     column.
     """
     if not paths:
         raise InputError("found no recording, expected at least one file")
     asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
-    needed = (*(sensor_columns if need_readings else ()), *required)
+    needed = (*(sensor_columns if need_observations else ()), *required)
     parts = [read_part(path, joints, asked, units, needed) for path in paths]
     return _join(parts, tuple(joint.name for joint in joints), tuple(asked))
 
@@ -203,7 +197,7 @@ def _join(
     return Recording(
         joints=joints,
         q=frozen(np.concatenate([part.q for part in parts])),
-        readings=_common(parts, "readings", sensor_columns, notes),
+        observations=_common(parts, "observations", sensor_columns, notes),
         labels={
             name: _labels(parts, name) for name in sensor_columns if any(name in p.labels for p in parts)
         },

@@ -16,6 +16,7 @@ from truepose.identification.report.document import Block, Document, Items, Plot
 from truepose.identification.report.drift_words import (
     DAY,
     HOUR,
+    drift_notes,
     durability_sentences,
     headline,
     moved_sentences,
@@ -42,7 +43,7 @@ def drift_html(found: Drift) -> str:
     """The page as text."""
     facts = [
         ("sessions", ", ".join(found.labels)),
-        ("readings", str(sum(found.readings))),
+        ("readings", str(sum(found.n_observations))),
         ("noise", f"{significant(found.noise)} times the stated"),
     ]
     sections = [
@@ -50,8 +51,9 @@ def drift_html(found: Drift) -> str:
         Section("lasting", "How long a calibration lasts", _lasting_blocks(found)),
         Section("parameters", "Every parameter", [_parameter_table(found)]),
     ]
-    if found.notes:
-        sections.append(Section("notes", "Notes", [Items(list(found.notes))]))
+    notes = drift_notes(found)
+    if notes:
+        sections.append(Section("notes", "Notes", [Items(notes)]))
     tone: Tone = "warn" if found.moved else "good"
     return render.html(Document(f"Drift of {found.machine}", headline(found), tone, facts, sections))
 
@@ -160,6 +162,3 @@ def _parameter_table(found: Drift) -> Table:
         "The last column: two sigmas of a movement from the first session to the last, if it moved alone."
     )
     return Table(head, rows, caption=caption, text_columns=2)
-
-
-__all__ = ["drift_html"]

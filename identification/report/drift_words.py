@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from truepose.identification.drift.analysis import Drift
+from truepose.identification.drift.analysis import ROUNDS, Drift
 from truepose.identification.drift.durability import Check
 from truepose.identification.drift.sizes import Movement
-from truepose.identification.identifiability.observability import grouped
-from truepose.identification.report.identifiability_words import unseen_sentences
+from truepose.identification.report.identifiability_words import grouped, meaning, unseen_sentences
+from truepose.identification.report.json_text import Json, finite
+from truepose.identification.report.notes import worded
 from truepose.identification.report.numbers import measure, percent, significant, uncertain
-from truepose.identification.report.results import finite
 from truepose.wording import shortened
 
-Json = dict[str, Any]
 SCHEMA = "truepose/drift/1"
 HOUR, DAY = 3600.0, 86400.0
+NOISY = 1.5
+"""Noise, in stated sigmas, above which physics that the model lacks may show as movement."""
 SHOWN = 12
 TRADED = 5
 ALIKE = 4
@@ -27,6 +27,19 @@ WAYS = {
     "carried": "the calibration of {first} as it is",
     "frames": "re-identifying the frames and sensor constants alone",
 }
+
+
+def drift_notes(found: Drift) -> list[str]:
+    """What a reader must know before the result."""
+    out = worded(found.notes)
+    if found.noise > NOISY:
+        out.append(
+            f"residuals are {found.noise:.2g} times the stated noise: either it is stated too small or the model lacks"
+            " physics, which differs between sets of poses and may show as movement (truepose diagnose looks for it)"
+        )
+    if not found.settled:
+        out.append(f"the joint fit still moved after {ROUNDS} rounds; sizes are approximate")
+    return out
 
 
 def drift_lines(found: Drift) -> list[str]:
@@ -202,14 +215,18 @@ def drift_json(found: Drift) -> Json:
         "schema": SCHEMA,
         "machine": found.machine,
         "sessions": [
-            {"label": label, "time": found.times[k] if found.times else None, "readings": found.readings[k]}
+            {
+                "label": label,
+                "time": found.times[k] if found.times else None,
+                "readings": found.n_observations[k],
+            }
             for k, label in enumerate(found.labels)
         ],
         "noise": found.noise,
         "log_bayes_factor": found.log_bayes_factor,
         "moved": [m.name for m in found.moved],
         "parameters": {m.name: _movement(found, m) for m in found.movements},
-        "unseen": [{"parts": dict(d.parts), "meaning": d.meaning} for d in found.unseen.directions],
+        "unseen": [{"parts": dict(d.parts), "meaning": meaning(d)} for d in found.unseen.directions],
         "durability": [
             {
                 "session": found.labels[k + 1],
@@ -220,7 +237,7 @@ def drift_json(found: Drift) -> Json:
             for k in range(len(durable.full))
         ],
         "sentences": durability_sentences(found),
-        "notes": list(found.notes),
+        "notes": drift_notes(found),
     }
     return dict(finite(out))
 
@@ -252,17 +269,3 @@ def _check(check: Check | None) -> Json | None:
         "p": check.p,
         "suffices": check.holds,
     }
-
-
-__all__ = [
-    "advice",
-    "drift_json",
-    "drift_lines",
-    "durability_sentences",
-    "headline",
-    "movement_sentence",
-    "place",
-    "rate_unit",
-    "span",
-    "still_sentences",
-]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.numbers import unit_symbol
-from truepose.models.driver import TIME, Driver
+from truepose.models.driver import Driver
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel
 
@@ -29,7 +29,7 @@ class Column:
 def columns(machine: Machine, recording: Recording, first: Sequence[str] = ()) -> list[Column]:
     """Joints, what was logged and varies, the order of rows: twelve at most, those of ``first`` kept."""
     out = [joint_column(machine, recording, name) for name in recording.joints]
-    for name in [*recording.drivers, *([TIME] if recording.time is not None else [])]:
+    for name in recording.logged:
         values = recording.driver(name)
         if values is not None:
             unit = Driver.of(name).unit(machine.mechanism.reading_units)

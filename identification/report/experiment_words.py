@@ -162,6 +162,3 @@ def _worth_json(worth: Worth) -> dict[str, Any]:
         "held" if worth.offered else "would_bring": worth.expected,
         "opens": worth.opened,
     }
-
-
-__all__ = ["experiment_json", "sentences"]

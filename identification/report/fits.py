@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.summary import FitSummary
+from truepose.identification.fit.summary import FitSummary, rms_by_kind
 from truepose.models.machine import Machine
 
 Mask = NDArray[np.bool_]
@@ -44,7 +44,7 @@ class FitColumn:
 
 
 def fit_column(key: str, fit: Estimate, summary: FitSummary, validation: Mask) -> FitColumn:
-    """One fit of the three."""
+    """One fit of the three; ``validation`` (n,) are rows never fitted."""
     return FitColumn(
         key, *NAMES[key], (_rms(fit.residual[fit.used]), _rms(fit.residual[validation])), summary
     )
@@ -60,11 +60,7 @@ def fit_columns(diagnosis: Diagnosis) -> list[FitColumn]:
 
 def stated_noise(machine: Machine) -> dict[str, float]:
     """What the stated sigmas make of each kind's norm, in its unit: root of the summed squares of a point."""
-    squares: dict[tuple[str, str], float] = {}
-    for c in machine.channels:
-        squares[c.kind, c.point] = squares.get((c.kind, c.point), 0.0) + c.sigma**2
-    kinds = dict.fromkeys(kind for kind, _ in squares)
-    return {k: float(np.sqrt(np.mean([v for (kind, _), v in squares.items() if kind == k]))) for k in kinds}
+    return rms_by_kind(np.ones((1, len(machine.channels))), machine.channels)
 
 
 def _rms(residual: NDArray[np.float64]) -> float | None:

@@ -78,7 +78,7 @@ def _blind_words(fit: Estimate, blind: Array) -> list[str]:
 
 
 def still(blind: Array, fixed: NDArray[np.bool_]) -> Array:
-    """Orthonormal rows spanning the blind directions along which ``fixed`` parameters stand still."""
+    """(k, n) orthonormal rows spanning the directions of ``blind`` (b, n) along which ``fixed`` (n,) parameters stand still."""
     if not fixed.any() or not len(blind):
         return blind
     u, s, _ = np.linalg.svd(blind[:, fixed])

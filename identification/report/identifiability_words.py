@@ -6,22 +6,26 @@ whether a common factor or a common shift of many of them is what no reading see
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
-from truepose.identification.identifiability.observability import Direction, Knowledge, grouped
+from truepose.identification.identifiability.observability import Direction, Knowledge
 from truepose.identification.identifiability.patterns import Blind, Pattern
+from truepose.identification.report.json_text import Json, finite
+from truepose.identification.report.notes import worded
+from truepose.models.machine import FRAME_OF
 from truepose.wording import joined, shortened
 
-Json = dict[str, Any]
 SCHEMA = "truepose/identifiability/1"
 SHOWN = 8
+TOGETHER = 10
 TERMS = 6
 FEW = 6
 """Parameters of a block that are named one by one."""
+_NUMBERED = re.compile(r"^(?P<stem>\D+)(?P<number>\d+)\.(?P<rest>.+)$")
 _NUMBER_WORDS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
 
@@ -55,7 +59,7 @@ def _poses_line(found: Identifiability) -> str:
         source = f"{found.poses} poses drawn over the joints' ranges (seed {found.seed})"
     else:
         source = f"{found.poses} poses of {', '.join(found.files)}"
-    return f"{found.machine}: {source}, {found.readings} readings"
+    return f"{found.machine}: {source}, {found.n_observations} readings"
 
 
 def _rank_lines(found: Identifiability) -> list[str]:
@@ -194,6 +198,45 @@ def _terms(known: Knowledge, direction: Direction) -> str:
     return shortened(groups, TERMS)
 
 
+def meaning(direction: Direction) -> str:
+    """A sentence: what moves with what, and who decided."""
+    names, open_ended = tuple(direction.parts), direction.open_ended
+    who = "nothing decided, they stay at the drawing" if open_ended else "tolerances decided"
+    groups = grouped(sorted(names, key=lambda name: name not in FRAME_OF))
+    if len(names) == 1:
+        who = "nothing decided, it stays at the drawing" if open_ended else "its tolerance decided"
+        return f"{names[0]} alone is not seen; {who}"
+    rest = groups[1:] or groups
+    shown = shortened(rest, TOGETHER)
+    if len(groups) == 1:
+        return f"moving {shown} together is not seen; {who}"
+    return f"moving {groups[0]} together with {shown} is not seen; {who}"
+
+
+def grouped(names: Sequence[str]) -> list[str]:
+    """Names with those that differ by a number only drawn together: ``leg1..leg6 a.x``."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        match = _NUMBERED.match(name)
+        key = (match["stem"], match["rest"]) if match else ("", name)
+        groups.setdefault(key, []).append(match["number"] if match else "")
+    out = []
+    for (stem, rest), numbers in groups.items():
+        if not stem:
+            out.append(rest)
+        elif len(numbers) == 1:
+            out.append(f"{stem}{numbers[0]}.{rest}")
+        else:
+            out.append(f"{_span(stem, sorted(int(n) for n in numbers))} {rest}")
+    return out
+
+
+def _span(stem: str, numbers: Sequence[int]) -> str:
+    if numbers[-1] - numbers[0] == len(numbers) - 1:
+        return f"{stem}{numbers[0]}..{stem}{numbers[-1]}"
+    return ", ".join(f"{stem}{n}" for n in numbers)
+
+
 def _status_lines(found: Identifiability) -> list[str]:
     out = []
     for status in ("determined", "partly", "tolerance decides", "nothing decides"):
@@ -242,8 +285,6 @@ def _count(number: int) -> str:
 
 def identifiability_json(found: Identifiability) -> Json:
     """Everything, in mm and rad; what is infinite or no number becomes null."""
-    from truepose.identification.report.results import finite
-
     i = found.indices
     out = {
         "schema": SCHEMA,
@@ -251,7 +292,7 @@ def identifiability_json(found: Identifiability) -> Json:
         "files": list(found.files),
         "seed": found.seed,
         "poses": found.poses,
-        "readings": found.readings,
+        "readings": found.n_observations,
         "free_parameters": found.free,
         "rank": found.rank,
         "rank_at_drawing": found.rank_at_drawing,
@@ -267,7 +308,7 @@ def identifiability_json(found: Identifiability) -> Json:
             "left_out": {name: dict(terms) for name, terms in found.subset.relations.items()},
             "condition": found.subset.condition,
         },
-        "notes": list(found.notes),
+        "notes": worded(found.notes),
     }
     return dict(finite(out))
 
@@ -285,6 +326,3 @@ def _parameter(p: ParameterSight) -> Json:
 
 def _direction(found: Identifiability, direction: Direction) -> Json:
     return {"parts": dict(direction.parts), "meaning": _terms(found.known, direction)}
-
-
-__all__ = ["identifiability_json", "identifiability_lines", "unseen_sentences"]

@@ -1,10 +1,30 @@
-"""Remarks beside a diagnosis: rows left out, noise and tolerances that look misstated."""
+"""Remarks beside results: rows left out, what a plan does not vary, noise and tolerances that look misstated."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.note import Note
+from truepose.identification.selection.tolerance_classes import PartClass
+
+_SAID = {
+    "unassembled": "{}: the mechanism cannot be assembled there; the row was left out",
+    "crossing": "{}: counts from a row of another session; its reading was left out",
+    "validation": "{}: every row is for validation; it was left out",
+    "own class": "{} has a class of its own: plan for it apart",
+    "nameless": "{} may also stand in for something without a name, which no plan can foresee",
+    "payload": "the machine file has no mass called payload: it is taken to hang at the tool frame's origin; state "
+    "`payload: {{kg: 0, com: [0, 0, 0], in: tool}}` under masses before the diagnosis of what was measured",
+    "strokes": "{}: every move counts as a long one; strokes that shrink are not planned",
+    "creep": "{}: the time since the last move is not planned",
+    "unread": "{!r} is offered but no explanation reads it: it is not varied",
+}
+
+
+def worded(notes: Iterable[Note | str]) -> list[str]:
+    """Notes in words; those of a recording are in words already."""
+    return [note if isinstance(note, str) else _SAID[note.kind].format(note.about) for note in notes]
 
 
 def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
@@ -19,19 +39,17 @@ def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
     return (*recording.notes, *said, *_tolerance_notes(found.inflation))
 
 
-def _tolerance_notes(inflation: Mapping[str, float]) -> list[str]:
+def _tolerance_notes(inflation: Mapping[PartClass, float]) -> list[str]:
     """Which tolerances look too small; one line where all do alike."""
     values = list(inflation.values())
     if len(values) > 1 and min(values) > 1.5 and max(values) < 1.2 * min(values):
         return [f"without effects, all tolerances look {max(values):.1f} times too small"]
     return [
-        f"without effects, {_class_words(label)} tolerances look {value:.1f} times too small"
-        for label, value in inflation.items()
+        f"without effects, {_class_words(one)} tolerances look {value:.1f} times too small"
+        for one, value in inflation.items()
         if value > 1.5
     ]
 
 
-def _class_words(label: str) -> str:
-    """``length:leg.a``: the length (leg.a)."""
-    kind, _, group = label.partition(":")
-    return f"{kind} ({group})" if group else kind
+def _class_words(one: PartClass) -> str:
+    return f"{one.kind} ({one.parts})" if one.parts else one.kind

@@ -84,7 +84,7 @@ def _facts(machine: str, recording: Recording, fit: Estimate) -> list[tuple[str,
 def _calibration_document(estimate: Estimate, free: Estimate | None, recording: Recording) -> Document:
     machine = estimate.machine
     fits = {"calibrated": estimate} if free is None else {"free": free, "calibrated": estimate}
-    summaries = {key: summarise(fit, machine.channels, recording.validation) for key, fit in fits.items()}
+    summaries = {key: summarise(fit, recording.validation) for key, fit in fits.items()}
     drawn = [("calibrated", style.AFTER, estimate)]
     limits: list[Block] = limits_blocks(estimate)
     if recording.notes:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.planning.discriminate.result import Experiment
 from truepose.identification.planning.plan import Plan
-from truepose.identification.planning.rounding import decimals, file_unit
+from truepose.identification.planning.rounding import decimals
 from truepose.models.driver import APPROACH, SESSION, TIME, Driver
 from truepose.models.machine import Machine
 from truepose.models.units import convert
@@ -54,10 +54,11 @@ def experiment_table(experiment: Experiment) -> pd.DataFrame:
     if TIME in drivers:
         data[TIME] = _one_by_one(drivers.pop(TIME))
     data |= _joints(q, machine)
-    written_in = {a.reading: file_unit(a, machine) for a in machine.mechanism.actuators}
+    joints = machine.mechanism.reading_units
+    columns = {name: machine.units.of_joint(unit) for name, unit in joints.items()}
     for name, values in drivers.items():
         driver = Driver.of(name)
-        written = convert(values, driver.unit(machine.mechanism.reading_units), driver.unit(written_in))
+        written = convert(values, driver.unit(joints), driver.unit(columns))
         data[name] = np.round(written, decimals(written, _FINEST)) + 0.0
     return pd.DataFrame(data)
 
@@ -66,7 +67,7 @@ def _joints(q: Array, machine: Machine) -> dict[str, NDArray[np.float64] | NDArr
     """Joint values (n, nq) by column, in the units of the machine file."""
     data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
     for k, actuator in enumerate(machine.mechanism.actuators):
-        written = convert(q[:, k], actuator.reading_unit, file_unit(actuator, machine))
+        written = convert(q[:, k], actuator.reading_unit, machine.units.of_joint(actuator.reading_unit))
         # what is left of the conversion's rounding would make long numbers of short ones
         data[actuator.reading] = np.round(written, decimals(written, _FINEST)) + 0.0
     return data
@@ -83,6 +84,3 @@ def _numbered(q: Array) -> NDArray[np.int64]:
     _, first, group = np.unique(q, axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return np.asarray(1 + rank[group.reshape(-1)], dtype=np.int64)
-
-
-__all__ = ["experiment_table", "plan_table"]

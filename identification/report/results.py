@@ -1,15 +1,9 @@
-"""Results as JSON: ``diagnosis_json`` for ``diagnosis.json``, ``fit_json`` for ``fit.json``.
-
-What is no number (NaN, infinity) becomes null; the same result gives the same text.
-"""
+"""Results as JSON: ``diagnosis_json`` for ``diagnosis.json``, ``fit_json`` for ``fit.json``."""
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -18,10 +12,12 @@ from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Quantity
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.summary import FitSummary, rms_by_kind, worst_allowed
-from truepose.identification.identifiability.observability import identifiable, unseen_directions
+from truepose.identification.fit.summary import FitSummary, summarise
+from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import explanation, form_words, separating_experiment
+from truepose.identification.report.identifiability_words import meaning
+from truepose.identification.report.json_text import Json, finite
 from truepose.identification.report.notes import diagnosis_notes
 from truepose.models.effects.base import effects
 from truepose.models.machine import Machine
@@ -30,27 +26,6 @@ DIAGNOSIS_SCHEMA = "truepose/diagnosis/1"
 FIT_SCHEMA = "truepose/fit/1"
 _FINE = {"mm": ("um", 1e3), "rad": ("urad", 1e6)}
 """Units that ``diagnosis.json`` gives residuals in; all others, as ``fit.json``, in their own."""
-Json = dict[str, Any]
-
-
-def json_text(value: Mapping[str, Any]) -> str:
-    """Indented JSON, keys in the order given, floats at full precision."""
-    return json.dumps(finite(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def finite(value: Any) -> Any:
-    """The same structure in plain types, with null for what is no finite number."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    if isinstance(value, (str, bool)) or value is None:
-        return value
-    if hasattr(value, "item"):
-        return finite(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> Json:
@@ -107,7 +82,7 @@ def fit_json(
         "method": dict(method or {}),
         "files": list(recording.files),
         **_figures(fit, recording),
-        "unseen": unseen_directions(fit),
+        "unseen": [{"parts": dict(d.parts), "meaning": meaning(d)} for d in unseen(Knowledge.of(fit))],
         "parameters": parameters_json(fit),
         "effects": [_effect(fit, k) for k in range(len(fit.effects))],
         "free": free and _figures(free, recording),
@@ -150,26 +125,22 @@ def _unbounded(fit: Estimate) -> set[str]:
 
 
 def _figures(fit: Estimate, recording: Recording) -> Json:
-    channels, units = fit.machine.channels, fit.machine.residual_units
-    kept = recording.validation & np.isfinite(fit.residual).all(axis=1)
-    worst = max(range(len(fit.p)), key=lambda k: abs(fit.in_tolerances[k]))
+    told, units = summarise(fit, recording.validation), fit.machine.residual_units
     return {
         "status": fit.solution.status.name.lower(),
         "message": fit.solution.status.value,
         "iterations": fit.solution.iterations,
         "rows": int(fit.used.sum()),
         "rows_left_out": [recording.where(k) for k in fit.unassembled],
-        "readings": fit.readings,
+        "readings": fit.n_observations,
         "effective_parameters": fit.effective_parameters,
         "chi2": fit.chi2,
         "chi2_per_dof": fit.chi2_per_dof,
-        "rms": _rms(rms_by_kind(fit.residual[fit.used], channels), units),
-        "validation_rms": _rms(rms_by_kind(fit.residual[kept], channels), units) if kept.any() else None,
+        "rms": _rms(told.rms, units),
+        "validation_rms": _rms(told.validation_rms, units),
         "free_parameters": len(fit.prior.free),
         "rank": fit.rank,
-        "worst_parameter_sigma": fit.worst_parameter_sigma,
-        "worst_parameter": fit.prior.names[worst],
-        "worst_parameter_allowed": worst_allowed(fit),
+        **_worst(told),
     }
 
 
@@ -252,19 +223,28 @@ def _quantity(quantity: Quantity) -> Json:
 
 
 def _summary(fit: FitSummary, units: Mapping[str, str], *, before: bool) -> Json:
-    out: Json = {"rms": _rms(fit.rms, units, _FINE), "chi2_per_dof": fit.chi2_per_dof}
-    out["validation_rms"] = None if fit.validation_rms is None else _rms(fit.validation_rms, units, _FINE)
-    if before:
-        out["worst_parameter_sigma"] = fit.worst_parameter_sigma
-        out["worst_parameter"] = fit.worst_parameter
-        out["worst_parameter_allowed"] = fit.worst_allowed
-    return out
+    return {
+        "rms": _rms(fit.rms, units, _FINE),
+        "chi2_per_dof": fit.chi2_per_dof,
+        "validation_rms": _rms(fit.validation_rms, units, _FINE),
+        **(_worst(fit) if before else {}),
+    }
+
+
+def _worst(fit: FitSummary) -> Json:
+    return {
+        "worst_parameter_sigma": fit.worst_parameter_sigma,
+        "worst_parameter": fit.worst_parameter,
+        "worst_parameter_allowed": fit.worst_allowed,
+    }
 
 
 def _rms(
-    rms: Mapping[str, float],
+    rms: Mapping[str, float] | None,
     units: Mapping[str, str],
     shown: Mapping[str, tuple[str, float]] = MappingProxyType({}),
-) -> Json:
+) -> Json | None:
+    if rms is None:
+        return None
     scaled = {kind: (value, *shown.get(units[kind], (units[kind], 1.0))) for kind, value in rms.items()}
     return {kind: {"value": factor * value, "unit": unit} for kind, (value, unit, factor) in scaled.items()}

@@ -60,7 +60,7 @@ def expanded(section: Urdf, robot: _Robot, units: UnitSystem, where: str) -> dic
             f"{where}.base_link: found {section.base_link!r}, with the link {BASE!r} further on, expected "
             f"{BASE!r} itself (where it stands belongs in frames.base)"
         )
-    names = _names(section, [robot.name(joint) for joint in chain], where)
+    names = _names(section, [robot.joint_name(joint) for joint in chain], where)
     joints = [
         {
             "name": name,
@@ -153,7 +153,7 @@ class _Robot:
             )
         return out[::-1]
 
-    def name(self, joint: ElementTree.Element) -> str:
+    def joint_name(self, joint: ElementTree.Element) -> str:
         """The joint's name."""
         return joint.get("name", "")
 
@@ -230,7 +230,9 @@ class _Robot:
 
     def wrong(self, joint: ElementTree.Element, element: str, found: str, expected: str) -> InputError:
         """The error of one element of a joint."""
-        return InputError(f"{self.path}: joint {self.name(joint)!r}: {element}: {found}, expected {expected}")
+        return InputError(
+            f"{self.path}: joint {self.joint_name(joint)!r}: {element}: {found}, expected {expected}"
+        )
 
 
 __all__ = ["Urdf", "urdf"]

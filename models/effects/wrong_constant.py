@@ -8,7 +8,7 @@ from math import isfinite
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import rails, singly
 from truepose.models.machine import Machine
-from truepose.models.parameters import Parameter
+from truepose.models.parameters import Parameter, element_of
 
 LARGEST_ANGLE = 0.2
 LARGEST_FRACTION = 0.1
@@ -51,9 +51,9 @@ class WrongConstant(Effect):
     def explain(self, machine: Machine, place: Place) -> str:
         if len(place) > 1:
             return "The actuator axes are tilted alike, towards (tilt > 0) or away from their own legs."
-        element, _, component = place[0].partition(".")
-        if component.startswith("u."):
-            return f"The actuator axis of {element} is tilted along {component[2:]}."
+        element = element_of(place[0])
+        if place[0] in _tilts(machine):
+            return f"The actuator axis of {element} is tilted along {place[0][-1]}."
         return f"The constant {place[0]} of {element} is off its drawing by far more than its tolerance."
 
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from truepose.models import lie
 from truepose.models.context import BuildContext
-from truepose.models.parameters import Parameter
+from truepose.models.mechanism import AXES, AXIS_UNITS
 from truepose.models.sensors.base import Array, Channel, Sensor, sensors
 from truepose.models.units import AngleSigma, LengthSigma, Section
 
-_XYZ, _ROT = ("x", "y", "z"), ("rx", "ry", "rz")
+_XYZ, _ROT = AXES[:3], AXES[3:]
 
 
 class _Sigma(Section):
@@ -53,14 +53,9 @@ class Pose(Sensor):
         return cls(parsed.sigma.xyz, parsed.sigma.rot)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """None: the tool frame is the machine's."""
-        return ()
-
-    @property
     def columns(self) -> Mapping[str, str]:
         """x y z mm, rx ry rz rad."""
-        return dict.fromkeys(_XYZ, "mm") | dict.fromkeys(_ROT, "rad")
+        return AXIS_UNITS
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -103,11 +98,6 @@ class Position(Sensor):
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Position:
         """From ``sigma: {xyz}``."""
         return cls(context.parse(_PositionSection, section).sigma.xyz)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """None: the tool frame is the machine's."""
-        return ()
 
     @property
     def columns(self) -> Mapping[str, str]:

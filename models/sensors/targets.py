@@ -10,7 +10,7 @@ import casadi as ca
 
 from truepose.errors import InputError
 from truepose.models.context import BuildContext
-from truepose.models.parameters import Parameter
+from truepose.models.parameters import Parameter, vector_of
 from truepose.models.sensors.base import Channel, Sensor, sensors
 from truepose.models.units import LengthSigma, LengthTolerance, LengthVector, Section
 
@@ -70,7 +70,7 @@ class Targets(Sensor):
     def channels(self) -> tuple[Channel, ...]:
         """Three lengths a point."""
         return tuple(
-            Channel(p.name, "mm", self.sigma_xyz, "position", p.name.rsplit(".", 1)[0]) for p in self.points
+            Channel(p.name, "mm", self.sigma_xyz, "position", vector_of(p.name)) for p in self.points
         )
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:

@@ -9,11 +9,12 @@ from __future__ import annotations
 import contextlib
 import shutil
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from truepose.errors import InputError
-from truepose.publication import NEW, begun, clear, held, publish, stage_of
+from truepose.publication import NEW, begun, claimed, clear, publish
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,21 +33,18 @@ def atomic_file(path: Path | str) -> Iterator[Path]:
         return
     if target.is_dir():
         raise InputError(f"{path}: cannot write the file: Is a directory")
-    partial = stage_of(target)
-    try:
-        with _naming(path, "file"):
-            partial.touch()
-            with held(partial):
-                yield partial
-                partial.replace(target)
-            clear(target, partial)
-    finally:
-        partial.unlink(missing_ok=True)
+    with _naming(path, "file"), claimed(target, Path.touch) as unfinished:
+        try:
+            yield unfinished
+            unfinished.replace(target)
+            clear(target, unfinished)
+        finally:
+            unfinished.unlink(missing_ok=True)
 
 
 def atomic_write_text(path: Path | str, text: str) -> None:
     """Write a text file (UTF-8, line ends as given) as `atomic_file` does."""
-    with atomic_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
+    with atomic_file(path) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as stream:
         stream.write(text)
 
 
@@ -56,8 +54,8 @@ def write_table(path: Path, frame: pd.DataFrame, comments: Iterable[str] = ()) -
     ``comments`` stand above the header of a CSV; Parquet has no place for them.
     """
     if path.suffix.lower() in {".parquet", ".pq"}:
-        with atomic_file(path) as partial:
-            frame.to_parquet(partial, index=False)
+        with atomic_file(path) as unfinished:
+            frame.to_parquet(unfinished, index=False)
         return
     head = "".join(f"# {line}\n" for line in comments)
     atomic_write_text(path, head + frame.to_csv(index=False, lineterminator="\n"))
@@ -74,19 +72,21 @@ def atomic_directory(path: Path | str) -> Iterator[Path]:
     if target.exists() and not target.is_dir():
         raise InputError(f"{path}: expected a directory, found a file")
     made = [parent for parent in target.parents if not parent.exists()]  # nearest first
-    stage = stage_of(target)
     published = False
     try:
-        with _naming(path, "directory"):
-            (stage / NEW).mkdir(parents=True)
-        with held(stage):
-            yield stage / NEW
+        with contextlib.ExitStack() as claims:
             with _naming(path, "directory"):
-                publish(stage, target)
-        published = True
+                stage = claims.enter_context(claimed(target, partial(Path.mkdir, parents=True)))
+                (stage / NEW).mkdir()
+            try:
+                yield stage / NEW
+                with _naming(path, "directory"):
+                    publish(stage, target)
+                published = True
+            finally:
+                if not begun(stage):
+                    shutil.rmtree(stage, ignore_errors=True)
     finally:
-        if not begun(stage):
-            shutil.rmtree(stage, ignore_errors=True)
         for parent in [] if published else made:
             with contextlib.suppress(OSError):
                 parent.rmdir()

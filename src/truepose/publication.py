@@ -16,7 +16,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from truepose.errors import InputError
@@ -43,10 +43,20 @@ def publish(stage: Path, target: Path) -> None:
             settle(stage, target)
 
 
-def stage_of(target: Path) -> Path:
-    """A fresh hidden path for what is to become ``target``: inside a folder that is there, else beside it."""
-    name = f"{uuid.uuid4().hex[:12]}.partial"
-    return target / f".{name}" if target.is_dir() else target.with_name(f".{target.name}.{name}")
+@contextlib.contextmanager
+def claimed(target: Path, make: Callable[[Path], None]) -> Iterator[Path]:
+    """What is to become ``target``, made and locked: inside a folder that is there, else beside it; its name is hidden.
+
+    Made again where another run took it for abandoned before it was locked.
+    """
+    while True:
+        name = f"{uuid.uuid4().hex[:12]}.partial"
+        stage = target / f".{name}" if target.is_dir() else target.with_name(f".{target.name}.{name}")
+        make(stage)
+        with held(stage):
+            if stage.exists():
+                yield stage
+                return
 
 
 def clear(target: Path, own: Path) -> None:
@@ -179,4 +189,4 @@ def _undo(stage: Path, target: Path) -> None:
                 (target / folder).rmdir()
 
 
-__all__ = ["NEW", "begun", "clear", "held", "publish", "settle", "stage_of"]
+__all__ = ["NEW", "begun", "claimed", "clear", "held", "publish", "settle"]

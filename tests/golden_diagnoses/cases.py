@@ -61,6 +61,8 @@ def _at(kind: str, place: str, size: float) -> PutIn:
     return PutIn(kind, tuple(place.split("+")), size)
 
 
+_OTHER_LEGS = ("leg1", "leg2", "leg4", "leg5", "leg6")
+
 CASES = (
     Case("telescope-clean", "telescope", 1, "clean, with validation rows", plan=_plan(20, held_out=0.2)),
     Case("targets-clean", "telescope-targets", 1, "clean, many readings a row", plan=_plan(14, held_out=0.2)),
@@ -340,5 +342,22 @@ CASES = (
         "an alarm without a name",
         (_at("screw-periodic", "rho4", 1.0),),
         _plan(20, held_out=0.2),
+    ),
+    Case(
+        "stewart-one-thermometer",
+        "stewart",
+        71,
+        "one leg's thermometer serves all of them",
+        (_at("thermal-expansion", "leg3", 1.0),),
+        _plan(18),
+        withheld=tuple(f"temperature.{part}" for part in (*_OTHER_LEGS, "base", "platform")),
+    ),
+    Case(
+        "stewart-lens",
+        "stewart",
+        702,
+        "two effects, one just above the threshold, and a scale or something like a lens: undecided",
+        (_at("sensor-scale", "sensor", 1.5), _at("backlash", "rho6", 0.8)),
+        _plan(18, held_out=0.2),
     ),
 )

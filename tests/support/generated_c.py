@@ -85,6 +85,7 @@ class Built:
     def samples(self, count: int = 8) -> Array:
         text = (self.directory / "test_vectors.csv").read_text()
         rows = list(csv.reader(text.splitlines()))[1:]
+        assert len(rows) > count
         return np.array([[float(v) for v in row] for row in rows[1 : count + 1]])
 
 

@@ -17,6 +17,8 @@ SIZE = 0.5
 """How far a fitted size may move, in its own 1-sigma."""
 RATIO = 0.05
 """How far a held-out ratio may move, as a share of it."""
+SETTING = 0.1
+"""How far a setting (a lag, a period) may move, as a share of it."""
 LEAST = 0.02
 """Candidates that are less probable are not kept."""
 
@@ -82,6 +84,7 @@ def _finding(finding: Json) -> dict[str, Any]:
         "certainty": _short(finding["certainty"]),
         "prior_dependent": finding["prior_dependent"],
         "equivalents": _probabilities(finding["equivalents"]),
+        "settings": [{k: _digits(v) for k, v in sorted(one.items())} for one in finding["settings"]],
         "parameters": {
             name: {"value": _digits(q["value"]), "std": _digits(q["std"]), "unit": q["unit"]}
             for name, q in sorted(finding["parameters"].items())
@@ -145,11 +148,20 @@ def _finding_changes(old: Json, new: Json) -> Iterator[str]:
         yield f"prior_dependent was {_told(old['prior_dependent'])} and is {_told(new['prior_dependent'])}"
     yield from _names("equivalent", old["equivalents"], new["equivalents"])
     yield from (f"equivalent {said}" for said in _moved(old["equivalents"], new["equivalents"]))
+    if not _same_settings(old["settings"], new["settings"]):
+        yield f"the settings were {_told(old['settings'])} and are {_told(new['settings'])}"
     yield from _names("parameter", old["parameters"], new["parameters"])
     for name in sorted(old["parameters"].keys() & new["parameters"].keys()):
         a, b = old["parameters"][name], new["parameters"][name]
         if a["unit"] != b["unit"] or abs(a["value"] - b["value"]) > SIZE * a["std"]:
             yield f"{name} was {a['value']:g} +- {a['std']:g} {a['unit']} and is {b['value']:g} {b['unit']}"
+
+
+def _same_settings(old: Sequence[Mapping[str, float]], new: Sequence[Mapping[str, float]]) -> bool:
+    return len(old) == len(new) and all(
+        a.keys() == b.keys() and all(abs(a[k] - b[k]) <= SETTING * abs(a[k]) for k in a)
+        for a, b in zip(old, new, strict=True)
+    )
 
 
 def _proof_changes(old: Json | None, new: Json | None) -> Iterator[str]:
@@ -161,12 +173,10 @@ def _proof_changes(old: Json | None, new: Json | None) -> Iterator[str]:
         if old[key] != new[key]:
             yield f"proof: {key} was {_told(old[key])} and is {_told(new[key])}"
     yield from (f"proof: {said}" for said in _names("block", old["blocks"], new["blocks"]))
-    whole = (
-        {"all rows": {"rows": None, "ratio": old["ratio"]}},
-        {"all rows": {"rows": None, "ratio": new["ratio"]}},
-    )
-    before, after = {**old["blocks"], **whole[0]}, {**new["blocks"], **whole[1]}
+    before, after = ({**p["blocks"], "as a whole": {"rows": 0, "ratio": p["ratio"]}} for p in (old, new))
     for name in sorted(before.keys() & after.keys()):
         a, b = before[name], after[name]
-        if a["rows"] != b["rows"] or abs(a["ratio"] - b["ratio"]) > RATIO * a["ratio"]:
-            yield f"proof: held-out {name} had {a['rows']} rows at ratio {a['ratio']} and has {b['rows']} at {b['ratio']}"
+        if a["rows"] != b["rows"]:
+            yield f"proof: held-out {name} were {a['rows']} rows and are {b['rows']}"
+        if abs(a["ratio"] - b["ratio"]) > RATIO * a["ratio"]:
+            yield f"proof: held-out {name}: the ratio was {a['ratio']} and is {b['ratio']}"

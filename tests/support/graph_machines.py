@@ -51,7 +51,7 @@ def recorded(folder: Path, machine: Machine, q: Array, **columns: Array) -> Reco
     data = {f"{a.reading} [{a.unit}]": q[:, k] for k, a in enumerate(machine.mechanism.actuators)}
     data |= {f"{name} [{units[name]}]": values for name, values in columns.items()}
     pd.DataFrame(data).to_csv(folder / "rows.csv", index=False)
-    return load_recording(machine, [folder / "rows.csv"], need_readings=bool(columns))
+    return load_recording(machine, [folder / "rows.csv"], need_observations=bool(columns))
 
 
 def spread(name: str, count: int, share: float = 0.7, seed: int = 1) -> Array:

@@ -109,7 +109,7 @@ def record(machine: Machine, q: Array, readings: Mapping[str, Array] | None = No
     return Recording(
         joints=machine.mechanism.readings,
         q=q,
-        readings=readings or {},
+        observations=readings or {},
         source_file=np.zeros(n, dtype=np.int64),
         source_row=rows + 1,
         session=np.ones(n, dtype=np.int64),

@@ -56,7 +56,7 @@ def recorded(machine: Machine, rows: int = ROWS) -> Recording:
     return Recording(
         joints=machine.mechanism.readings,
         q=q,
-        readings={name: rng.normal(size=rows) for name in columns},
+        observations={name: rng.normal(size=rows) for name in columns},
         labels={},
         drivers={"temperature.base": 20 + rng.normal(size=rows)},
         files=("a&b.csv",),

@@ -94,7 +94,7 @@ class Bench:
         frame.drop(columns=[c for c in frame.columns if str(c).startswith(drop)] if drop else []).to_csv(
             path, index=False
         )
-        return load_recording(self.machine, [path], need_readings=False)
+        return load_recording(self.machine, [path], need_observations=False)
 
     def placed(self, text: str) -> PlacedEffect:
         return parse_effect(text, self.machine)

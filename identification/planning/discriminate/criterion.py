@@ -104,7 +104,7 @@ class Race:
         return float(np.min(self.values(design)[self.counted], initial=np.inf)) if self.counted.any() else 0.0
 
     def judged(self, values: Array) -> Array:
-        """(...,) smooth stand-in of the worst of the pairs that count, from values (..., p)."""
+        """Smooth stand-in, of shape (...), of the worst of the p pairs that count, from ``values`` (..., p)."""
         some = np.maximum(values[..., self.counted], _LEAST)
         least = np.min(some, axis=-1, keepdims=True)
         return np.asarray(least[..., 0] * np.mean((some / least) ** -WORST, axis=-1) ** (-1.0 / WORST))
@@ -176,6 +176,3 @@ def _weighed(white: Single, error: Array, sign: float) -> Array:
     """(n, s) e' (1 + sign H)^-1 e, H = white white': what a row adds to chi2, or what it takes away."""
     inner = np.eye(white.shape[1]) + sign * (white @ white.transpose(0, 2, 1)).astype(float)
     return np.asarray(np.sum(error * np.linalg.solve(inner, error), axis=1))
-
-
-__all__ = ["Contest", "Race", "chosen"]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.note import Note
 from truepose.identification.planning.discriminate.criterion import Race, chosen
 from truepose.identification.planning.discriminate.explanations import Class, Explanation
 from truepose.identification.planning.discriminate.factors import Factor, Offer, factors, unplanned
@@ -33,6 +34,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.driver import AIR, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import PAYLOAD, Machine, Mass
+from truepose.wording import joined
 
 Array = NDArray[np.float64]
 DRAWS = 20
@@ -173,7 +175,7 @@ def _check(explanations: Sequence[Explanation], n: int) -> None:
     names = [e.name for e in explanations]
     if len(set(names)) < len(names) or len(names) < 2:
         raise InputError(
-            f"--discriminate: found {' and '.join(names)}, expected two or more different explanations"
+            f"--discriminate: found {joined(names)}, expected two or more different explanations"
         )
     if n < 2:
         raise InputError(f"found {n} rows, expected at least 2")
@@ -185,17 +187,13 @@ def _parts(wanted: Class) -> tuple[PlacedEffect, ...]:
     return tuple({part.label: part for part in (*every, *wanted.others)}.values())
 
 
-def _weighing(machine: Machine, parts: Sequence[PlacedEffect], offer: Offer) -> tuple[Machine, list[str]]:
+def _weighing(machine: Machine, parts: Sequence[PlacedEffect], offer: Offer) -> tuple[Machine, list[Note]]:
     """The machine with a payload to be stepped, where loads matter and the file has none."""
     asked = any(part.needs_load for part in parts) and machine.loaded
     if not asked or any(mass.name == PAYLOAD for mass in machine.masses):
         return machine, []
-    note = (
-        "the machine file has no mass called payload: it is taken to hang at the tool frame's origin; state "
-        "`payload: {kg: 0, com: [0, 0, 0], in: tool}` under masses before the diagnosis of what was measured"
-    )
     hung = replace(machine, masses=(*machine.masses, Mass(PAYLOAD, 0.0, (0.0, 0.0, 0.0), "tool")))
-    return hung, [note] if PAYLOAD in offer.levels else []
+    return hung, [Note("payload")] if PAYLOAD in offer.levels else []
 
 
 def _told(machine: Machine, rows: Rows, reference: Array, parts: Sequence[PlacedEffect]) -> Signals:
@@ -222,14 +220,11 @@ def _in_order(rows: Rows) -> Rows:
 _SLOW = ("session", "time", "pressure", "humidity", "temperature", "payload", "velocity", "approach")
 
 
-def _unused(offer: Offer, varied: Sequence[Factor]) -> list[str]:
+def _unused(offer: Offer, varied: Sequence[Factor]) -> list[Note]:
     read = {f.driver for f in varied}
     shared = any(Driver.of(name).thermal for name in read)
     return [
-        f"{driver!r} is offered but no explanation reads it: it is not varied"
+        Note("unread", driver)
         for driver in offer.levels
         if driver not in read and not (driver == AIR and shared)
     ]
-
-
-__all__ = ["discriminate"]

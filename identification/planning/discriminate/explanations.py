@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.diagnosis.unnamed import UNNAMED
+from truepose.identification.note import Note
 from truepose.identification.prediction.simulate import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
 from truepose.models.effects.of_rows import OF_ROWS
@@ -65,7 +66,7 @@ class Class:
 
     explanations: tuple[Explanation, ...]
     others: tuple[PlacedEffect, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 class _Offered:
@@ -114,9 +115,9 @@ def class_of(path: Path | str, machine: Machine, texts: Sequence[str] = ()) -> C
         _equivalent(machine, e, true) for e in _named_equivalents(findings[chosen[0]])
     ]
     others = tuple(part for k, e in enumerate(fitted) if k != chosen[0] for part in e.forms[0])
-    notes = [f"{fitted[k].name} has a class of its own: plan for it apart" for k in chosen[1:]]
+    notes = [Note("own class", fitted[k].name) for k in chosen[1:]]
     if len(rivals) < len(findings[chosen[0]].get("equivalents", ())) and not wanted:
-        notes.append(f"{true.name} may also stand in for something without a name, which no plan can foresee")
+        notes.append(Note("nameless", true.name))
     return Class((true, *rivals), others, tuple(notes))
 
 
@@ -187,6 +188,3 @@ def _in_scales(form: Form, amplitudes: Sequence[float]) -> Array:
 
 def _twins(explanation: Explanation) -> set[str]:
     return {slug for part in explanation.forms[0] for slug in part.effect.twins(part.settings_map)}
-
-
-__all__ = ["EXPECTED", "Class", "Explanation", "Form", "class_of", "explanation"]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.note import Note
 from truepose.models.driver import AIR, APPROACH, OF_THE_WAY, SESSION, TEMPERATURE, TIME, VELOCITY, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.kinematics import driver_default
@@ -117,15 +118,12 @@ def _column(name: str) -> str:
     return SESSION if driver.kind == SESSION else driver.now.name
 
 
-def unplanned(parts: Iterable[PlacedEffect]) -> list[str]:
-    """What rows of an experiment do not vary although an explanation depends on it, in words."""
+def unplanned(parts: Iterable[PlacedEffect]) -> list[Note]:
+    """What rows of an experiment do not vary although an explanation depends on it."""
     kinds = {part.effect.slug: {Driver.of(name).kind for name in part.drivers} for part in parts}
     short = [slug for slug, read in kinds.items() if read & set(OF_THE_WAY)]
     creeping = [slug for slug, read in kinds.items() if "creep" in read]
-    notes = [
-        f"{slug}: every move counts as a long one; strokes that shrink are not planned" for slug in short
-    ]
-    return notes + [f"{slug}: the time since the last move is not planned" for slug in creeping]
+    return [Note("strokes", slug) for slug in short] + [Note("creep", slug) for slug in creeping]
 
 
 def _automatic(driver: str) -> tuple[float, ...]:

@@ -39,6 +39,7 @@ class Pool:
     def of(
         cls, machine: Machine, varied: Sequence[Factor], candidates: Array | None, rng: np.random.Generator
     ) -> Pool:
+        """From poses ``candidates`` (c, nq), or from drawn ones, crossed with the levels of all factors."""
         information = PoseInformation(machine)
         q = rng.permutation(Supply.of(information, candidates, rng).poses.q)
         q = q if candidates is not None else rounded(q, machine, STEP)
@@ -64,7 +65,7 @@ class Pool:
         return cls(rows, information.home, main, beyond, still)
 
     def nominal(self) -> Mask:
-        """Rows at which every factor that is offered has its nominal value."""
+        """(n,) rows at which every factor that is offered has its nominal value."""
         return np.asarray(np.logical_and.reduce([self.main, *self.still.values()]))
 
 
@@ -81,6 +82,3 @@ def _levels(varied: Sequence[Factor], free: set[str], rng: np.random.Generator) 
     """(s, f) settings when only some drivers may move."""
     held = [f if f.driver in free else replace(f, levels=(f.nominal,)) for f in varied]
     return settings(held, rng)
-
-
-__all__ = ["Pool", "kind_of"]

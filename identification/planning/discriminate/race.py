@@ -57,18 +57,18 @@ class Field:
         return len(self.rows.precision)
 
     def columns(self, form: Form) -> NDArray[np.intp]:
-        """Columns of the effects' signatures that a version has."""
+        """(c,) columns of the effects' signatures that a version has."""
         at = [self.rows.columns[self._labels.index(part.label)] for part in form]
         return np.concatenate([np.arange(a.start, a.stop) for a in at] or [np.zeros(0)]).astype(np.intp)
 
     def gram(self, mask: NDArray[np.bool_]) -> Array:
-        """Gram matrix of [geometry effects] over some of the rows, one each."""
+        """(k + w, k + w) Gram matrix of [geometry effects] over the rows ``mask`` (n,), one each."""
         return self.rows.take(mask).gram
 
     def contest(
         self, rival: NDArray[np.intp], cases: Sequence[tuple[int, Hypothesis]], mask: NDArray[np.bool_]
     ) -> Contest:
-        """A rival's version against hypotheses, each with the number of its pair."""
+        """A rival's version, its columns (c,), against hypotheses, each with the number of its pair, on rows ``mask`` (n,)."""
         inside = np.union1d(rival, self._beside)
         some, k = self.rows.take(mask), self.geometry
         mix = np.hstack([self._mixed(h.true, h.amplitude) for _, h in cases])
@@ -94,7 +94,10 @@ class Field:
     def imitated(
         self, gram: Array, true: NDArray[np.intp], amplitude: Array, rival: NDArray[np.intp]
     ) -> tuple[float, Array]:
-        """Share of the true signal that a rival leaves on rows of a Gram matrix, geometry adapting; its coefficients."""
+        """Share of the true signal that a rival leaves on rows of ``gram`` (k + w, k + w), geometry adapting.
+
+        Also the rival's coefficients (r, s); ``true`` (t,) and ``rival`` (r,) are columns, ``amplitude`` (t, s).
+        """
         k = self.geometry
         inside = np.concatenate([np.arange(k), k + self._beside])
         precision = np.concatenate([self.rows.precision, np.full(len(self._beside), WIDE**-2.0)])
@@ -130,7 +133,7 @@ def hypotheses(
 
     One of unknown size has the size that imitates best, on the rows of the Gram matrix ``known``, one whose size is
     known, if it imitates more than half of it (that is why both are still thought of); else what the catalogue
-    expects. Rival versions are ranked on the rows of ``everywhere``.
+    expects. Rival versions are ranked on the rows of ``everywhere``; both matrices are (k + w, k + w).
     """
     named = next((e for e in explanations if e.amplitude is not None), None)
     sized = [_sized(field, e, named, known) for e in explanations]
@@ -162,7 +165,7 @@ def _sized(
 
 
 def race(field: Field, found: Sequence[Hypothesis], mask: NDArray[np.bool_]) -> Race:
-    """Contests on some of the rows; pairs are numbered as in ``ordered``."""
+    """Contests on the rows ``mask`` (n,); pairs are numbered as in ``ordered``."""
     numbers = {pair: k for k, pair in enumerate(ordered(len(found)))}
     contests = []
     for j, rival in enumerate(found):
@@ -193,6 +196,3 @@ def shares(field: Field, found: Sequence[Hypothesis], on: Race, mask: NDArray[np
 def ordered(n: int) -> list[tuple[int, int]]:
     """Pairs (true, rival) of n explanations."""
     return [(i, j) for j in range(n) for i in range(n) if i != j]
-
-
-__all__ = ["INSEPARABLE", "Field", "Hypothesis", "hypotheses", "ordered", "race", "shares"]

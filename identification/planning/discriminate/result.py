@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.note import Note
 from truepose.identification.planning.discriminate.explanations import Explanation
 from truepose.identification.planning.discriminate.factors import Factor
 from truepose.identification.planning.discriminate.rows import Rows
@@ -74,7 +75,7 @@ class Experiment:
     worth: tuple[Worth, ...]
     targets: tuple[tuple[Target, float], ...]
     seed: int
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def splits(self) -> bool:
@@ -91,6 +92,3 @@ class Experiment:
     def hopeless(self) -> bool:
         """Whether no row that may be taken tells any pair apart."""
         return not any(pair.separable for pair in self.pairs)
-
-
-__all__ = ["SPLIT", "Experiment", "Pair", "Worth"]

@@ -43,7 +43,7 @@ class Rows:
         return len(self.q)
 
     def take(self, rows: Sequence[int] | NDArray[np.intp] | NDArray[np.bool_]) -> Rows:
-        """Some of them."""
+        """Rows by number (k,) or by mask (n,)."""
         chosen = np.asarray(rows)
         return Rows(self.q[chosen], {name: values[chosen] for name, values in self.drivers.items()})
 
@@ -90,7 +90,7 @@ class Signals:
     columns: tuple[slice, ...]
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Signals:
-        """Of some rows."""
+        """Of rows by number (k,) or by mask (n,)."""
         return replace(self, geometry=self.geometry[rows], effects=self.effects[rows])
 
     @property
@@ -101,7 +101,7 @@ class Signals:
         return np.asarray(stacked.T @ stacked)
 
     def gram_among(self, names: Sequence[str]) -> Array:
-        """The same where there are further constants, of which these rows say nothing."""
+        """(k + w, k + w) the same among k constants ``names``, of some of which these rows say nothing."""
         k, w = len(names), self.effects.shape[2]
         at = np.concatenate([[names.index(name) for name in self.names], k + np.arange(w)]).astype(int)
         out = np.zeros((k + w, k + w))
@@ -145,7 +145,7 @@ def recording_of(machine: Machine, rows: Rows, reference: Array) -> Recording:
     return _Steady(
         joints=machine.mechanism.readings,
         q=frozen(q),
-        readings={},
+        observations={},
         labels={},
         drivers={name: frozen(values) for name, values in drivers.items()},
         files=("planned rows",),
@@ -180,7 +180,7 @@ def _at_drawing(machine: Machine, recording: Recording) -> tuple[Estimate, Recor
         factor=np.zeros((0, len(nothing) + 1)),
         solution=Solution(nothing, np.zeros((0, 0)), 0.0, Status.CONVERGED, 0, 0.0, nothing),
         unassembled=tuple(int(k) for k in np.flatnonzero(~good)),
-    ), replace(recording, readings=exact)
+    ), replace(recording, observations=exact)
 
 
 def _compressed(rows: Array) -> Array:
@@ -197,6 +197,3 @@ def _stacked(parts: Sequence[Array]) -> Array:
     """Blocks of rows end to end; one that needs fewer readings is filled up with zeros."""
     most = max(part.shape[1] for part in parts)
     return np.concatenate([np.pad(p, ((0, 0), (most - p.shape[1], 0), (0, 0))) for p in parts])
-
-
-__all__ = ["WIDE", "Rows", "Signals", "recording_of", "signals"]

@@ -11,7 +11,7 @@ from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.pose import Pose
 from truepose.models.sensors.targets import Targets
-from truepose.models.units import UnitSystem, convert
+from truepose.models.units import convert
 
 _AXES = "xyz"
 
@@ -27,7 +27,7 @@ class Target:
     def of(cls, text: str, machine: Machine) -> Target:
         """``NAME=x,y,z`` in the length unit of the machine file. Raises InputError for anything else."""
         name, _, rest = (part.strip() for part in text.partition("="))
-        units = machine.file.units if machine.file else UnitSystem()
+        units = machine.units
         try:
             x, y, z = (convert(float(part), units.length, "mm") for part in rest.split(","))
         except ValueError:
@@ -63,6 +63,3 @@ def _parameters(targets: Sequence[Target], tolerance: float) -> tuple[Parameter,
         for target in targets
         for k, axis in enumerate(_AXES)
     )
-
-
-__all__ = ["Target", "with_targets"]

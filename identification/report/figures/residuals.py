@@ -23,7 +23,7 @@ _SYMBOLS = {style.BEFORE: "circle", style.AFTER: "circle-open"}
 
 
 def thinned(n: int, limit: int = LARGEST) -> NDArray[np.intp]:
-    """At most ``limit`` of n rows, evenly spread."""
+    """(k,) numbers of at most ``limit`` of n rows, evenly spread."""
     return np.arange(n) if n <= limit else np.unique(np.linspace(0, n - 1, limit).astype(np.intp))
 
 

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def matrices(true: Array, found: Array, rows: Sequence[str], columns: Sequence[str]) -> go.Figure:
-    """True matrix, estimated matrix and their difference on one colour scale."""
+    """True matrix (r, c), estimated matrix (r, c) and their difference on one colour scale."""
     titles = ["truth", "estimate", "estimate less truth"]
     figure = make_subplots(1, 3, subplot_titles=titles, horizontal_spacing=0.06, shared_yaxes=True)
     reach = float(np.max(np.abs(np.concatenate([true.ravel(), found.ravel()])), initial=0.0)) or 1.0
@@ -40,7 +40,7 @@ def matrices(true: Array, found: Array, rows: Sequence[str], columns: Sequence[s
 
 
 def departures(names: Sequence[str], true: Array, fits: Sequence[tuple[str, str, Array]]) -> go.Figure:
-    """True departure from the drawing against the estimated one, in tolerances."""
+    """True departure (n,) from the drawing against the estimated one (n,) of each fit, in tolerances."""
     figure = go.Figure()
     reach = 1.1 * float(np.max(np.abs(np.concatenate([true, *(f[2] for f in fits)])), initial=1.0))
     figure.add_trace(

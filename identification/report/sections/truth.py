@@ -16,6 +16,7 @@ from truepose.identification.report.document import Block, Plot, Section, Table,
 from truepose.identification.report.figures import style
 from truepose.identification.report.figures import truth as figures
 from truepose.identification.report.numbers import measure, significant
+from truepose.models.parameters import vector_of
 from truepose.wording import joined
 
 Array = NDArray[np.float64]
@@ -156,7 +157,7 @@ def _matrix(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> list[Block]:
         )
         blocks.append(
             Plot(
-                figures.matrices(true, found[1], [name.rsplit(".", 1)[0] for name in found[0]], readings),
+                figures.matrices(true, found[1], list(map(vector_of, found[0])), readings),
                 caption,
             )
         )

@@ -27,10 +27,10 @@ from truepose.models.machine import Machine
 Array = NDArray[np.float64]
 
 
-def with_readings(recording: Recording, readings: Array) -> Recording:
+def with_observations(recording: Recording, observed: Array) -> Recording:
     """The same rows with other readings (n, k), mm and rad, in the order of the recording's columns."""
-    columns = {name: readings[:, k].copy() for k, name in enumerate(recording.readings)}
-    return replace(recording, readings=columns)
+    columns = {name: observed[:, k].copy() for k, name in enumerate(recording.observations)}
+    return replace(recording, observations=columns)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Adaptation:
         *,
         library: bool = True,
     ) -> None:
-        exact = with_readings(recording, clean)
+        exact = with_observations(recording, clean)
         self.machine, self.recording = machine, exact
         self._predictor = Predictor(machine, exact)
         start = self._predictor.model.p_home.copy()
@@ -97,9 +97,9 @@ class Adaptation:
             at += size
         return tuple(out)
 
-    def change(self, readings: Array) -> Array:
+    def change(self, observed: Array) -> Array:
         """(N,) whitened change of the fitted readings (n, k) since the clean ones."""
-        return self._clean - self._residual(readings)
+        return self._clean - self._residual(observed)
 
     def left(self, changes: Array, beside: Sequence[Array] = ()) -> Array:
         """(N + f, c) what of the changes (N, c) geometry cannot follow, nor the directions ``beside`` at any size."""
@@ -133,12 +133,12 @@ class Adaptation:
         left, values, _ = np.linalg.svd(stacked / np.where(norms > 0, norms, 1.0), full_matrices=False)
         return stacked, left[:, values > 1e-11 * values[0]]
 
-    def _residual(self, readings: Array) -> Array:
+    def _residual(self, observed: Array) -> Array:
         other = copy.copy(self._predictor)
-        other.recording = with_readings(self.recording, readings)
+        other.recording = with_observations(self.recording, observed)
         fit = self.fit
         blocks = [b.residual for b in other.blocks(fit.p, fit.x, fit.used)]
         return np.concatenate(blocks)[fit.used].ravel()
 
 
-__all__ = ["Adaptation", "Signature", "with_readings"]
+__all__ = ["Adaptation", "Signature", "with_observations"]

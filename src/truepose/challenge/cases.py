@@ -83,26 +83,26 @@ def _hidden(found: Draft, noise_seed: int) -> bool:
     change = np.sum([part.change for part in found.parts], axis=0)
     if found.setup.bench.misfit_when_free(change) > LIKELY:
         return False
-    readings = _readings(found, Decoy(), noise_seed)
+    observed = _observed(found, Decoy(), noise_seed)
     machine = found.setup.read[0]
     try:
-        free = ordinary_fits(machine, found.setup.recording(readings))[1]
+        free = ordinary_fits(machine, found.setup.recording(observed))[1]
     except ConvergenceError:  # a fit that finds no minimum hides nothing
         return False
     return free.chi2_per_dof < CONCEALED
 
 
-def _readings(found: Draft, kind: Decoy, noise_seed: int) -> Array:
+def _observed(found: Draft, kind: Decoy, noise_seed: int) -> Array:
     setup, rng = found.setup, np.random.default_rng(noise_seed)
     return noisy(setup.machine, setup.exact(found.imperfections)[0], setup.campaign, rng, kind)
 
 
 def _written(seat: schedule.Seat, found: Draft, kind: Decoy, noise_seed: int) -> Case:
     setup, simulated = found.setup, found.setup.machine
-    readings = _readings(found, kind, noise_seed)
+    observed = _observed(found, kind, noise_seed)
     held_exact = setup.exact(found.imperfections)[1]
     held_text = _without(recording_text(simulated, setup.held, held_exact), simulated.columns)
-    machine, recording = setup.read[0], setup.recording(readings)
+    machine, recording = setup.read[0], setup.recording(observed)
     held = _held_out(machine, simulated, held_exact)
     before, free = ordinary_fits(machine, recording)
     geometry = _geometry(found, before)
@@ -123,7 +123,7 @@ def _written(seat: schedule.Seat, found: Draft, kind: Decoy, noise_seed: int) ->
         tolerance_scale=kind.tolerance,
     )
     solution = replace(solution, oracle=_oracle(found, before, recording, held_text, solution))
-    text = recording_text(simulated, setup.campaign, readings)
+    text = recording_text(simulated, setup.campaign, observed)
     return Case(simulated.machine_text(), text, held_text, solution)
 
 

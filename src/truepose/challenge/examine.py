@@ -128,7 +128,7 @@ def _seated(asked: Challenge, seat: Seat, again: bool, parent: int) -> str:
     """Name of a case that is done; a process that is not the parent has no plugins yet."""
     if os.getpid() != parent:
         _load(asked.plugins)
-    one(asked, seat, again)
+    write_and_sit(asked, seat, again)
     return seat.name
 
 
@@ -139,7 +139,7 @@ def _load(plugins: tuple[Path, ...]) -> None:
         load_plugin(path)
 
 
-def one(asked: Challenge, seat: Seat, again: bool) -> None:
+def write_and_sit(asked: Challenge, seat: Seat, again: bool) -> None:
     """Write one case unless it is there, and sit it unless it has a result."""
     folder = asked.folder
     key, case = folder / "answers" / f"{seat.name}.json", folder / "cases" / seat.name
@@ -214,4 +214,4 @@ def sit(case: Path, results: Path, timeout: float, plugins: Sequence[Path] = ())
             (partial / RUN).write_text(json.dumps(about) + "\n", encoding="utf-8")
 
 
-__all__ = ["Challenge", "challenge", "one", "run", "sit"]
+__all__ = ["Challenge", "challenge", "run", "sit", "write_and_sit"]

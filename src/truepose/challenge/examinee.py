@@ -21,7 +21,8 @@ def sit(plugins: Sequence[str] = ()) -> None:
     from truepose.identification.fit.write_machine import write_calibrated
     from truepose.identification.prediction.predict import predict
     from truepose.identification.recording.load import load_recording
-    from truepose.identification.report.results import diagnosis_json, json_text
+    from truepose.identification.report.json_text import json_text
+    from truepose.identification.report.results import diagnosis_json
     from truepose.models.load import load_machine
     from truepose.models.registry import load_plugin
 
@@ -32,7 +33,7 @@ def sit(plugins: Sequence[str] = ()) -> None:
     atomic_write_text(DIAGNOSIS, json_text(diagnosis_json(found)))
     write_calibrated(IMPROVED, found.after, found.recording)
     improved = load_machine(IMPROVED)
-    rows = load_recording(improved, [HELD_OUT], need_readings=False)
+    rows = load_recording(improved, [HELD_OUT], need_observations=False)
     write_table(Path(PREDICTION), predict(improved, rows))
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from truepose.challenge.solutions import Names, Solution, Truth
 from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.parameters import element_of
 
 VERDICTS = ("adequate", "missing-physics", "unknown")
 
@@ -90,8 +91,8 @@ class Judge:
 
     def place(self, place: Iterable[str]) -> frozenset[str]:
         """A place with one name for each part: a leg is its reading, in a parameter's name too."""
-        parts = [name.partition(".") for name in place]
-        return frozenset(self._aliases.get(stem, stem) + dot + rest for stem, dot, rest in parts)
+        own = ((element_of(name), name) for name in place)
+        return frozenset(self._aliases.get(part, part) + name[len(part) :] for part, name in own)
 
     def true(self, said: Said | Names, truth: Truth) -> bool:
         """Whether this names the very truth."""
@@ -120,7 +121,7 @@ class Judge:
         return self._parts(said.place) in [self._parts(p) for p in places]
 
     def _parts(self, place: Iterable[str]) -> frozenset[str]:
-        return frozenset(name.partition(".")[0] for name in self.place(place))
+        return frozenset(map(element_of, self.place(place)))
 
     def wider(self, said: Said, truth: Truth) -> bool:
         """Whether this names the truth at its places and at others."""

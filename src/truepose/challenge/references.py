@@ -85,7 +85,7 @@ def reference(
         write_calibrated(at / "fit.yaml", fit, recording)
         (at / "heldout.csv").write_text(held_text, encoding="utf-8")
         machine = load_machine(at / "fit.yaml")
-        rows = load_recording(machine, [at / "heldout.csv"], need_readings=False)
+        rows = load_recording(machine, [at / "heldout.csv"], need_observations=False)
         error = held_out_error(predict(machine, rows), held)
     names = tuple(effect.label for effect in fit.effects)
     return Reference(error, parameter_bias(values, geometry), names)

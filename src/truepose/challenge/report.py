@@ -7,9 +7,9 @@ from pathlib import Path
 
 from truepose.challenge.examine import RUN, UNDRAWN
 from truepose.challenge.score import read_score
-from truepose.challenge.table import Table, document, markdown, table
+from truepose.challenge.score_table import Table, document, markdown, table
 from truepose.files import atomic_directory, atomic_write_text
-from truepose.identification.report.results import json_text
+from truepose.identification.report.json_text import json_text
 
 
 def tabled(folder: Path, cases: Sequence[str]) -> Table:

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.challenge.adaptation import Adaptation, with_readings
+from truepose.challenge.adaptation import Adaptation, with_observations
 from truepose.challenge.simulator.base import Campaign, Imperfection, Kind, Plan, SimulatedMachine, Specimen
 from truepose.challenge.simulator.campaigns import joined
 from truepose.challenge.simulator.writing import recording_text
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import Driver
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -45,8 +46,8 @@ class Setup:
 
     def exact(self, imperfections: Sequence[Imperfection]) -> tuple[Array, Array]:
         """Readings (n, k) of the campaign and (h, k) of the held-out rows, without noise, mm and rad."""
-        readings = self.machine.measure(self.specimen, tuple(imperfections), self.whole)
-        return readings[: len(self.campaign)], readings[len(self.campaign) :]
+        observed = self.machine.measure(self.specimen, tuple(imperfections), self.whole)
+        return observed[: len(self.campaign)], observed[len(self.campaign) :]
 
     @cached_property
     def clean(self) -> Array:
@@ -69,9 +70,9 @@ class Setup:
         """What geometry can make of changes of these readings."""
         return Adaptation(*self.read, self.clean, self.specimen)
 
-    def recording(self, readings: Array) -> Recording:
+    def recording(self, observed: Array) -> Recording:
         """The recording with these readings (n, k)."""
-        return with_readings(self.read[1], readings)
+        return with_observations(self.read[1], observed)
 
     def change(self, imperfection: Imperfection) -> Array:
         """(N,) whitened change of the fitted readings that an imperfection makes."""
@@ -87,7 +88,7 @@ class Setups:
 
     def of(self, kinds: Sequence[Kind]) -> Setup:
         """Where all of these can be told: sessions and velocities where one of them needs these."""
-        needs = {need.partition(".")[0] for kind in kinds for need in kind.needs}
+        needs = {Driver.of(need).kind for kind in kinds for need in kind.needs}
         sessions = 2 if "session" in needs else self._sessions
         plan = Plan(sessions=sessions, moving="velocity" in needs)
         if plan not in self._known:

@@ -21,7 +21,7 @@ from truepose.commands.common import (
 )
 
 if TYPE_CHECKING:
-    from truepose.challenge.table import Table
+    from truepose.challenge.score_table import Table
 
 CountOption = Annotated[int, typer.Option("-n", "--cases", metavar="N", min=1, help="How many cases.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed that all cases follow from.")]
@@ -100,7 +100,7 @@ def _tabled(output: Path, cases: list[str]) -> Table:
 
 
 def _finish(found: Table, output: Path, as_json: bool) -> None:
-    from truepose.challenge.table import document, lines
+    from truepose.challenge.score_table import document, lines
 
     files = [str(output / name) for name in ("table.md", "table.json")]
     whole = document(found)

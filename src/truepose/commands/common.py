@@ -98,7 +98,7 @@ def progress(label: str) -> Iterator[Callable[[str], None]]:
 def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str], *, as_json: bool) -> None:
     """The end of a command: the JSON summary alone, or plain lines with notes on standard error."""
     if as_json:
-        from truepose.identification.report.results import json_text
+        from truepose.identification.report.json_text import json_text
 
         typer.echo(json_text({**summary, "notes": list(notes)}), nl=False)
         return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -98,28 +98,6 @@ class Request:
         return asked
 
 
-def request(
-    pair: tuple[str, str] | None,
-    rivals: Sequence[str] | None,
-    diagnosis: Path | None,
-    payload: str,
-    temperatures: Sequence[str] | None,
-    vary: Sequence[str] | None,
-    recorded: Sequence[Path] | None,
-    targets: Sequence[str] | None,
-) -> Request:
-    """The options as they came."""
-    named = tuple(f"temperature.{text}" for text in temperatures or ()) + tuple(vary or ())
-    return Request(
-        (*(pair or ()), *(rivals or ())),
-        diagnosis,
-        payload,
-        named,
-        tuple(recorded or ()),
-        tuple(targets or ()),
-    )
-
-
 def run(
     machine: Machine,
     n: int,
@@ -141,8 +119,8 @@ def run(
         wanted = class_of(asked.diagnosis, machine, asked.names)
     else:
         wanted = Class(tuple(explanation(text, machine) for text in asked.names))
-    given = None if candidates is None else load_recording(machine, [candidates], need_readings=False).q
-    recorded = load_recording(machine, asked.recorded, need_readings=False) if asked.recorded else None
+    given = None if candidates is None else load_recording(machine, [candidates], need_observations=False).q
+    recorded = load_recording(machine, asked.recorded, need_observations=False) if asked.recorded else None
     offer = Offer.of(machine, asked.payload, asked.vary)
     found = discriminate(
         machine,

@@ -60,7 +60,7 @@ def drift(
     with reported(plugin):
         from truepose.identification.drift.analysis import drift as run
         from truepose.identification.recording.load import load_recording
-        from truepose.identification.report.drift_words import drift_json, drift_lines
+        from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
         from truepose.models.load import load_machine
 
         if output is not None:
@@ -73,7 +73,7 @@ def drift(
             found = run(loaded, recording, accuracy=accepted, progress=say)
             files = [] if output is None else _write(found, output)
         summary = {"command": "drift", **drift_json(found), "files": files}
-        finish(summary, [*drift_lines(found), *files], found.notes, as_json=as_json)
+        finish(summary, [*drift_lines(found), *files], drift_notes(found), as_json=as_json)
 
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:
@@ -96,7 +96,7 @@ def _write(found: Drift, output: Path) -> list[str]:
     from truepose.files import atomic_directory, atomic_write_text
     from truepose.identification.report.drift_page import drift_html
     from truepose.identification.report.drift_words import drift_json
-    from truepose.identification.report.results import json_text
+    from truepose.identification.report.json_text import json_text
 
     with atomic_directory(output) as partial:
         atomic_write_text(partial / "drift.json", json_text(drift_json(found)))

@@ -71,18 +71,20 @@ def identifiability(
             (check_file if single else check_directory)(output)
         with progress("looking at the poses"):
             loaded = load_machine(machine)
-            rows = load_recording(loaded, recordings, need_readings=False) if recordings else None
+            rows = load_recording(loaded, recordings, need_observations=False) if recordings else None
             found = run(loaded, rows, poses=number)
             document = identifiability_json(found)
             files = [] if output is None else _write(document, output, single)
         summary = {"command": "identifiability", **document, "files": files}
-        finish(summary, [*identifiability_lines(found, every=every), *files], found.notes, as_json=as_json)
+        finish(
+            summary, [*identifiability_lines(found, every=every), *files], document["notes"], as_json=as_json
+        )
 
 
 def _write(document: dict[str, Any], output: Path, single: bool) -> list[str]:
     """The JSON as the file ``output``, or into the directory of that name."""
     from truepose.files import atomic_directory, atomic_write_text
-    from truepose.identification.report.results import json_text
+    from truepose.identification.report.json_text import json_text
 
     if single:
         atomic_write_text(output, json_text(document))

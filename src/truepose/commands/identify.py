@@ -136,8 +136,8 @@ def write_calibration(result: Calibration, document: Mapping[str, object], outpu
     """The three files of a calibration, whole or not at all; ``document`` is that of ``fit.json``."""
     from truepose.files import atomic_directory, atomic_write_text
     from truepose.identification.fit.write_machine import write_calibrated
+    from truepose.identification.report.json_text import json_text
     from truepose.identification.report.pages import calibration_html
-    from truepose.identification.report.results import json_text
 
     with atomic_directory(output) as partial:
         write_calibrated(partial / "calibrated.yaml", result.fit, result.recording)
@@ -152,8 +152,9 @@ def write_diagnosis(result: Diagnosis, output: Path, truth: dict[str, object] | 
     """The three files of a diagnosis, whole or not at all; ``truth`` is for the report's last page alone."""
     from truepose.files import atomic_directory, atomic_write_text
     from truepose.identification.fit.write_machine import write_calibrated
+    from truepose.identification.report.json_text import json_text
     from truepose.identification.report.pages import report_html
-    from truepose.identification.report.results import diagnosis_json, json_text
+    from truepose.identification.report.results import diagnosis_json
 
     with atomic_directory(output) as partial:
         atomic_write_text(partial / "diagnosis.json", json_text(diagnosis_json(result)))

@@ -27,11 +27,11 @@ from truepose.commands.discriminate import (
     TemperatureOption,
     VaryOption,
     WithOption,
-    request,
 )
 from truepose.commands.discriminate import run as run_discriminate
 from truepose.errors import InputError
 from truepose.files import write_table
+from truepose.wording import joined
 
 CountOption = Annotated[
     int, typer.Option("-n", "--poses", metavar="N", min=2, help="How many poses.", show_default=False)
@@ -96,7 +96,14 @@ def plan(
     Example: truepose plan machine.yaml -n 40 -o poses.csv --diagnosis result/diagnosis.json --payload 0,2.5,5
     """
     with reported(plugin):
-        asked = request(discriminate, rival, diagnosis, payload, temperature, vary, recorded, target)
+        asked = Request(
+            names=(*(discriminate or ()), *(rival or ())),
+            diagnosis=diagnosis,
+            payload=payload,
+            vary=(*(f"temperature.{text}" for text in temperature or ()), *(vary or ())),
+            recorded=tuple(recorded or ()),
+            targets=tuple(target or ()),
+        )
         if asked.wanted:
             _check_calibration_options(method, criterion)
             _discriminate(machine, n, output, asked, candidates, seed, as_json)
@@ -111,7 +118,9 @@ def plan(
         with progress("planning") as say:
             loaded = load_machine(machine)
             given = (
-                None if candidates is None else load_recording(loaded, [candidates], need_readings=False).q
+                None
+                if candidates is None
+                else load_recording(loaded, [candidates], need_observations=False).q
             )
             chosen = method or ("continuous" if given is None else "exchange")
             found = run(
@@ -139,14 +148,15 @@ def _discriminate(
     machine: Path, n: int, output: Path, asked: Request, candidates: Path | None, seed: int, as_json: bool
 ) -> None:
     """The experiment that tells explanations apart, written and told."""
+    from truepose.identification.report.notes import worded
     from truepose.models.load import load_machine
 
     check_file(output)
     with progress("planning") as say:
         loaded = load_machine(machine)
         found, frame, lines, told = run_discriminate(loaded, n, asked, candidates, seed, say)
-    names = " and ".join(e.name for e in found.explanations)
+    names = joined(e.name for e in found.explanations)
     write_table(output, frame, [f"rows of {loaded.name} to tell {names} apart: {n}, seed {seed}", *lines])
     summary = {"command": "plan", "machine": loaded.name, "seed": seed, "rows": len(frame)}
     summary |= {"columns": [str(c) for c in frame.columns], **told, "files": [str(output)]}
-    finish(summary, [f"{output}: {len(frame)} rows", *lines], found.notes, as_json=as_json)
+    finish(summary, [f"{output}: {len(frame)} rows", *lines], worded(found.notes), as_json=as_json)

@@ -64,7 +64,7 @@ def predict(
         check_file(output)
         with progress("predicting"):
             loaded = load_machine(machine)
-            rows = load_recording(loaded, [recording], need_readings=False)
+            rows = load_recording(loaded, [recording], need_observations=False)
             frame = prediction.predict(loaded, rows)
             write_table(output, frame)
         notes = [*rows.notes, *prediction.unheard(loaded, rows), *prediction.unassembled(rows, frame)]
@@ -97,7 +97,7 @@ def simulate(
             loaded = load_machine(machine)
             extra = [simulation.parse_effect(text, loaded) for text in effect or ()]
             whole = loaded.with_effects((*loaded.effects, *extra))
-            rows = load_recording(loaded, [poses], need_readings=False)
+            rows = load_recording(loaded, [poses], need_observations=False)
             frame = simulation.with_inputs(poses, simulation.simulate(whole, rows, seed=seed))
             write_table(output, frame)
         notes = [*rows.notes, *unheard(whole, rows)]

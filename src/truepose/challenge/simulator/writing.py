@@ -20,19 +20,19 @@ DIGITS = 9
 def recording_text(
     machine: SimulatedMachine,
     campaign: Campaign,
-    readings: Array,
+    observed: Array,
     *,
     withhold: Collection[str] = (),
 ) -> str:
     """CSV text: pose, time, session, role, joints, approach.*, velocity.*, payload, temperature.*, pressure, from, sensor.
 
-    readings (n, n_columns): mm and rad, with noise. withhold: columns that were not logged, by name or by what
+    observed (n, n_columns): mm and rad, with noise. withhold: columns that were not logged, by name or by what
     stands before the dot (``temperature`` for all of them). Raises ValueError for rows that do not fit together
     and for an origin that the column ``from`` cannot name.
     """
     n = len(campaign)
-    if readings.shape != (n, len(machine.columns)):
-        raise ValueError(f"readings: found shape {readings.shape}, expected {(n, len(machine.columns))}")
+    if observed.shape != (n, len(machine.columns)):
+        raise ValueError(f"observed: found shape {observed.shape}, expected {(n, len(machine.columns))}")
     logged = _logged(machine, campaign)
     kept = {name: c for name, c in logged.items() if not {name, name.split(".")[0]} & set(withhold)}
     joints: dict[str, NDArray[np.generic]] = {
@@ -40,7 +40,7 @@ def recording_text(
         for k, (name, is_angle) in enumerate(zip(machine.readings, machine.revolute, strict=True))
     }
     sensed: dict[str, NDArray[np.generic]] = {
-        name: _written(readings[:, k], unit == "rad")
+        name: _written(observed[:, k], unit == "rad")
         for k, (name, unit) in enumerate(zip(machine.columns, machine.column_units, strict=True))
     }
     head = [name for name in ("pose", "time", "session", "role") if name in kept]

@@ -45,10 +45,10 @@ class TargetsSensor:
         """(n, 3 targets) readings in mm; exact without `rng`."""
         points = np.array(list(self.points.values()))
         seen = np.einsum("nij,kj->nki", world_T_tool[:, :3, :3], points) + world_T_tool[:, None, :3, 3]
-        readings: Array = seen.reshape(len(seen), -1)
+        observed: Array = seen.reshape(len(seen), -1)
         if rng is not None:
-            readings = readings + self.sigma_xyz * rng.standard_normal(readings.shape)
-        return readings
+            observed = observed + self.sigma_xyz * rng.standard_normal(observed.shape)
+        return observed
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,9 @@ class Simulation:
     """What was commanded, what the sensor reads, and the truth behind it."""
 
     rho: Array  # (n, 6) commanded, mm
-    columns: tuple[str, ...]  # of the readings
-    readings: Array  # (n, len(columns)), with noise
-    exact_readings: Array  # the same without noise
+    columns: tuple[str, ...]  # of the observations
+    observations: Array  # (n, len(columns)), with noise
+    exact_observations: Array  # the same without noise
     poses: Poses  # platform in the base frame, leg-end displacements
     pose_world_tool: Array  # (n, 4, 4)
 

@@ -14,16 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
-from truepose.identification.drift.evidence import Point, Stack, State, state, weigh
+from truepose.identification.drift.movement_evidence import Stack, State, solve, weigh
 from truepose.identification.fit.problem import Prior
+from truepose.identification.selection.forward import Accepted, select_forward
+from truepose.identification.selection.scales import Point
 from truepose.models.machine import FRAME_OF, Machine
+from truepose.models.parameters import vector_of
 
 Array = NDArray[np.float64]
 ENOUGH = 3.0
 """Log odds at which a movement is believed (0.95), and within which two explanations are alike."""
 NEARLY = 12.0
 """Log odds up to which an alternative to a movement is named."""
-MOST_STEPS = 40
 NEAR_NOISE = (0.7, 2.7)
 """Noise scales, in the likeliest one, that matter when one more parameter is weighed."""
 
@@ -79,7 +81,7 @@ def candidates_of(machine: Machine, prior: Prior) -> tuple[Candidate, ...]:
     groups: dict[str, list[int]] = {}
     for k, name in enumerate(names):
         if name in outside:
-            groups.setdefault(name.rsplit(".", 1)[0], []).append(k)
+            groups.setdefault(vector_of(name), []).append(k)
     extrinsic = tuple(k for members in groups.values() for k in members)
     several = {name: tuple(members) for name, members in groups.items() if len(members) > 1}
     if len(groups) > 1:
@@ -95,23 +97,23 @@ def select(
     progress: Callable[[str], None] = lambda _: None,
 ) -> Selection:
     """Forward selection, each step followed by deletion of what is no longer asked for."""
-    accepted: dict[int, float] = {}
     odds = -np.log(len(candidates))
-    for _ in range(MOST_STEPS):
+
+    def add(accepted: Accepted) -> Accepted:
         progress(f"weighing what moves ({len(accepted)} found)")
-        states = [state(stack, accepted, point) for point in points]
+        states = [solve(stack, accepted, point) for point in points]
         left = [c for c in candidates if not set(c.members) <= set(accepted)]
         members = [tuple(k for k in c.members if k not in accepted) for c in left]
         weighed = weigh(stack, states, members)
         chosen = _first(left, weighed.gain + odds)
         if chosen is None:
-            break
-        before = set(accepted)
-        accepted |= dict.fromkeys(members[chosen], float(weighed.size[chosen]))
-        accepted = _pruned(stack, accepted, _near(states, points, stack, accepted))
-        if set(accepted) == before:
-            break
-    return _summed(stack, accepted, candidates, points)
+            return accepted
+        return accepted | dict.fromkeys(members[chosen], float(weighed.size[chosen]))
+
+    def review(accepted: Accepted, added: bool) -> Accepted:
+        return _pruned(stack, accepted, _near(points, stack, accepted)) if added else accepted
+
+    return _summed(stack, select_forward({}, add, review), candidates, points)
 
 
 def _first(left: Sequence[Candidate], score: Array) -> int | None:
@@ -122,11 +124,9 @@ def _first(left: Sequence[Candidate], score: Array) -> int | None:
     return max(alike, key=lambda k: (left[k].extrinsic, float(score[k])))
 
 
-def _near(
-    states: Sequence[State], points: Sequence[Point], stack: Stack, accepted: Mapping[int, float]
-) -> list[Point]:
+def _near(points: Sequence[Point], stack: Stack, accepted: Mapping[int, float]) -> list[Point]:
     """Points of the grid about the likeliest noise once ``accepted`` moves."""
-    now = [state(stack, accepted, point) for point in points]
+    now = [solve(stack, accepted, point) for point in points]
     likeliest = max(now, key=lambda s: s.point.log_prior + s.log_evidence).point.noise
     low, high = (likeliest * share for share in NEAR_NOISE)
     return [point for point in points if low <= point.noise <= high]
@@ -139,7 +139,7 @@ def _pruned(stack: Stack, accepted: Mapping[int, float], points: Sequence[Point]
         gains = {}
         for i in list(kept):
             others = {k: q for k, q in kept.items() if k != i}
-            weighed = weigh(stack, [state(stack, others, point) for point in points], [(i,)])
+            weighed = weigh(stack, [solve(stack, others, point) for point in points], [(i,)])
             gains[i] = float(weighed.gain[0])
             kept[i] = float(weighed.size[0]) or kept[i]
         worst = min(gains, key=lambda i: gains[i], default=None)
@@ -153,16 +153,16 @@ def _summed(
 ) -> Selection:
     """Evidence of each parameter's movement given the others, and what would do as well in its place."""
     n, odds = stack.jacobian.shape[2], -np.log(len(candidates))
-    states = tuple(state(stack, accepted, point) for point in points)
+    states = tuple(solve(stack, accepted, point) for point in points)
     still = [k for k in range(n) if k not in accepted]
     gain, log_odds = np.zeros(n), np.full(n, odds)
     gain[still] = weigh(stack, states, [(k,) for k in still]).gain
     alike: dict[int, dict[int, float]] = {}
-    near = _near(states, points, stack, accepted)
+    near = _near(points, stack, accepted)
     for i in accepted:
         others = {k: q for k, q in accepted.items() if k != i}
         found = weigh(
-            stack, [state(stack, others, point) for point in near], [(k,) for k in (i, *still)]
+            stack, [solve(stack, others, point) for point in near], [(k,) for k in (i, *still)]
         ).gain
         gain[i] = found[0]
         away = {k: float(found[0] - g) for k, g in zip(still, found[1:], strict=True)}
@@ -173,7 +173,7 @@ def _summed(
         }
         companions = [c for c in candidates if i in c.members and set(c.members) & set(others)]
         log_odds[i] = 0.0 if companions else odds
-    nothing = [state(stack, {}, point) for point in points]
+    nothing = [solve(stack, {}, point) for point in points]
     extrinsic = np.array([any(c.extrinsic for c in candidates if k in c.members) for k in range(n)])
     total = _total(states) - _total(nothing)
     return Selection(accepted, gain, gain + log_odds, alike, states, total, extrinsic)
@@ -181,6 +181,3 @@ def _summed(
 
 def _total(states: Sequence[State]) -> float:
     return float(logsumexp([s.point.log_prior + s.log_evidence for s in states]))
-
-
-__all__ = ["ENOUGH", "Candidate", "Selection", "candidates_of", "select"]

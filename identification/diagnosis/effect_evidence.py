@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import log_ndtr
 
-from truepose.identification.diagnosis.parts import inflations, kind_of
 from truepose.identification.diagnosis.signatures import Linearisation
+from truepose.identification.selection.scales import Grid, Point, log_gains, noise_scales
+from truepose.identification.selection.tolerance_classes import PartClass, inflations
 
 Array = NDArray[np.float64]
 AMPLITUDES = np.geomspace(1e-4, 10.0, 21)
@@ -25,57 +26,22 @@ AMPLITUDES = np.geomspace(1e-4, 10.0, 21)
 _SHARES = np.minimum(1.0, AMPLITUDES**-2.0)
 LOG_SHARES = np.log(_SHARES / np.sum(_SHARES))
 """Every size up to the largest expected one is as likely; beyond it, ten times larger is a hundred times rarer."""
-TOLERANCE_DOUBT = 0.6
-"""1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
 HOPELESS = 16.0
 """Log odds below which an inflation is not weighed with candidates: it would add 1e-7 of a narrower one's share."""
 LONG = 60
 """Coefficients from which on a candidate is a long series (a hundred harmonics)."""
-MANY_READINGS = 4000
+MANY_OBSERVATIONS = 4000
 """Beyond so many readings tolerances decide little, and one inflation for all classes is enough."""
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Noise scales and tolerance inflations, with the log prior of each combination."""
-
-    noise: tuple[float, ...]
-    inflation: tuple[tuple[float, ...], ...]
-    classes: tuple[str, ...]
-
-    def log_prior(self, noise: float, inflation: Sequence[float]) -> float:
-        """Stated sigmas are mostly right and sometimes far off; tolerances are rarely off by much.
-
-        All are off together by one factor, at its cost, or each kind by its own; classes by what they differ from it.
-        """
-        step = np.log(noise)
-        stated = np.logaddexp(np.log(0.8 / 0.1) - 0.5 * (step / 0.1) ** 2, np.log(0.2) - 0.5 * step**2)
-        doubt = np.log(inflation) / TOLERANCE_DOUBT
-        kinds = [
-            doubt[[kind_of(c) == kind for c in self.classes]]
-            for kind in dict.fromkeys(map(kind_of, self.classes))
-        ]
-        cost = min(0.5 * common**2 + sum(_cheapest(own, common) for own in kinds) for common in {0.0, *doubt})
-        return float(stated - cost)
-
-
-def _cheapest(own: Array, common: float) -> float:
-    """Cost of a kind's classes (in steps of doubt) when the kind is off by one factor of its own beside the common one."""
-    return min(
-        0.5 * float((base - common) ** 2 + np.sum((own - base) ** 2)) for base in {common, *own.tolist()}
-    )
 
 
 def grid_for(lin: Linearisation, rms: float) -> Grid:
     """Noise scales from below the stated sigma to what geometry alone leaves; inflations of the classes present."""
-    top = max(1.7, 1.2 * rms)
-    above = np.geomspace(1.35, top, max(2, int(np.ceil(np.log(top / 1.35) / 0.6)) + 1))
-    noise = tuple(float(v) for v in (0.8, 1.0, *above))
     classes = tuple(dict.fromkeys(lin.parts))
-    if lin.readings > MANY_READINGS:
+    if lin.n_observations > MANY_OBSERVATIONS:
+        top = max(1.7, 1.2 * rms)
         coarse = np.geomspace(1.0, top, max(3, int(np.ceil(np.log(top) / 0.55)) + 1))
         return Grid(tuple(float(v) for v in coarse), ((1.0,) * len(classes),), classes)
-    return Grid(noise, inflations(classes), classes)
+    return Grid(noise_scales(rms, 0.6), inflations(classes), classes)
 
 
 @dataclass(frozen=True)
@@ -124,66 +90,56 @@ class _Weighed:
     spread: Array
 
 
-def evidence(
-    lin: Linearisation, wanted: Sequence[int], grid: Grid, accepted: Mapping[int, float]
-) -> Evidence:
+def weigh(lin: Linearisation, wanted: Sequence[int], grid: Grid, accepted: Mapping[int, float]) -> Evidence:
     """Evidence of the candidates ``wanted`` when ``accepted`` (index to spread, in scales) are part of the model already."""
     context, columns = _Context(lin, accepted), [lin.columns[i] for i in wanted]
-    points = [(k, inflation) for k in grid.noise for inflation in grid.inflation]
-    prior = np.array([grid.log_prior(*point) for point in points])
+    points = grid.points
+    prior = np.array([point.log_prior for point in points])
     groups = [context.group(columns, members) for members in _by_size(columns)]
-    states = [
-        context.null(noise, dict(zip(grid.classes, inflation, strict=True))) for noise, inflation in points
-    ]
+    states = [context.null(p.noise, dict(zip(grid.classes, p.inflation, strict=True))) for p in points]
     null = np.array([value for value, _ in states])
     gain = np.full((len(points), len(columns)), -np.inf)
     best = _Best([c.stop - c.start for c in columns])
     likely = set(np.argsort(-(null + prior))[:2].tolist())
     worth = _worth_weighing(points, null + prior)
-    for g, ((noise, inflation), (_, state)) in enumerate(zip(points, states, strict=True)):
+    for g, (point, (_, state)) in enumerate(zip(points, states, strict=True)):
         if not worth[g]:
             continue
         for group in groups:
             # a long series is weighed at the stated tolerances and at the likeliest points only: each point costs
-            if group.size >= LONG and g not in likely and max(inflation, default=1.0) > 1.0:
+            if group.size >= LONG and g not in likely and max(point.inflation, default=1.0) > 1.0:
                 continue
-            weighed = context.candidates(state, group, noise)
+            weighed = context.candidates(state, group, point.noise)
             gain[g, group.members] = weighed.logs
-            best.improve(group.members, null[g] + prior[g] + weighed.logs, weighed, noise)
+            best.improve(group.members, null[g] + prior[g] + weighed.logs, weighed, point.noise)
     return _gather(points, prior, null, gain, best)
 
 
-def _worth_weighing(points: Sequence[tuple[float, tuple[float, ...]]], log: Array) -> NDArray[np.bool_]:
+def _worth_weighing(points: Sequence[Point], log: Array) -> NDArray[np.bool_]:
     """Points that matter: inflations that are not hopeless beside narrower ones at their noise.
 
     What explains more of the readings makes wider tolerances less needed, never more: where narrower ones do
     better without it they do better with it. Narrower ones that are hopeless without it may be the best with it.
     """
-    noise = np.array([k for k, _ in points])
-    width = np.array([inflation for _, inflation in points]).reshape(len(points), -1)
+    noise = np.array([p.noise for p in points])
+    width = np.array([p.inflation for p in points]).reshape(len(points), -1)
     narrower = np.all(width[:, None] <= width[None, :], axis=2) & (noise[:, None] == noise[None, :])
     rival = np.max(np.where(narrower, log[:, None], -np.inf), axis=0)
     return np.asarray(log > rival - HOPELESS)
 
 
-def _gather(
-    points: Sequence[tuple[float, tuple[float, ...]]],
-    prior: Array,
-    null: Array,
-    gain: Array,
-    best: _Best,
-) -> Evidence:
+def _gather(points: Sequence[Point], prior: Array, null: Array, gain: Array, best: _Best) -> Evidence:
     base = float(_log_sum(null + prior))
     weight = np.exp(null + prior - base)
     total = _log_sum(gain + (null + prior)[:, None]) - base
-    inflations = np.log([inflation for _, inflation in points]).reshape(len(points), -1)
+    inflations = np.log([p.inflation for p in points]).reshape(len(points), -1)
     return Evidence(
         null=base,
         gain=total,
         amplitude=tuple(best.amplitude),
         std=tuple(best.std),
         spread=best.spread,
-        noise=float(np.exp(np.sum(weight * np.log([k for k, _ in points])))),
+        noise=float(np.exp(np.sum(weight * np.log([p.noise for p in points])))),
         inflation=tuple(float(v) for v in np.exp(weight @ inflations)),
         best_noise=best.noise,
     )
@@ -224,14 +180,16 @@ class _Context:
         self.inside = np.concatenate([np.arange(n), extra]).astype(int)
         sizes = [lin.columns[i].stop - lin.columns[i].start for i in accepted]
         self.weight = np.concatenate([lin.weight, 1.0 / np.repeat(list(accepted.values()), sizes)])
-        self.parts = (*lin.parts, *("effect" for _ in extra))
-        self.readings, self.offset, self.gram = lin.readings, n, lin.gram
+        self.parts = (*lin.parts, *(PartClass("effect") for _ in extra))
+        self.n_observations, self.offset, self.gram = lin.n_observations, n, lin.gram
         shift = np.append(lin.departure, 0.0)
         # e = r - [J G] d: the residual at the drawing values, without effects
         self.cross = lin.gram[:, last] - lin.gram @ shift
         self.square = float(lin.gram[last, last] - 2 * shift @ lin.gram[:, last] + shift @ lin.gram @ shift)
 
-    def null(self, noise: float, inflation: dict[str, float]) -> tuple[float, tuple[object, Array, Array]]:
+    def null(
+        self, noise: float, inflation: dict[PartClass, float]
+    ) -> tuple[float, tuple[object, Array, Array]]:
         inside = self.inside
         widened = np.array([inflation.get(part, 1.0) for part in self.parts])
         precision = (self.weight / widened) ** 2
@@ -243,7 +201,7 @@ class _Context:
         quadratic = self.square / noise**2 - b @ solved
         finite = precision > 0
         log_det = 2 * np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(precision[finite]))
-        return -self.readings * np.log(noise) - 0.5 * float(quadratic) - 0.5 * float(log_det), (
+        return -self.n_observations * np.log(noise) - 0.5 * float(quadratic) - 0.5 * float(log_det), (
             factor,
             b,
             solved,
@@ -275,9 +233,7 @@ class _Context:
         )
         values = np.maximum(values, 0.0)
         turned = np.einsum("ckl,ck->cl", vectors, -score)
-        q2 = AMPLITUDES[:, None, None] ** 2
-        damped = 1.0 + q2 * values
-        logs = 0.5 * np.sum(q2 * turned**2 / damped - np.log(damped), axis=2) + LOG_SHARES[:, None]
+        logs = log_gains(AMPLITUDES, values, turned) + LOG_SHARES[:, None]
         best = np.argmax(logs, axis=0)
         at = AMPLITUDES[best, None] ** 2
         mean = np.einsum("ckl,cl->ck", vectors, at * turned / (1 + at * values))

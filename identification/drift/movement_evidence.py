@@ -7,7 +7,7 @@ common departure from the drawing is no movement, and no session is the referenc
 is marginalised over a million to one in tolerances, evenly in its logarithm up to a tenth of a tolerance and
 less likely beyond: parts move by less than they were made wrong. Noise scale and an inflation of tolerances are
 marginalised too (wrong sigmas and wrong tolerances are rival explanations, see
-``truepose.identification.diagnosis.evidence``).
+``truepose.identification.selection.scales``).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from scipy.linalg import helmert, solve_triangular
 from scipy.special import logsumexp
 
-from truepose.identification.diagnosis.evidence import Grid
-from truepose.identification.diagnosis.parts import INFLATED, INFLATIONS
 from truepose.identification.drift.sessions import Linear
 from truepose.identification.fit.decomposition import ROUNDING
 from truepose.identification.fit.problem import Prior
+from truepose.identification.selection.scales import Grid, Point, log_gains, noise_scales
+from truepose.identification.selection.tolerance_classes import INFLATED, INFLATIONS, PartClass
 
 Array = NDArray[np.float64]
 SIZES = np.geomspace(1e-6, 3.0, 27)
@@ -39,22 +39,13 @@ VAGUE = 1e-4
 
 
 @dataclass(frozen=True)
-class Point:
-    """A noise scale and an inflation of tolerances, with the log of their prior probability."""
-
-    noise: float
-    inflation: float
-    log_prior: float
-
-
-@dataclass(frozen=True)
 class Stack:
-    """All sessions in one least-squares problem: jacobian (K, n + 1, n), offset (K, n + 1), readings, weight
+    """All sessions in one least-squares problem: jacobian (K, n + 1, n), offset (K, n + 1), n_observations, weight
     (n,) steps per tolerance, inflated (n,) which tolerances may be wrong together."""
 
     jacobian: Array
     offset: Array
-    readings: int
+    n_observations: int
     weight: Array
     inflated: NDArray[np.bool_]
 
@@ -66,7 +57,7 @@ class Stack:
         inflated = np.array([prior.parts[k] in INFLATED for k in free]) & np.isfinite(prior.sigma[free])
         jacobian = np.stack([s.jacobian for s in sessions])
         offset = np.stack([s.offset for s in sessions])
-        return cls(jacobian, offset, sum(s.readings for s in sessions), weight, inflated)
+        return cls(jacobian, offset, sum(s.n_observations for s in sessions), weight, inflated)
 
     @cached_property
     def contrasts(self) -> Array:
@@ -80,7 +71,7 @@ class Stack:
         return shown.reshape(-1, *shown.shape[2:])
 
     def sizes(self, members: Sequence[int]) -> tuple[Array, Array]:
-        """Sizes of a movement of ``members``, in steps, and the log of their prior probability."""
+        """(s,) sizes of a movement of ``members``, in steps, and (s,) the log of their prior probability."""
         if not np.all(self.weight[list(members)] > VAGUE):
             return OPEN_SIZES, np.full(len(OPEN_SIZES), -np.log(len(OPEN_SIZES)))
         prior = -0.5 * np.log1p((SIZES / USUAL) ** 2)
@@ -93,17 +84,12 @@ class Stack:
         return np.asarray(sharpest > ROUNDING * np.max(sharpest, initial=0.0))
 
 
-def grid(stack: Stack, rms: float) -> tuple[Point, ...]:
-    """Noise from below the stated sigma to ``rms``, what is left when nothing may move; inflations."""
-    top = max(1.7, 1.2 * rms)
-    above = np.geomspace(1.35, top, max(2, int(np.ceil(np.log(top / 1.35) / 0.4)) + 1))
+def grid_for(stack: Stack) -> Grid:
+    """Noise from below the stated sigma to what is left when nothing may move; one inflation for all tolerances."""
+    nothing = solve(stack, {}, Point(1.0, (1.0,), 0.0))
+    rms = float(np.linalg.norm(nothing.residual)) / np.sqrt(stack.n_observations)
     inflations = INFLATIONS if stack.inflated.any() else (1.0,)
-    prior = Grid((), (), INFLATED[:1]).log_prior
-    return tuple(
-        Point(float(noise), inflation, prior(float(noise), (inflation,)))
-        for noise in (0.8, 1.0, *above)
-        for inflation in inflations
-    )
+    return Grid(noise_scales(rms, 0.4), tuple((v,) for v in inflations), (PartClass("all"),))
 
 
 @dataclass(frozen=True)
@@ -124,7 +110,7 @@ class State:
     root: Array
 
 
-def state(stack: Stack, accepted: Mapping[int, float], point: Point) -> State:
+def solve(stack: Stack, accepted: Mapping[int, float], point: Point) -> State:
     """Solve the model at one noise scale and inflation."""
     sessions, rows, n = stack.jacobian.shape
     k = sessions - 1
@@ -132,14 +118,16 @@ def state(stack: Stack, accepted: Mapping[int, float], point: Point) -> State:
         [stack.jacobian.reshape(-1, n), *(stack.movements[:, i] * q for i, q in accepted.items())]
     )
     prior = np.concatenate(
-        [stack.weight / np.where(stack.inflated, point.inflation, 1.0), np.ones(k * len(accepted))]
+        [stack.weight / np.where(stack.inflated, point.inflation[0], 1.0), np.ones(k * len(accepted))]
     )
     target = np.concatenate([-stack.offset.ravel() / point.noise, np.zeros(len(prior))])
     q, r = np.linalg.qr(np.vstack([design / point.noise, np.diag(prior)]))
     inside = q.T @ target
     residual = target - q @ inside
     determinant = float(np.sum(np.log(prior)) - np.sum(np.log(np.abs(np.diag(r)))))
-    log_evidence = -stack.readings * np.log(point.noise) - 0.5 * float(residual @ residual) + determinant
+    log_evidence = (
+        -stack.n_observations * np.log(point.noise) - 0.5 * float(residual @ residual) + determinant
+    )
     root = solve_triangular(r, np.eye(len(r)))
     data = sessions * rows
     return State(
@@ -188,21 +176,18 @@ def weigh(
 def _gains(stack: Stack, s: State, inside: Array, members: Sequence[int], sizes: Array) -> Array:
     """(sizes,) log Bayes factors of a movement of each size."""
     values, vectors, score = information(stack, s, inside, members)
-    turned = vectors.T @ score
-    damped = 1.0 + sizes[:, None] ** 2 * values
-    out: Array = 0.5 * np.sum(sizes[:, None] ** 2 * turned**2 / damped - np.log(damped), axis=1)
-    return out
+    return log_gains(sizes, values, vectors.T @ score)
 
 
 def information(stack: Stack, s: State, inside: Array, members: Sequence[int]) -> tuple[Array, Array, Array]:
-    """What the readings say of the contrasts of ``members``, all else free: eigenvalues and vectors of the
-    information (in steps), and the score."""
+    """What the readings say of the k contrasts of ``members``, all else free, in steps.
+
+    Eigenvalues (k,) and eigenvectors (k, k) of the information, and the score (k,); ``inside`` (c, n (K - 1)): the part of
+    every movement that the model can follow.
+    """
     k, noise = stack.movements.shape[2], s.point.noise
     which = np.concatenate([np.arange(i * k, (i + 1) * k) for i in members])
     shown = stack.movements.reshape(len(s.residual), -1)[:, which] / noise
     followed = inside[:, which] / noise
     values, vectors = np.linalg.eigh(shown.T @ shown - followed.T @ followed)
     return np.maximum(values, 0.0), vectors, shown.T @ s.residual
-
-
-__all__ = ["Point", "Stack", "State", "Weighed", "grid", "information", "state", "weigh"]

@@ -14,24 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.evidence import (
-    MANY_READINGS,
+from truepose.identification.diagnosis.effect_evidence import (
+    MANY_OBSERVATIONS,
     Evidence,
-    Grid,
-    evidence,
     grid_for,
     log_positive,
+    weigh,
 )
 from truepose.identification.diagnosis.refine import refined
 from truepose.identification.diagnosis.refit import refit
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.selection.forward import select_forward
+from truepose.identification.selection.scales import Grid
 from truepose.models.effects.base import SERIES
 
 Array = NDArray[np.float64]
 THRESHOLD = 3.0
 """Log posterior odds a term must bring to be added, and keep to stay."""
-MAX_TERMS = 80
 MAX_REFITS = 8
 MANY_TERMS = 5
 """Beyond so many terms each is only kept or dropped; swapping each against the whole catalogue takes too long."""
@@ -77,16 +77,16 @@ def rank(
     lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], wanted: Sequence[int]
 ) -> Ranking:
     """Log posterior odds of each wanted candidate given the accepted ones."""
-    result = evidence(lin, wanted, grid, accepted)
+    result = weigh(lin, wanted, grid, accepted)
     gain = result.gain.copy()
     for j, i in enumerate(wanted):
-        gain[j] += physical(cat, i, result.amplitude[j], result.std[j])
+        gain[j] += log_plausibility(cat, i, result.amplitude[j], result.std[j])
     odds = gain + np.array([cat.log_odds(i, accepted) for i in wanted]) if len(wanted) else gain
     return Ranking(tuple(wanted), odds, gain, result)
 
 
-def physical(cat: Catalogue, index: int, amplitude: Array, spread: Array) -> float:
-    """Log factor of physical signs and bounds of a candidate's coefficients."""
+def log_plausibility(cat: Catalogue, index: int, amplitude: Array, spread: Array) -> float:
+    """Log factor of physical signs and bounds of coefficients: ``amplitude`` and ``spread`` (k,), in scales."""
     total = 0.0
     for c, mean, std in zip(cat.candidates[index].coefficients, amplitude, spread, strict=True):
         if c.lower == 0.0:
@@ -108,7 +108,7 @@ def select(
 ) -> Selection:
     """Search from the null fit, or from what an earlier search on other rows found.
 
-    ``rms`` of the whitened free fit bounds the noise scale.
+    ``rms`` of the whitened free fit bounds the noise scale. ``exclude`` (n,) are rows left out.
     """
     accepted: dict[int, float] = dict.fromkeys(cat.stated, WIDE)
     fit = null
@@ -123,7 +123,7 @@ def select(
     # a large effect is weighed poorly from a fit without it or with a setting beside its own, and something unnamed
     # may take its place: start again from the best names alone, and keep them if nothing unnamed is asked for there
     nameless = {i for i in range(len(cat.candidates)) if not cat.named(i)}
-    bare = only(start, exclude, [i for i in accepted if i not in nameless])
+    bare = restricted(start, exclude, [i for i in accepted if i not in nameless])
     names = _settle(bare, exclude, set(nameless))
     if set(names.accepted) == set(bare.accepted):
         return found
@@ -134,15 +134,15 @@ def select(
     if len(names.accepted) > MANY_TERMS:
         return found
     # far from the drawing what is asked for may be an extrapolation: what counts is how each did in its own fit
-    own = weight(names)
-    return names if own > weight(found) and own > weight(again) else found
+    own = log_posterior(names)
+    return names if own > log_posterior(found) and own > log_posterior(again) else found
 
 
-def weight(found: Selection) -> float:
+def log_posterior(found: Selection) -> float:
     """Log posterior of a selection up to a constant: its evidence at its own fit, term after term, and the prior odds."""
     cat, lin, grid = found.catalogue, found.linearisation, found.grid
     present = {i: v for i, v in found.accepted.items() if i in cat.stated}
-    total = evidence(lin, [], grid, present).null
+    total = weigh(lin, [], grid, present).null
     for i in (i for i in found.accepted if i not in cat.stated):
         total += float(rank(lin, cat, grid, present, [i]).odds[0])
         present[i] = found.accepted[i]
@@ -172,13 +172,15 @@ def _settle(start: Selection, exclude: NDArray[np.bool_], banned: set[int]) -> S
             break
         fit, accepted = refit(signatures, cat, accepted, fit, exclude, banned)
         lin = signatures.linearise(fit)
-        if lin.readings > MANY_READINGS:  # the noise is known well by now, and each point of the grid costs
+        if (
+            lin.n_observations > MANY_OBSERVATIONS
+        ):  # the noise is known well by now, and each point of the grid costs
             grid = grid_for(lin, float(np.sqrt(fit.chi2_per_dof)))
     return Selection(accepted, fit, lin, grid, signatures, cat)
 
 
-def only(selection: Selection, exclude: NDArray[np.bool_], kept: Collection[int]) -> Selection:
-    """The selection with some of its terms only, fitted anew."""
+def restricted(selection: Selection, exclude: NDArray[np.bool_], kept: Collection[int]) -> Selection:
+    """The selection with some of its terms only, fitted anew without the rows ``exclude`` (n,)."""
     accepted = {i: v for i, v in selection.accepted.items() if i in kept}
     if len(accepted) == len(selection.accepted):
         return selection
@@ -186,7 +188,7 @@ def only(selection: Selection, exclude: NDArray[np.bool_], kept: Collection[int]
 
 
 def refitted(selection: Selection, exclude: NDArray[np.bool_], accepted: Mapping[int, float]) -> Selection:
-    """The selection with other terms, fitted anew; without those that turned out impossible."""
+    """The selection with other terms, fitted anew without the rows ``exclude`` (n,); impossible terms are dropped."""
     signatures = selection.signatures
     fit, left = refit(signatures, selection.catalogue, accepted, selection.fit, exclude, set())
     return replace(selection, accepted=left, fit=fit, linearisation=signatures.linearise(fit))
@@ -196,24 +198,24 @@ def _search(
     lin: Linearisation, cat: Catalogue, grid: Grid, accepted: Mapping[int, float], banned: set[int]
 ) -> dict[int, float]:
     """Add, swap and drop terms until nothing changes."""
-    current = dict(accepted)
-    seen: set[frozenset[int]] = set()
-    while len(current) < MAX_TERMS and frozenset(current) not in seen:
-        seen.add(frozenset(current))
+
+    def add(current: dict[int, float]) -> dict[int, float]:
         others = [i for i in range(len(cat.candidates)) if i not in current and i not in banned]
         if not others:
-            break
+            return current
         ranking = rank(lin, cat, grid, current, others)
         best = int(np.argmax(ranking.odds))
-        chosen = _alike(cat, ranking, best) if ranking.odds[best] > THRESHOLD else []
-        for j in chosen:
+        for j in _alike(cat, ranking, best) if ranking.odds[best] > THRESHOLD else []:
             current = {i: v for i, v in current.items() if not _excluded(cat, i, others[j])}
             current[others[j]] = spread_of(cat, others[j], ranking.evidence.spread[j])
-        if not chosen or 1 < len(current) <= MANY_TERMS:
+        return current
+
+    def review(current: dict[int, float], added: bool) -> dict[int, float]:
+        if not added or 1 < len(current) <= MANY_TERMS:
             current = _swap_and_drop(lin, cat, grid, current, banned)
-        if not chosen:
-            current = _join_pairs(lin, cat, grid, current, banned)
-    return current
+        return current if added else _join_pairs(lin, cat, grid, current, banned)
+
+    return select_forward(accepted, add, review)
 
 
 def _alike(cat: Catalogue, ranking: Ranking, best: int) -> list[int]:

@@ -1,0 +1,80 @@
+"""Rival explanations in every search: the noise is not as stated, or tolerances are not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.selection.tolerance_classes import PartClass
+
+Array = NDArray[np.float64]
+TOLERANCE_DOUBT = 0.6
+"""1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A noise scale and an inflation of tolerances per class of parts, with the log of their prior probability."""
+
+    noise: float
+    inflation: tuple[float, ...]
+    log_prior: float
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Noise scales and tolerance inflations of the classes of parts; every combination is weighed."""
+
+    noise: tuple[float, ...]
+    inflation: tuple[tuple[float, ...], ...]
+    classes: tuple[PartClass, ...]
+
+    @cached_property
+    def points(self) -> tuple[Point, ...]:
+        """Every combination: for each noise scale all inflations."""
+        return tuple(Point(k, i, self.log_prior(k, i)) for k in self.noise for i in self.inflation)
+
+    def log_prior(self, noise: float, inflation: Sequence[float]) -> float:
+        """Stated sigmas are mostly right and sometimes far off; tolerances are rarely off by much.
+
+        All are off together by one factor, at its cost, or each kind by its own; classes by what they differ from it.
+        """
+        step = np.log(noise)
+        stated = np.logaddexp(np.log(0.8 / 0.1) - 0.5 * (step / 0.1) ** 2, np.log(0.2) - 0.5 * step**2)
+        doubt = np.log(inflation) / TOLERANCE_DOUBT
+        kinds = [
+            doubt[[c.kind == kind for c in self.classes]]
+            for kind in dict.fromkeys(c.kind for c in self.classes)
+        ]
+        cost = min(0.5 * common**2 + sum(_cheapest(own, common) for own in kinds) for common in {0.0, *doubt})
+        return float(stated - cost)
+
+
+def _cheapest(own: Array, common: float) -> float:
+    """Cost of a kind's classes (in steps of doubt) when the kind is off by one factor of its own beside the common one."""
+    return min(
+        0.5 * float((base - common) ** 2 + np.sum((own - base) ** 2)) for base in {common, *own.tolist()}
+    )
+
+
+def noise_scales(rms: float, step: float) -> tuple[float, ...]:
+    """Noise scales from below the stated sigma to ``rms``, what geometry alone leaves, ``step`` apart in the log."""
+    top = max(1.7, 1.2 * rms)
+    above = np.geomspace(1.35, top, max(2, int(np.ceil(np.log(top / 1.35) / step)) + 1))
+    return tuple(float(v) for v in (0.8, 1.0, *above))
+
+
+def log_gains(sizes: Array, information: Array, score: Array) -> Array:
+    """(s, ...) log Bayes factors of terms whose unknowns are N(0, size^2) for each of ``sizes`` (s,).
+
+    ``information`` and ``score`` (..., k): eigenvalues of the unknowns' information, all else free, and the score turned
+    to its eigenvectors.
+    """
+    squared = sizes.reshape(-1, *(1,) * score.ndim) ** 2
+    damped = 1.0 + squared * information
+    out: Array = 0.5 * np.sum(squared * score**2 / damped - np.log(damped), axis=-1)
+    return out

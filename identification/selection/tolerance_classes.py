@@ -1,0 +1,54 @@
+"""Classes of parts whose tolerances were stated together, and may be wrong together.
+
+All lower joint centres of legs are a class, and all angles of a chain's joints. What is wrong for one part of a
+class is wrong for all of it. All classes of a kind may be wrong alike (one drawing, one optimist), or one of them alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from truepose.models.parameters import like_parts
+
+INFLATED = ("length", "angle")
+"""Kinds whose classes are told apart; all others (frames, sensors, targets) are one class each."""
+ALONE = (*INFLATED, "frame")
+"""Kinds that may be misstated alone; gains, sensors and targets come with instruments, each with a paper of its own."""
+INFLATIONS = (1.0, 2.0, 4.0)
+FEW = 4
+"""Parameters that a class needs to stand on its own; smaller ones share the rest of their kind."""
+
+
+@dataclass(frozen=True)
+class PartClass:
+    """Parameters of one kind at alike parts (``leg.a`` of every leg); without ``parts``, all others of the kind."""
+
+    kind: str
+    parts: str = ""
+
+
+def part_classes(names: Sequence[str], kinds: Sequence[str]) -> tuple[PartClass, ...]:
+    """Class of every parameter."""
+    raw = [
+        PartClass(kind, like_parts(name) if kind in INFLATED else "")
+        for name, kind in zip(names, kinds, strict=True)
+    ]
+    count = Counter(raw)
+    return tuple(PartClass(one.kind) if count[one] < FEW else one for one in raw)
+
+
+def inflations(classes: Sequence[PartClass]) -> tuple[tuple[float, ...], ...]:
+    """Inflations of the classes to weigh: lengths and angles, everything at once, and each class of ``ALONE`` alone."""
+    kinds = [kind for kind in INFLATED if any(c.kind == kind for c in classes)]
+    out = []
+    for factors in itertools.product(INFLATIONS, repeat=len(kinds)):
+        of = dict(zip(kinds, factors, strict=True))
+        out.append(tuple(of.get(c.kind, 1.0) for c in classes))
+    for factor in INFLATIONS[1:]:
+        out.append((factor,) * len(classes))
+        alone = [k for k, c in enumerate(classes) if c.kind in ALONE]
+        out += [tuple(factor if j == k else 1.0 for j in range(len(classes))) for k in alone]
+    return tuple(dict.fromkeys(out))
