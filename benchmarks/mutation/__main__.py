@@ -61,7 +61,7 @@ def main() -> int:
         sys.stdout.flush()
     known = _known(results)
     found = {area: [known[m.key] for m in mutants if m.key in known] for area, mutants in wanted.items()}
-    given.output.write_text(written(found, given.sample, given.seed), encoding="utf-8")
+    given.output.write_text(written(found, given.sample, given.seed, f"{given.budget:g}"), encoding="utf-8")
     sys.stdout.write(f"{given.output}; reasons in {REASONS}\n")
     return 0
 
