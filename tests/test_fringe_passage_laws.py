@@ -154,6 +154,14 @@ def test_a_sudden_turn_before_the_end_of_a_fringe_is_no_passage(before: float, k
     assert (np.delete(odds, [0, k, len(odds) - 1]) > turns.DECISIVE).all()
 
 
+def test_a_series_reversed_in_time_rests_the_other_way_round() -> None:
+    """Where it starts and where it stops are looked at alike."""
+    t = np.clip((np.arange(900.0) - 300.0) / 250.0, 0.0, 1.0)
+    path = 0.8 + 20.0 * t**2 * (3.0 - 2.0 * t)
+    there, back = series(path), series(path[::-1])
+    assert there.rests == back.rests[::-1] and there.rests[0] != there.rests[1]
+
+
 def test_everyone_is_judged_on_request_and_agrees() -> None:
     one = series(steady(3.0), 0.002)
     judged = passages.passages(one, everyone=True)
