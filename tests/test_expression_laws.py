@@ -86,9 +86,8 @@ def test_rounding_in_lanes_is_exact_up_to_the_largest_fraction(tmp_path: Path, r
         most + 1,
         4 * most,
     ]
-    x = np.array(
-        [*some, *np.nextafter(kind([1.0, 2.0, 7.0]), kind(0)), *np.nextafter(kind([1.0, 6.0]), kind(9))]
-    )
+    whole = np.array([1.0, 2.0, 7.0], dtype=kind)
+    x = np.concatenate([some, np.nextafter(whole, kind(0)), np.nextafter(whole, kind(9))])
     x = np.concatenate([x, -x]).astype(kind).astype(float)
     a, one = ca.SX.sym("a"), ca.SX.sym("p", 1)
     found = compiled(tmp_path, a, one, [ca.floor(a) * one, ca.ceil(a) * one], real, ())(
