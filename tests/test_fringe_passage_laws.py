@@ -219,66 +219,46 @@ def test_levels_alike_off_for_all_do_not_make_passages_doubtful_and_one_dim_midd
         assert np.delete(evenly(replace(one, v=v)), [0, k, len(one.found) - 1]).all()
 
 
-# -- one by one ----------------------------------------------------------------------------------------
-
-
-def far(visit: turns.Visit) -> tuple[Array, Array]:
-    """Times of the groups and their distance from the end that is visited, rad."""
-    light = turns._light(visit)
-    span = visit.t[-1] - visit.t[0]
-    return visit.t[0] + 0.5 * (light.u + 1.0) * span, light.distance
-
-
-@pytest.mark.parametrize("fringes", [3.0, 6.0])
-def test_what_is_judged_lies_as_far_from_the_end_as_the_mirror_does(fringes: float) -> None:
-    """The light of a steady mirror unfolds to its distance from the end of the fringe that is judged."""
-    one = series(steady(fringes, start=0.4))
-    even = evenly(one)
-    first_end = 0 if not one.found.high[0] else 1
-    last = len(one.found) - 1
-    for k in (0, *range(2, last - 1), last):
-        end = np.pi * (k + first_end)
-        times, distance = far(passages._visit(one, k, even))
-        np.testing.assert_allclose(distance, np.abs(0.4 + RATE * times - end), atol=0.07)
-
-
-def test_a_window_reaches_two_plain_neighbours_or_half_of_the_next() -> None:
+def test_a_middle_may_be_off_by_what_noise_leaves_of_its_mean() -> None:
+    """A hundredth of a fringe and five sigma of the mean over the middle third."""
     one = series(steady())
-    found, t, n = one.found, one.t, len(one.found)
-
-    def spans(k: int, even: NDArray[np.bool_], start: float, stop: float) -> bool:
-        rows = passages._window(one, k, even)
-        return bool(np.allclose(t[[rows.start, rows.stop - 1]], [start, stop], rtol=0.0, atol=1.01 / EVERY))
-
-    times, half = found.times, 0.5 * found.durations
-    assert spans(5, every(n), times[2], times[7])
-    assert spans(5, every(n, 3), times[3], times[7])
-    assert spans(5, every(n, 7), times[2], times[6])
-    assert spans(5, every(n, 4) & every(n, 6), times[4] - half[4], times[5] + half[6])
-    assert spans(1, every(n, 0), t[one.rests[0].samples - 1], times[3])
-    # the ends of the series: without what rests, and half of the next
-    assert spans(0, every(n), t[one.rests[0].samples - 1], times[0] + half[1])
-    assert spans(n - 1, every(n), times[-1] - half[-2], t[len(t) - one.rests[1].samples])
-    rested = replace(one, rests=(replace(one.rests[0], samples=6), replace(one.rests[1], samples=9)))
-    first, last = (passages._window(rested, k, every(n)) for k in (0, n - 1))
-    assert (first.start, last.stop) == (5, len(t) - 8)  # a sample of each rest stays
-    # where the next is cut by the end, half as long as the one that is judged
-    short = series(steady(1.0, start=0.9))
-    k = len(short.found) - 2
-    rows = passages._window(short, k, every(len(short.found), k + 1))
-    expected = min(short.found.times[k] + 0.5 * short.found.durations[k], short.t[-short.rests[1].samples])
-    assert short.t[rows.stop - 1] == pytest.approx(expected, abs=1.01 / EVERY)
+    k = 5
+    inside = slice(int(one.found.first[k]), int(one.found.first[k + 1]))
+    for sigma in (0.0, 0.02, 0.04):
+        most = 0.01 + 5.0 * sigma / np.sqrt(one.found.sizes[k] / 3.0)
+        for share, even in ((0.9, True), (1.1, False)):
+            v = one.v.copy()
+            v[inside] -= np.where(one.found.high[k], 1.0, -1.0) * share * most
+            noisy = replace(one, v=v, noise=Noise(sigma, 0.0))
+            assert bool(evenly(noisy)[k]) is even
 
 
-@pytest.mark.parametrize("high", [False, True])
-@pytest.mark.parametrize("distance", [0.7, 1.2])
-def test_a_rest_is_held_where_it_is(high: bool, distance: float) -> None:
+def test_three_excursions_show_no_neighbours_and_four_and_five_do() -> None:
+    for fringes, count in ((1.0, 3), (1.5, 4)):
+        one = series(steady(fringes, start=0.3))
+        assert len(one.found) == count
+        assert evenly(one).tolist() == [False, *[count == 4] * (count - 2), False]
+    late = np.array([1.0, 1.1, 1.0])
+    assert passages._in_time(timed(late), every(5)).tolist() == every(5, 2).tolist()
+
+
+def test_an_excursion_that_misses_its_end_by_four_hundredths_does_not_reach_it() -> None:
+    """And by four sigma; or, with few samples, by what lies between two of them."""
     one = series(steady())
-    phase = np.pi - distance if high else distance
-    slope = abs(float(fringe(np.cos(phase + 1e-6), G) - fringe(np.cos(phase - 1e-6), G))) / 2e-6
-    for sigma, still in ((0.02, True), (1e-5, False)):
-        rest = Rest(50, float(fringe(np.cos(phase), G)), sigma, still)
-        held = passages._held(one, rest, high)
-        assert held.distance == pytest.approx(distance, abs=1e-9) and held.still is still
-        assert held.sigma == pytest.approx(max(0.03, sigma / slope), rel=0.3)
-        assert held.sigma >= 0.03  # a polynomial follows no better
+    for high in (False, True):
+        k = int(np.flatnonzero(one.found.high[2:-2] == high)[0]) + 2
+        inside = slice(int(one.found.first[k]), int(one.found.first[k + 1]))
+        for noise in (0.0, 0.02):
+            for miss, reaches in ((0.03, True), (0.05, False)):
+                far = miss + 4.0 * noise
+                v = one.v.copy()
+                v[inside] = np.minimum(v[inside], 1.0 - far) if high else np.maximum(v[inside], far)
+                assert bool(passages._reaches(v, noise, one.found, G)[k]) is reaches
+    for samples in (4.5, 5.3, 6.7, 9.1):
+        n = round(12.0 * samples)
+        sparse = series(0.3 + np.arange(float(n)) * 2.0 * np.pi / samples)
+        assert passages._reaches(sparse.v, 0.0, sparse.found, G)[1:-1].all()
+        step = 2.0 * np.pi / samples
+        missed = fringe(np.cos(np.pi + 0.9 * step), G) - 0.04
+        low = np.where(sparse.v > 0.5, np.minimum(sparse.v, missed), sparse.v)
+        assert not passages._reaches(low, 0.0, sparse.found, G)[1:-1][sparse.found.high[1:-1]].any()

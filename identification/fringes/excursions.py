@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.models.fabry_perot import folded_phase, fringe
+from truepose.models.fabry_perot import folded_phase
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -128,14 +128,6 @@ def centre_means(t: Array, v: Array, found: Excursions) -> tuple[Array, Array]:
         count[1:-1][some] = high[some] - low[some]
         mean[1:-1][some] = total / (high[some] - low[some])
     return mean, count
-
-
-def expected_centre(found: Excursions, g: float) -> Array:
-    """(K + 1,) what `centre_means` gives when the mirror passes at constant speed."""
-    shares = (np.arange(200) + 0.5) / 200.0 / 3.0
-    low = float(np.mean(fringe(np.cos(shares * found.reach[0]), g)))
-    high = float(np.mean(fringe(np.cos(np.pi - shares * found.reach[1]), g)))
-    return np.where(found.high, high, low)
 
 
 def extremes(v: Array, found: Excursions) -> Array:

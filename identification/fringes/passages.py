@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from truepose.identification.fringes.excursions import (
     Excursions,
     centre_means,
-    expected_centre,
     extremes,
     find_excursions,
 )
@@ -85,7 +84,7 @@ def _visit(series: Series, k: int, even: Bools) -> Visit:
         _held(series, series.rests[1], high) if k == last else None,
     )
     t = series.t[rows]
-    which = np.clip(np.searchsorted(found.times, t, side="right"), 0, last)
+    which = np.searchsorted(found.times, t, side="right")
     bounds = np.concatenate([[-np.inf], found.times, [np.inf]])
     with np.errstate(invalid="ignore"):
         middle = 0.5 * (bounds[which] + bounds[which + 1])
@@ -116,9 +115,8 @@ def evenly(series: Series) -> Bools:
     speed = found.speeds
     slower = np.fmin(speed[:-2], speed[2:])
     even[1:-1] = np.nan_to_num(speed[1:-1] * _SLOWER / slower, nan=0.0) >= 1.0
-    mean, count = centre_means(t, v, found)
-    off = mean - expected_centre(found, g)
-    for kind in (True, False):  # levels that are a little off move all centres alike
+    off, count = centre_means(t, v, found)
+    for kind in (True, False):  # most pass evenly; levels that are a little off move all centres alike
         same = (found.high == kind) & np.isfinite(off)
         if same.any():
             off[same] -= np.median(off[same])
