@@ -51,7 +51,7 @@ def differences(a: Array, b: Array) -> tuple[float, float]:
 
 
 def reach(built: Built) -> float:
-    return float(max(np.linalg.norm(row[[-9, -5, -1]]) for row in built.samples(64)))
+    return float(max(np.linalg.norm(row[[-9, -5, -1]]) for row in built.samples(63)))
 
 
 def tolerance(built: Built) -> tuple[float, float]:

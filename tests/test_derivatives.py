@@ -108,7 +108,7 @@ def readings(machine: Machine, rng: np.random.Generator, n: int = 1) -> Array:
 
 def as_recording(machine: Machine, q: Array, **more: Any) -> Recording:
     n = len(q)
-    plain: dict[str, Any] = {"readings": {}, "labels": {}, "drivers": {}}
+    plain: dict[str, Any] = {"observations": {}, "labels": {}, "drivers": {}}
     return Recording(
         joints=machine.mechanism.readings,
         q=q,

@@ -15,17 +15,19 @@ from scipy.linalg import block_diag
 from scipy.special import expit
 
 from support import MACHINES
+from truepose.identification.drift.analysis import drift
 from truepose.identification.drift.movement_evidence import Stack, grid_for, solve, weigh
 from truepose.identification.drift.movement_selection import Candidate, Selection, candidates_of, select
 from truepose.identification.drift.sessions import Linear, linearised, sessions_of
 from truepose.identification.drift.sizes import joint_parameters, movements
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.recording.load import load_recording
+from truepose.identification.report.drift_words import drift_notes
 from truepose.identification.selection.scales import Point
 from truepose.models.load import load_machine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from drifting_arm.arm import machine_text
+from drifting_arm.arm import HOUR, SIGMA, TURN_SIGMA, machine_text, write_sequence
 
 Array = NDArray[np.float64]
 
@@ -268,3 +270,35 @@ def test_tolerances_of_parts_may_be_wrong_and_what_has_none_decides_nothing() ->
     # movements beyond a tenth of a tolerance are rarer as they are larger; of what has none, all are alike
     assert known[1][0] - known[1][-1] == pytest.approx(np.log(known[0][-1] / 0.1), rel=1e-3)
     assert np.ptp(unknown[1]) < 1e-12
+
+
+def test_checks_of_an_older_calibration_do_not_hang_on_the_stated_sigma(tmp_path: Path) -> None:
+    """Readings tell the noise: with a quarter of the true sigma stated, all is four times as far off, and nothing changes."""
+    moves = {"tool.x": [0.0, 0.05], "q4.d": [0.0, 0.02]}
+    path, files = write_sequence(tmp_path, 91, moves, sessions=2, every=HOUR, n=20)
+    checks = []
+    for share in (1.0, 0.25):
+        stated = f"xyz: {SIGMA!r}, rot: {TURN_SIGMA}"
+        text = machine_text()
+        assert stated in text
+        path.write_text(
+            text.replace(stated, f"xyz: {share * SIGMA}, rot: {share * TURN_SIGMA}"), encoding="utf-8"
+        )
+        machine = load_machine(path)
+        whole = drift(machine, load_recording(machine, files))
+        assert ("times the stated noise" in " ".join(drift_notes(whole))) is (share < 0.5)
+        found = whole.durability
+        assert found.noise == pytest.approx(1.0 / share, rel=0.2)
+        checks.append((found.carried[0], found.frames[0], found.full[0]))
+    for right, wrong in zip(*checks, strict=True):
+        assert right is not None and wrong is not None
+        assert right.holds is wrong.holds
+        assert wrong.p == pytest.approx(right.p, rel=0.2, abs=1e-3)
+        for kind in ("position", "rotation"):
+            assert wrong.rms[kind] == pytest.approx(right.rms[kind], rel=0.05)
+            assert wrong.expected[kind] == pytest.approx(right.expected[kind], rel=0.1)
+    carried, frames, full = checks[0]
+    assert carried is not None and frames is not None
+    # what is fitted anew can only come nearer, and expects no less than all fitted anew leaves
+    assert carried.rms["position"] > frames.rms["position"] >= 0.99 * full.rms["position"]
+    assert carried.p < frames.p

@@ -87,3 +87,10 @@ def test_elastic_legs_sag_by_the_recorded_payload(tmp_path: Path) -> None:
     assert sag[1] == pytest.approx(sag[2] / 2, rel=1e-3)
     fixed = heights(tmp_path, machine_of(tmp_path, "stiffness", *LOADED), [20.0])
     assert z[2] == pytest.approx(fixed[0], abs=1e-9)
+
+
+def test_classes_of_parts_go_by_their_unit(machines: Mapping[str, Machine]) -> None:
+    """What has no class of its own is a length in mm, or an angle in rad or as a direction's component."""
+    every = {(p.part, p.unit) for machine in machines.values() for p in machine.parameters}
+    assert {unit for part, unit in every if part == "length"} == {"mm"}
+    assert {unit for part, unit in every if part == "angle"} == {"rad", "1"}

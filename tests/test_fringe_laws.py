@@ -131,7 +131,7 @@ def test_light_without_fringes_counts_nothing_and_knows_nothing() -> None:
         assert count.faults == (Fault.WEAK,)
         assert (count.walked, count.turns, count.phase) == (0.0, 0, 0.0)
         assert np.isinf(count.sigma) and np.isinf(count.noise)
-        assert count.start.doubt == count.stop.doubt == 0.0
+        assert count.start == count.stop and (count.start.offset, count.start.doubt) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(("noise", "weak"), [(0.05, False), (0.07, True)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.fringes import faults, levels, motions
+from truepose.identification.fringes import faults, lengths, levels, motions
 from truepose.identification.fringes.closure import miscounted
 from truepose.identification.fringes.excursions import (
     Excursions,
@@ -411,3 +411,11 @@ def test_changes_known_poorly_may_miss_by_less_than_their_sigma_tells() -> None:
     for sigma, bad in ((1e-6, False), (2e-5, True)):
         found, _ = miscounted(rows, rows.observations["dL"], np.full(6, sigma), read, HALF_WAVE)
         assert found.any() == bad
+
+
+def test_rows_are_listed_up_to_a_dozen() -> None:
+    assert lengths._listed([7]) == "row 7"
+    assert lengths._listed([1, 2]) == "rows 1, 2"
+    dozen = ", ".join(map(str, range(1, 13)))
+    assert lengths._listed(range(1, 13)) == f"rows {dozen}"
+    assert lengths._listed(range(1, 15)) == f"rows {dozen} and 2 more"

@@ -26,6 +26,7 @@ AREAS = {
     "models": "models/**/*.py",
     "fit": "identification/fit/*.py",
     "diagnosis": "identification/diagnosis/*.py",
+    "selection": "identification/selection/*.py",
     "drift": "identification/drift/*.py",
     "fringes": "identification/fringes/*.py",
     "codegen": "codegen/*.py",
@@ -60,14 +61,14 @@ def main() -> int:
         sys.stdout.flush()
     known = _known(results)
     found = {area: [known[m.key] for m in mutants if m.key in known] for area, mutants in wanted.items()}
-    given.output.write_text(written(found, given.sample, given.seed), encoding="utf-8")
+    given.output.write_text(written(found, given.sample, given.seed, f"{given.budget:g}"), encoding="utf-8")
     sys.stdout.write(f"{given.output}; reasons in {REASONS}\n")
     return 0
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mutation", description=__doc__)
-    parser.add_argument("--sample", type=int, default=360, help="mutants, shared equally by the areas")
+    parser.add_argument("--sample", type=int, default=420, help="mutants, shared equally by the areas")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", nargs="*", choices=AREAS, help="areas (default: all)")
     parser.add_argument("--budget", type=float, default=60.0, help="CPU seconds of tests a mutant")

@@ -29,12 +29,13 @@ SLOW = 8.0
 
 
 class Record(TypedDict):
-    """What `recorder` writes of a test: CPU seconds, and the lines that it runs by file."""
+    """What `recorder` writes of a test: CPU seconds, and the lines that it runs by file, those of its fixtures again."""
 
     test: str
     seconds: float
     passed: bool
     lines: dict[str, list[int]]
+    setup: dict[str, list[int]]
 
 
 @dataclass(frozen=True)
@@ -53,16 +54,35 @@ class Coverage:
                     out.setdefault((file, line), []).append(record)
         return out
 
+    @cached_property
+    def by_fixture(self) -> dict[tuple[str, int], set[str]]:
+        """The files of tests some fixture of which runs a line: it may be another test that asked for it first."""
+        out: dict[tuple[str, int], set[str]] = {}
+        for record in self.tests:
+            for file, lines in record["setup"].items():
+                for line in lines:
+                    out.setdefault((file, line), set()).add(_file(record))
+        return out
+
     def chosen(self, root: Path, mutant: Mutant, budget: float) -> tuple[list[str], float]:
-        """Tests that run a mutant, the most specific and fastest first, and their CPU seconds: at most ``budget``."""
+        """Tests that run a mutant, or may by a fixture, and their CPU seconds: at most ``budget``.
+
+        The most specific and fastest come first.
+        """
         lines = [(mutant.file, line) for line in mutant.lines] or list(_using(root, mutant.names))
-        which = {record["test"]: record for line in lines for record in self.by_line.get(line, ())}
+        own = {record["test"]: record for line in lines for record in self.by_line.get(line, ())}
+        files = {name for line in lines for name in self.by_fixture.get(line, ())}
+        shared = [r for r in self.tests if r["test"] not in own and _file(r) in files]
         out, total = [], 0.0
-        for record in sorted(which.values(), key=_cost):
+        for record in (*sorted(own.values(), key=_cost), *sorted(shared, key=_cost)):
             if total + record["seconds"] <= budget:
                 out.append(record["test"])
                 total += record["seconds"]
         return out, total
+
+
+def _file(record: Record) -> str:
+    return record["test"].partition("::")[0]
 
 
 def _cost(record: Record) -> tuple[bool, float, str]:

@@ -21,6 +21,7 @@ ROOT = Path.cwd()
 LIMIT = float(os.environ["MUTATION_LIMIT"])
 PRODUCT = [str(ROOT / folder / "*") for folder in ("models", "identification", "codegen", "src")]
 _passed: dict[str, bool] = {}
+_tracers: dict[str, coverage.Coverage] = {}
 
 
 def _seconds() -> float:
@@ -40,26 +41,39 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     before, old = _seconds(), signal.signal(signal.SIGPROF, _slow)
     signal.setitimer(signal.ITIMER_PROF, LIMIT)
     tracer.start()
+    tracer.switch_context("setup")
+    _tracers[item.nodeid] = tracer
     try:
         return (yield)
     finally:
         tracer.stop()
         signal.setitimer(signal.ITIMER_PROF, 0)
         signal.signal(signal.SIGPROF, old)
-        data = tracer.get_data()
-        lines = {
-            str(Path(file).relative_to(ROOT)): sorted(data.lines(file) or ())
-            for file in data.measured_files()
-        }
-        seconds = round(_seconds() - before, 3)
+        lines, setup = _lines(tracer.get_data()), _lines(tracer.get_data(), "setup")
         found = {
             "test": item.nodeid,
-            "seconds": seconds,
+            "seconds": round(_seconds() - before, 3),
             "passed": _passed.get(item.nodeid, False),
             "lines": lines,
+            "setup": setup,
         }
         with Path(os.environ["MUTATION_RECORD"]).open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(found) + "\n")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_call(item: pytest.Item) -> None:
+    """What ran so far were fixtures, which other tests of the file may share."""
+    _tracers.pop(item.nodeid).switch_context("call")
+
+
+def _lines(data: coverage.CoverageData, *contexts: str) -> dict[str, list[int]]:
+    """By file from the root."""
+    data.set_query_contexts(contexts or None)
+    files = {
+        str(Path(file).relative_to(ROOT)): sorted(data.lines(file) or ()) for file in data.measured_files()
+    }
+    return {file: lines for file, lines in files.items() if lines}
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

@@ -13,19 +13,21 @@ HEAD = """# Tests that guard: a mutation run
 
 `python -m benchmarks.mutation --sample {sample} --seed {seed}` makes small changes (an operator swapped, a number
 doubled or one higher, a condition turned round, a statement left out) one at a time, and runs the tests that run the
-line. Timeouts count as killed. An *equivalent* mutant does the same as the code, or differs by rounding; no test can kill it.
+line, for at most {budget} CPU seconds each. Timeouts count as killed. {tried} of the sample were tried so far. An
+*equivalent* mutant does the same as the code, or differs by rounding; no test can kill it.
 
 | area | mutants | killed | survived | timeouts | equivalent | killed | of those not equivalent |
 |---|---|---|---|---|---|---|---|
 """
 
 
-def written(found: Mapping[str, Sequence[Mapping[str, Any]]], sample: int, seed: int) -> str:
+def written(found: Mapping[str, Sequence[Mapping[str, Any]]], sample: int, seed: int, budget: str) -> str:
     """The page, from the results of each area."""
     reasons: dict[str, str] = yaml.safe_load(REASONS.read_text(encoding="utf-8")) or {}
     rows = {area: _row(results, reasons) for area, results in found.items()}
     rows["all"] = _row([r for results in found.values() for r in results], reasons)
     lines = [f"| {area} | {row} |" for area, row in rows.items()]
+    tried = sum(map(len, found.values()))
     survivors = [
         f"* `{r['key'].replace('`', '')}` (line {r['line']}): {reasons.get(r['key'], 'not looked at')}"
         for results in found.values()
@@ -33,7 +35,7 @@ def written(found: Mapping[str, Sequence[Mapping[str, Any]]], sample: int, seed:
         if r["result"] == "survived"
     ]
     return (
-        HEAD.format(sample=sample, seed=seed)
+        HEAD.format(sample=sample, seed=seed, tried=tried, budget=budget)
         + "\n".join(lines)
         + "\n\n## Survivors\n\n"
         + "\n".join(survivors)
