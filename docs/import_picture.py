@@ -35,7 +35,6 @@ FLOORS = (
     ("models",),
     ("codegen",),
     ("codegen.evaluation",),
-    ("identification.note",),
     ("identification.recording",),
     ("identification.prediction",),
     ("identification.fit",),
