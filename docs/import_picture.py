@@ -38,7 +38,6 @@ FLOORS = (
     ("models.export",),
     ("codegen",),
     ("codegen.evaluation",),
-    ("identification.note",),
     ("identification.recording",),
     ("identification.prediction",),
     ("identification.fit",),

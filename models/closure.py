@@ -74,7 +74,13 @@ def one_row(function: Callable[..., Any]) -> Equations:
 
 
 def solved(a: Array, b: Array) -> Array:
-    """(n, nx, k) solutions of a x = b, row by row, a (n, ne, nx), b (n, ne, k): least squares if ne > nx; NaN if singular."""
+    """(n, nx, k) solutions of a x = b, row by row, a (n, ne, nx), b (n, ne, k): least squares if ne > nx; NaN if singular.
+
+    NaN also where a number is infinite: a derivative at the edge of where a parameter means anything.
+    """
+    finite = np.isfinite(a).all(axis=(1, 2), keepdims=True) & np.isfinite(b).all(axis=(1, 2), keepdims=True)
+    if not finite.all():
+        a, b = np.where(finite, a, np.nan), np.where(finite, b, np.nan)
     if a.shape[1] != a.shape[2]:
         a, b = a.transpose(0, 2, 1) @ a, a.transpose(0, 2, 1) @ b
     try:
