@@ -125,6 +125,10 @@ def test_an_injected_effect_is_found_again_where_nothing_else_says_the_same(
     assert not injected(case[0], (q2, q3), same, 1.0, (-9.0, -2.0))
     assert injected(case[0], (q2, q3), same, 1.0, (-4.0, -2.0))  # the data prefer neither
     assert injected(case[0], (q2, again), same, 1.0, (-9.0, -2.0))
+    # what can only give way is found as it gives way
+    yields = with_effect(arm, "joint-compliance", ("q2",))
+    assert yields.coefficients[0].lower == 0.0
+    assert injected(case[0], (yields, q3), apart, 1.0, (-2.0, -2.0))
     # what the noise after the fit hides is not found against a likelier rival
     assert injected(case[0], (q2, q3), apart, 0.3, (-9.0, -2.0))
     assert not injected(case[0], (q2, q3), apart, 0.3, (-9.0, -2.0), noise=30.0)
