@@ -115,7 +115,7 @@ def test_settings_that_data_do_not_choose_are_a_doubt_of_the_coefficients(cat: C
     (coefficient,) = cat.candidates[0].coefficients
     summed = cat.candidates[0].effect.settings_add
     expected = 0.0 if summed else np.sqrt(0.25 * 2.0**2) * coefficient.scale
-    assert _settings_doubt(cat, weighed, 0) == (pytest.approx(expected),)
+    assert list(_settings_doubt(cat, weighed, 0)) == pytest.approx([expected])
     assert _settings_doubt(cat, weighed, 2) == _settings_doubt(cat, weighed, 3) == (0.0,)
 
 

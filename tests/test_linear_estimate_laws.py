@@ -12,9 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.identification.fit.biased import column_scale
+from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Status, newton_step
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.identification.fit.relinearised import Scaling, Shrunk, relinearised
+from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 TOLERANCE = np.array([0.3, 2.0, 0.05, 1.0, 0.2])
@@ -180,6 +182,24 @@ def test_the_end_is_told_as_it_was() -> None:
     for last, status in ((0, Status.FAILED), (1, Status.STALLED)):
         found, known = relinearised(cast(Problem, Ending(problem(), last)), np.zeros(5), drawing, "ols")
         assert found.status is status and (known is None) is (last == 0)
+
+
+def test_what_nothing_determines_has_a_variance_of_1e30_steps() -> None:
+    """Along a direction that neither readings nor tolerances know; beside it the covariance is that of the readings."""
+    slopes = problem().slopes * STEP
+    slopes[:, 3] = 2.0 * slopes[:, 2]
+    factor = np.zeros((6, 6))
+    factor[:5, :5] = np.asarray(np.linalg.qr(slopes, mode="r"))
+    flat, nothing = prior(np.full(5, np.inf)), np.zeros(5)
+    solution, _ = relinearised(cast(Problem, problem()), nothing, prior(TOLERANCE), "ols")
+    fit = Estimate(
+        cast(Machine, None), (), flat, DRAWN, nothing, nothing, nothing > 0.0, nothing, factor, solution, ()
+    )
+    blind, sighted = np.array([0.0, 0.0, 2.0, -1.0, 0.0]) / np.sqrt(5.0), np.eye(5)[0]
+    covariance = fit.covariance / np.outer(STEP, STEP)
+    assert blind @ covariance @ blind == pytest.approx(1e30, rel=1e-6)
+    rest = slopes[:, [0, 1, 2, 4]]
+    assert sighted @ covariance @ sighted == pytest.approx(np.linalg.inv(rest.T @ rest)[0, 0], rel=1e-6)
 
 
 @pytest.mark.parametrize("bend", [1.0, 30.0])
