@@ -29,8 +29,8 @@ class Branches:
     """The drawn arm: ``wrist``, whose axes 4, 5 and 6 meet, or ``parallel``, whose axes 2, 3 and 4 are parallel.
 
     At readings zero, in the nominal base frame, mm: axes as drawn and points on them (6, 3), the tool's pose (3, 4), the common
-    direction of the parallel axes (3,), and whether axes 2 to 4 point along it (1) or against it (-1); the point where
-    the last axes meet (3,); and a unit vector (3,) across axis 6 of a wrist, else across the parallel axes.
+    direction of the parallel axes (3,), that of axis 2, and whether axes 2 to 4 point along it (1) or against it (-1); the
+    point where the last axes meet (3,); and a unit vector (3,) across axis 6 of a wrist, else across the parallel axes.
     """
 
     kind: Literal["wrist", "parallel"]

@@ -38,7 +38,7 @@ class Graph:
     def add(self, inputs: Mapping[str, ca.SX], outputs: Sequence[ca.SX]) -> list[list[int]]:
         """Nodes of every output's entries, column by column; input ``a`` is read as ``a[0], a[1] ...``."""
         function = ca.Function("f", list(inputs.values()), [ca.densify(output) for output in outputs])
-        names, work = list(inputs), [0] * function.sz_w()
+        names, work = list(inputs), dict[int, int]()
         results = [[0] * output.numel() for output in outputs]
         for k in range(function.n_instructions()):
             op, into = _operation(function.instruction_id(k)), function.instruction_output(k)

@@ -314,6 +314,19 @@ def test_a_comment_stays_a_comment(tmp_path: Path) -> None:
     ElementTree.fromstring(render(written(tmp_path, "dashes", body), "urdf").text)
 
 
+@pytest.mark.parametrize("name", ["arm", "scara"])
+def test_a_urdf_has_a_line_for_every_element(tmp_path: Path, name: str) -> None:
+    """Indented by its depth, so that a person can read it and a difference of two files names what differs."""
+    lines = render(written(tmp_path, name), "urdf").text.splitlines()
+    assert all(line.count("<") == 1 for line in lines)
+    depth = 0
+    for line in lines[1:]:
+        depth -= line.lstrip().startswith("</")
+        assert len(line) - len(line.lstrip()) == 2 * depth
+        depth += not re.search(r"^ *</|/>$|-->$", line)
+    assert depth == 0
+
+
 def test_the_same_machine_gives_the_same_bytes(tmp_path: Path) -> None:
     machine = written(tmp_path, "arm")
     for file in ("a.urdf", "a.yaml"):

@@ -30,7 +30,8 @@ from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.sensors.socket import Seats
+from truepose.models.sensors.base import Rows
+from truepose.models.sensors.socket import Seats, Socket
 
 Array = NDArray[np.float64]
 
@@ -62,6 +63,26 @@ def test_a_socket_stands_where_least_squares_puts_it() -> None:
     found = seats(group, ((0, 1),), weight).values(raw)
     assert np.sum(weight[:, None] * found**2) == pytest.approx(2 * best.cost, rel=1e-12)
     np.testing.assert_allclose(np.sqrt(weight)[:, None] * found, best.fun.reshape(-1, 3), atol=1e-6)
+
+
+def test_two_sockets_of_a_placement_are_a_pair_from_one_row_each_on() -> None:
+    """A row in either socket and the known distance say something; a socket that no row is fitted in says nothing."""
+    ball = Socket((), 0.01, 50.0)
+    labels = {"placement": ("p", "p", "r", "r", "r"), "socket": ("a", "b", "a", "b", "b")}
+    raw = np.array([[0.0, 0, 0], [53.0, 0, 0], [0, 0, 0], [0, 50.0, 0], [0, 50.0, 0]])
+    found = ball.comparison(Rows(None, labels, np.ones(5)))
+    assert isinstance(found, Seats) and found.pairs == ((0, 1), (2, 3)) and found.fitted.all()
+    np.testing.assert_allclose(found.values(raw)[:, 0], [-1.5, 1.5, 0, 0, 0])
+    lone = ball.comparison(Rows(None, labels, np.array([1.0, 0.0, 1.0, 1.0, 0.0])))
+    assert isinstance(lone, Seats) and lone.pairs == ((2, 3),)
+    assert lone.fitted.tolist() == [True, False, True, True]
+    assert lone.weight.tolist() == [
+        1.0,
+        1.0,
+        1.0,
+        1.0,
+        0.0,
+    ]  # what no fitted row holds stands at its own rows
 
 
 def test_unknowns_of_sockets_are_those_that_rows_determine() -> None:

@@ -144,7 +144,7 @@ class _Work:
         if not np.isfinite(value) or value == 0.0 or not np.isfinite(std):
             return 0.0, True
         # odds of + against - for a Gaussian prediction
-        odds = 2.0 * move.change * value / max(std, 1e-300) ** 2
+        odds = 2.0 * move.change * value / max(std, 1e-150) ** 2
         return (float(np.sign(value)) if abs(odds) > _ODDS else 0.0), True
 
     def _model(self) -> tuple[Array, Array]:
