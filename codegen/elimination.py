@@ -29,7 +29,7 @@ class Pivots:
 
     @classmethod
     def of(cls, samples: Array, pattern: Array) -> Pivots:
-        """Chosen for matrices of ``pattern`` (n, n), True where an entry may differ from zero, by ``samples`` (m, n, n).
+        """Pivots for matrices of ``pattern`` (n, n), True where an entry may be nonzero, chosen by ``samples`` (m, n, n).
 
         Rows and columns of the samples are scaled so that their sizes can be compared.
         """

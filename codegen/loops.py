@@ -36,7 +36,7 @@ class Equations:
 
     @classmethod
     def of(cls, matrix: ca.SX, samples: Array, scale: tuple[Array, Array], real: str) -> Equations | None:
-        """For ``matrix`` (n, n), by samples (m, n, n) of it; ``scale`` (n,), (n,) makes rows and columns comparable.
+        """Equations of ``matrix`` (n, n) with pivots by its samples (m, n, n); ``scale`` of rows (n,) and columns (n,).
 
         None where the samples leave a pivot of zero.
         """

@@ -37,7 +37,7 @@ class Reference:
         self._scale = coordinate_scale(model.machine, len(model.home), model.gap.numel())
 
     def home_readings(self, start: Array) -> Array:
-        """Readings (nq,) at which the loops come closest to closing at the home assembly, from ``start``."""
+        """Readings (nq,) at which the loops come closest to closing at the home assembly, from ``start`` (nq,)."""
         q = start.copy()
         for _ in range(_ROUNDS if len(self.model.home) else 0):
             residual, by_q = (
@@ -72,9 +72,9 @@ class Reference:
         return self._newton(q, self.model.home)
 
     def samples(self, low: Array, high: Array, near: Array, count: int) -> Iterator[tuple[Array, Array]]:
-        """``count`` readings spread between ``low`` and ``high`` (nq,), with their poses.
+        """``count`` readings (nq,) spread between ``low`` and ``high`` (nq,), with their poses (4, 4).
 
-        Readings at which the loops cannot be followed from ``near`` are drawn towards it.
+        Readings at which the loops cannot be followed from ``near`` (nq,) are drawn towards it.
         """
         for fractions in spread(len(low), 10 * count):
             target = low + fractions * (high - low)
@@ -102,14 +102,14 @@ def strain_of(model: SymbolicModel) -> float:
 
 
 def spread(size: int, count: int) -> Iterator[Array]:
-    """``count`` points that fill the unit cube evenly, the middle first (Kronecker sequence)."""
+    """``count`` points (size,) that fill the unit cube evenly, the middle first (Kronecker sequence)."""
     slopes = slopes_of(size)
     for k in range(count):
         yield np.mod(0.5 + k * slopes, 1.0)
 
 
 def slopes_of(size: int) -> Array:
-    """Fractional parts of square roots of the first primes (size,)."""
+    """(size,) fractional parts of the square roots of the first primes."""
     primes: list[int] = []
     candidate = 2
     while len(primes) < size:

@@ -33,9 +33,11 @@ FLOORS = (
     ("publication",),
     ("files",),
     ("models",),
+    ("models.sensors", "models.builders"),
+    ("models.effects",),
+    ("models.export",),
     ("codegen",),
     ("codegen.evaluation",),
-    ("identification.note",),
     ("identification.recording",),
     ("identification.prediction",),
     ("identification.fit",),
@@ -144,8 +146,8 @@ def draw(known: dict[str, Path], found: list[Import], picture: Path) -> None:
     at = {name: k for k, name in enumerate(rooms)}
     between = Counter((room(one.user), room(one.used)) for one in found)
     back = {(room(one.user), room(one.used)) for one in running_back(found)}
-    figure = Figure(figsize=(10, 7))
-    axes = figure.add_axes((0.36, 0.02, 0.63, 0.72))
+    figure = Figure(figsize=(11, 8))
+    axes = figure.add_axes((0.36, 0.02, 0.60, 0.72))
     for (user, used), n in between.items():
         if user != used and {user, used} <= at.keys():
             colour = BACK if (user, used) in back else "#1f5fa8"

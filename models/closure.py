@@ -44,8 +44,8 @@ def closed(
 ) -> tuple[Array, Mask]:
     """Unknowns (n, nx) that close the loops next to ``start`` (n, nx), and which rows do (n,).
 
-    Steps are short: the assembly must stay the same one. A row is given up where a step has no size, or where the
-    iteration rests at a gap; with ``careful`` also at a start that is a singular pose, to rounding.
+    Steps are short: the assembly must stay the same one. A row is given up where a step is not finite, or where the
+    iteration comes to rest with a gap left; with ``careful`` also where the start is singular to rounding.
     """
     x, good, active = start.astype(float), np.zeros(len(start), dtype=bool), np.arange(len(start))
     for _ in range(rounds):
@@ -74,7 +74,13 @@ def one_row(function: Callable[..., Any]) -> Equations:
 
 
 def solved(a: Array, b: Array) -> Array:
-    """Row-wise solution, by least squares where there are more equations; rows without one are NaN."""
+    """(n, nx, k) solutions of a x = b, row by row, a (n, ne, nx), b (n, ne, k): least squares if ne > nx; NaN if singular.
+
+    NaN also where a number is infinite: a derivative at the edge of where a parameter means anything.
+    """
+    finite = np.isfinite(a).all(axis=(1, 2), keepdims=True) & np.isfinite(b).all(axis=(1, 2), keepdims=True)
+    if not finite.all():
+        a, b = np.where(finite, a, np.nan), np.where(finite, b, np.nan)
     if a.shape[1] != a.shape[2]:
         a, b = a.transpose(0, 2, 1) @ a, a.transpose(0, 2, 1) @ b
     try:
@@ -84,7 +90,7 @@ def solved(a: Array, b: Array) -> Array:
 
 
 def determined(a: Array, b: Array) -> Array:
-    """Row-wise least squares, more slowly; rows that do not determine a solution are NaN."""
+    """(n, nx, k) the same by least squares, more slowly; only rows that do not determine x are NaN."""
     out = np.full((len(a), a.shape[2], b.shape[2]), np.nan)
     for k in range(len(a)):
         if np.isfinite(a[k]).all() and np.linalg.matrix_rank(a[k]) == a.shape[2]:

@@ -46,7 +46,7 @@ class Driver:
 
     @classmethod
     def of(cls, name: str) -> Driver:
-        """The driver that a column, an effect or a user calls so; any text is a driver of some kind."""
+        """The driver of this name, given by a column, an effect or a user; any text names a driver of some kind."""
         found = _NAME.fullmatch(name)
         if found is None:
             return cls(name)

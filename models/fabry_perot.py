@@ -10,6 +10,7 @@ with its lowest value at delta = 0 (resonance) and its highest at pi; the period
 that shifts the phase, or a detector's gain and offset, changes where fringes lie and how large they are, never
 their shape: this depends on g alone. So the inverse works on the normalised fringe v, 0 at resonance and 1
 between resonances, and gives cos delta; which of the two phases of a cosine it is, one value cannot tell.
+Functions of arrays work elementwise, on any shape (...,) or a number.
 """
 
 from __future__ import annotations
@@ -35,12 +36,12 @@ def coupling(reflectivities: Reflectivities) -> float:
 
 
 def round_trip_phase(length: Array | float, wavelength: Array | float) -> Array:
-    """delta = 4 pi L / lambda, rad, for a cavity length and a wavelength in one unit."""
+    """(...,) delta = 4 pi L / lambda, rad, for a cavity length and a wavelength in one unit."""
     return np.asarray(4.0 * np.pi * np.asarray(length) / np.asarray(wavelength))
 
 
 def reflectance(phase: Array | float, reflectivities: Reflectivities) -> Array:
-    """Share of the light that comes back at a round-trip phase (rad), in [0, 1]."""
+    """(...,) share of the light that comes back at a round-trip phase (rad), in [0, 1]."""
     g = coupling(reflectivities)
     apart = (np.sqrt(reflectivities[0]) - np.sqrt(reflectivities[1])) ** 2
     swing = 4.0 * g * np.sin(0.5 * np.asarray(phase)) ** 2  # a sum of squares: no cancellation at resonance
@@ -54,37 +55,37 @@ def irradiance(
     gain: Array | float = 1.0,
     offset: Array | float = 0.0,
 ) -> Array:
-    """The detector's signal, offset + gain * R, in the detector's own unit."""
+    """(...,) signal of the detector, offset + gain * R, in its own unit; length and wavelength in one unit."""
     return offset + gain * reflectance(round_trip_phase(length, wavelength), reflectivities)
 
 
 def fringe(cosine: Array | float, g: float) -> Array:
-    """v in [0, 1] at cos(delta), for a round trip that keeps the amplitude g."""
+    """(...,) v in [0, 1] at cos(delta), for a round trip that keeps the amplitude g."""
     c = np.asarray(cosine)
     return np.asarray((1.0 + g) ** 2 * (1.0 - c) / (2.0 * (1.0 + g * g - 2.0 * g * c)))
 
 
 def fringe_slope(phase: Array | float, g: float) -> Array:
-    """dv / d delta at a phase (rad)."""
+    """(...,) dv / d delta at a phase (rad)."""
     d = np.asarray(phase)
     airy = 1.0 + g * g - 2.0 * g * np.cos(d)
     return np.asarray((1.0 - g * g) ** 2 * np.sin(d) / (2.0 * airy * airy))
 
 
 def cosine(v: Array | float, g: float) -> Array:
-    """cos(delta) of a normalised fringe, in [-1, 1]; values outside [0, 1] (noise) count as its ends."""
+    """(...,) cos(delta) of a normalised fringe, in [-1, 1]; values outside [0, 1] (noise) count as its ends."""
     inside = np.clip(v, 0.0, 1.0)
     flat = (1.0 + g) ** 2
     return np.asarray(np.clip((flat - 2.0 * (1.0 + g * g) * inside) / (flat - 4.0 * g * inside), -1.0, 1.0))
 
 
 def folded_phase(v: Array | float, g: float) -> Array:
-    """The phase in [0, pi] of a normalised fringe, rad."""
+    """(...,) phase in [0, pi] of a normalised fringe, rad."""
     return np.asarray(np.arccos(cosine(v, g)))
 
 
 def phase_noise(v: Array | float, v_noise: Array | float, g: float) -> Array:
-    """1-sigma of ``folded_phase``, rad, for a 1-sigma of v.
+    """(...,) 1-sigma of ``folded_phase``, rad, for a 1-sigma of v.
 
     Near the ends of a fringe, where the slope vanishes, an error e of the cosine turns the phase by
     sqrt(2 e): the two cases are joined smoothly.

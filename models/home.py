@@ -45,10 +45,10 @@ def home_readings(mechanism: Mechanism) -> Array:
 
 
 def closed_home(closure: ca.Function, given: Array, scale: CoordinateScale) -> Array | None:
-    """(nx,) an assembly near ``given``; ``closure`` maps x to (equations, their Jacobian, gaps).
+    """(nx,) an assembly near ``given`` (nx,); ``closure`` maps x to (equations, their Jacobian, gaps).
 
-    Starts further and further from home follow where Newton's method finds none, the same ones every time;
-    of those that close, the one nearest to home counts. None when none closes.
+    Where Newton's method fails from there, starts further and further away are tried, the same ones every time.
+    The closed assembly nearest to home is taken; None when no start leads to one.
     """
     found = _newton(closure, given, scale)
     if found is not None or not len(given):

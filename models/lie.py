@@ -97,18 +97,18 @@ def log_so3(rotation: Array) -> Array:
 
 
 def rpy_of(rotation: Array) -> Array:
-    """(3, 3) rotation to (roll, pitch, yaw) of Rz(yaw) Ry(pitch) Rx(roll)."""
+    """(3,) roll, pitch, yaw (rad) of a rotation (3, 3) = Rz(yaw) Ry(pitch) Rx(roll)."""
     yaw, pitch, roll = Rotation.from_matrix(rotation).as_euler("ZYX")
     return np.array([roll, pitch, yaw])
 
 
 def rpy_matrix(rpy: Array) -> Array:
-    """(roll, pitch, yaw) to a (3, 3) rotation."""
+    """(3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of (roll, pitch, yaw) (3,), rad."""
     return Rotation.from_euler("ZYX", np.asarray(rpy, dtype=float)[::-1]).as_matrix()
 
 
 def inverse_pose(pose: Array) -> Array:
-    """Inverse of (..., 4, 4) transforms."""
+    """(..., 4, 4) inverses of transforms (..., 4, 4)."""
     out = np.zeros_like(pose)
     rt = np.swapaxes(pose[..., :3, :3], -1, -2)
     out[..., :3, :3] = rt

@@ -74,7 +74,7 @@ def place_effect(machine: Machine, spec: EffectSpec, where: str) -> PlacedEffect
 def resolve_place(machine: Machine, place: Place, known: Sequence[Place]) -> Place:
     """A place as the catalogue's ``known`` places name it.
 
-    A limb and its actuator understand each other's name, and ``legN``; what means nothing stays as it is.
+    A limb may be called by its actuator's name or ``legN``, an actuator by its limb's; an unknown name stays as it is.
     """
     limbs = machine.mechanism.limbs
     called = {f"leg{k}": limb for k, limb in enumerate(limbs, start=1)}

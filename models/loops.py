@@ -36,7 +36,7 @@ def looped(mechanism: Mechanism) -> frozenset[str]:
 
 
 def serial_part(mechanism: Mechanism, joint: Joint) -> tuple[Part, Part]:
-    """From a joint to where the mechanism branches, or to base or flange: through its parent, through its child.
+    """From a joint to where the mechanism branches or ends: one part through its parent, one through its child.
 
     Both parts open with the joint itself.
     """

@@ -161,7 +161,7 @@ class Mechanism:
     ``flexure_length`` (mm) is given where joints are flexures: they bend what they are fixed to.
     ``expanded`` is the section of the same mechanism as a graph, in the file's units, where the file's own
     form has no field for every parameter; ``tool_length`` (mm) is how far along the flange's z the tool frame
-    stands where the file gives none. ``loops`` says how loops close away from home; ``elastic`` needs every rod to be.
+    stands where the file gives none. ``loops`` says how loops close away from home; ``elastic`` needs elastic rods.
     ``home_directions`` are unit vectors along what joint ends carry, as drawn (``truepose.models.home_directions``);
     the loading of a machine adds them.
     """

@@ -75,11 +75,11 @@ class Difference(Comparison):
     origin: NDArray[np.intp]
 
     def values(self, raw: Array) -> Array:
-        """Change since the row of origin."""
+        """(n, k) change since the row of origin."""
         return raw - raw[self.origin]
 
     def changes(self, raw: Array, change: Array) -> Array:
-        """Linear: the same difference."""
+        """(n, k, w): the difference is linear, and so its derivative is the same difference."""
         return change - change[self.origin]
 
 
@@ -146,11 +146,11 @@ class Sensor(ABC):
         return self.predict(world, s) - reading
 
     def values(self, world: Array, predicted: Array) -> Array:
-        """(n, n_columns) column values from (n, 4, 4) poses; ``predicted`` comes from ``predict``."""
+        """(n, n_columns) column values from (n, 4, 4) poses; ``predicted`` (n, n_columns) comes from ``predict``."""
         return predicted
 
     def noisy(self, values: Array, rng: np.random.Generator) -> Array:
-        """(n, n_columns) readings with the instrument's noise."""
+        """(n, n_columns) readings: exact ``values`` (n, n_columns) with the instrument's noise."""
         sigma = np.array([channel.sigma for channel in self.channels])
         return values + sigma * rng.standard_normal(values.shape)
 

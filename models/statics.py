@@ -65,5 +65,5 @@ class Statics:
 
 
 def load_scale(machine: Machine, port: str) -> float:
-    """N mm a unit of the port, by the unit a load is told in: N along lengths, N m about angles."""
+    """Factor from the unit of a load at a port (N along lengths, N m about angles) to N mm per mm or rad of the port."""
     return MM_PER_M if machine.unit_of(port) == "rad" else 1.0

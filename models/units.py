@@ -196,7 +196,7 @@ class UnitSystem:
     @overload
     def to_internal(self, value: FloatArray, dimension: str) -> FloatArray: ...
     def to_internal(self, value: float | FloatArray, dimension: str) -> float | FloatArray:
-        """A value of the file, or an array, in internal units."""
+        """A value of the file, or an array of any shape, in internal units."""
         return convert(value, self.of(dimension), self.internal(dimension))
 
     @overload
@@ -204,7 +204,7 @@ class UnitSystem:
     @overload
     def from_internal(self, value: FloatArray, dimension: str) -> FloatArray: ...
     def from_internal(self, value: float | FloatArray, dimension: str) -> float | FloatArray:
-        """A value in internal units as the file would write it."""
+        """A value in internal units, or an array of any shape, in the units of the file."""
         return convert(value, self.internal(dimension), self.of(dimension))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truepose.codegen.reference import Reference
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.prediction.loops import Loops
-from truepose.models.closure import CoordinateScale, closed
+from truepose.models.closure import CoordinateScale, closed, solved
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 
@@ -67,3 +67,18 @@ def test_rows_are_judged_one_by_one() -> None:
     x, good = closed(equations, np.full((4, 1), 1.0), scale)
     assert good.tolist() == [True, False, False, True]
     np.testing.assert_allclose(x[[0, 3], 0], [2.0, 0.1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("equations", [3, 5])
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("of", ["matrix", "right side"])
+def test_a_row_that_is_not_finite_has_no_solution_and_spoils_no_other(
+    equations: int, value: float, of: str
+) -> None:
+    rng = np.random.default_rng(4)
+    a, b = rng.standard_normal((4, equations, 3)), rng.standard_normal((4, equations, 2))
+    others = solved(np.delete(a, 1, axis=0), np.delete(b, 1, axis=0))
+    (a if of == "matrix" else b)[1, 2, 0] = value
+    found = solved(a, b)
+    assert np.isnan(found[1]).all()
+    np.testing.assert_array_equal(np.delete(found, 1, axis=0), others)

@@ -200,6 +200,14 @@ def test_a_driver_that_was_not_offered_is_named_with_what_it_would_bring() -> No
     assert not warm.stuck and warm.expected > 0.0
 
 
+def test_velocities_that_would_help_come_in_the_units_of_their_joints() -> None:
+    """A tenth of each joint's range a second: a slide's in mm/s, turning joints' in rad/s."""
+    said = " ".join(sentences(planned("arm", "latency@sensor:tau=10", "backlash@q3")))
+    for actuator in arm().mechanism.actuators:
+        low, high = actuator.range or (0.0, 0.0)
+        assert f"velocity of {actuator.reading} at 0, {(high - low) / 10:g} {actuator.reading_unit}/s" in said
+
+
 def test_sides_time_and_sessions_come_by_themselves() -> None:
     found = planned("arm", "mount-drift@base", "frame-shift@base", "backlash@q1", n=12)
     frame = experiment_table(found)

@@ -23,7 +23,9 @@ from support.moving_machines import written
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.fit import estimate as estimating
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.fit.leastsquares import minimise
+from truepose.identification.fit.leastsquares import minimise, triangular
+from truepose.identification.fit.problem import Problem, prior_of
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models.machine import Machine
 
 
@@ -129,3 +131,22 @@ def test_readings_of_another_machine_are_no_estimate(machines: Mapping[str, Mach
         assert "responsible" in str(error)
     else:
         assert fit.chi2_per_dof > 100.0
+
+
+@pytest.mark.parametrize("component", [1.0, -1.0, 1.1])
+def test_a_step_to_where_a_rail_has_no_derivative_is_forbidden(
+    machines: Mapping[str, Machine], component: float
+) -> None:
+    """The third component of a rail's unit vector is the root of what two leave: infinitely steep at 0, none below."""
+    machine = machines["hexapod"]
+    recording = simulated(machine, nominal(machine), np.random.default_rng(15), 20)
+    problem = Problem(
+        Predictor(machine, recording), prior_of(machine), nominal(machine), ~recording.validation
+    )
+    k = [machine.parameters[k].name for k in problem.prior.free].index("leg1.u.x")
+    t = np.zeros(len(problem.prior.free))
+    assert np.isfinite(triangular(problem.blocks(t), len(t) + 1)).all()
+    t[k] = component / problem.prior.scale[problem.prior.free[k]]
+    _, good = problem.predictor.assemble(problem.at(t))
+    assert good.all() == (abs(component) == 1.0)
+    assert not np.isfinite(triangular(problem.blocks(t), len(t) + 1)).any()

@@ -25,7 +25,8 @@ from truepose.identification.identifiability.subset import (
     spectral_reduction,
 )
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.report.identifiability_words import identifiability_lines, unseen_sentences
+from truepose.identification.report.identifiability_words import identifiability_lines
+from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

@@ -112,6 +112,10 @@ def collect(tree: Path, records: Path, workers: int) -> Coverage:
     wanted = [name for name in names if not (records / f"{name}.jsonl").exists()]
     Parallel(n_jobs=workers, verbose=5 if wanted else 0)(delayed(_record)(tree, records, n) for n in wanted)
     texts = [path.read_text(encoding="utf-8") for path in sorted(records.glob("*.jsonl"))]
+    if not all(texts):
+        raise RuntimeError(
+            f"{records}: some files of tests were not run, their records are empty; see their logs"
+        )
     found: list[Record] = [json.loads(line) for text in texts for line in text.splitlines()]
     return Coverage(tuple(r for r in found if r["passed"] and r["seconds"] <= SLOW))
 

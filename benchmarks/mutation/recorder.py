@@ -36,7 +36,7 @@ def _slow(_signal: int, _frame: FrameType | None) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Run one test under a trace of its own."""
-    tracer = coverage.Coverage(data_file=None, include=PRODUCT)
+    tracer = coverage.Coverage(data_file=None, include=PRODUCT, config_file=False)
     tracer.set_option("run:disable_warnings", ["no-data-collected"])
     before, old = _seconds(), signal.signal(signal.SIGPROF, _slow)
     signal.setitimer(signal.ITIMER_PROF, LIMIT)

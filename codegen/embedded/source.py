@@ -39,7 +39,7 @@ class Source:
 
     @property
     def aside(self) -> Array:
-        """How far a warm guess stands from the solution (n,): 1 deg or, of lengths, 0.5 % of what the vectors span."""
+        """(n,) how far a warm guess stands from the solution: 1 deg, or for lengths 0.5 % of what the vectors span."""
         span = np.ptp(self.joints, axis=0)
         turning = np.array([unit == "rad" for unit in self.units])
         away: Array = np.where(turning, np.minimum(_DEGREE, _SHARE_OF_TURN * span), _SHARE * span)

@@ -27,8 +27,8 @@ CHUNK = 64
 class BatchFunction:
     """Dense SX outputs of SX vector inputs, mapped over rows.
 
-    ``rows``: at how many rows it will be evaluated, in all calls together. Few, or a number that is not known (0), are
-    left to CasADi's virtual machine, as is everything where there is no C compiler; ``engine`` says which.
+    ``rows``: how many rows will be evaluated in all calls together. If they are few or their number is unknown (0), or
+    if there is no C compiler, CasADi's virtual machine evaluates; ``engine`` says which.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class BatchFunction:
         return self._engine
 
     def __call__(self, *inputs: Array) -> tuple[Array, ...]:
-        """Outputs for n rows; n is that of the first two-dimensional input."""
+        """Outputs (n, rows, columns) of inputs (n, size), or (size,) where all rows share one."""
         rows = rows_of(inputs)
         results = tuple(np.empty((rows, columns, height)) for height, columns in self._shapes)
         compiled = self._library(RowInputs.of(self._sizes, inputs)) if self._engine.compiled else None

@@ -1,6 +1,6 @@
 """Shared libraries kept on disk by what they were made of, for one user and any number of processes.
 
-A library's name holds the key of its making and a digest of its content: what was cut short or spoilt is known
+A library's name holds the key of its making and a digest of its content: a file that was cut short or spoilt is noticed
 before it is loaded, and made again.
 """
 
@@ -22,12 +22,12 @@ MOST = 500
 
 @dataclass(frozen=True)
 class LibraryCache:
-    """A folder of libraries; None where there is none that nobody else may write to, and nothing is kept."""
+    """A folder of libraries that only this user may write to; None where there is no such folder: then nothing is kept."""
 
     folder: Path | None
 
     def load(self, key: str, build: Callable[[Path], None]) -> ctypes.CDLL:
-        """The library of a key (hexadecimal), which ``build`` writes to the path it is given where none is kept.
+        """The library kept under a key (hexadecimal); where there is none, ``build`` writes it to the path it is given.
 
         Raises OSError when the new library cannot be loaded, and what ``build`` raises.
         """

@@ -17,7 +17,7 @@ LEAST_WORK = 2e7
 
 @dataclass(frozen=True)
 class Engine:
-    """``compiled`` or ``virtual machine``, and why the latter; ``missed`` where the former was worth it."""
+    """``compiled`` or ``virtual machine``, and why the latter; ``missed``: compiling would have been worth it."""
 
     name: str
     why: str = ""
@@ -33,7 +33,7 @@ class Engine:
 
 
 def engine_for(rows: int, instructions: int) -> Engine:
-    """What so many scalar operations at ``rows`` rows, those of all calls together, are worth."""
+    """The engine for so many scalar operations a row, at ``rows`` rows in all calls together."""
     if rows >= FEWEST_ROWS and rows * instructions >= LEAST_WORK:
         return Engine("compiled")
     return Engine("virtual machine", "too little work for a compiler")

@@ -1,4 +1,4 @@
-"""Which inputs of a batch are each row's and which all rows share, as a compiled function is given them."""
+"""Which inputs of a batch differ from row to row and which all rows share, as a compiled function takes them."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ WIDEST = 8
 
 @dataclass(frozen=True)
 class RowInputs:
-    """sizes: of every input; shared: whether it is one vector for all rows."""
+    """``sizes`` of the inputs; ``shared``: whether an input is one vector for all rows."""
 
     sizes: tuple[int, ...]
     shared: tuple[bool, ...]
 
     @classmethod
     def of(cls, sizes: Sequence[int], inputs: Sequence[Array]) -> RowInputs:
-        """As the inputs of a call have it: (n, size) each row's, (size,) shared; what is empty counts as shared."""
+        """From the inputs of a call: an (n, size) array has a value for each row; a (size,) or empty one is shared."""
         pairs = zip(inputs, sizes, strict=True)
         return cls(tuple(sizes), tuple(np.ndim(a) < 2 or size == 0 for a, size in pairs))
 
     @property
     def widths(self) -> list[int]:
-        """Sizes of those of each row."""
+        """Sizes of the inputs that differ from row to row."""
         return [size for size, shared in zip(self.sizes, self.shared, strict=True) if not shared]
 
     def symbols(self, inputs: Sequence[ca.SX]) -> tuple[ca.SX, ca.SX]:
-        """Those of each row, and the shared ones, one under the other."""
+        """The inputs that differ from row to row in one column, and the shared ones in another."""
         x, p = ([a for a, s in zip(inputs, self.shared, strict=True) if s == kind] for kind in (False, True))
         return ca.vertcat(ca.SX(0, 1), *x), ca.vertcat(ca.SX(0, 1), *p)
 
     def own(self, inputs: Sequence[Array], rows: int) -> list[Array]:
-        """Those of each row (rows, size), copied where C could not read them as they lie."""
+        """The inputs that differ from row to row, each (rows, size), copied where C could not read them in place."""
         triples = zip(inputs, self.sizes, self.shared, strict=True)
         return [
             np.ascontiguousarray(
@@ -50,7 +50,7 @@ class RowInputs:
         ]
 
     def common(self, inputs: Sequence[Array]) -> Array:
-        """All shared ones in one vector, which has at least one entry."""
+        """All shared inputs (size,) one behind the other in a vector (k,), then a zero: it is never empty."""
         triples = zip(inputs, self.sizes, self.shared, strict=True)
         parts = [
             np.broadcast_to(np.asarray(a, dtype=float), size)
@@ -61,17 +61,17 @@ class RowInputs:
 
 
 def rows_of(inputs: Sequence[Array]) -> int:
-    """How many rows: those of the first two-dimensional input, 1 where all are shared."""
+    """Number of rows of the first input (n, size); 1 where all inputs are shared (size,)."""
     return next((len(a) for a in inputs if np.ndim(a) == 2), 1)
 
 
 def pointers(arrays: Sequence[Array]) -> ctypes.Array[ctypes.c_void_p]:
-    """Where the arrays begin, as C takes them."""
+    """Addresses of the first entries of arrays of any shape, as C takes them."""
     return (ctypes.c_void_p * max(len(arrays), 1))(*(a.ctypes.data for a in arrays))
 
 
 def scratch(lanes: int, reals: int = 0) -> Array:
-    """Room for so many vectors of the widest kind and numbers behind them, beginning where a vector may."""
+    """(k,) uninitialised reals, aligned for the widest vectors: room for ``lanes`` of them and ``reals`` more."""
     raw = np.empty(WIDEST * (lanes + 1) + reals)
     first = (-raw.ctypes.data % (8 * WIDEST)) // 8
     return raw[first:]

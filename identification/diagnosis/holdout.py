@@ -69,8 +69,7 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
 
 
 def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
-    """Outermost poses, heaviest loads, warmest rows, disjoint; repeats of a pose stay together."""
-    labels = recording.replicates()
+    """Outermost poses, heaviest loads, warmest rows, disjoint; repeats have the same score and stay together."""
     free = used.copy()
     blocks = []
     centred = recording.q - recording.q[used].mean(axis=0)
@@ -83,8 +82,6 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
     for words, score in scores:
         limit = np.quantile(score[used], 1 - 1 / FOLDS)
         rows = free & (score >= limit)
-        if words == OUTERMOST:
-            rows |= np.isin(labels, labels[rows]) & free
         if 3 <= rows.sum() <= 0.4 * used.sum():
             blocks.append(Block(words, rows))
             free &= ~rows

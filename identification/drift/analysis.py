@@ -23,9 +23,9 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.identifiability.note import Note
 from truepose.identification.identifiability.observability import Knowledge
 from truepose.identification.identifiability.patterns import Blind
-from truepose.identification.note import Note
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 

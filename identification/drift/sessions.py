@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior, Problem
-from truepose.identification.note import Note
+from truepose.identification.identifiability.note import Note
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine

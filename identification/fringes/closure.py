@@ -18,7 +18,7 @@ _NOTABLE = 0.25  # of a count: returns that miss by more are worth a note
 def miscounted(
     rows: Recording, change: Array, sigma: Array, read: Bools, count: float
 ) -> tuple[Bools, list[str]]:
-    """(n,) rows on the way of a return that misses by whole counts (mm each), and notes.
+    """(n,) rows between two visits to one pose whose changes sum to whole counts (mm each) instead of 0, and notes.
 
     ``change`` (n,) and its ``sigma`` hold where ``read``. Rows are returns to a pose when they are replicates
     (see `Recording.replicates`) that changes link. A return that misses by anything else is only noted: the

@@ -124,7 +124,7 @@ def count_fringes(
 
 
 def own_levels(t: Array, signal: Array, rough: Levels, g: float, noise: Noise) -> Levels | None:
-    """Levels that the series itself shows; None when it spans too few fringes."""
+    """Levels that a series of times and samples (n,) itself shows; None when it spans too few fringes."""
     levels = rough
     found = find_excursions(t, levels.normalise(t, signal), noise.sigma / levels.size, g)
     if len(found) > _TRACKED:

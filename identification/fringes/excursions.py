@@ -63,7 +63,7 @@ class Excursions:
 
 
 def find_excursions(t: Array, v: Array, noise: float, g: float) -> Excursions:
-    """Excursions of a normalised signal v (n,) with 1-sigma ``noise``.
+    """Excursions of a normalised signal v (n,) at times (n,), with 1-sigma ``noise``.
 
     A band around the half level, wider than the noise, keeps noise from counting as crossings.
     """
@@ -112,7 +112,7 @@ def _around(above: Bools, before: Ints, after: Ints) -> tuple[Ints, Ints]:
 
 
 def centre_means(t: Array, v: Array, found: Excursions) -> tuple[Array, Array]:
-    """Mean of v in the middle third of each excursion's time (K + 1,), and of how many samples.
+    """(K + 1,) means of v (n,) in the middle third of each excursion's time, and (K + 1,) numbers of samples there.
 
     NaN with 0 samples for the first, the last, and excursions too short to have a middle.
     """
@@ -131,6 +131,6 @@ def centre_means(t: Array, v: Array, found: Excursions) -> tuple[Array, Array]:
 
 
 def extremes(v: Array, found: Excursions) -> Array:
-    """(K + 1,) largest v of high excursions, smallest of low ones."""
+    """(K + 1,) largest v (n,) of high excursions, smallest of low ones."""
     starts = np.minimum(found.first[:-1], len(v) - 1)
     return np.where(found.high, np.maximum.reduceat(v, starts), np.minimum.reduceat(v, starts))

@@ -38,7 +38,7 @@ def too_fast(found: Excursions) -> bool:
 
 
 def has_gap(t: Array, found: Excursions) -> bool:
-    """Whether samples are missing during which the phase may have moved by more than a quarter turn."""
+    """Whether times t (n,) leave a gap in which the phase may have moved by more than a quarter turn."""
     if len(found) < 3 or len(t) < 3:
         return False
     step = np.diff(t)
@@ -48,7 +48,7 @@ def has_gap(t: Array, found: Excursions) -> bool:
 
 
 def has_jump(t: Array, v: Array, noise: float, found: Excursions) -> bool:
-    """Whether two neighbouring samples differ by more than the speed around them allows."""
+    """Whether two neighbouring samples of v (n,), times (n,), differ by more than the speed around them allows."""
     change = np.abs(np.diff(v))
     large = np.flatnonzero(change > _LARGE_STEP + 12.0 * noise)
     if not len(large):
@@ -74,9 +74,9 @@ def _fastest_near(found: Excursions, at: Ints) -> Array:
 
 
 def without_spikes(signal: Array, noise: float) -> tuple[Array, int]:
-    """The signal with single outlying samples replaced by their neighbours' mean, and how many there were.
+    """The signal (n,) with single outlying samples replaced by their neighbours' mean, and how many there were.
 
-    Only where the signal is else calm: a peak of a fast fringe is no spike.
+    Only where the signal is otherwise calm: a peak of a fast fringe is no spike.
     """
     if len(signal) < 20:
         return signal, 0

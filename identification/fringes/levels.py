@@ -44,19 +44,19 @@ class Levels:
     misfit: float = 0.0
 
     def normalise(self, t: Array | float, signal: Array | float) -> Array:
-        """v: 0 at resonance, 1 between resonances."""
+        """v of one sample, or of samples (n,) at times (n,): 0 at resonance, 1 between resonances."""
         if len(self.knots) == 1:
             return np.asarray((signal - self.low[0]) / (self.high[0] - self.low[0]))
         low = np.interp(t, self.knots, self.low)
         return np.asarray((signal - low) / np.interp(t, self.knots, self.high - self.low))
 
     def at(self, t: float) -> Levels:
-        """Constant levels as they are at a time."""
+        """Constant levels, those at time ``t``."""
         low, high = (np.array([np.interp(t, self.knots, end)]) for end in (self.low, self.high))
         return Levels(np.array([t]), low, high, self.sigma, self.misfit)
 
     def corrected(self, low: float, high: float, sigma: float) -> Levels:
-        """The same, by the v (near 0 and 1) at which the ends of the fringe were found."""
+        """These levels, corrected by the v (near 0 and 1) at which the ends of the fringe were found."""
         span = self.high - self.low
         return Levels(self.knots, self.low + low * span, self.low + high * span, sigma, self.misfit)
 
@@ -75,21 +75,21 @@ class Levels:
 
 @dataclass(frozen=True)
 class Noise:
-    """Of a sample: the 1-sigma, and the part (``stuck``) that no average makes smaller.
+    """Noise of a sample: its 1-sigma, and the part of it (``stuck``) that averaging does not reduce.
 
-    That part is a converter's: a signal calmer than its steps stays on one of them.
+    That part comes from a converter: a signal calmer than its steps stays on one of them.
     """
 
     sigma: float
     stuck: float
 
     def over(self, size: float) -> Noise:
-        """The same in units of a size."""
+        """The noise in units of ``size``, such as the signal between the levels."""
         return Noise(self.sigma / size, self.stuck / size)
 
 
 def noise_of(signal: Array) -> Noise:
-    """Noise from second differences where the signal is calmest, and from a converter's step."""
+    """Noise of samples (n,): from second differences where they are calmest, and from a converter's step."""
     length = 256
     if len(signal) < 4:
         return Noise(0.0, 0.0)
@@ -107,14 +107,14 @@ def noise_of(signal: Array) -> Noise:
 
 
 def rough_levels(signal: Array) -> Levels:
-    """Constant levels from the range of the signal, a few outliers apart."""
+    """Constant levels from the range of samples (n,), a few outliers apart."""
     sparse = signal[:: max(1, len(signal) // 1_000_000)]
     low, high = np.quantile(sparse, (1e-4, 1.0 - 1e-4))
     return Levels(np.zeros(1), np.array([low]), np.array([high]))
 
 
 def tracked_levels(signal: Array, levels: Levels, found: Excursions) -> Levels:
-    """Levels that follow the ends of many excursions: for signals whose size changes along the series."""
+    """Levels that follow the ends of many excursions: for a signal (n,) whose size changes along the series."""
     ends = extremes(signal, found)[1:-1]
     high, middle = found.high[1:-1], 0.5 * (found.times[1:] + found.times[:-1])
     knots = min(_MOST_KNOTS, len(middle) // _PER_KNOT)
@@ -154,11 +154,11 @@ def evenly_passed(signal: Array, found: Excursions, size: float, within: float) 
 def fitted_levels(
     t: Array, signal: Array, found: Excursions, g: float, noise: float, size: float
 ) -> Levels | None:
-    """Levels by least squares over excursions passed evenly; None when fewer than ``EVEN``.
+    """Levels by least squares over excursions passed evenly; None when there are fewer than ``EVEN``.
 
-    ``noise`` is that of a sample, ``size`` about the signal between the levels. Where the assumed half level was
-    off, excursions to the one side last longer than to the other: their durations give the phase of the
-    crossings, so that no level enters. As many knots are taken as the data ask for.
+    Times and samples are (n,). ``noise`` is the 1-sigma of a sample, ``size`` roughly the signal between the levels.
+    Where the assumed half level was off, excursions to one side last longer than to the other: their durations give
+    the phase of the crossings, so that no level enters. As many knots are taken as the data ask for.
     """
     for within in _EVENNESS:
         even = np.flatnonzero(evenly_passed(signal, found, size, within))

@@ -70,7 +70,7 @@ class Motion:
 
 
 def basis(u: Array, degree: int, change: float | None) -> Array:
-    """(n, p) functions of time: powers, and from a sudden ``change`` on another speed and acceleration."""
+    """(n, p) functions of time u (n,): polynomials, and from a sudden ``change`` on another speed and acceleration."""
     rows = chebyshev.chebvander(u, degree)
     if change is not None:
         after = np.maximum(u - change, 0.0)
@@ -79,7 +79,7 @@ def basis(u: Array, degree: int, change: float | None) -> Array:
 
 
 def speed(u: Array, degree: int, change: float | None) -> Array:
-    """(n, p) derivative of `basis`, for u = -1 and 1."""
+    """(n, p) derivative of `basis` by u (n,), which may be -1 or 1 only."""
     power = np.arange(degree + 1)
     rows = u[:, None] ** (power + 1) * power**2
     if change is not None:
@@ -135,7 +135,7 @@ class Problem:
         return fringe(np.cos(phase), self.light.g), fringe_slope(phase, self.light.g)
 
     def rows(self, a: Array) -> Array:
-        """(m, p + 3) light, edges and levels, whitened: derivatives by coefficients and levels, then the residual."""
+        """(m, p + 3) whitened rows of light, edges and levels: derivatives by ``a`` (p + 2,), then the residual."""
         x = self.basis @ a[:-2]
         shape, slope = self.shape(x)
         off = a[-2] + (1.0 + a[-1]) * shape - self.light.v
@@ -146,9 +146,9 @@ class Problem:
         return np.vstack([part / sigma for part, sigma in whole])
 
     def starts(self) -> Iterator[Array]:
-        """Guesses of the coefficients.
+        """Guesses (p + 2,): coefficients of the motion, and corrections of the two levels.
 
-        One unfolds the distances at the nearest place; one trusts only those far from the end of the fringe,
+        One unfolds the distances at the smallest one; one trusts only those far from the end of the fringe,
         where noise matters little; for a motion that comes back, one goes beyond the end in between.
         """
         distance, p = self.light.distance, self.basis.shape[1]
@@ -170,11 +170,11 @@ class Problem:
             yield a
 
     def best(self, *further: Array) -> list[Motion]:
-        """The motions reached from all guesses, and from ``further`` ones."""
+        """The motions reached from all guesses, and from ``further`` ones (p + 2,)."""
         return [self.reached(a) for a in (*self.starts(), *further)]
 
     def reached(self, a: Array) -> Motion:
-        """The motion that least squares reach from coefficients ``a``."""
+        """The motion that least squares reach from coefficients ``a`` (p + 2,)."""
         found = minimise(
             lambda a: [self.rows(a)], a, limit=_STEPS, tolerance=_LEFT, share=_SHARE, damping=_DAMPING
         )

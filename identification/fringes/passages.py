@@ -47,9 +47,9 @@ class Series:
 
 
 def normalised(t: Array, signal: Array, levels: Levels, noise: Noise, g: float, slack: float = 0.0) -> Series:
-    """A signal with its excursions and rests; ``noise`` is in the signal's unit.
+    """A signal (n,) at times (n,) as its excursions and rests; ``noise`` is in the signal's unit.
 
-    ``slack``: 1-sigma of the levels (of a fringe), where it is more than their own.
+    ``slack``: 1-sigma of the levels (in parts of a fringe), where it is more than their own.
     """
     v, relative = levels.normalise(t, signal), noise.over(levels.size)
     found = find_excursions(t, v, relative.sigma, g)

@@ -34,9 +34,9 @@ _SURE = 1e3
 class Visit:
     """Samples around the visit to the ``high`` or low end of a fringe, and how they lie from it.
 
-    t and v (n,) with their ``noise``; ``slack``: 1-sigma of the levels by which v was normalised. A sample
-    lies so many ``halves`` of a fringe away from the end that is visited (n,), ``beyond`` or before the end (of
-    the ``kind`` high or low) that is there. ``edges``: what else is known where the samples begin and stop.
+    t and v (n,) with their ``noise``; ``slack``: 1-sigma of the levels by which v was normalised. The end nearest to
+    a sample is ``halves`` (n,) half fringes away from the one that is visited, and high where ``kind`` (n,) is true;
+    ``beyond`` (n,): the sample lies past it. ``edges``: what else is known where the samples begin and stop.
     """
 
     t: Array
@@ -64,7 +64,7 @@ class Verdict:
     sigma: float
 
     def confirmed(self, other: Verdict) -> Verdict:
-        """This one, no surer than another one of freer motions is."""
+        """This verdict with odds no surer than those of ``other``, which freer motions gave; 0 where the two differ."""
         agree = self.odds * other.odds > 0.0
         odds = float(np.copysign(min(abs(self.odds), abs(other.odds)), self.odds)) if agree else 0.0
         return replace(self, odds=odds)

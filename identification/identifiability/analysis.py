@@ -17,6 +17,7 @@ from truepose.errors import InputError
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.decomposition import Decomposition, Observability
 from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.identifiability.note import Note
 from truepose.identification.identifiability.observability import (
     Direction,
     Knowledge,
@@ -27,7 +28,6 @@ from truepose.identification.identifiability.observability import (
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_observations
 from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
-from truepose.identification.note import Note
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine

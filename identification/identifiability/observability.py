@@ -85,7 +85,7 @@ class Knowledge:
         return out
 
     def physical(self, directions: Array) -> Array:
-        """Directions (k, n) in steps as orthonormal ones in mm at a lever, of the same span."""
+        """(k, n) orthonormal directions, in mm at a lever, that span the same as ``directions`` (k, n) in steps."""
         if not len(directions):
             return directions
         return np.linalg.qr((directions * self.scale * self.lever).T)[0].T
@@ -132,7 +132,7 @@ def shares(known: Knowledge, directions: Array) -> Array:
 
 
 def unseen(known: Knowledge, directions: Array | None = None) -> tuple[Direction, ...]:
-    """The directions that the readings cannot see (or those given, in steps), frames leading where they can."""
+    """The directions that the readings cannot see, or ``directions`` (k, n) in steps; frames lead where they can."""
     rows = known.decomposition.null_space if directions is None else directions
     return tuple(_direction(known, row) for row in _sparse(known.physical(rows), known.names))
 

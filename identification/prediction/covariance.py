@@ -23,7 +23,7 @@ UNSEEN = 1e-6
 
 @dataclass(frozen=True)
 class Covariance:
-    """Names of what was estimated, factor (n, n) and unknown directions (k, n)."""
+    """Names of n estimates, a factor (n, n) F of their covariance F F', and directions (k, n) that are unknown."""
 
     names: tuple[str, ...]
     factor: Array
@@ -31,7 +31,7 @@ class Covariance:
 
     @classmethod
     def of(cls, names: Sequence[str], scale: Array, root: Array, unknown: Array) -> Covariance:
-        """Of a covariance root root' with ``unknown`` directions, (n, m) and (k, n), in steps of ``scale`` (n,)."""
+        """Covariance root root', ``root`` (n, m), and ``unknown`` directions (k, n), both in steps of ``scale`` (n,)."""
         triangle = np.asarray(np.linalg.qr(root.T * scale, mode="r")).T
         factor = np.zeros((len(names), len(names)))
         factor[:, : triangle.shape[1]] = triangle
@@ -39,7 +39,7 @@ class Covariance:
 
     @classmethod
     def of_tolerances(cls, names: Sequence[str], sigma: Array) -> Covariance:
-        """Independent entries of known 1-sigma; infinite ones are unknown."""
+        """Independent entries of 1-sigma ``sigma`` (n,); where it is infinite, an entry is unknown."""
         finite = np.isfinite(sigma)
         return cls(tuple(names), np.diag(np.where(finite, sigma, 0.0)), np.eye(len(sigma))[~finite])
 
@@ -73,7 +73,7 @@ class Covariance:
         return {**out, "unknown": [_text(row) for row in self.unknown]} if len(self.unknown) else out
 
     def std(self, jacobian: Array, scale: Array) -> Array:
-        """1-sigma of quantities with derivative (..., n) by ``names``; inf where an unknown direction shows.
+        """(...,) 1-sigma of quantities with derivative (..., n) by ``names``; inf where an unknown direction shows.
 
         ``scale`` (n,) is the size of a step of each entry.
         """

@@ -18,7 +18,7 @@ _STEPS = 8
 
 
 class Loops:
-    """The closed loops of one model; ``rows``: at how many they will be evaluated, in all calls together."""
+    """The closed loops of one model; ``rows``: how many rows will be evaluated in all calls together."""
 
     def __init__(self, model: SymbolicModel, rows: int = 0) -> None:
         m = self._model = model
@@ -28,7 +28,10 @@ class Loops:
         self.scale = coordinate_scale(m.machine, len(m.home), m.gap.numel())
 
     def assemble(self, q: Array, z: Array, p: Array, start: Array | None = None) -> tuple[Array, Mask]:
-        """Passive coordinates (n, nx) at readings (n, nq) and drivers (n, nz), and which rows could be assembled."""
+        """Passive coordinates (n, nx) at readings (n, nq), drivers (n, nz) and parameters (np,), and which rows have them.
+
+        ``start`` (n, nx) is where Newton's method begins, by default home.
+        """
         x = np.tile(self._model.home, (len(q), 1)) if start is None else start.copy()
         if x.shape[1] == 0:
             return x, np.ones(len(q), dtype=bool)

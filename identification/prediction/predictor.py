@@ -34,9 +34,10 @@ FIT = 5
 
 
 class Predictor:
-    """Residuals, poses and loads of one machine with some effects over one recording.
+    """Residuals, poses and loads of one machine with some effects over one recording of n rows.
 
-    ``visits``: how often each row will be evaluated (FIT in a fit), by which it is settled whether compiling pays.
+    ``visits``: how often each row will be evaluated (FIT in a fit), which decides whether compiling pays.
+    Everywhere ``p`` (np,) are parameters and ``x`` (n, nx) passive coordinates; lengths are in mm, angles in rad.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class Predictor:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What the sensors have to say of how they take this recording, and what of it takes longer than it need."""
+        """Notes of the sensors on how they read this recording, and on what is evaluated more slowly than it could be."""
         told = [c for s in self.machine.sensors for c in s.cautions(self.recording.labels)]
         functions = (
             self._loops.closure,
@@ -89,7 +90,7 @@ class Predictor:
         return (*told, *(f"{why}: evaluated by CasADi's virtual machine, more slowly" for why in slow))
 
     def assemble(self, p: Array, start: Array | None = None) -> tuple[Array, Mask]:
-        """Passive coordinates (n, nx) that close the loops, and which rows could be assembled.
+        """Passive coordinates (n, nx) that close the loops, from ``start`` (n, nx), and which rows could be assembled.
 
         A row that reads the change since another needs both.
         """
@@ -97,7 +98,7 @@ class Predictor:
         return x, good if self.origin is None else good & good[self.origin]
 
     def poses(self, p: Array, x: Array | None = None) -> tuple[Array, Mask]:
-        """Sensor-frame poses of the tool (n, 4, 4); rows that cannot be assembled are False."""
+        """Sensor-frame poses of the tool (n, 4, 4), mm, and which rows (n,) could be assembled."""
         good = np.ones(len(self.q), dtype=bool)
         if x is None:
             x, good = self.assemble(p)
@@ -106,7 +107,7 @@ class Predictor:
     def blocks(self, p: Array, x: Array, weight: Array | Mask | None = None) -> Iterator[Block]:
         """Whitened residuals and exact Jacobians, some rows at a time, so that memory stays flat.
 
-        ``weight`` (n,) is what rows count in a level that compared rows share; by default 1, for validation 0.
+        ``weight`` (n,): how much a row counts in a level that compared rows share, by default 1, for validation 0.
         """
         comparisons = self.comparisons(weight)
         step = _BLOCK if all(c is None for c in comparisons) else len(self.q)
@@ -117,7 +118,7 @@ class Predictor:
             yield joined(rows, [f.block(sight, p, self.recording, rows, c) for f, c in pairs])
 
     def comparisons(self, weight: Array | Mask | None = None) -> list[Comparison | None]:
-        """How each sensor compares rows; None where each reading depends on its own row alone."""
+        """How each sensor compares rows of ``weight`` (n,); None where each reading depends on its own row alone."""
         counts = np.asarray(~self.recording.validation if weight is None else weight, dtype=float)
         rows = Rows(self.origin, self.recording.labels, counts, self.recording.files)
         return [sensor.comparison(rows) for sensor in self.machine.sensors]

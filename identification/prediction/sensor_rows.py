@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Block:
-    """Some rows: residuals whitened by sigma (n, m) and (n, k, np) the derivative by p of each row's prediction.
+    """Some rows: residuals (n, m) whitened by sigma, and the derivative (n, k, np) of each row's prediction by p.
 
     Where a reading compares rows, ``compare`` turns changes (n, k, w) of the rows' predictions into changes
     (n, m, w) of the residuals; elsewhere the two are the same.
@@ -113,7 +113,7 @@ class SensorFunctions:
         rows: slice,
         comparison: Comparison | None,
     ) -> Block:
-        """Residuals whitened by sigma, with their derivatives, of what is seen in ``rows``."""
+        """Whitened residuals of what is seen in ``rows``, with their derivatives by the parameters p (np,)."""
         columns = [recording.observations[c][rows] for c in self.sensor.columns]
         y = np.column_stack(columns) if columns else np.zeros((len(sight.pose), 0))
         if comparison is None:

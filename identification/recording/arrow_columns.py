@@ -1,8 +1,8 @@
-"""Columns of a large file as pyarrow holds them: numbers without a look at every cell, cells where they are asked for.
+"""Columns of a large file as pyarrow holds them: numbers are read column by column, single cells only when asked for.
 
-``read_plain_csv`` takes plain numbers, texts and separators only, and leaves the rest (quotes, comments between rows, rows
-of the wrong length) to ``table.read_table``. So does ``ArrowCells.numbers`` with cells that are no plain numbers, and
-``Table.numbers``. Those also say what is wrong.
+``read_plain_csv`` reads plain numbers, texts and separators only. It leaves quotes, comments between rows and rows of the
+wrong length to ``table.read_table``, as ``ArrowCells.numbers`` leaves cells that are no plain numbers to ``Table.numbers``.
+Those also say what is wrong.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ArrowCells(Sequence[object]):
         return out
 
     def numbers(self) -> FloatArray | None:
-        """(n,) where all are finite numbers, or their plain texts; None for anything else."""
+        """(n,) values if every cell is a finite number or the plain text of one, else None."""
         kind = self._cells.type
         if self._cells.null_count or not (
             pa.types.is_string(kind) or pa.types.is_integer(kind) or pa.types.is_floating(kind)
@@ -57,7 +57,7 @@ class ArrowCells(Sequence[object]):
 
 
 def read_plain_csv(data: bytes) -> tuple[list[str], list[ArrowCells]] | None:
-    """Headers, and columns of texts; None where the plain way cannot be taken."""
+    """Headers and columns of texts; None for a file with anything else than plain cells."""
     start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
     while True:  # comments and empty lines before the header
         end = data.find(b"\n", start)

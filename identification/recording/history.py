@@ -14,13 +14,13 @@ IntArray = npt.NDArray[np.int64]
 
 
 def order_in_time(time: FloatArray | None, file: IntArray, row: IntArray) -> IntArray:
-    """Indices that put rows in order of acquisition, (n,)."""
+    """(n,) indices that put rows in order of acquisition, by time, file and row (n,)."""
     keys = (row, file) if time is None else (row, file, time)
     return np.lexsort(keys).astype(np.int64)
 
 
 def exponential_lag(time: FloatArray, values: FloatArray, seconds: float) -> FloatArray:
-    """The first-order response y' = (x - y)/seconds at ordered times (n,), y = x at the first.
+    """(n,) first-order response y' = (x - y)/seconds to values x (n,) at ordered times (n,), s; y = x at the first.
 
     Exact for an input that runs straight from one sample to the next.
     """
@@ -47,12 +47,12 @@ def stop_operator(
     half_width: float,
     overshoot: float = float("inf"),
 ) -> FloatArray:
-    """How far ordered readings (n,) lead the play operator of a half width, (n,), between minus and plus that.
+    """(n,) how far ordered readings (n,) lead the play operator of a half width, from minus to plus that width.
 
-    The stop operator of Prandtl: it follows every move until it slips. It starts at 0 in every piece. Where
-    ``approach`` (-1, 0, 1; 0 unknown) contradicts the last move, the joint overshot and came back: by more than
-    the width, so that it stands at its limit on that side, or by a known ``overshoot``. With one it starts
-    every approach that far behind its goal, even from the right side.
+    The stop operator of Prandtl: it follows every move until it slips. It starts at 0 in every ``piece`` (n,). Where
+    ``approach`` (n,) (-1, 0, 1; 0 unknown) contradicts the last move, the joint overshot and came back: by more
+    than the width, so that it stands at its limit on that side, or by ``overshoot``. A finite overshoot means that
+    every approach starts that far behind its goal, also one that comes from the right side.
     """
     out = np.zeros(len(readings))
     state = 0.0
@@ -73,7 +73,7 @@ def stop_operator(
 
 
 def line_of_full_loop(readings: FloatArray, half_width: float, low: float, high: float) -> FloatArray:
-    """The straight line that fits the stop operator best over a full loop from low to high, at readings (n,).
+    """(n,) the straight line that fits the stop operator best over a full loop from low to high, at readings (n,).
 
     Its slope is 3 t^2 - 2 t^3, t = half width / half range (least squares over both branches).
     """
@@ -84,9 +84,9 @@ def line_of_full_loop(readings: FloatArray, half_width: float, low: float, high:
 def creep_sum(
     time: FloatArray, readings: FloatArray, piece: IntArray, t0: float, dwell: float = 0.0
 ) -> FloatArray:
-    """Sum over past moves of step * log10(1 + age / t0) at ordered times (n,), unit of the readings.
+    """(n,) sum over past moves of step * log10(1 + age / t0) at ordered times (n,), s; in the unit of the readings (n,).
 
-    A move ends ``dwell`` s before the row that it leads to; moves of other pieces do not count.
+    A move ends ``dwell`` s before the row that it leads to; moves of other pieces (n,) do not count.
     """
     steps = np.diff(readings, prepend=readings[:1])
     fresh = np.flatnonzero(np.diff(piece, prepend=piece[:1] - 1))
@@ -102,7 +102,7 @@ def creep_sum(
 
 
 def latest_earlier_row(pose: IntArray, origin: IntArray, time: FloatArray | None) -> IntArray:
-    """For each row of one file, the latest earlier row whose `pose` is its `origin`, (n,).
+    """(n,) for each row of one file, the latest earlier row whose `pose` is its `origin`; all are (n,).
 
     Without such a row, a row whose origin is its own pose refers to itself; any other gets -1.
     """

@@ -28,7 +28,7 @@ _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
 
 
 class Logged(Protocol):
-    """What remembering needs of a recording, n rows long (`Recording` says what each part is)."""
+    """What remembering needs of a recording of n rows: q (n, nq), all else (n,); see `Recording`."""
 
     @property
     def joints(self) -> tuple[str, ...]: ...
@@ -49,9 +49,9 @@ class Logged(Protocol):
 
 
 def remembered(whole: Logged, driver: Driver) -> FloatArray | None:
-    """A driver that remembers, (n,); None when the recording lacks what it is made of, or the name means nothing.
+    """(n,) values of a driver that remembers; None when the recording lacks a column for it, or its name is unknown.
 
-    ``whole`` is no part of a recording. Numbers are in the unit that the reading has inside (mm, rad, turn).
+    ``whole`` is a whole recording, not a subset. Numbers are in the internal unit of the reading (mm, rad, turn).
     ``stop.J~r``: how far the reading of joint J leads the play operator of half width r, -r to r;
     ``loop.J~r~low~high``: the same less the straight line of a full loop from low to high;
     ``stop.J~r~o``, ``loop.J~r~low~high~o``: the same where every approach starts o behind its goal (else far);

@@ -66,7 +66,7 @@ class Recording:
 
     @property
     def rows(self) -> IntArray:
-        """Places of these rows in `whole`, (n,)."""
+        """(n,) places of these rows in `whole`."""
         return frozen(np.arange(len(self)) if self._rows is None else self._rows)
 
     @property
@@ -80,7 +80,7 @@ class Recording:
         return len(self.sessions)
 
     def session_rank(self, known: Sequence[int] | None = None) -> IntArray:
-        """0-based place of each row's session among `known` numbers (default: this recording's own).
+        """(n,) 0-based place of each row's session among `known` numbers (default: this recording's own).
 
         A session not among them, or that has no recorded number, takes the rank of the latest one.
         """
@@ -98,7 +98,7 @@ class Recording:
         return (*self.drivers, *((TIME,) if self.time is not None else ()))
 
     def driver(self, name: str, sessions: Sequence[int] | None = None) -> FloatArray | None:
-        """What the recording logged under a driver's name, (n,); None when it did not.
+        """(n,) values that the recording has for a driver; None when it has none.
 
         Units are in `truepose.models.driver`. `temperature.air` stands in for places without a column; names with
         numbers are of drivers that remember (`truepose.identification.recording.memory`); `session.after.K` is 1

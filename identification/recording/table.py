@@ -1,7 +1,7 @@
 """Tables of measured rows, from CSV or Parquet: headers, cells, and what is wrong with them.
 
 Nothing here knows a robot. `read_table` keeps the cells as they stand; `Table.numbers`, `integers` and
-`texts` turn a column into values and refuse, naming file, row and column, whatever is none. Rows count
+`texts` turn a column into values and refuse, naming file, row and column, whatever is not one. Rows count
 from 1: the first line of data. Large files are read by whole columns (`arrow_columns`).
 """
 
@@ -67,7 +67,7 @@ class Table:
         return default if unit is None else parse_unit(unit, dimension, self.where(name))
 
     def numbers(self, name: str) -> FloatArray:
-        """A column as finite numbers, (n,). InputError for text, an empty cell, NaN or infinity."""
+        """(n,) finite numbers of a column. Raises InputError for text, an empty cell, NaN or infinity."""
         cells = self.cells[name]
         plain = cells.numbers() if isinstance(cells, ArrowCells) else None
         if plain is not None:
@@ -80,7 +80,7 @@ class Table:
         return values
 
     def integers(self, name: str) -> npt.NDArray[np.int64]:
-        """A column as whole numbers, (n,)."""
+        """(n,) whole numbers of a column."""
         values = self.numbers(name)
         bad = np.flatnonzero((values != np.round(values)) | (np.abs(values) > _LARGEST_INTEGER))
         if bad.size:

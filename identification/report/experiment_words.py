@@ -10,6 +10,7 @@ import numpy as np
 from truepose.identification.planning.discriminate.factors import Factor
 from truepose.identification.planning.discriminate.result import SPLIT, Experiment, Pair, Worth
 from truepose.models.driver import Driver
+from truepose.models.machine import Machine
 from truepose.wording import joined
 
 _NAMES = {"approach": "side of approach", "time": "time between visits", "session": "two sessions"}
@@ -19,7 +20,7 @@ def sentences(found: Experiment) -> list[str]:
     """Lines for the terminal, the verdict first."""
     out = [*_verdict(found), _against_chance(found)]
     out += [_pair(pair) for pair in sorted(found.pairs, key=lambda p: p.expected)[:6]]
-    out += [_worth(worth, found.expected) for worth in found.worth]
+    out += [_worth(worth, found) for worth in found.worth]
     out += [_target(target.name, value, found.expected) for target, value in found.targets]
     return [line for line in out if line]
 
@@ -71,7 +72,7 @@ def _more(found: Experiment) -> str:
     better = [w for w in found.worth if not w.offered and w.expected > found.expected]
     if better:
         best = max(better, key=lambda w: w.expected)
-        return f"{_factors(best.factors)} would bring {best.expected:.3g}"
+        return f"{_factors(best.factors, found.machine)} would bring {best.expected:.3g}"
     if found.expected > 0.5:
         return f"about {int(np.ceil(SPLIT / found.expected * len(found.rows)))} rows like these would"
     return "a size as small as this needs another instrument"
@@ -85,7 +86,7 @@ def _stuck(pair: Pair, found: Experiment) -> str:
         best = max(helps, key=lambda w: w.opened or 0.0)
         return (
             f"nothing that is offered tells {a} from {b} (expected log Bayes factor 0); "
-            f"{_factors(best.factors)} would bring {best.opened:.3g}"
+            f"{_factors(best.factors, found.machine)} would bring {best.opened:.3g}"
         )
     if pair.twins or pair.identical:
         reason = "do the same to every reading of this sensor, whatever the poses"
@@ -112,14 +113,15 @@ def _pair(pair: Pair) -> str:
     return f"if {pair.true.name} is true, against {pair.rival.name}: {pair.expected:.3g}"
 
 
-def _worth(worth: Worth, expected: float) -> str:
+def _worth(worth: Worth, found: Experiment) -> str:
     if worth.offered:
         return f"with {_names(worth.factors)} held at its nominal value: {worth.expected:.3g}"
     if worth.opened is not None:
         return ""
-    if worth.expected <= 1.05 * expected:
-        return f"{_names(worth.factors)} was left at its nominal value; varying it would bring nothing"
-    return f"{_names(worth.factors)} was left at its nominal value; {_factors(worth.factors)} would bring {worth.expected:.3g}"
+    left = f"{_names(worth.factors)} was left at its nominal value"
+    if worth.expected <= 1.05 * found.expected:
+        return f"{left}; varying it would bring nothing"
+    return f"{left}; {_factors(worth.factors, found.machine)} would bring {worth.expected:.3g}"
 
 
 def _target(name: str, value: float, expected: float) -> str:
@@ -135,11 +137,14 @@ def _names(factors: Sequence[Factor]) -> str:
     return said if not any(names) else f"{said} of {joined(names)}"
 
 
-def _factors(factors: Sequence[Factor]) -> str:
-    first = factors[0]
-    unit = Driver.of(first.driver).unit({})
-    levels = ", ".join(f"{level:g}" for level in first.levels)
-    return f"{_names(factors)} at {levels} {'' if unit == '1' else unit}".rstrip()
+def _factors(factors: Sequence[Factor], machine: Machine) -> str:
+    """Those that share their levels together: joints may differ in speed, and in its unit."""
+    shared: dict[str, list[Factor]] = {}
+    for factor in factors:
+        unit = Driver.of(factor.driver).unit(machine.mechanism.reading_units).removeprefix("1")
+        levels = ", ".join(f"{level:g}" for level in factor.levels)
+        shared.setdefault(f"{levels} {unit}".rstrip(), []).append(factor)
+    return joined(f"{_names(group)} at {levels}" for levels, group in shared.items())
 
 
 def _pair_json(pair: Pair) -> dict[str, Any]:

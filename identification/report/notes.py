@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.note import Note
+from truepose.identification.identifiability.note import Note
 from truepose.identification.selection.tolerance_classes import PartClass
 
 _SAID = {

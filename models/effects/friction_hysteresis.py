@@ -30,7 +30,7 @@ class FrictionHysteresis(Effect):
     """The joint trails the way it went by up to h; it goes from one limit to the other within twice the half width r.
 
     Setting ``width`` is r as a part of the joint's range. Rows that arrive from further away than 2 r stand at a
-    limit, as with backlash b = 2 h: widths that no reversal of the recording falls short of are not looked for.
+    limit, as with backlash b = 2 h: only widths within which some reversal of the recording ends are looked for.
 
     Setting ``elements`` 1: elements of all these widths side by side, each with its own h, for friction that does
     not slip everywhere at once; ``overshoot``: the part of the range by which a joint starts behind its goal to

@@ -76,11 +76,11 @@ class Pose(Sensor):
         return ca.vertcat(world[:3, 3] - reading[:3], lie.log_so3_sx(measured.T @ world[:3, :3]))
 
     def values(self, world: Array, predicted: Array) -> Array:
-        """Rotation vectors with angle in [0, pi], whatever the pose."""
+        """(n, 6) positions, mm, and rotation vectors, rad, with angle in [0, pi] whatever the pose."""
         return np.hstack([world[:, :3, 3], lie.log_so3(world[:, :3, :3])])
 
     def noisy(self, values: Array, rng: np.random.Generator) -> Array:
-        """Noise on the rotation is R Exp(noise)."""
+        """(n, 6) readings; noise turns a rotation R into R Exp(noise)."""
         noise = rng.standard_normal((len(values), 6))
         turned = lie.exp_so3(values[:, 3:]) @ lie.exp_so3(self.sigma_rot * noise[:, 3:])
         return np.hstack([values[:, :3] + self.sigma_xyz * noise[:, :3], lie.log_so3(turned)])

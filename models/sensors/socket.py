@@ -94,11 +94,11 @@ class Socket(Sensor):
         return True
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
-        """Where the row puts the ball, mm; ``comparison`` makes distances from the sockets of it."""
+        """Position (3,) of the ball, mm, sensor frame; ``comparison`` turns it into distances from the sockets."""
         return world[:3, :3] @ ca.vertcat(*(s[p.name] for p in self.ball)) + world[:3, 3]
 
     def noisy(self, values: Array, rng: np.random.Generator) -> Array:
-        """Nothing is read, so that nothing is noisy."""
+        """The values (n, 0) themselves: nothing is read, so that nothing is noisy."""
         return values
 
     def cautions(self, labels: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
@@ -155,7 +155,7 @@ class Seats(Comparison):
 
     The points are solved for in closed form, so that the residuals are those of a fit with the points among its
     unknowns (variable projection). Without a spacing a socket stands at the weighted mean of its rows. Two sockets
-    at a known distance share what their means lack of it: with weights A and B and means L apart, the first moves
+    at a known distance are moved until their means keep it: with weights A and B and means L apart, the first moves
     by (L - spacing) B / (A + B) towards the second and the second by the rest, which costs
     (L - spacing)^2 A B / (A + B), the least there is.
 

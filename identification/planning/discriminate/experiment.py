@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.note import Note
+from truepose.identification.identifiability.note import Note
 from truepose.identification.planning.discriminate.criterion import Race, chosen
 from truepose.identification.planning.discriminate.explanations import Class, Explanation
 from truepose.identification.planning.discriminate.factors import Factor, Offer, factors, unplanned

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.diagnosis.unnamed import UNNAMED
-from truepose.identification.note import Note
+from truepose.identification.identifiability.note import Note
 from truepose.identification.prediction.simulate import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
 from truepose.models.effects.of_rows import OF_ROWS

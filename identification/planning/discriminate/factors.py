@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.note import Note
+from truepose.identification.identifiability.note import Note
 from truepose.models.driver import AIR, APPROACH, OF_THE_WAY, SESSION, TEMPERATURE, TIME, VELOCITY, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.kinematics import driver_default

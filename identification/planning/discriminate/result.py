@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.note import Note
+from truepose.identification.identifiability.note import Note
 from truepose.identification.planning.discriminate.explanations import Explanation
 from truepose.identification.planning.discriminate.factors import Factor
 from truepose.identification.planning.discriminate.rows import Rows

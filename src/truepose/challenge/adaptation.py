@@ -102,18 +102,18 @@ class Adaptation:
         return self._clean - self._residual(observed)
 
     def left(self, changes: Array, beside: Sequence[Array] = ()) -> Array:
-        """(N + f, c) what of the changes (N, c) geometry cannot follow, nor the directions ``beside`` at any size."""
+        """(N + f, c) what of the changes (N, c) neither geometry nor the directions ``beside`` (N,), at any size, follow."""
         along, basis = self._basis(beside)
         stacked = np.vstack([changes, np.zeros((len(along) - len(changes), changes.shape[1]))])
         out: Array = stacked - basis @ (basis.T @ stacked)
         return out
 
     def snr(self, change: Array, beside: Sequence[Array] = ()) -> float:
-        """Signal-to-noise ratio of a change (N,), geometry adapting within tolerances."""
+        """Signal-to-noise ratio of a change (N,) when geometry adapts within tolerances, and ``beside`` (N,) freely."""
         return float(np.linalg.norm(self.left(change[:, None], beside)))
 
     def misfit_when_free(self, change: Array) -> float:
-        """chi2 per degree of freedom to expect of the ordinary free fit, to first order."""
+        """chi2 per degree of freedom to expect of the ordinary free fit to a change (N,), to first order."""
         free = self.fit.prior.free
         frame = np.array([self.fit.prior.parts[k] == FRAME for k in free], dtype=bool)
         loose = np.where(frame, self.weight, self.weight / FREE_WIDENING)

@@ -51,7 +51,7 @@ def noisy(
     rng: np.random.Generator,
     kind: Decoy,
 ) -> Array:
-    """(n, k) readings with the instrument's noise, whose rows a decoy may enlarge."""
+    """(n, k) exact readings (n, k) with the instrument's noise, which a decoy may enlarge in some rows."""
     read = machine.noisy(exact, campaign, rng, factor=kind.noise)
     n = len(exact)
     if kind.tails == "t":

@@ -50,7 +50,7 @@ def oracle_terms(
 ) -> tuple[PlacedEffect, ...]:
     """Terms of the catalogue for one true effect: the best settings, or orders as long as each adds something.
 
-    Empty when the catalogue does not have it there.
+    ``change`` (N,) is what it does to the readings, ``beside`` (N,) other directions. Empty where the catalogue lacks it.
     """
     candidates = bench.catalogue.candidates
     chosen: list[PlacedEffect] = []
@@ -94,7 +94,7 @@ def reference(
 def oracle(
     machine: Machine, recording: Recording, terms: Sequence[PlacedEffect], start: Array
 ) -> Estimate | None:
-    """The fit with the true effects; None where it does not converge."""
+    """The fit with the true effects from parameters ``start`` (np,); None where it does not converge."""
     predictor = Predictor(machine, recording, terms)
     full = np.append(start, np.zeros(len(predictor.model.names) - len(start)))
     try:

@@ -31,9 +31,9 @@ class Rival:
 
 
 def rivals(bench: Adaptation, change: Array, beside: Sequence[Array] = ()) -> tuple[Rival, ...]:
-    """Every candidate against a change (N,), geometry adapting, what stands ``beside`` at any size; closest first.
+    """Every candidate as an explanation of a change (N,), the closest first; geometry and ``beside`` (N,) adapt as well.
 
-    Terms of one effect at one place that add up (a stiffness and how it bends) are a candidate together, too.
+    Terms of one effect at one place that add up (a stiffness and how it bends) also make a candidate together.
     """
     signatures = (*bench.signatures, *_together(bench))
     if not signatures:

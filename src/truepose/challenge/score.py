@@ -30,15 +30,14 @@ class Statement:
 
 @dataclass(frozen=True)
 class Score:
-    """One case. None where a question does not arise.
+    """One case: what was right. None where a question does not arise.
 
-    verdict: the right one; named: every true effect in the class of some finding; top_effect, top_place: of
-    the best supported finding; exact: the findings are the true effects, one to one; confident_wrong: a name
-    of at least 0.95 whose class holds no truth; wrong_class: a class of at least 0.95 that holds none;
-    honest: out of the library, no name of 0.95 that is not as good as the truth; abstained: the same of a
-    first name of any probability; flag: ``concealed`` is right; held_out, bias, held_out_ratio, bias_ratio:
-    of the engine, and to the oracle's and from the ordinary fit's; statements, classes: names and whole
-    classes with their probabilities.
+    verdict; named: every true effect is in the class of some finding; top_effect, top_place: of the best
+    supported finding; exact: the findings are the true effects, one to one; confident_wrong: a name of at least
+    0.95 whose class holds no truth; wrong_class: a class of at least 0.95 that holds none. Of effects outside the
+    library, if something was detected: honest: nothing is confident_wrong; abstained: the first name, if any, is as
+    good as the truth. flag: ``concealed`` is right; held_out, bias: errors of the engine; held_out_ratio: over the
+    oracle's; bias_ratio: the ordinary fit's over it; statements, classes: names and classes with their probabilities.
     """
 
     solution: Solution

@@ -87,7 +87,7 @@ class Setups:
         self._known: dict[Plan, Setup] = {}
 
     def of(self, kinds: Sequence[Kind]) -> Setup:
-        """Where all of these can be told: sessions and velocities where one of them needs these."""
+        """A setup that shows all of these kinds: with sessions and velocities where one of them needs them."""
         needs = {Driver.of(need).kind for kind in kinds for need in kind.needs}
         sessions = 2 if "session" in needs else self._sessions
         plan = Plan(sessions=sessions, moving="velocity" in needs)

@@ -159,4 +159,4 @@ class SimulatedMachine(ABC):
     def noisy(
         self, exact: Array, campaign: Campaign, rng: np.random.Generator, *, factor: float = 1.0
     ) -> Array:
-        """Readings with the instrument's noise, ``factor`` times the drawing's sigma."""
+        """(n, n_columns) exact readings with the instrument's noise, ``factor`` times the drawing's sigma."""

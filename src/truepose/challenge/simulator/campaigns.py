@@ -22,7 +22,7 @@ NIGHT = 57_600.0
 
 
 def everywhere(_: Array) -> bool:
-    """Accepts any pose."""
+    """Accepts any readings (nq,)."""
     return True
 
 

@@ -70,5 +70,5 @@ def motor_heat(time: Array, effort: Array, lag: float) -> Array:
 
 
 def strain(temperature: ArrayLike, alpha: float) -> Array:
-    """Linear expansion since ``REFERENCE``: alpha (T - 20 degC)."""
+    """Linear expansion since ``REFERENCE``, alpha (T - 20 degC), at temperatures of any shape."""
     return alpha * (np.asarray(temperature, dtype=float) - REFERENCE)

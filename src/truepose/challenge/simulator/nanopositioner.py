@@ -138,13 +138,13 @@ class Nanopositioner(PortedMachine):
         return cavity(optics.constants, optics.mirror)[:, None]
 
     def told(self, seen: Array, campaign: Campaign) -> Array:
-        """Changes since each row's origin."""
+        """(n, 1) change since each row's origin, mm."""
         return np.asarray(seen - seen[campaign.origin])
 
     def noisy(
         self, exact: Array, campaign: Campaign, rng: np.random.Generator, *, factor: float = 1.0
     ) -> Array:
-        """A row that is its own origin reads 0 without noise."""
+        """(n, 1) readings with noise; a row that is its own origin reads 0 exactly."""
         noise = super().noisy(exact, campaign, rng, factor=factor) - exact
         noise[campaign.origin == np.arange(len(campaign))] = 0.0
         return np.asarray(exact + noise)

@@ -126,7 +126,7 @@ class StiffeningSpring:
     knee: float
 
     def windup(self, torque: Array) -> Array:
-        """Twist (rad, mm) at which spring and torque are in balance: Newton's method from the linear twist down."""
+        """Twist (rad or mm) that balances a torque of any shape: Newton's method from the linear twist down."""
         k, cubic = self.stiffness, self.stiffness * (self.ratio - 1) / self.knee**2
         w = np.asarray(torque, dtype=float) / k
         for _ in range(60):
@@ -140,7 +140,7 @@ class StiffeningSpring:
 def mesh_error(
     q: Array, cycles: Sequence[float], amplitudes: Sequence[float], phases: Sequence[float]
 ) -> Array:
-    """Kinematic error of a gear: waves of ``cycles`` per turn of the joint (motor turns: gear ratio), rad of q in."""
+    """Kinematic error of a gear at angles q of any shape, rad: waves of ``cycles`` per turn of the joint."""
     error = np.zeros_like(q)
     for n, amplitude, phase in zip(cycles, amplitudes, phases, strict=True):
         error += amplitude * (np.sin(n * q + phase) - np.sin(phase))
@@ -148,10 +148,10 @@ def mesh_error(
 
 
 def eccentric_disc(reading: Array, eccentricity: float, phase: float) -> Array:
-    """True angle of a shaft whose encoder disc reads ``reading`` (rad) off its axis by ``eccentricity`` (of its radius).
+    """True angle (rad) of a shaft whose encoder disc stands ``eccentricity`` (of its radius) off the axis.
 
-    The head stands at radius 1 from the axis; the disc's centre turns about the axis at ``phase`` from the zero
-    line. The disc reads the direction of the head as seen from its own centre.
+    ``reading`` (rad) may have any shape. The head stands at radius 1 from the axis; the disc's centre turns about it at
+    ``phase`` from the zero line. The disc reads the direction of the head as seen from its own centre.
     """
 
     def excess(angle: Array) -> Array:

@@ -51,11 +51,11 @@ class Work:
         return self.values.get(name, np.zeros(len(self)))
 
     def stacked(self, names: tuple[str, ...]) -> Array:
-        """(n, len(names)) values."""
+        """(n, k) values of k names, as `value` gives them."""
         return np.stack([self.value(name) for name in names], axis=-1)
 
     def add(self, name: str, change: Array | float) -> None:
-        """Add to a value."""
+        """Add a change (n,), or one number in all rows, to a value."""
         self.values[name] = self.value(name) + change
 
     def copy(self) -> Work:

@@ -88,7 +88,7 @@ class Stewart(PortedMachine):
     def noisy(
         self, exact: Array, campaign: Campaign, rng: np.random.Generator, *, factor: float = 1.0
     ) -> Array:
-        """Noise on the position, and a small turn R Exp(w) of the read orientation."""
+        """(n, 6) readings with noise on the position, and a small turn R Exp(w) of the orientation."""
         noise = factor * self.sigma * rng.standard_normal(exact.shape)
         turned = rigid.moved(exact)[:, :3, :3] @ rigid.moved(noise)[:, :3, :3]
         return np.hstack([exact[:, :3] + noise[:, :3], rigid.rotation_vector(turned)])

@@ -46,11 +46,11 @@ class Machine:
     parameters: Mapping[str, float]
 
     def vector(self, name: str, keys: tuple[str, ...]) -> Array:
-        """Values of `name.key` for each key."""
+        """(k,) values of `name.key` for each of k keys."""
         return np.array([self.parameters[f"{name}.{key}"] for key in keys])
 
     def legs(self, keys: tuple[str, ...]) -> Array:
-        """(6, len(keys)) values of the legs' parameters."""
+        """(6, k) values of k parameters of the legs."""
         return np.array([self.vector(f"leg{i}", keys) for i in range(1, 7)])
 
     @property

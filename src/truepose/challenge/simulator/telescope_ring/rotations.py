@@ -52,13 +52,13 @@ def log_small(R: Array) -> Array:
 
 
 def rpy_matrix(rpy: Array) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll) of rpy = (roll, pitch, yaw) in rad."""
+    """(3, 3) Rz(yaw) Ry(pitch) Rx(roll) of rpy = (roll, pitch, yaw) (3,), rad."""
     roll, pitch, yaw = (np.array(v) for v in np.eye(3) * np.asarray(rpy)[:, None])
     return exp_so3(yaw) @ exp_so3(pitch) @ exp_so3(roll)
 
 
 def transform(R: Array, p: Array) -> Array:
-    """Homogeneous 4x4 matrix of rotation R and translation p (mm), over leading axes."""
+    """(..., 4, 4) transforms of rotations R (..., 3, 3) and translations p (..., 3), mm."""
     T = np.zeros((*p.shape[:-1], 4, 4))
     T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
     return T

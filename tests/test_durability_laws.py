@@ -1,0 +1,162 @@
+"""Laws of an older calibration met again: accuracy that is enough, noise that is not as stated, what is hidden, companions."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from truepose.identification.drift.durability import Check, durability, noise_of
+from truepose.identification.drift.movement_evidence import Stack, solve
+from truepose.identification.drift.movement_selection import Candidate, Selection, _summed
+from truepose.identification.drift.sessions import Session, bounded, sessions_of
+from truepose.identification.drift.sizes import movements
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.recording.load import load_recording
+from truepose.identification.selection.scales import Point
+from truepose.models.load import load_machine
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from drifting_arm.arm import HOUR, SIGMA, TURN_SIGMA, machine_text, write_sequence
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Met:
+    """Two sessions of an arm, each with its own fit."""
+
+    sessions: tuple[Session, ...]
+    fits: tuple[Estimate, ...]
+    prior: Prior
+
+    def checks(self, accuracy: Mapping[str, float] | None = None) -> tuple[Check, Check]:
+        """The second session with all of the first calibration, and with frames re-identified."""
+        names = [self.prior.names[k] for k in self.prior.free]
+        frames = np.array([name.split(".")[0] in ("base", "tool") for name in names])
+        found = durability(self.sessions, self.fits, self.prior, frames, accuracy)
+        (carried,), (anew,) = found.carried, found.frames
+        assert carried is not None and anew is not None
+        return carried, anew
+
+
+def met(folder: Path, moves: Mapping[str, list[float]], share: float = 1.0) -> Met:
+    """An hour apart, with ``share`` of the true sigma stated."""
+    path, files = write_sequence(folder, 92, moves, sessions=2, every=HOUR, n=12)
+    stated = f"xyz: {SIGMA!r}, rot: {TURN_SIGMA}"
+    assert stated in machine_text()
+    path.write_text(
+        machine_text().replace(stated, f"xyz: {share * SIGMA}, rot: {share * TURN_SIGMA}"), encoding="utf-8"
+    )
+    machine = load_machine(path)
+    prior = prior_of(machine)
+    sessions, _ = sessions_of(machine, load_recording(machine, files))
+    fits = [estimate(machine, s.recording, prior=bounded(prior), predictor=s.predictor) for s in sessions]
+    return Met(sessions, tuple(fits), prior)
+
+
+@pytest.fixture(scope="module")
+def moved(tmp_path_factory: pytest.TempPathFactory) -> Met:
+    return met(tmp_path_factory.mktemp("moved"), {"q4.d": [0.0, 0.3]})
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Met:
+    return met(tmp_path_factory.mktemp("still"), {})
+
+
+def test_what_moved_does_not_hold_unless_it_is_accurate_enough(moved: Met, still: Met) -> None:
+    """Accuracy counts by kind, and a kind that is not asked for is good enough; what holds anyway goes on holding."""
+    carried, anew = moved.checks()
+    assert not carried.holds and not anew.holds and carried.p < 1e-6
+    for check, k in ((carried, 0), (anew, 1)):
+        position, rotation = check.rms["position"], check.rms["rotation"]
+        for enough, holds in (
+            ({"position": 1.01 * position, "rotation": 1.01 * rotation}, True),
+            ({"position": 1.01 * position}, True),
+            ({"position": 0.99 * position, "rotation": 9.0}, False),
+            ({"position": 9.0, "rotation": 0.99 * rotation}, False),
+        ):
+            again = moved.checks(enough)[k]
+            assert again.holds is holds
+            assert (again.p, again.rms, again.expected) == (check.p, check.rms, check.expected)
+    assert all(check.holds for check in (*still.checks(), *still.checks({"position": 1e-9})))
+
+
+def test_what_did_not_move_is_as_expected_whatever_sigma_is_stated(still: Met, tmp_path: Path) -> None:
+    """p of no movement is no small one; with a quarter of the true sigma stated it is the same."""
+    wrong = met(tmp_path / "wrong", {}, share=0.25)
+    assert noise_of(wrong.fits)[0] == pytest.approx(4.0 * noise_of(still.fits)[0], rel=0.05)
+    assert noise_of(still.fits)[1] == sum(f.n_observations - f.rank for f in still.fits)
+    for right, other in zip(still.checks(), wrong.checks(), strict=True):
+        assert 0.01 < right.p < 0.99  # one draw
+        assert other.p == pytest.approx(right.p, abs=0.05)
+        for kind in ("position", "rotation"):
+            assert right.rms[kind] == pytest.approx(right.expected[kind], rel=0.25)
+            assert other.expected[kind] == pytest.approx(right.expected[kind], rel=0.1)
+
+
+def test_few_readings_leave_the_noise_as_stated(still: Met) -> None:
+    """Below ten degrees of freedom nothing is read from them; and noise is at least 0.8 of what is stated."""
+    one = still.fits[0]
+    assert noise_of([replace(one, levels=one.n_observations - one.rank - 9)]) == (1.0, np.inf)
+    assert noise_of([replace(one, levels=one.n_observations - one.rank - 10)])[1] == 10.0
+    quiet = replace(one, factor=one.factor * np.append(np.ones(one.factor.shape[1] - 1), 1e-3))
+    assert noise_of([quiet])[0] == 0.8
+
+
+# -- movements -------------------------------------------------------------------------------------------
+
+SESSIONS, ROWS = 4, 9
+PRIOR = Prior(("a", "b"), np.zeros(2), np.ones(2), np.array([0.5, 2.0]), ("length", "length"))
+POINT = Point(1.0, (1.0,), 0.0)
+
+
+def stack(unseen: tuple[int, ...] = ()) -> Stack:
+    """Sessions seen at random, ``unseen`` of which say nothing of the first parameter."""
+    rng = np.random.default_rng(5)
+    jacobian = rng.standard_normal((SESSIONS, ROWS, 2))
+    jacobian[list(unseen), :, 0] = 0.0
+    offset = rng.standard_normal((SESSIONS, ROWS)) - 5.0 * jacobian[:, :, 1] * np.arange(SESSIONS)[:, None]
+    return Stack(jacobian, offset, SESSIONS * ROWS, np.ones(2), np.zeros(2, dtype=bool))
+
+
+@pytest.mark.parametrize(("unseen", "hidden"), [((1, 2), False), ((2, 3), True), ((0, 1), True)])
+def test_a_movement_is_hidden_where_first_or_last_cannot_be_told(
+    unseen: tuple[int, ...], hidden: bool
+) -> None:
+    """What sessions between do not see of a parameter hides nothing of its way from the first to the last."""
+    seen = stack(unseen)
+    found = Selection(
+        {1: 3.0},
+        np.zeros(2),
+        np.array([-3.0, 9.0]),
+        {1: {}},
+        (solve(seen, {1: 3.0}, POINT),),
+        0.0,
+        np.zeros(2, dtype=bool),
+    )
+    still, moved = movements(seen, found, PRIOR, {"a": "mm", "b": "mm"}, None)
+    assert bool(np.isinf(still.hidden)) is hidden
+    assert still.status == ("unseen" if hidden else "still")
+    assert moved.status == "moved" and moved.hidden == 0.0
+    if not hidden:
+        assert 0.05 < still.hidden < 1.0  # of its step of half a mm
+
+
+def test_a_movement_pays_for_being_one_of_many_unless_its_group_moves() -> None:
+    """Prior odds are one over all candidates; a member whose frame has another that moves is as likely as not."""
+    candidates = [Candidate("frame", (0, 1), True), Candidate("a", (0,), True), Candidate("b", (1,), True)]
+    seen, odds = stack(), -np.log(3.0)
+    for accepted, expected in (({1: 3.0}, (odds, odds)), ({0: 3.0, 1: 3.0}, (0.0, 0.0))):
+        found = _summed(seen, accepted, candidates, [POINT])
+        np.testing.assert_allclose(found.log_odds - found.gain, expected, atol=1e-9)
+        assert found.accepted == accepted and set(found.alike) == set(accepted)
+    apart = _summed(seen, {0: 3.0, 1: 3.0}, candidates[1:], [POINT])
+    np.testing.assert_allclose(apart.log_odds - apart.gain, -np.log(2.0), atol=1e-9)
