@@ -74,10 +74,7 @@ def one_row(function: Callable[..., Any]) -> Equations:
 
 
 def solved(a: Array, b: Array) -> Array:
-    """Row-wise solution, by least squares where there are more equations; rows without one are NaN.
-
-    None has one where a number is infinite: a derivative at the edge of where a parameter means anything.
-    """
+    """Row-wise solution, by least squares where there are more equations; rows without one, or infinite, are NaN."""
     finite = np.isfinite(a).all(axis=(1, 2), keepdims=True) & np.isfinite(b).all(axis=(1, 2), keepdims=True)
     if not finite.all():
         a, b = np.where(finite, a, np.nan), np.where(finite, b, np.nan)
