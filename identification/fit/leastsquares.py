@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dgeqrf, dgesdd
 
 Array = NDArray[np.float64]
 Blocks = Callable[[Array], Iterable[Array]]
@@ -75,10 +76,9 @@ def triangular(blocks: Iterable[Array], columns: int) -> Array:
     scaled = gram / np.outer(size, size)
     for lift in (0.0, 1e-15, 1e-13, 1e-11):  # rounding may leave it a hair short of positive
         try:
-            factor: Array = np.linalg.cholesky(scaled + lift * np.eye(columns)).T * size
+            return np.asarray(np.linalg.cholesky(scaled + lift * np.eye(columns)).T * size)
         except np.linalg.LinAlgError:
             continue
-        return factor
     return np.full((columns, columns), np.nan)
 
 
@@ -87,9 +87,8 @@ def _by_qr(blocks: Iterable[Array], columns: int) -> Array:
     for block in blocks:
         if not np.isfinite(block).all():  # LAPACK would come to NaN too, but slowly
             return np.full((columns, columns), np.nan)
-        factor = np.asarray(np.linalg.qr(np.vstack([factor, block]), mode="r"))
-        if len(factor) < columns:
-            factor = np.vstack([factor, np.zeros((columns - len(factor), columns))])
+        # numpy's own takes five times as long where there is little to factor
+        factor = np.triu(dgeqrf(np.vstack([factor, block]), lwork=64 * columns)[0][:columns])
     return factor
 
 
@@ -124,7 +123,7 @@ def _descend(
     blocks: Blocks, t: Array, factor: Array, limit: int, enough: tuple[float, float], damping: float
 ) -> Solution:
     n, cost, movement = len(t), _cost(factor), np.zeros(len(t))
-    mu, growth, linear = damping, 2.0, _Linear(factor, n)
+    mu, growth, linear = damping, 2.0, Linear(factor, n)
     for iteration in range(1, limit + 1):
         decrement = linear.decrement
         if decrement < enough[0] + enough[1] * cost:
@@ -132,11 +131,12 @@ def _descend(
         step = linear.step(mu)
         trial = triangular(blocks(t + step), n + 1)
         after = _cost(trial)
-        predicted = cost - 0.5 * float(np.sum((factor[:, :n] @ step + factor[:, n]) ** 2))
+        left = factor[:, :n] @ step + factor[:, n]
+        predicted = cost - 0.5 * float(left @ left)
         ratio = (cost - after) / predicted if predicted > 0 and np.isfinite(after) else -1.0
         if ratio > 1e-4:
             t, factor, cost, movement = t + step, trial, after, step
-            linear = _Linear(factor, n)
+            linear = Linear(factor, n)
             mu = mu * max(1.0 / 5.0, 1.0 - (2.0 * ratio - 1.0) ** 3) if ratio < 0.9 else 0.1 * mu
             mu, growth = (mu if mu > 1e-15 else 0.0), 2.0
             continue
@@ -155,7 +155,7 @@ def _polished(blocks: Blocks, found: Solution, tolerance: float) -> Solution:
     The last one is not tried: what is left after it is of second order.
     """
     n = len(found.t)
-    linear = _Linear(found.factor, n)
+    linear = Linear(found.factor, n)
     for _ in range(POLISHING):
         after = found.t + linear.step(least=UNSEEN)
         if found.decrement < tolerance:
@@ -163,7 +163,7 @@ def _polished(blocks: Blocks, found: Solution, tolerance: float) -> Solution:
         factor = triangular(blocks(after), n + 1)
         if not np.isfinite(factor).all():
             return found
-        linear = _Linear(factor, n)
+        linear = Linear(factor, n)
         left = linear.decrement
         if left > 0.5 * found.decrement:
             return found
@@ -173,56 +173,50 @@ def _polished(blocks: Blocks, found: Solution, tolerance: float) -> Solution:
 
 def _cost(factor: Array) -> float:
     """Half the sum of squares."""
-    return 0.5 * float(np.sum(factor[:, -1] ** 2))
+    return 0.5 * float(factor[:, -1] @ factor[:, -1])
 
 
 def _influence(factor: Array) -> Array:
     """Length of each column of J."""
-    return np.asarray(np.linalg.norm(factor[:, :-1], axis=0))
+    return np.asarray(np.sqrt(np.einsum("kn,kn->n", factor[:, :-1], factor[:, :-1])))
 
 
-def newton_step(factor: Array, n: int, mu: float = 0.0, *, least: float = 1e-13) -> Array:
-    """(n,) Gauss-Newton step of a triangular factor of [J r], damping ``mu`` scaled by J's columns (Marquardt).
-
-    Directions whose singular value is below the share ``least`` of the largest stay where they are.
-    """
-    return _Linear(factor, n).step(mu, least=least)
-
-
-class _Linear:
+class Linear:
     """The linear problem of a triangular factor of [J r], columns of J at unit length; decomposed once."""
 
     def __init__(self, factor: Array, n: int) -> None:
-        self._norms = np.linalg.norm(factor[:, :n], axis=0)
+        self._norms = _influence(factor)
         self._norms[self._norms == 0] = 1.0
         self._a, self._r = factor[:, :n] / self._norms, factor[:, n]
-        self._svd = None if n >= WIDE_PROBLEM else np.linalg.svd(self._a, full_matrices=False)
+        self._wide = n >= WIDE_PROBLEM
+        if not self._wide:
+            u, self._s, self._vt, failed = dgesdd(self._a, full_matrices=0)
+            if failed:
+                raise np.linalg.LinAlgError("singular values did not converge")
+            self._inside = u.T @ self._r
 
     def step(self, mu: float = 0.0, *, least: float = 1e-13) -> Array:
-        """As ``newton_step`` has it."""
-        if self._svd is None:
-            wide: Array = -_normal(self._a, self._r, mu)[0] / self._norms
-            return wide
-        u, s, vt = self._svd
-        keep = s > least * max(s[0], 1e-300)
-        gain = np.divide(s, s**2 + mu, out=np.zeros_like(s), where=keep)
-        step: Array = -(vt.T @ (gain * (u.T @ self._r))) / self._norms
-        return step
+        """(n,) step with damping ``mu`` (Marquardt); directions of singular values below a share ``least`` stay put."""
+        if self._wide:
+            return -_normal(self._a, self._r, mu)[0] / self._norms
+        k, s = self._rank(least), self._s
+        return np.asarray(-((self._inside[:k] * s[:k] / (s[:k] ** 2 + mu)) @ self._vt[:k]) / self._norms)
 
     @cached_property
     def decrement(self) -> float:
         """Half the squared length of r inside the span of J: what an undamped step would gain."""
-        if self._svd is None:
+        if self._wide:
             step, right = _normal(self._a, self._r, 1e-14)
             return 0.5 * float(step @ right)
-        u, s, _ = self._svd
-        inside = u[:, s > 1e-13 * max(s[0], 1e-300)].T @ self._r
+        inside = self._inside[: self._rank(1e-13)]
         return 0.5 * float(inside @ inside)
+
+    def _rank(self, least: float) -> int:
+        return int(np.count_nonzero(self._s > least * max(self._s[0], 1e-300)))
 
 
 def _normal(a: Array, b: Array, mu: float) -> tuple[Array, Array]:
     """Solution of (a'a + mu) x = a'b by Cholesky, and a'b: for wide problems, whose SVD takes too long."""
     h, right = a.T @ a, a.T @ b
     h[np.diag_indices_from(h)] += max(mu, 1e-14 * float(np.max(np.diag(h))))
-    solved: Array = cho_solve(cho_factor(h, lower=True), right)
-    return solved, right
+    return np.asarray(cho_solve(cho_factor(h, lower=True), right)), right

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from truepose.identification.fit.bounds import Bounds
-from truepose.identification.fit.leastsquares import Solution, Status, newton_step, triangular
+from truepose.identification.fit.leastsquares import Linear, Solution, Status, triangular
 from truepose.identification.fit.problem import Problem
 from truepose.identification.fit.program import Program
 
@@ -75,7 +75,7 @@ def _polished(
         if not np.isfinite(cost):
             return Solution(t, factor, cost, Status.FAILED, iterations, np.inf, left)
         inside = np.flatnonzero((t > low) & (t < high))
-        left[inside] = newton_step(factor[:, [*inside, len(t)]], len(inside))
+        left[inside] = Linear(factor[:, [*inside, len(t)]], len(inside)).step()
         gain = 0.5 * float(np.sum((factor[:, :-1] @ left) ** 2))
         after = t + left
         if gain > LOST * (1.0 + cost) or np.any(after < low) or np.any(after > high) or trial == POLISHING:

@@ -105,14 +105,11 @@ class Problem:
     @classmethod
     def of(cls, light: Light, side: float, degree: int, change: float | None = None) -> Problem:
         """Distances are negative where the motion begins; where the mirror is still its speed is 0."""
-        edges = [
-            (edge, np.array([u]), sign)
-            for edge, u, sign in zip(light.edges, (-1.0, 1.0), (-1.0, side), strict=True)
-            if edge
-        ]
-        rows = [basis(light.u[:0], degree, change)]
-        at, tight = [], []
-        for edge, u, sign in edges:
+        rows, at, tight = [basis(light.u[:0], degree, change)], [], []
+        for edge, end, sign in zip(light.edges, (-1.0, 1.0), (-1.0, side), strict=True):
+            if edge is None:
+                continue
+            u = np.array([end])
             rows.append(basis(u, degree, change))
             at.append(sign * edge.distance)
             tight.append(edge.sigma)
@@ -120,9 +117,8 @@ class Problem:
                 rows.append(speed(u, degree, change))
                 at.append(0.0)
                 tight.append(_STILL)
-        return cls(
-            light, side, basis(light.u, degree, change), np.vstack(rows), np.array(at), np.array(tight)
-        )
+        held = np.vstack(rows), np.array(at), np.array(tight)
+        return cls(light, side, basis(light.u, degree, change), *held)
 
     @property
     def freedom(self) -> int:
@@ -136,14 +132,15 @@ class Problem:
 
     def rows(self, a: Array) -> Array:
         """(m, p + 3) whitened rows of light, edges and levels: derivatives by ``a`` (p + 2,), then the residual."""
-        x = self.basis @ a[:-2]
+        x, size = self.basis @ a[:-2], 1.0 + a[-1]
         shape, slope = self.shape(x)
-        off = a[-2] + (1.0 + a[-1]) * shape - self.light.v
-        light = np.column_stack([self.basis * ((1.0 + a[-1]) * slope)[:, None], np.ones_like(x), shape, off])
-        edges = np.column_stack([self.held, np.zeros((len(self.held), 2)), self.held @ a[:-2] - self.at])
-        levels = np.hstack([np.zeros((2, len(a) - 2)), np.eye(2), a[-2:, None]])
-        whole = (light, self.light.sigma[:, None]), (edges, self.tight[:, None]), (levels, self.light.slack)
-        return np.vstack([part / sigma for part, sigma in whole])
+        off = a[-2] + size * shape - self.light.v
+        light = np.vstack([self.basis.T * (size * slope), np.ones_like(x), shape, off]) / self.light.sigma
+        edges = (
+            np.vstack([self.held.T, np.zeros((2, len(self.at))), self.held @ a[:-2] - self.at]) / self.tight
+        )
+        levels = np.vstack([np.zeros((len(a) - 2, 2)), np.eye(2), a[-2:]]) / self.light.slack
+        return np.hstack([light, edges, levels]).T
 
     def starts(self) -> Iterator[Array]:
         """Guesses (p + 2,): coefficients of the motion, and corrections of the two levels.
@@ -164,9 +161,8 @@ class Problem:
         for rows, guess, powers in guesses:
             columns = np.vstack([self.basis[rows], 10.0 * self.held])[:, :powers]
             a = np.zeros(p + 2)
-            a[:powers] = np.linalg.lstsq(columns, np.concatenate([guess[rows], 10.0 * self.at]), rcond=None)[
-                0
-            ]
+            right = np.concatenate([guess[rows], 10.0 * self.at])
+            a[:powers] = np.linalg.lstsq(columns, right, rcond=None)[0]
             yield a
 
     def best(self, *further: Array) -> list[Motion]:

@@ -116,12 +116,14 @@ def _fit(x: Array, v: Array, sigma: Array, p: Array, g: float, slack: float) -> 
     """chi2, parameters and their covariance by least squares; a length is positive."""
 
     def blocks(p: Array) -> list[Array]:
-        phase = p[0] + p[1] * x
+        if not p[1] > 0.0:
+            return [np.full((1, 5), np.nan)]
+        phase, size = p[0] + p[1] * x, 1.0 + p[3]
         shape, slope = fringe(np.cos(phase), g), fringe_slope(phase, g)
-        rate = (1.0 + p[3]) * slope if p[1] > 0.0 else np.full_like(x, np.nan)
-        rows = np.column_stack([rate, rate * x, np.ones_like(x), shape, p[2] + (1.0 + p[3]) * shape - v])
-        levels = np.column_stack([np.zeros((2, 2)), np.eye(2), p[2:]])
-        return [np.vstack([rows / sigma[:, None], levels / slack])]
+        rate, off = size * slope, p[2] + size * shape - v
+        light = np.array([rate, rate * x, np.ones_like(x), shape, off]) / sigma
+        levels = np.vstack([np.zeros((2, 2)), np.eye(2), p[2:]]) / slack
+        return [np.hstack([light, levels]).T]
 
     found = minimise(blocks, p, limit=_STEPS, tolerance=_LEFT, share=_LEFT, damping=_DAMPING)
     jacobian = found.factor[:, :4]
