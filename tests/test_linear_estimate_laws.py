@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from truepose.identification.fit import leastsquares
 from truepose.identification.fit.biased import column_scale
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Status, newton_step
+from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Status
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.identification.fit.relinearised import Scaling, Shrunk, relinearised
 from truepose.models.machine import Machine
@@ -228,4 +229,6 @@ def test_a_wide_problem_takes_the_steps_of_a_narrow_one(mu: float) -> None:
     damped = j.T @ j + mu * np.diag(np.sum(j**2, axis=0))
     length = np.linalg.norm(j, axis=0)
     expected = -np.linalg.solve(damped / np.outer(length, length), (j.T @ r) / length)
-    np.testing.assert_allclose(newton_step(factor, n, mu) * length, expected, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(
+        leastsquares.Linear(factor, n).step(mu) * length, expected, rtol=1e-8, atol=1e-10
+    )
