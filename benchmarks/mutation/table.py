@@ -12,7 +12,7 @@ REASONS = Path(__file__).with_name("survivors.yaml")
 HEAD = """# Tests that guard: a mutation run
 
 `python -m benchmarks.mutation --sample {sample} --seed {seed}` makes small changes (an operator swapped, a number
-doubled or one higher, a condition turned round, a statement left out) one at a time, and runs the tests that run the
+doubled, or one higher below ten, a condition turned round, a statement left out) one at a time, and runs the tests that run the
 line, for at most {budget} CPU seconds each. Timeouts count as killed. {tried} of the sample were tried so far. An
 *equivalent* mutant does the same as the code, or differs by rounding; no test can kill it.
 
