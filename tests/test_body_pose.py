@@ -10,12 +10,14 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, kstest
 
+from support.studies import study_module
 from truepose.errors import InputError
-from truepose.identification.photogrammetry.body_pose import BodyPose, body_pose, cylinder_frame
+from truepose.identification.photogrammetry.body_pose import BodyPose, body_pose
 from truepose.identification.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
 from truepose.models import lie
 from truepose.models.units import UnitSystem
 
+cylinder_frame = study_module("telescope.cylinder").cylinder_frame
 Array = NDArray[np.float64]
 SIGMA = 0.005
 EXACT = 1e-9  # of coordinates of some hundred mm and turns: rounding times the points' spread

@@ -12,23 +12,20 @@ from numpy.typing import NDArray
 
 from support import MACHINES
 from support.short_arm import POSITION, arm, status
+from support.studies import study_module
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.analysis import identifiability
 from truepose.identification.identifiability.observability import Direction, Knowledge, nearly_unseen
 from truepose.identification.identifiability.patterns import patterns
 from truepose.identification.identifiability.poses import drawn_poses
-from truepose.identification.identifiability.subset import (
-    Columns,
-    independent_subset,
-    sequential_subset,
-    spectral_reduction,
-)
+from truepose.identification.identifiability.subset import Columns, independent_subset
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.identifiability_words import identifiability_lines
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine
 
+irreducible = study_module("polisher.irreducible")
 Array = NDArray[np.float64]
 
 
@@ -207,19 +204,23 @@ def test_a_set_is_independent_maximal_and_says_what_the_others_show_like() -> No
 
 def test_sequential_sets_take_columns_in_order() -> None:
     h = columns()
-    assert sequential_subset(h).kept == ("a", "b", "c", "e")
-    assert sequential_subset(h, tolerance=0.1).kept == ("a", "b", "c")  # e is new by a thousandth of itself
-    assert sequential_subset(h, ("d", "f")).kept == ("d", "a", "c", "e")
-    relation = sequential_subset(h).relations["d"]
+    assert irreducible.sequential_subset(h).kept == ("a", "b", "c", "e")
+    assert irreducible.sequential_subset(h, tolerance=0.1).kept == (
+        "a",
+        "b",
+        "c",
+    )  # e is new by a thousandth of itself
+    assert irreducible.sequential_subset(h, ("d", "f")).kept == ("d", "a", "c", "e")
+    relation = irreducible.sequential_subset(h).relations["d"]
     assert relation == pytest.approx({"a": 2.0, "b": -1.0})
-    assert sequential_subset(h, order="cb").kept == ("c", "b")
+    assert irreducible.sequential_subset(h, order="cb").kept == ("c", "b")
     with pytest.raises(InputError, match="found no free parameter 'z'"):
-        sequential_subset(h, ("z",))
+        irreducible.sequential_subset(h, ("z",))
 
 
 def test_spectral_reduction_is_of_full_rank_and_loses_nothing() -> None:
     h = columns()
-    found = spectral_reduction(h)
+    found = irreducible.spectral_reduction(h)
     reduced = h.factor @ found.directions.T
     assert reduced.shape[1] == h.rank == 4
     np.testing.assert_allclose(np.diag(reduced.T @ reduced), found.eigenvalues, rtol=1e-8)

@@ -9,15 +9,11 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.identifiability.subset import (
-    Columns,
-    Subset,
-    sequential_subset,
-    spectral_reduction,
-)
+from truepose.identification.identifiability.subset import Columns, Subset
 
 from . import regression
 from . import workspace as ws
+from .irreducible import sequential_subset, spectral_reduction
 from .regression import Array, Nodes
 from .source_errors import MIDDLE, SourceError, frames, source_error_machine, source_errors
 

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from figures import Series, write_chart
-from truepose.identification.photogrammetry.body_pose import body_pose, cylinder_frame
+from truepose.identification.photogrammetry.body_pose import body_pose
+
+from .cylinder import cylinder_frame
 
 Array = NDArray[np.float64]
 LENGTH, RADIUS, SIGMA = 50.0, 1.0, 0.005  # mm

@@ -1,30 +1,22 @@
 """A set of parameters that the readings can tell apart, found from the Jacobian and not listed by hand.
 
-* ``independent_subset``: pivoted QR; what shows most within its tolerance is kept first. The set to estimate.
-* ``sequential_subset``: column by column in a given order; what adds nothing new is left out (T. Huang et al.,
-  hybrid polishing robot, section 4.1, second way). For a set that keeps chosen parameters first.
-* ``spectral_reduction``: combinations along the eigenvectors of H'H (same section, first way). Irreducible
-  too, but a combination is no part of the machine.
+Pivoted QR: what shows most within its tolerance is kept first. ``subset_of`` completes a set that was chosen otherwise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.errors import InputError
 from truepose.identification.fit.decomposition import ROUNDING, Decomposition
 from truepose.identification.fit.estimate import Estimate
-from truepose.models.units import close_matches
 
 Array = NDArray[np.float64]
 TIE = 1e-6
 """Columns whose lengths agree to this share are equal: the first in order is taken, whatever rounding says."""
-NEW_SHARE = 1e-8
-"""Share of a column's own length that must stand out of the columns kept, to count as new."""
 SMALLEST_TERM = 1e-6
 """Terms of a relation below this share of its largest, in steps, are rounding."""
 
@@ -64,18 +56,6 @@ class Subset:
     condition: float
 
 
-@dataclass(frozen=True)
-class SpectralReduction:
-    """Combinations that the readings see: eigenvalues (r,) of H'H, largest first, directions (r, n) in steps.
-
-    The reduced Jacobian is H directions' (n readings, r), of full column rank.
-    """
-
-    names: tuple[str, ...]
-    eigenvalues: Array
-    directions: Array
-
-
 def independent_subset(columns: Columns, *, least: float = 0.0) -> Subset:
     """A maximal set of independent columns: each time the one whose new part is longest.
 
@@ -91,56 +71,21 @@ def independent_subset(columns: Columns, *, least: float = 0.0) -> Subset:
         if longest <= least:
             break
         chosen = int(np.flatnonzero(lengths >= (1.0 - TIE) * longest)[0])
-        basis = _extended(basis, columns.factor[:, chosen])
+        basis = extended(basis, columns.factor[:, chosen])
         kept.append(chosen)
         left = columns.factor - basis @ (basis.T @ columns.factor)
-    return _subset(columns, kept)
+    return subset_of(columns, kept)
 
 
-def sequential_subset(
-    columns: Columns,
-    first: Sequence[str] = (),
-    *,
-    order: Iterable[str] | None = None,
-    tolerance: float = NEW_SHARE,
-) -> Subset:
-    """Columns in order (those of ``first`` before all), each kept when it raises the rank.
-
-    A column raises it when its part outside the span of the kept ones exceeds ``tolerance`` of its own length.
-    ``order`` defaults to that of the columns; what it does not name is left out. Raises InputError for an
-    unknown name.
-    """
-    wanted = list(dict.fromkeys([*first, *(columns.names if order is None else order)]))
-    for name in wanted:
-        if name not in columns.names:
-            raise InputError(f"found no free parameter {name!r}; {close_matches(name, columns.names)}")
-    largest = float(np.max(np.linalg.norm(columns.factor, axis=0), initial=0.0))
-    basis, kept = np.zeros((len(columns.factor), 0)), list[int]()
-    for name in wanted:
-        k = columns.names.index(name)
-        column = columns.factor[:, k]
-        new = column - basis @ (basis.T @ column)
-        length = float(np.linalg.norm(column))
-        if length > ROUNDING * largest and np.linalg.norm(new) > tolerance * length:
-            basis = _extended(basis, column)
-            kept.append(k)
-    return _subset(columns, kept)
-
-
-def spectral_reduction(columns: Columns) -> SpectralReduction:
-    """Eigenvectors of H'H whose eigenvalues are not zero."""
-    parts = Decomposition.of(columns.factor, np.zeros(len(columns.names)))
-    return SpectralReduction(columns.names, parts.singular[: parts.rank] ** 2, parts.seen)
-
-
-def _extended(basis: Array, column: Array) -> Array:
-    """One more orthonormal vector; projected twice, which is enough against rounding."""
+def extended(basis: Array, column: Array) -> Array:
+    """``basis`` (k, m) with ``column`` (k,) as one more orthonormal vector. Projected twice: enough against rounding."""
     for _ in range(2):
         column = column - basis @ (basis.T @ column)
     return np.column_stack([basis, column / np.linalg.norm(column)])
 
 
-def _subset(columns: Columns, kept: Sequence[int]) -> Subset:
+def subset_of(columns: Columns, kept: Sequence[int]) -> Subset:
+    """The set of the columns ``kept``, by their numbers, and what each other column shows like."""
     matrix = columns.factor[:, kept]
     others = [k for k in range(len(columns.names)) if k not in set(kept)]
     shown = np.linalg.norm(columns.factor, axis=0)

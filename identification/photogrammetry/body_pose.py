@@ -1,8 +1,7 @@
 """Displacement of a rigid body from points measured on it before and after: pose, covariance, suspects.
 
 Use ``body_pose`` for photogrammetry or tracker points of one body in two placements; it needs no idea of the
-body's shape. ``cylinder_frame`` is the alternative that knows the body to be a cylinder: a frame from the axis
-that fits the points best (telescope paper, section 3.1; ``benchmarks/telescope/body_pose_study.py`` compares).
+body's shape. ``benchmarks/telescope/body_pose_study.py`` compares it with frames of a cylinder (telescope paper, section 3.1).
 ``truepose.identification.photogrammetry.pose_table`` turns a whole table of points into the columns of a ``pose`` sensor.
 """
 
@@ -16,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2 as chi2_distribution
 
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification.fit.leastsquares import minimise
 from truepose.models import lie
 
 Array = NDArray[np.float64]
@@ -27,7 +25,6 @@ SUSPICIOUS = 0.01
 """Chance that any good point of a body is called suspect."""
 _MAX_ITERATIONS = 100
 _FLAT = 1e-6
-_EXACT = 1e-20  # of a squared radius
 
 
 @dataclass(frozen=True)
@@ -123,50 +120,6 @@ def body_pose(
     if not (_is_isotropic(cx) and _is_isotropic(cy)):
         turn, shift = _gauss_newton(x - middle_x, y - middle_y, cx, cy, turn)
     return _result(x, y, cx, cy, turn, middle_y + shift - turn @ middle_x, middle_x)
-
-
-def cylinder_frame(points: ArrayLike, radius: float) -> Array:
-    """(4, 4) frame of a cylinder of known ``radius`` (mm) from n >= 5 points on it (n, 3), mm.
-
-    z is the axis, from the first point towards the last; the origin is the barycentre's projection on the axis
-    and x points from there to the barycentre. The axis is the line whose distances to the points fit the
-    radius best: the line of least squared distances (telescope paper, section 3.1, read literally) runs through
-    the barycentre, so that x would have no direction. Raises InputError where that happens.
-    """
-    p = _points(points, "points")
-    if len(p) < 5:
-        raise InputError(f"found {len(p)} points, expected at least 5 on a cylinder")
-    if not radius > 0.0:
-        raise InputError(f"found the radius {radius:g} mm, expected more than 0: a line has no x axis")
-    middle = p.mean(axis=0)
-    axes = np.linalg.svd(p - middle)[2][[1, 2, 0]]  # two across, one along
-    axes[0] *= np.linalg.det(axes)
-    local = (p - middle) @ axes.T
-
-    def blocks(u: Array) -> list[Array]:
-        """[J r]: distances to the axis through (u0, u1, 0) along (u2, u3, 1), less the radius, in radii."""
-        w, v = np.array([u[2], u[3], 1.0]), local - [u[0], u[1], 0.0]
-        height = v @ w / (w @ w)
-        across = v - height[:, None] * w
-        away = np.linalg.norm(across, axis=1)
-        out = -across[:, :2] / np.maximum(away, 1e-300)[:, None]
-        return [np.column_stack([out, height[:, None] * out, away - radius]) / radius]
-
-    starts = [
-        np.array([a * radius, b * radius, 0.0, 0.0]) for a, b in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
-    ]
-    u = min((minimise(blocks, start, tolerance=_EXACT) for start in starts), key=lambda fit: fit.cost).t
-    z = np.array([u[2], u[3], 1.0]) / np.sqrt(1.0 + u[2] ** 2 + u[3] ** 2)
-    foot = np.array([u[0], u[1], 0.0])
-    foot = foot - (foot @ z) * z  # where the axis passes the barycentre, the origin here
-    if np.linalg.norm(foot) < _FLAT * radius:
-        raise InputError("the points' barycentre lies on the cylinder's axis: the x axis has no direction")
-    sign = 1.0 if (local[-1] - local[0]) @ z >= 0.0 else -1.0
-    across = -foot / np.linalg.norm(foot)
-    turn = np.column_stack([across, np.cross(sign * z, across), sign * z])
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = axes.T @ turn, middle + axes.T @ foot
-    return out
 
 
 def _rows(lever: Array) -> Array:
@@ -294,4 +247,4 @@ def _result(x: Array, y: Array, cx: Array, cy: Array, turn: Array, shift: Array,
     return BodyPose(pose, about @ np.linalg.inv(information) @ about.T, r, noise, lever)
 
 
-__all__ = ["BodyPose", "body_pose", "cylinder_frame"]
+__all__ = ["BodyPose", "body_pose"]
