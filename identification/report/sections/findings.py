@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.report import diagnosis_words as words
+from truepose.identification.report import verdict_reasons
 from truepose.identification.report.document import Block, Card, Items, Plot, Section, Table, Text
 from truepose.identification.report.numbers import known, p_value, percent, significant, uncertain
 from truepose.wording import shortened
@@ -19,8 +20,8 @@ def findings_section(diagnosis: Diagnosis) -> Section:
     blocks: list[Block] = []
     if diagnosis.concealed and "free" in diagnosis.fits:
         blocks.append(Text(words.concealed_words(diagnosis), "warn"))
-    blocks.append(Items(words.reasons(diagnosis), title="Why we say so"))
-    doubts = words.doubts(diagnosis)
+    blocks.append(Items(verdict_reasons.reasons(diagnosis), title="Why we say so"))
+    doubts = verdict_reasons.doubts(diagnosis)
     if doubts:
         blocks.append(Items(doubts, title="What speaks against it", tone="warn"))
     if diagnosis.remainder is not None:
