@@ -85,15 +85,10 @@ def score(
 ) -> Score:
     """Compare a reply with the key; no reply is a failure, and nothing about it is right."""
     if reply is None:
-        null = solution.stratum == NULL
-        no = False if solution.stratum == OUTSIDE else None
-        return Score(
-            solution, "no diagnosis", failure or "no diagnosis", seconds, False, null, False, False, False, False,
-            False, False, no, no, None, None, None, None, None,
-        )  # fmt: skip
+        return _unanswered(solution, seconds, failure)
     judge = Judge(solution)
     physics, truths = _counted(reply, solution), solution.truths
-    top = physics[:1]
+    top, outside = physics[:1], solution.stratum == OUTSIDE
     detected = reply.verdict != "adequate" or (_row_effect(solution) and bool(physics))
     wrong = [f for f in physics if _confident(f) and not any(judge.covers(f, t) for t in truths)]
     bias = parameter_bias(reply.parameters, solution.geometry)
@@ -112,12 +107,10 @@ def score(
         wrong_class=any(
             f.certainty >= CONFIDENT and not any(judge.covers(f, t) for t in truths) for f in physics
         ),
-        honest=(detected and not wrong) if solution.stratum == OUTSIDE else None,
-        abstained=(
-            detected and (not top or any(judge.right(f.name, t) for f in top for t in truths))
-            if solution.stratum == OUTSIDE
-            else None
-        ),
+        honest=(detected and not wrong) if outside else None,
+        abstained=detected and (not top or any(judge.right(f.name, t) for f in top for t in truths))
+        if outside
+        else None,
         flag=(reply.concealed == solution.concealed) if detected and truths else None,
         held_out=held_out,
         held_out_ratio=_ratio(held_out, solution.oracle.held_out if solution.oracle else None),
@@ -130,6 +123,16 @@ def score(
         ),
         classes=tuple(Statement(f.certainty, any(judge.covers(f, t) for t in truths)) for f in physics),
     )
+
+
+def _unanswered(solution: Solution, seconds: float, failure: str) -> Score:
+    """Nothing is right; on a machine without a fault it counts as a false alarm."""
+    null = solution.stratum == NULL
+    no = False if solution.stratum == OUTSIDE else None
+    return Score(
+        solution, "no diagnosis", failure or "no diagnosis", seconds, False, null, False, False, False, False,
+        False, False, no, no, None, None, None, None, None,
+    )  # fmt: skip
 
 
 def read_score(folder: Path, case: str) -> Score:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -104,36 +105,57 @@ def plan(
             recorded=tuple(recorded or ()),
             targets=tuple(target or ()),
         )
+        wanted = _Wanted(machine, n, output, candidates, seed, as_json)
         if asked.wanted:
             _check_calibration_options(method, criterion)
-            _discriminate(machine, n, output, asked, candidates, seed, as_json)
-            return
-        from truepose.identification.planning.plan import plan as run
-        from truepose.identification.recording.load import load_recording
-        from truepose.identification.report.plan_words import plan_json, plan_lines, plan_notes
-        from truepose.identification.report.pose_tables import plan_table
-        from truepose.models.load import load_machine
+            _discriminate(wanted, asked)
+        else:
+            _calibrate(wanted, method, criterion)
 
-        check_file(output)
-        with progress("planning") as say:
-            loaded = load_machine(machine)
-            given = (
-                None
-                if candidates is None
-                else load_recording(loaded, [candidates], need_observations=False).q
-            )
-            chosen = method or ("continuous" if given is None else "exchange")
-            found = run(
-                loaded, n, method=chosen, criterion=criterion, seed=seed, candidates=given, progress=say
-            )
-            frame = plan_table(found)
-        lines = plan_lines(found)
-        write_table(
-            output, frame, [f"poses of {loaded.name} for calibration: {n}, {chosen}, seed {seed}", *lines]
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What every plan takes: ``n`` rows of a machine file, for ``output``."""
+
+    machine: Path
+    n: int
+    output: Path
+    candidates: Path | None
+    seed: int
+    as_json: bool
+
+
+def _calibrate(wanted: _Wanted, method: str, criterion: str) -> None:
+    """The poses that calibrate best, written and told."""
+    from truepose.identification.planning.plan import plan as run
+    from truepose.identification.recording.load import load_recording
+    from truepose.identification.report.plan_words import plan_json, plan_lines, plan_notes
+    from truepose.identification.report.pose_tables import plan_table
+    from truepose.models.load import load_machine
+
+    check_file(wanted.output)
+    with progress("planning") as say:
+        machine = load_machine(wanted.machine)
+        files = [] if wanted.candidates is None else [wanted.candidates]
+        given = load_recording(machine, files, need_observations=False).q if files else None
+        chosen = method or ("continuous" if given is None else "exchange")
+        found = run(
+            machine,
+            wanted.n,
+            method=chosen,
+            criterion=criterion,
+            seed=wanted.seed,
+            candidates=given,
+            progress=say,
         )
-        columns = [str(c) for c in frame.columns]
-        summary = {"command": "plan", **plan_json(found, columns), "files": [str(output)]}
-        finish(summary, [f"{output}: {n} poses", *lines], plan_notes(found), as_json=as_json)
+        frame = plan_table(found)
+    lines = plan_lines(found)
+    head = f"poses of {machine.name} for calibration: {wanted.n}, {chosen}, seed {wanted.seed}"
+    write_table(wanted.output, frame, [head, *lines])
+    summary = {"command": "plan", **plan_json(found, [str(c) for c in frame.columns])}
+    summary["files"] = [str(wanted.output)]
+    told = [f"{wanted.output}: {wanted.n} poses", *lines]
+    finish(summary, told, plan_notes(found), as_json=wanted.as_json)
 
 
 def _check_calibration_options(method: str, criterion: str) -> None:
@@ -144,19 +166,21 @@ def _check_calibration_options(method: str, criterion: str) -> None:
         )
 
 
-def _discriminate(
-    machine: Path, n: int, output: Path, asked: Request, candidates: Path | None, seed: int, as_json: bool
-) -> None:
+def _discriminate(wanted: _Wanted, asked: Request) -> None:
     """The experiment that tells explanations apart, written and told."""
     from truepose.identification.report.notes import worded
     from truepose.models.load import load_machine
 
-    check_file(output)
+    check_file(wanted.output)
     with progress("planning") as say:
-        loaded = load_machine(machine)
-        found, frame, lines, told = run_discriminate(loaded, n, asked, candidates, seed, say)
+        machine = load_machine(wanted.machine)
+        found, frame, lines, told = run_discriminate(
+            machine, wanted.n, asked, wanted.candidates, wanted.seed, say
+        )
     names = joined(e.name for e in found.explanations)
-    write_table(output, frame, [f"rows of {loaded.name} to tell {names} apart: {n}, seed {seed}", *lines])
-    summary = {"command": "plan", "machine": loaded.name, "seed": seed, "rows": len(frame)}
-    summary |= {"columns": [str(c) for c in frame.columns], **told, "files": [str(output)]}
-    finish(summary, [f"{output}: {len(frame)} rows", *lines], worded(found.notes), as_json=as_json)
+    head = f"rows of {machine.name} to tell {names} apart: {wanted.n}, seed {wanted.seed}"
+    write_table(wanted.output, frame, [head, *lines])
+    summary = {"command": "plan", "machine": machine.name, "seed": wanted.seed, "rows": len(frame)}
+    summary |= {"columns": [str(c) for c in frame.columns], **told, "files": [str(wanted.output)]}
+    heading = f"{wanted.output}: {len(frame)} rows"
+    finish(summary, [heading, *lines], worded(found.notes), as_json=wanted.as_json)
