@@ -245,6 +245,14 @@ CASES = (
         _plan(18),
     ),
     Case(
+        "stewart-short",
+        "stewart",
+        2001,
+        "log odds of 2.1, which are short of the threshold",
+        (_at("thermal-expansion", "leg2", 0.29),),
+        _plan(18),
+    ),
+    Case(
         "targets-small",
         "telescope-targets",
         1001,
