@@ -140,7 +140,11 @@ def test_movements_are_those_of_the_joint_gaussian(point: Point) -> None:
 
 
 def test_of_two_movements_each_has_its_own_change_and_spread() -> None:
-    stack, moving, point = stacked(2, np.array([0.0, 0.6, -0.3, 1.0])), {2: 1.5, 1: 0.8}, Point(1.0, (1.0,), 0.0)
+    stack, moving, point = (
+        stacked(2, np.array([0.0, 0.6, -0.3, 1.0])),
+        {2: 1.5, 1: 0.8},
+        Point(1.0, (1.0,), 0.0),
+    )
     found = chosen(stack, point, moving, np.array([-4.0, 6.0, 6.0]))
     mean, covariance = dense(stack, point, moving)
     _, *both = movements(stack, found, PRIOR, {"a": "mm", "b": "rad", "c": "mm"}, TIMES)

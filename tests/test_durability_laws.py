@@ -181,7 +181,10 @@ def test_a_check_is_that_of_the_gaussian_of_all_readings(
 
     away = np.eye(len(seen)) - seen[:, fresh] @ np.linalg.pinv(seen[:, fresh], rcond=1e-10)
     variance = np.diag(away @ spread @ away.T).reshape(met_again.residual[met_again.used].shape)
-    for values, expected in ((residual.reshape(variance.shape), check.rms), (np.sqrt(variance), check.expected)):
+    for values, expected in (
+        (residual.reshape(variance.shape), check.rms),
+        (np.sqrt(variance), check.expected),
+    ):
         for kind, size in rms_by_kind(values, session.predictor.channels).items():
             assert expected[kind] == pytest.approx(size, rel=1e-6)
 
