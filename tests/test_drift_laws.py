@@ -15,11 +15,11 @@ from scipy.linalg import block_diag
 from scipy.special import expit
 
 from support import MACHINES
-from truepose.identification.drift.analysis import drift
+from truepose.identification.drift.analysis import _unseen, drift
 from truepose.identification.drift.movement_evidence import Stack, grid_for, solve, weigh
 from truepose.identification.drift.movement_selection import Candidate, Selection, candidates_of, select
 from truepose.identification.drift.sessions import Linear, linearised, sessions_of
-from truepose.identification.drift.sizes import joint_parameters, movements
+from truepose.identification.drift.sizes import _line, joint_parameters, movements
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drift_words import drift_notes
@@ -139,6 +139,22 @@ def test_movements_are_those_of_the_joint_gaussian(point: Point) -> None:
     np.testing.assert_allclose([still.probability, own.probability], expit([-4.0, 6.0]))
 
 
+def test_of_two_movements_each_has_its_own_change_and_spread() -> None:
+    stack, moving, point = (
+        stacked(2, np.array([0.0, 0.6, -0.3, 1.0])),
+        {2: 1.5, 1: 0.8},
+        Point(1.0, (1.0,), 0.0),
+    )
+    found = chosen(stack, point, moving, np.array([-4.0, 6.0, 6.0]))
+    mean, covariance = dense(stack, point, moving)
+    _, *both = movements(stack, found, PRIOR, {"a": "mm", "b": "rad", "c": "mm"}, TIMES)
+    for place, own in enumerate(both, start=1):
+        since = np.kron(np.eye(SESSIONS) - np.eye(SESSIONS)[0], np.eye(3)[place]) * SCALE[place]
+        np.testing.assert_allclose(own.change, since @ mean, atol=1e-8)
+        spread = np.diag(since @ covariance @ since.T).clip(0.0)
+        np.testing.assert_allclose(own.std, np.sqrt(spread), atol=1e-7)
+
+
 def test_a_steady_movement_has_its_rate_and_an_unsteady_one_says_so() -> None:
     point, units = Point(0.05, (1.0,), 0.0), {"a": "mm", "b": "rad", "c": "mm"}
     for way, steady in (((0.0, 0.6, 2.4, 3.0), True), ((0.0, 3.0, 0.0, 3.0), False)):
@@ -156,6 +172,37 @@ def test_a_steady_movement_has_its_rate_and_an_unsteady_one_says_so() -> None:
     _, line, _ = movements(two, found, PRIOR, units, (0.0, 50.0))
     assert line.steady and line.rate == pytest.approx(line.change[1] / 50.0)
     assert line.rate_std == pytest.approx(line.std[1] / 50.0)
+
+
+@pytest.mark.parametrize(("time", "length"), [(1.0, 1.0), (1e-6, 1.0), (1.0, 1e6), (1e5, 1e-7)])
+def test_a_rate_has_the_unit_of_its_change_over_that_of_its_time(time: float, length: float) -> None:
+    rng = np.random.default_rng(13)
+    elapsed, change = np.array([0.0, 60.0, 240.0, 300.0]), np.array([0.0, 1.0, 3.0, 9.0])
+    root = np.vstack([np.zeros(3), rng.standard_normal((3, 3))])
+    for sessions in (4, 2):
+        plain = _line(elapsed[:sessions], change[:sessions], root[:sessions])
+        other = _line(time * elapsed[:sessions], length * change[:sessions], length * root[:sessions])
+        assert plain is not None and other is not None
+        assert other == pytest.approx(
+            (plain[0] * length / time, plain[1] * length / time, plain[2]), rel=1e-9
+        )
+        assert (plain[2] == 1.0) is (sessions == 2)  # a line through two points always fits
+    assert _line(0.0 * elapsed, change, root) is None  # no time passed
+
+
+def test_unseen_is_what_the_session_that_sees_most_does_not_see() -> None:
+    machine = load_machine(MACHINES / "distance.yaml")
+    prior = prior_of(machine)
+    n = len(prior.free)
+    jacobian = np.random.default_rng(14).standard_normal((3, n + 1, n))
+    jacobian[:, :, 4] = 0.0
+    for best in range(3):
+        blind = jacobian.copy()
+        blind[np.arange(3) != best, :, 7] = 0.0
+        blind[(best + 1) % 3, :, 9] = 0.0
+        stack = Stack(blind, np.zeros((3, n + 1)), 3 * n, np.ones(n), np.zeros(n, dtype=bool))
+        (own,) = _unseen(machine, stack, prior, np.tile(prior.mean, (3, 1))).directions
+        assert set(own.parts) == {prior.names[prior.free[4]]}
 
 
 def test_what_no_session_sees_is_unseen_and_what_a_movement_hides_is_masked() -> None:
@@ -229,6 +276,25 @@ def test_frames_go_first_where_they_explain_as_much() -> None:
         assert found.alike[frame].keys() == {1 - frame} and abs(found.alike[frame][1 - frame]) < 3.0
         assert found.extrinsic.tolist() == [k == frame for k in (0, 1)]
         assert found.noise == pytest.approx(1.0) and found.log_bayes_factor > 3.0
+
+
+def test_alike_is_what_would_be_believed_in_its_place_with_odds_that_are_not_hopeless() -> None:
+    """Log odds of 3 for a movement of its own, and no more than 12 against it."""
+    rng, rows = np.random.default_rng(15), 40
+    jacobian = rng.standard_normal((2, rows, 5))
+    moving = jacobian[:, :, 2]
+    for k, share in ((1, 0.1), (3, 0.35), (4, 1.0)):  # nearly the same, less so, hardly
+        jacobian[:, :, k] = moving + share * jacobian[:, :, k]
+    apart = np.array([-0.5, 0.5])[:, None] * 2.2 * moving
+    stack = Stack(jacobian, apart, 2 * rows, np.ones(5), np.zeros(5, dtype=bool))
+    points = [Point(1.0, (1.0,), 0.0)]
+    found = select(stack, [Candidate(f"p{k}", (k,), k in (0, 4)) for k in range(5)], points)
+    assert set(found.accepted) == {2}
+    alone = weigh(stack, [solve(stack, {}, points[0])], [(k,) for k in range(5)]).gain
+    against = {k: alone[2] - alone[k] for k in (0, 1, 3, 4) if alone[k] > 3.0 and alone[2] - alone[k] < 12.0}
+    assert found.alike[2] == pytest.approx(against)
+    assert list(found.alike[2]) == sorted(against, key=lambda k: against[k])
+    assert set(against) == {1, 3} and alone[4] > 3.0 > alone[0]
 
 
 def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:

@@ -8,16 +8,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
-from truepose.identification.drift.durability import Check, durability, noise_of
+from support import MACHINES
+from truepose.identification.drift.durability import Check, _met, durability, noise_of
 from truepose.identification.drift.movement_evidence import Stack, solve
 from truepose.identification.drift.movement_selection import Candidate, Selection, _summed
 from truepose.identification.drift.sessions import Session, bounded, sessions_of
 from truepose.identification.drift.sizes import movements
 from truepose.identification.fit.estimate import Estimate, estimate
-from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.fit.problem import Prior, Problem, prior_of
+from truepose.identification.fit.summary import rms_by_kind
+from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
 from truepose.identification.selection.scales import Point
 from truepose.models.load import load_machine
@@ -67,6 +72,24 @@ def moved(tmp_path_factory: pytest.TempPathFactory) -> Met:
 
 
 @pytest.fixture(scope="module")
+def distances(tmp_path_factory: pytest.TempPathFactory) -> Met:
+    """Changes of a distance, the first of each session since itself; nothing moved."""
+    folder, n, rng = tmp_path_factory.mktemp("distances"), 120, np.random.default_rng(12)
+    machine = load_machine(MACHINES / "distance.yaml")
+    rows = pd.DataFrame(rng.uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
+    origin = np.where(np.arange(n) % (n // 2) == 0, np.arange(n), np.arange(n) - 1)
+    rows = rows.assign(pose=np.arange(n), **{"from": origin}, session=np.arange(n) // (n // 2), dL=0.0)
+    rows.to_csv(folder / "rows.csv", index=False)
+    prior = prior_of(machine)
+    nominal = predict(machine, load_recording(machine, [folder / "rows.csv"]))["dL"].to_numpy()
+    shake = 1e-5 * rng.standard_normal(n) * (origin != np.arange(n))
+    rows.assign(dL=nominal + shake).to_csv(folder / "rows.csv", index=False)
+    sessions, _ = sessions_of(machine, load_recording(machine, [folder / "rows.csv"]))
+    fits = [estimate(machine, s.recording, prior=bounded(prior), predictor=s.predictor) for s in sessions]
+    return Met(sessions, tuple(fits), prior)
+
+
+@pytest.fixture(scope="module")
 def still(tmp_path_factory: pytest.TempPathFactory) -> Met:
     return met(tmp_path_factory.mktemp("still"), {})
 
@@ -109,6 +132,61 @@ def test_few_readings_leave_the_noise_as_stated(still: Met) -> None:
     assert noise_of([replace(one, levels=one.n_observations - one.rank - 10)])[1] == 10.0
     quiet = replace(one, factor=one.factor * np.append(np.ones(one.factor.shape[1] - 1), 1e-3))
     assert noise_of([quiet])[0] == 0.8
+
+
+def by_rows(session: Session, fit: Estimate) -> tuple[Array, Array]:
+    """Jacobian (m, n) and residual (m,) of every reading of a session at a fit's parameters, in stated sigmas."""
+    problem = Problem(session.predictor, bounded(fit.prior), fit.p, ~session.recording.validation)
+    rows = np.concatenate(list(problem.data(fit.p, problem.x)))
+    return rows[:, :-1], rows[:, -1]
+
+
+@pytest.mark.parametrize("anew", ["nothing", "frames", "all but one"])
+@pytest.mark.parametrize("case", ["moved", "distances"])
+def test_a_check_is_that_of_the_gaussian_of_all_readings(
+    case: str, anew: str, request: pytest.FixtureRequest
+) -> None:
+    """Generalised least squares with the covariance of all readings written out: noise, and the first fit's errors."""
+    one: Met = request.getfixturevalue(case)
+    names = [one.prior.names[k] for k in one.prior.free]
+    frames = np.array([name.split(".")[0] in ("base", "tool", "beam", "mirror") for name in names])
+    most = np.array([name not in ("q4.d", "t.beta") for name in names])  # what no other can stand for
+    fresh = {"nothing": frames & False, "frames": frames, "all but one": most}[anew]
+    found = durability(one.sessions, one.fits, one.prior, fresh)
+    (check,) = found.frames
+    noise, freedom = noise_of(one.fits)
+    first, own = one.fits
+    session = one.sessions[1]
+    met_again = _met(session, one.prior, first.p, fresh)
+    assert check is not None and met_again is not None and found.noise == noise
+    np.testing.assert_array_equal(met_again.p[one.prior.free[~fresh]], first.p[one.prior.free[~fresh]])
+
+    seen, residual = by_rows(session, met_again)
+    known = first.factor[:, :-1].T @ first.factor[:, :-1] / noise**2 + np.diag(first.prior_weight**2)
+    carried = np.linalg.inv(known)[np.ix_(~fresh, ~fresh)]
+    says = np.any(seen != 0.0, axis=1)  # a change since itself is no reading
+    spread = noise**2 * np.diag(says.astype(float)) + seen[:, ~fresh] @ carried @ seen[:, ~fresh].T
+    root = np.linalg.inv(np.linalg.cholesky(spread[np.ix_(says, says)]))
+    new, far = root @ seen[np.ix_(says, fresh)], root @ residual[says]
+    far = far - new @ np.linalg.lstsq(new, far, rcond=1e-10)[0]
+    fitted = np.linalg.matrix_rank(new, tol=1e-9 * np.linalg.norm(new)) if fresh.any() else 0
+    jacobian, left = by_rows(session, own)
+    left = left - jacobian @ np.linalg.lstsq(jacobian, left, rcond=1e-10)[0]
+    freed = np.linalg.matrix_rank(jacobian, tol=1e-9 * np.linalg.norm(jacobian)) - fitted
+    excess = max(far @ far - left @ left / noise**2, 0.0)
+    p = stats.f.sf(excess / freed, freed, freedom)
+    assert freed == (1 if anew == "all but one" else own.rank - fitted)
+    assert check.p == pytest.approx(p, rel=1e-5)
+    assert (check.p < 1e-6) is (case == "moved")
+
+    away = np.eye(len(seen)) - seen[:, fresh] @ np.linalg.pinv(seen[:, fresh], rcond=1e-10)
+    variance = np.diag(away @ spread @ away.T).reshape(met_again.residual[met_again.used].shape)
+    for values, expected in (
+        (residual.reshape(variance.shape), check.rms),
+        (np.sqrt(variance), check.expected),
+    ):
+        for kind, size in rms_by_kind(values, session.predictor.channels).items():
+            assert expected[kind] == pytest.approx(size, rel=1e-6)
 
 
 # -- movements -------------------------------------------------------------------------------------------

@@ -1,0 +1,278 @@
+"""Laws of fringe counting at its limits: the fewest samples, two recordings, the first fringe, returns on the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.fringes import excursions, faults, lengths, motions, move, turns
+from truepose.identification.fringes.closure import miscounted
+from truepose.identification.fringes.count import Count, End
+from truepose.identification.fringes.excursions import Excursions, centre_means, find_excursions
+from truepose.identification.fringes.levels import Levels, Noise, noise_of
+from truepose.identification.fringes.move import Move, read_move
+from truepose.identification.fringes.passages import evenly, normalised
+from truepose.identification.fringes.photocurrent import _read, read_samples
+from truepose.identification.fringes.scan import Scan
+from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.table import read_table
+from truepose.models.fabry_perot import coupling, folded_phase, fringe
+from truepose.models.units import UnitSystem
+
+Array = NDArray[np.float64]
+MIRRORS = (0.2, 0.2)
+G = coupling(MIRRORS)
+LOW = float(folded_phase(0.5, G))
+LEVELS = Levels(np.zeros(1), np.zeros(1), np.ones(1))
+
+
+# -- samples -------------------------------------------------------------------------------------------
+
+
+def test_a_table_of_numbers_is_read_at_once_and_says_the_same(tmp_path: Path) -> None:
+    """As arrays, where nothing is to be refused; cell by cell otherwise."""
+    path = tmp_path / "light.csv"
+    rows = [f"{k // 40},{0.01 * k!r},{np.sin(k):.12g}" for k in range(80)]
+    path.write_text("# a note\n" + "\n".join(["pose,t [ms],I", *rows]) + "\n", encoding="utf-8")
+    fast, slow = _read(path), read_table(path)
+    assert all(isinstance(cells, np.ndarray) for cells in fast.cells.values())
+    assert fast.names == slow.names and fast.columns == slow.columns
+    for name in fast.names:
+        np.testing.assert_array_equal(fast.cells[name], slow.numbers(name))
+    found = read_samples(path, UnitSystem())
+    assert [len(found.series[k][0].t) for k in (0, 1)] == [40, 40]
+    np.testing.assert_allclose(found.series[1][0].t, 1e-5 * np.arange(40, 80))
+    path.write_text("\n".join(["pose,t,I,I", *(f"{row},1" for row in rows)]) + "\n", encoding="utf-8")
+    with pytest.raises(InputError, match="column 'I': found twice"):
+        read_samples(path, UnitSystem())
+
+
+def test_a_signal_that_hardly_repeats_has_no_converter_however_calm_it_is() -> None:
+    for n in (200, 20_000):
+        calm = np.linspace(0.0, 1.0, n)
+        assert noise_of(calm).sigma < 1e-12 and noise_of(calm).stuck == 0.0
+    assert noise_of(np.round(calm, 2)).sigma == pytest.approx(0.01 / np.sqrt(12.0), rel=1e-6)
+
+
+def test_the_step_of_a_converter_is_the_smallest_between_its_values() -> None:
+    """A signal need not stop on every one of them."""
+    signal = np.repeat([0.0, 0.5, 3.0, 7.5], 1000)
+    assert noise_of(signal).sigma == pytest.approx(0.5 / np.sqrt(12.0))
+
+
+# -- excursions ----------------------------------------------------------------------------------------
+
+
+def light(t: Array, rate: float = 7.0, start: float = 0.3) -> Array:
+    return fringe(np.cos(start + rate * t), G)
+
+
+def test_the_only_whole_excursion_has_a_middle_too() -> None:
+    t = np.arange(0.0, 0.85, 1e-4)
+    found = find_excursions(t, light(t), 0.0, G)
+    assert len(found) == 3
+    mean, count = centre_means(t, light(t), found)
+    third = LOW + (np.pi - LOW) * 2.0 * np.linspace(1.0 / 3.0, 2.0 / 3.0, 2001)
+    assert mean[1] == pytest.approx(float(np.mean(fringe(np.cos(third), G))), abs=1e-4)
+    assert count[1] == pytest.approx(found.sizes[1] / 3.0, abs=1.5)
+    for part in (t < 0.1, t < 0.3):  # one and two: both are cut
+        few = find_excursions(t[part], light(t[part]), 0.0, G)
+        assert len(few) == 1 + int(part.sum() > 2000)
+        assert np.isnan(centre_means(t[part], light(t[part]), few)[0]).all()
+
+
+def test_three_samples_are_enough_for_the_middle_of_an_excursion() -> None:
+    """Of fourteen a fringe three are in the middle of its high end, and two of its low one."""
+    t = 2.0 * np.pi / 7.0 / 14.0 * np.arange(150.0)
+    one = normalised(t, light(t), LEVELS, Noise(0.0, 0.0), G)
+    _, count = centre_means(one.t, one.v, one.found)
+    assert evenly(one)[1:-1].all()
+    for k in (6, 7):
+        high = bool(one.found.high[k])
+        start, stop = one.found.times[k - 1], one.found.times[k]
+        middle = np.abs(t - 0.5 * (start + stop)) < (stop - start) / 6.0
+        assert middle.sum() == count[k] == (3 if high else 2)
+        off = replace(one, v=one.v + np.where(middle, -0.03 if high else 0.03, 0.0))
+        assert bool(evenly(off)[k]) is not high
+
+
+def test_a_crossing_lies_between_the_first_two_samples_on_different_sides() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        above = rng.random(12) < 0.5
+        before, span = int(rng.integers(0, 4)), int(rng.integers(1, 8))
+        after = before + span
+        above[after] = not above[before]
+        change = [k for k in range(before, after) if above[k] != above[k + 1]]
+        low, up = excursions._around(above, np.array([before]), np.array([after]))
+        assert (int(low[0]), int(up[0])) == (change[0], change[0] + 1)
+
+
+# -- faults --------------------------------------------------------------------------------------------
+
+
+def sized(sizes: list[int]) -> Excursions:
+    """Excursions of so many samples each, a sample a unit of time."""
+    first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
+    high = np.arange(len(sizes)) % 2 == 1
+    return Excursions(high, first, first[1:-1].astype(float), (LOW, np.pi - LOW))
+
+
+def test_no_fringe_may_be_too_fast_wherever_it_is() -> None:
+    """The first and the last excursion are cut: what is left of them says nothing."""
+    for place in range(1, 8):
+        sizes = [9] * 10
+        sizes[place : place + 2] = 1, 2
+        assert faults.too_fast(sized(sizes)) is True
+        sizes[place : place + 2] = 2, 2
+        assert faults.too_fast(sized(sizes)) is False
+    assert faults.too_fast(sized([1, 1, 3, 1])) is False
+    assert faults.too_fast(sized([1, 2, 1])) is False
+
+
+def test_one_whole_excursion_tells_how_fast_the_mirror_moves() -> None:
+    """Large steps that its speed makes are no jumps."""
+    t = np.arange(0.0, 0.85, 2.0 * np.pi / 7.0 / 9.0)
+    v = light(t)
+    found = find_excursions(t, v, 0.0, G)
+    assert len(found) == 3 and np.abs(np.diff(v)).max() > 0.3
+    assert not faults.has_jump(t, v, 0.0, found)
+    jumped = np.where(np.arange(len(t)) < len(t) // 2, v, 1.0 - v)
+    assert faults.has_jump(1e3 * t, jumped, 0.0, replace(found, times=1e5 * found.times))
+
+
+# -- returns and shared levels -------------------------------------------------------------------------
+
+COUNTED = 7.8e-4
+
+
+def way(poses: list[int], change: Array) -> Recording:
+    """Moves from row to row through these poses."""
+    n = len(poses)
+    whole = np.zeros(n, dtype=np.int64)
+    return Recording(
+        joints=("q1",),
+        q=np.array(poses, dtype=float)[:, None],
+        observations={"dL": change},
+        labels={},
+        drivers={},
+        files=("rows.csv",),
+        source_file=whole,
+        source_row=np.arange(1, n + 1),
+        session=whole + 1,
+        session_recorded=whole == 0,
+        validation=whole == 1,
+        pose=np.array(poses),
+        from_row=np.maximum(np.arange(n) - 1, 0),
+    )
+
+
+@pytest.mark.parametrize(("counts", "left_out"), [(1.0, True), (1.04, True), (1.07, False), (-0.96, True)])
+def test_a_return_on_the_way_leaves_out_what_lies_between(counts: float, left_out: bool) -> None:
+    """From the second pose by two others back to it, by whole counts to a twentieth of one."""
+    change = np.array([0.0, 0.02, 0.01, -0.03, 0.02, 0.04])
+    change[3] += counts * COUNTED
+    rows = way([0, 1, 2, 3, 1, 4], change)
+    bad, notes = miscounted(rows, change, np.full(6, 1e-6), np.arange(6) > 0, COUNTED)
+    assert bad.tolist() == [False, False, *[left_out] * 3, False]
+    (note,) = notes
+    assert note.startswith("rows.csv: row 5: back at the pose of row 2")
+    assert ("a miscount in one of rows 3, 4, 5, left out" in note) is left_out
+
+
+def test_two_moves_that_agree_share_levels_as_well_as_three_do() -> None:
+    nowhere = End(False, 0.0, 0.01, 0.0)
+    count = Count(0.0, nowhere, nowhere, 0, LEVELS, 0.01, 0, ())
+    one = Move(0.01, 1e-6, True, 1.56e-3, count, ())
+    found = [lengths._shared_levels([one] * k) for k in (1, 2, 3)]
+    assert [levels and levels.sigma for levels in found] == [0.01, 0.001, 0.001]
+
+
+def test_what_scan_and_rest_differ_by_is_weighed_by_both_and_what_a_phase_cannot_be_better_than() -> None:
+    """A twentieth of a rad."""
+    for scanned, rested in ((0.4, 0.1), (0.1, 0.4), (0.001, 0.001)):
+        end = End(False, 0.5, rested, 0.0)
+        count = Count(6.0 * np.pi, End(False, 0.0, 0.01, 0.0), end, 0, LEVELS, 0.01, 0, ())
+        after = Scan(0.8, scanned, 0.9, 1e-4, None, None)
+        (chi2,) = move._misfits(count, None, after, 1e-4, 1.0)
+        assert chi2 == pytest.approx(0.3**2 / (scanned**2 + rested**2 + 0.05**2))
+
+
+# -- passages and turns --------------------------------------------------------------------------------
+
+
+def judged(path: Array, seed: int = 0) -> turns.Visit:
+    """Light on a path of phases (n,) from the low end, in seconds from 5 on."""
+    n, rng = len(path), np.random.default_rng(seed)
+    v: Array = fringe(np.cos(path), G) + 0.002 * rng.standard_normal(n)
+    one, t = np.ones(n, dtype=bool), 5.0 + 0.1 * np.arange(float(n))
+    halves = np.zeros(n, dtype=np.intp)
+    return turns.Visit(t, v, Noise(0.002, 0.0), False, G, 1e-3, halves, one, ~one)
+
+
+def test_samples_are_fitted_in_time_from_minus_one_to_one() -> None:
+    visit = judged(np.linspace(-1.0, 1.0, 101))
+    np.testing.assert_allclose(turns._light(visit).u, np.linspace(-1.0, 1.0, 101), atol=1e-12)
+    # in groups: their mean times
+    many = judged(np.linspace(-1.0, 1.0, 1600))
+    np.testing.assert_allclose(
+        turns._light(many).u, np.linspace(-1.0, 1.0, 1600).reshape(-1, 10).mean(axis=1), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(("samples", "enough"), [(5, False), (6, True)])
+def test_a_motion_needs_as_many_samples_as_it_has_unknowns(samples: int, enough: bool) -> None:
+    """Four of a cubic, and two levels."""
+    light = turns._light(judged(np.linspace(-1.0, 1.0, samples)))
+    assert (turns._smooth(light, (3, 5)) is not None) is enough
+
+
+def test_motions_are_tried_until_one_fits_and_the_last_only_confirms() -> None:
+    """A motion of degree 5 that no cubic follows passes; of that it is sure when a degree confirms it."""
+    u = np.linspace(-1.0, 1.0, 120)
+    light = turns._light(judged(0.7 * u + 0.5 * (16.0 * u**5 - 20.0 * u**3 + 5.0 * u)))
+    cubic, free, alone = (turns._smooth(light, degrees) for degrees in ((3, 4), (3, 5, 7), (3, 5)))
+    assert cubic is not None and free is not None and alone is not None
+    assert free.fits and free.passed
+    assert not cubic.fits and not alone.fits
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_guesses_of_a_motion_that_comes_back_are_the_same_seen_backwards(seed: int) -> None:
+    """Polynomials in time, of which the odd powers change their sign."""
+    rng = np.random.default_rng(seed)
+    u = np.linspace(-1.0, 1.0, 60)
+    there = turns._light(judged(0.3 - 1.2 * (u - 0.1 * seed) ** 2))
+    there = replace(there, distance=there.distance + 0.03 * rng.random(60))
+    back = replace(there, distance=there.distance[::-1])
+    turned = np.append((-1.0) ** np.arange(6), [1.0, 1.0])
+    guesses = [list(motions.Problem.of(light, -1.0, 5).starts()) for light in (there, back)]
+    assert len(guesses[0]) == 3
+    for one, other in zip(*guesses, strict=True):
+        np.testing.assert_allclose(other, turned * one, atol=1e-9)
+
+
+def test_scans_are_read_with_the_levels_of_the_move_where_they_touch_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its first and its last sample, where light fades along the move."""
+    t, sides = 1e-3 * np.arange(3000.0), 100
+    used: list[Levels | None] = []
+    monkeypatch.setattr(move, "read_scan", lambda *rest: used.append(rest[-1]))
+    wave = np.full(len(t), 1.56e-3)
+    wave[:sides] += 1e-8 * np.arange(sides, 0.0, -1.0)
+    wave[-sides:] += 1e-8 * np.arange(1.0, sides + 1.0)
+    shake = 1e-3 * np.random.default_rng(2).standard_normal(len(t))
+    found = read_move(t, (2.0 - 0.1 * t) * light(t, 60.0) + shake, wave, MIRRORS)
+    assert not found.faults and len(found.count.levels.knots) > 1
+    first, last = used
+    assert first is not None and last is not None
+    for own, place in ((first, t[sides]), (last, t[-sides - 1])):
+        expected = found.count.levels.at(float(place))
+        assert own.high[0] == pytest.approx(expected.high[0], abs=1e-9)
+        assert own.high[0] == pytest.approx(2.0 - 0.1 * place, rel=0.01)
