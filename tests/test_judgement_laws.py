@@ -149,6 +149,13 @@ def test_random_residuals_are_projected_on_what_a_fit_leaves_unless_that_is_too_
     np.testing.assert_array_equal(alarms._projector(fit, recording)(noise), noise)
 
 
+@pytest.mark.parametrize(("readings", "count"), [(100, 300), (49_999, 300), (50_000, 60), (400_000, 60)])
+def test_what_the_alarms_draw_stays_small(readings: int, count: int) -> None:
+    """A fifth of the draws from 50,000 residuals on, 15 million numbers until then; a projector within 256 MiB."""
+    assert alarms._draws(np.zeros((readings, 1))) == alarms._draws(np.zeros((1, readings))) == count
+    assert 8 * alarms.LARGEST_PROJECTION < 2**28
+
+
 # -- fits ----------------------------------------------------------------------------------------------------
 
 
