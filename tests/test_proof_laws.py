@@ -16,7 +16,7 @@ from support.effects import with_effect
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
-from truepose.identification.diagnosis.proof import _injected, _linear_test
+from truepose.identification.diagnosis.proof import _black_box, _injected, _linear_test
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.diagnosis.unnamed import Unnamed
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -72,6 +72,19 @@ def test_a_prediction_is_exact_where_readings_are_linear_and_the_drawing_is_true
     without = _linear_test(jacobian, fit, train, ~train)
     box = _linear_test(np.concatenate([jacobian, wave], axis=2), fit, train, ~train)
     assert np.mean(box) < 1e-6 * np.mean(without)
+
+
+def test_a_black_box_does_as_well_in_whatever_steps_parameters_are_counted(case: Case) -> None:
+    """Free waves follow noise alone: they predict worse than none, and as badly in any scale."""
+    fit, recording = case
+    none, outliers = SimpleNamespace(effects=()), np.zeros(len(recording), dtype=bool)
+    after = SimpleNamespace(effects=(SimpleNamespace(coefficients=range(12)),))
+    assert _black_box(fit, cast(Estimate, none), recording, outliers) == pytest.approx(1.0)
+    ratio = _black_box(fit, cast(Estimate, after), recording, outliers)
+    assert ratio is not None and 1.01 < ratio < 1.5
+    scale = fit.prior.scale * np.random.default_rng(7).uniform(0.05, 20.0, len(fit.prior.scale))
+    scaled = replace(fit, prior=replace(fit.prior, scale=scale))
+    assert _black_box(scaled, cast(Estimate, after), recording, outliers) == pytest.approx(ratio, rel=1e-6)
 
 
 # -- an injected effect ----------------------------------------------------------------------------------
