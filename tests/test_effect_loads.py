@@ -121,6 +121,27 @@ def test_closed_loops_and_weightless_machines_have_no_probes(
         assert not effects.get("joint-compliance", "test")().places(weightless)
 
 
+@pytest.mark.parametrize(
+    ("masses", "places"),
+    [
+        ((Mass("rotor", 5.0, (0.0, 0.0, 0.0), "link2"),), [("base",)]),
+        ((Mass("gripper", 5.0, (0.0, 0.0, 0.0), "tool"),), [("base",), ("tool",)]),
+        ((Mass("payload", 5.0, (0.0, 0.0, 0.0), "link3"),), [("base",), ("tool",)]),
+        (
+            (Mass("rotor", 5.0, (0.0,) * 3, "link2"), Mass("gripper", 1.0, (0.0,) * 3, "tool")),
+            [("base",), ("tool",)],
+        ),
+        ((), []),
+    ],
+)
+def test_a_mount_sags_where_it_carries_something(
+    machines: Mapping[str, Machine], masses: tuple[Mass, ...], places: list[tuple[str]]
+) -> None:
+    """The base carries every mass, the tool's mount what is on the tool and the payload, wherever that is written."""
+    loaded = replace(machines["arm"], masses=masses)
+    assert effects.get("gravity-sag", "test")().places(loaded) == places
+
+
 # -- closed loops --------------------------------------------------------------------------------------
 
 

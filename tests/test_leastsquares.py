@@ -158,6 +158,19 @@ def test_what_a_step_gains_is_told_before_it_is_taken(n: int) -> None:
     assert linear.decrement == pytest.approx(0.5 * (y @ y - left @ left), rel=1e-9)
 
 
+def test_a_gain_that_is_lost_in_the_sum_of_squares_ends_the_fit() -> None:
+    """Among residuals of 1e8 a gain of 5e-7 is not seen: their last digits may well rise. That is a minimum."""
+
+    def blocks(t: Array) -> list[Array]:
+        jitter = 1.0 + 1e-14 * np.any(t != 0.0)
+        return [np.array([[0.0, 1e4 * np.sqrt(2.0) * jitter], [1.0, t[0] - 1e-3]])]
+
+    for damping in (0.0, 1e-4):
+        solution = minimise(blocks, np.zeros(1), damping=damping)
+        assert solution.status is Status.CONVERGED
+        assert solution.iterations < 5
+
+
 def test_directions_without_influence_stay_where_they_started() -> None:
     rng = np.random.default_rng(3)
     j = rng.standard_normal((30, 2)) @ np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
