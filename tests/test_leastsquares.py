@@ -171,6 +171,22 @@ def test_a_gain_that_is_lost_in_the_sum_of_squares_ends_the_fit() -> None:
         assert solution.iterations < 5
 
 
+@pytest.mark.parametrize(("bend", "pays"), [(0.84, False), (-0.84, False), (0.6, True), (-0.6, True)])
+def test_last_steps_are_taken_where_each_leaves_less_than_half_to_gain(bend: float, pays: bool) -> None:
+    """Next to this minimum an undamped step from t leads to -bend t, and leaves bend^2 of what there was to gain."""
+
+    def blocks(t: Array) -> list[Array]:
+        return [np.array([[1.0, t[0]], [bend * t[0], 1.0 + bend * t[0] ** 2 / 2.0]])]
+
+    start = np.sqrt(2e-7) / (1.0 + bend)  # 1e-7 to gain
+    solution = minimise(blocks, np.array([start]), share=1e-6, tolerance=1e-12)
+    assert solution.status.ok
+    if pays:
+        assert abs(solution.t[0]) < 0.05 * start
+    else:
+        assert solution.t[0] == start
+
+
 def test_directions_without_influence_stay_where_they_started() -> None:
     rng = np.random.default_rng(3)
     j = rng.standard_normal((30, 2)) @ np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -194,3 +210,9 @@ def test_steps_into_the_undefined_are_shortened() -> None:
     solution = minimise(blocks, np.array([5.0]), tolerance=1e-14)
     assert solution.status.ok
     assert solution.t[0] == pytest.approx(np.exp(-2.0))
+
+
+def test_a_start_from_which_every_step_is_undefined_stays_and_is_no_minimum() -> None:
+    solution = minimise(lambda t: [np.array([[1.0, t[0] - 2.0 if t[0] <= 1.0 else np.nan]])], np.ones(1))
+    assert solution.status is Status.STALLED
+    assert solution.t[0] == 1.0
