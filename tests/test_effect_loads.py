@@ -104,6 +104,9 @@ def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
     np.testing.assert_array_equal(slopes[0], slopes[1])
     with pytest.raises(InputError, match="found carries = 5, expected 0 to 2"):
         with_effect(unweighed, "joint-compliance", ("q2",), {"carries": 5.0})
+    # where masses are stated nobody asks which body carries
+    stated = with_effect(machines["arm"], "joint-compliance", ("q2",), {"carries": 2.0})
+    assert [c.name for c in stated.coefficients] == ["c"]
     # stated masses: the whole load, and gears that give way otherwise than in proportion
     assert effect.settings(machines["arm"], ("q2",), Campaign()) == ({}, {"bend": 2.0}, {"bend": 3.0})
     assert "masses are not stated" in effect.explain(unweighed, ("q2",))
