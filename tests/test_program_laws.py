@@ -130,7 +130,7 @@ def test_a_row_knows_its_own_coordinates_alone(machines: Mapping[str, Machine], 
 
 
 def test_a_pattern_lists_its_entries_in_order() -> None:
-    matrix = sp.csc_array((np.ones(5), [2, 0, 1, 2, 0], [0, 2, 3, 5]), shape=(3, 3))
+    matrix = sp.csc_array((np.ones(5), np.array([2, 0, 1, 2, 0]), np.array([0, 2, 3, 5])), shape=(3, 3))
     expected = matrix.toarray() != 0.0
     pattern = _pattern(matrix)
     found = np.zeros((3, 3), dtype=bool)
