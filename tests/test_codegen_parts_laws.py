@@ -222,6 +222,17 @@ def test_readings_at_home_close_the_loops_there(name: str) -> None:
     np.testing.assert_allclose(passive, model.home, atol=1e-6)
 
 
+def test_readings_at_home_are_found_for_each_leg_however_near_the_others_are() -> None:
+    """The legs of a hexapod close on their own: where one starts says nothing of another."""
+    model = model_of("pus")
+    close = Reference(model)
+    q = close.home_readings(model.q_home)
+    for k in range(len(q)):
+        start = q.copy()
+        start[k] += 20.0
+        np.testing.assert_allclose(close.home_readings(start), q, atol=1e-7)
+
+
 @pytest.mark.parametrize("name", ["planar", "pus"])
 def test_samples_lie_within_their_box_and_their_loops_can_be_followed(name: str) -> None:
     model = model_of(name)

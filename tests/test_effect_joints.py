@@ -97,6 +97,13 @@ def test_coupling_moves_the_driven_joint_by_the_driving_one(machines: Mapping[st
         with_effect(stage, "axis-coupling", ("s1",))
 
 
+def test_a_drifting_mount_says_which(machines: Mapping[str, Machine]) -> None:
+    arm = machines["arm"]
+    effect = with_effect(arm, "mount-drift", ("base",)).effect
+    assert "base" in effect.explain(arm, ("base",)) and "tool" not in effect.explain(arm, ("base",))
+    assert "tool" in effect.explain(arm, ("tool",)) and "base" not in effect.explain(arm, ("tool",))
+
+
 def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
     arm, q = machines["arm"], [0.3, 0.2, 0.1]
     still = position(arm, q)

@@ -60,6 +60,8 @@ def test_the_one_thermometer_of_a_machine_serves_all_legs(machines: Mapping[str,
     own = f"temperature.leg{warm}"
     stated = replace(telescope, drivers=("time", own))
     assert with_effect(stated, "thermal-expansion", legs).drivers == (own,)
+    every = replace(telescope, drivers=tuple(f"temperature.{leg}" for leg in legs))
+    assert with_effect(every, "thermal-expansion", legs).drivers == every.drivers
     numbered = {"lag": 300.0, "thermometer": float(warm)}
     assert with_effect(telescope, "thermal-expansion", legs, numbered).drivers == (f"{own}~300",)
     assert with_effect(telescope, "thermal-expansion", legs).drivers == tuple(

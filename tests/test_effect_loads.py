@@ -104,6 +104,9 @@ def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
     np.testing.assert_array_equal(slopes[0], slopes[1])
     with pytest.raises(InputError, match="found carries = 5, expected 0 to 2"):
         with_effect(unweighed, "joint-compliance", ("q2",), {"carries": 5.0})
+    # where masses are stated nobody asks which body carries
+    stated = with_effect(machines["arm"], "joint-compliance", ("q2",), {"carries": 2.0})
+    assert [c.name for c in stated.coefficients] == ["c"]
     # stated masses: the whole load, and gears that give way otherwise than in proportion
     assert effect.settings(machines["arm"], ("q2",), Campaign()) == ({}, {"bend": 2.0}, {"bend": 3.0})
     assert "masses are not stated" in effect.explain(unweighed, ("q2",))
@@ -119,6 +122,27 @@ def test_closed_loops_and_weightless_machines_have_no_probes(
     for weightless in (machine, floating, replace(floating, gravity=(0.0, 0.0, 0.0))):
         assert weightless.load_cases == ()
         assert not effects.get("joint-compliance", "test")().places(weightless)
+
+
+@pytest.mark.parametrize(
+    ("masses", "places"),
+    [
+        ((Mass("rotor", 5.0, (0.0, 0.0, 0.0), "link2"),), [("base",)]),
+        ((Mass("gripper", 5.0, (0.0, 0.0, 0.0), "tool"),), [("base",), ("tool",)]),
+        ((Mass("payload", 5.0, (0.0, 0.0, 0.0), "link3"),), [("base",), ("tool",)]),
+        (
+            (Mass("rotor", 5.0, (0.0,) * 3, "link2"), Mass("gripper", 1.0, (0.0,) * 3, "tool")),
+            [("base",), ("tool",)],
+        ),
+        ((), []),
+    ],
+)
+def test_a_mount_sags_where_it_carries_something(
+    machines: Mapping[str, Machine], masses: tuple[Mass, ...], places: list[tuple[str]]
+) -> None:
+    """The base carries every mass, the tool's mount what is on the tool and the payload, wherever that is written."""
+    loaded = replace(machines["arm"], masses=masses)
+    assert effects.get("gravity-sag", "test")().places(loaded) == places
 
 
 # -- closed loops --------------------------------------------------------------------------------------

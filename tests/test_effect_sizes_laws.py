@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.effect_machines import READINGS, read_machines
-from support.effects import Solved, position, with_effect
+from support.effects import Campaign, Solved, position, with_effect
 from truepose.models.effects.base import Effect, effects
 from truepose.models.effects.common import ARCSEC, centre_and_half, own_offset, piezo_like
 from truepose.models.effects.piezo_hysteresis import THRESHOLDS
@@ -49,6 +49,31 @@ def test_a_piezos_loops_are_of_the_size_that_is_stated(machines: Mapping[str, Ma
     assert loops[0] < 0.02 and 0.10 < max(loops) < 0.19 and sum(loops) > 0.15
     assert loops == sorted(loops)
     assert all(c.lower == 0.0 for c in coefficients)
+
+
+def test_a_piezos_gain_may_have_been_read_at_once_or_after_some_hours(
+    machines: Mapping[str, Machine],
+) -> None:
+    """In steps of half a decade, each of which changes the gain by half of what a decade of creep does."""
+    tried = [
+        s["since"]
+        for s in effect("piezo-creep").settings(machines["stage"], ("s3",), Campaign())
+        if "since" in s
+    ]
+    assert tried[0] == 0.0
+    np.testing.assert_allclose(np.diff(np.log10(tried[1:])), 0.5)
+    assert tried[1] <= 1.0 and 2.0 < tried[-1] / 3600.0 < 5.0
+
+
+def test_single_rails_are_wrong_alone_and_several_together(machines: Mapping[str, Machine]) -> None:
+    """All rails tilted alike say no more than one rail tilted where there is one rail."""
+    telescope = machines["telescope"]
+    for legs in (1, 2, 6):
+        machine = replace(
+            telescope, mechanism=replace(telescope.mechanism, limbs=telescope.mechanism.limbs[:legs])
+        )
+        together = [place for place in effect("wrong-constant").places(machine) if len(place) > 1]
+        assert [len(place) for place in together] == ([] if legs == 1 else [2 * legs])
 
 
 @pytest.mark.parametrize(

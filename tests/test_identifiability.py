@@ -52,6 +52,19 @@ def test_covariance_is_the_inverse_of_the_information(rank: int) -> None:
     np.testing.assert_allclose(jacobian @ known.null_space.T, 0.0, atol=1e-12)
 
 
+def test_every_parameter_of_an_unknown_direction_is_unknown() -> None:
+    """Two pairs of which only the sums show, of the second pair another part: each pair is unknown by itself."""
+    jacobian = np.zeros((6, 5))
+    jacobian[:2, :2], jacobian[2:4, 2:4] = [[3.0, 3.0], [1.0, 1.0]], [[2.0, 4.0], [1.0, 2.0]]
+    jacobian[4:, 4] = [1.0, 2.0]
+    found = Decomposition.of(jacobian, np.zeros(5))
+    assert len(found.unknown) == 2
+    assert np.isinf(found.std).tolist() == [True] * 4 + [False]
+    assert found.std[4] == pytest.approx(5.0**-0.5)
+    one = Decomposition.of(jacobian, np.array([0.0, 0.0, 0.5, 0.0, 0.0]))
+    assert np.isinf(one.std).tolist() == [True, True, False, False, False]
+
+
 def test_what_neither_readings_nor_prior_hold_is_unknown_and_nothing_else() -> None:
     """Two columns that only their sum shows; the prior holds neither, or one of them."""
     jacobian = np.array([[1.0, 1.0, 0.0], [2.0, 2.0, 1.0], [0.0, 0.0, 3.0]])

@@ -143,6 +143,17 @@ def test_the_root_is_that_of_what_noise_does(name: str, tuning: float | None, lo
     assert known.effective == pytest.approx(-float(np.trace(given.slopes @ by_reading)), rel=1e-6)
 
 
+@pytest.mark.parametrize("loose", [False, True])
+@pytest.mark.parametrize("scaling", ["tolerance", "unit", "raw"])
+def test_least_squares_know_themselves_alike_in_every_unit(scaling: Scaling, loose: bool) -> None:
+    """Their covariance is the inverse of the readings' information, whatever columns and readings are counted in."""
+    given = problem()
+    _, known = solved(given, "ols", scaling, loose=loose)
+    slopes = given.slopes * STEP
+    np.testing.assert_allclose(known.root @ known.root.T, np.linalg.inv(slopes.T @ slopes), rtol=1e-8)
+    assert known.effective == pytest.approx(5.0)
+
+
 def test_what_no_reading_sees_stays_at_the_drawing_and_is_called_unknown() -> None:
     for name in ("ols", "ridge"):
         found, known = solved(problem(blind=True), name)

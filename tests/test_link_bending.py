@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -12,11 +13,22 @@ from scipy.spatial.transform import Rotation
 
 from support.effects import with_effect
 from support.structures import G, structure, turn_between
-from support.tool_pose import pose
+from support.tool_pose import HEAD, pose
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.models.kinematics import symbolic_model
+from truepose.models.load import load_machine
 from truepose.models.machine import Machine, Mass
+
+UPRIGHT = """
+mechanism:
+  type: serial
+  joints:
+    - {{name: q1, kind: revolute, alpha: 90, range: [-180, 180]}}
+    - {{name: q2, kind: revolute, alpha: -90, d: 600, r: {offset}, range: [-180, 180]}}
+sensor: {{type: pose, sigma: {{xyz: 0.001, rot: 0.0003}}}}
+masses: {{tip: {{kg: 10, com: [0, 0, 0], in: tool}}}}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +95,23 @@ def test_a_load_beside_a_link_twists_it_as_a_round_tube(
     assert turn_between(stiff, soft)[0] == pytest.approx(1.3 * c * 9 * G * aside * share * length, rel=1e-3)
     np.testing.assert_allclose(turn_between(stiff, soft)[1:], 0.0, atol=1e-9)
     np.testing.assert_allclose(soft[:3, 3], stiff[:3, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize("offset", [-150.0, 0.0, 250.0])
+def test_a_link_ends_where_the_next_joint_starts_not_at_its_offset(tmp_path: Path, offset: float) -> None:
+    """A level link of 600 mm, the next axis upright at its end: how far up that axis the load stands bends no more."""
+    name = "upright"
+    path = tmp_path / f"{name}.yaml"
+    path.write_text(HEAD.format(name=name) + UPRIGHT.format(offset=offset))
+    machine, c, length, force = load_machine(path), 1e-12, 600.0, 10 * G
+    still, bent = (
+        pose(machine, [0.0, 0.3], *t) for t in ((), (with_effect(machine, "link-bending", ("link1",), c=c),))
+    )
+    slope = c * force * length**2 / 2
+    np.testing.assert_allclose(turn_between(still, bent), [0, slope, 0], atol=1e-8)
+    expected = [slope * offset, 0, -c * force * length**3 / 3]
+    # a small turn is a straight move but for its square
+    np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], expected, atol=slope**2 * 600.0)
 
 
 def test_links_of_an_arm_carry_all_that_lies_beyond(machines: Mapping[str, Machine]) -> None:

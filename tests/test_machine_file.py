@@ -176,6 +176,10 @@ REFUSED = {
     "infinite": (BASIC + "frames: {base: {rpy: [.inf, 0, 0]}}\n", "frames.base.rpy: expected 3 finite"),
     "negative tolerance": (BASIC + "tolerances: {length: -1}\n", "tolerances.length: expected a number >= 0"),
     "negative override": (BASIC + "tolerances: {gain: -1}\n", "tolerances.gain: expected a number >= 0"),
+    "one negative of several": (
+        BASIC + "tolerances: {leg3.a: [1, -1, 1]}\n",
+        "tolerances.leg3.a: expected a number >= 0",
+    ),
     "text tolerance": (BASIC + "tolerances: {angle: small}\n", "tolerances.angle: expected a number >= 0"),
     "mass": (BASIC + "masses: {m: {kg: -1, in: tool}}\n", "masses.m.kg: "),
     "mass frame": (BASIC + "masses: {m: {kg: 1}}\n", "masses.m.in: missing field"),

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from support.built_machines import FRAMES, manufactured, nominal
 from support.moving_machines import record, written
-from support.solvers import MADE, hexapod, read_machines, simulated
+from support.solvers import ARM, MADE, hexapod, read_machines, simulated
 from truepose.identification.fit.leastsquares import Status
 from truepose.identification.fit.problem import Problem, prior_of
 from truepose.identification.fit.program import REST, Program
-from truepose.identification.fit.simultaneous import _polished
+from truepose.identification.fit.simultaneous import _pattern, _polished
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.home import coordinate_scale
 from truepose.models.machine import Machine
@@ -77,15 +78,24 @@ def test_weights_of_rows_count_as_their_roots(machines: Mapping[str, Machine]) -
     np.testing.assert_allclose(found[1][1], found[0][1] * root[:, None], rtol=1e-9, atol=1e-9)
 
 
-def test_derivatives_of_readings_that_compare_rows(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("mechanism", "middle"),
+    [(hexapod("6-ups", "range: [480, 560]"), [500.0] * 6), (ARM, [0.0, 0.2, -0.1, 0.3])],
+    ids=["looped", "chain"],
+)
+def test_derivatives_of_readings_that_compare_rows(
+    tmp_path: Path, mechanism: str, middle: Sequence[float]
+) -> None:
     """By coordinates of this row and of the row it counts from, with weights and a row that is not fitted."""
     sensor = (
         "sensor: [{type: position, sigma: {xyz: 0.05}}, {type: distance, sigma: {distance: 0.001}, "
         "beam: {xyz: [0, 0, 900]}, mirror: {in: tool, z: 2, rx: 3, ry: -4}}]\n"
     )
-    machine = written(tmp_path, MADE + FRAMES + hexapod("6-ups", "range: [480, 560]") + sensor)
+    machine = written(tmp_path, MADE + FRAMES + mechanism + sensor)
     rng, n = np.random.default_rng(12), 4
-    poses = replace(record(machine, 500.0 + rng.uniform(-15, 15, (n, 6))), from_row=np.array([0, 0, 1, 1]))
+    way = np.array([15.0 if a.unit == "mm" else 0.3 for a in machine.mechanism.actuators])
+    q = np.array(middle) + way * rng.uniform(-1, 1, (n, len(way)))
+    poses = replace(record(machine, q), from_row=np.array([0, 0, 1, 1]))
     predictor = Predictor(machine, poses)
     names, values, _, _ = predictor.columns(
         manufactured(machine, rng), predictor.assemble(nominal(machine))[0]
@@ -103,6 +113,30 @@ def test_derivatives_of_readings_that_compare_rows(tmp_path: Path) -> None:
         ends = [program.observations(v + sign * 1e-4 * way)[0] for sign in (-1, 1)]
         slope = slopes @ way
         np.testing.assert_allclose((ends[1] - ends[0]) / 2e-4, slope, atol=1e-6 * np.max(np.abs(slope)))
+
+
+@pytest.mark.parametrize("name", ["6-pus", "delta"])
+def test_a_row_knows_its_own_coordinates_alone(machines: Mapping[str, Machine], name: str) -> None:
+    """So that the work of a fit grows with the rows: of readings and of loops, and what is stored of them."""
+    program = program_of(machines[name])
+    start = program.unknowns(np.zeros(program.n))
+    rows = program.problem.used.sum()
+    for slopes in (program.observations(start)[1], program.equations(start)[1][: rows * program.nx].tocsc()):
+        at, column = slopes.tocoo().coords
+        own = column >= program.n
+        each = slopes.shape[0] // rows
+        np.testing.assert_array_equal(at[own] // each, (column[own] - program.n) // program.nx)
+        assert slopes.nnz == slopes.shape[0] * (program.n + program.nx)
+
+
+def test_a_pattern_lists_its_entries_in_order() -> None:
+    matrix = sp.csc_array((np.ones(5), np.array([2, 0, 1, 2, 0]), np.array([0, 2, 3, 5])), shape=(3, 3))
+    expected = matrix.toarray() != 0.0
+    pattern = _pattern(matrix)
+    found = np.zeros((3, 3), dtype=bool)
+    found[pattern.row(), pattern.get_col()] = True
+    np.testing.assert_array_equal(found, expected)
+    assert pattern.nnz() == 5
 
 
 # -- the end ---------------------------------------------------------------------------------------------
