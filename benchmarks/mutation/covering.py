@@ -67,10 +67,11 @@ class Coverage:
     def chosen(self, root: Path, mutant: Mutant, budget: float) -> tuple[list[str], float]:
         """Tests that run a mutant, or may by a fixture, and their CPU seconds: at most ``budget``.
 
-        The most specific and fastest come first.
+        The most specific and fastest come first. Where only imports run the line, tests of the module are taken.
         """
         lines = [(mutant.file, line) for line in mutant.lines] or list(_using(root, mutant.names))
         own = {record["test"]: record for line in lines for record in self.by_line.get(line, ())}
+        own = own or {record["test"]: record for record in self.tests if mutant.file in record["lines"]}
         files = {name for line in lines for name in self.by_fixture.get(line, ())}
         shared = [r for r in self.tests if r["test"] not in own and _file(r) in files]
         out, total = [], 0.0
