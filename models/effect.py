@@ -58,7 +58,15 @@ class Site:
         return self.z[name]
 
     def load(self, port: str, case: str = "") -> ca.SX:
-        """Gravity's conjugate load at a port: N along lengths, N m about angles; a probe ``case`` is 1 kg."""
+        """Gravity's conjugate load at a port: N along lengths, N m about angles; a probe ``case`` is 1 kg.
+
+        Raises InputError where the machine weighs nothing.
+        """
+        if f"{case}{port}" not in self.loads:
+            raise InputError(
+                f"{self.machine.name}: found an effect of weight at {', '.join(self.place)}, but nothing there weighs "
+                "anything; expected gravity and masses in the machine file"
+            )
         return self.loads[f"{case}{port}"]
 
     def direction(self, end: str) -> ca.SX:

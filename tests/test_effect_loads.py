@@ -125,6 +125,20 @@ def test_closed_loops_and_weightless_machines_have_no_probes(
 
 
 @pytest.mark.parametrize(
+    ("slug", "place"), [("joint-compliance", "q2"), ("gravity-sag", "base"), ("link-bending", "link2")]
+)
+def test_an_effect_of_weight_on_a_machine_without_weight_is_refused_by_name(
+    machines: Mapping[str, Machine], slug: str, place: str
+) -> None:
+    """A file may ask for it: before its masses are stated, or on a machine that floats."""
+    placed = with_effect(machines["arm"], slug, (place,))
+    floating = replace(machines["arm"], gravity=None)
+    for weightless in (floating, replace(floating, masses=())):
+        with pytest.raises(InputError, match=f"effect of weight at {place}.*expected gravity and masses"):
+            symbolic_model(weightless, [placed])
+
+
+@pytest.mark.parametrize(
     ("masses", "places"),
     [
         ((Mass("rotor", 5.0, (0.0, 0.0, 0.0), "link2"),), [("base",)]),

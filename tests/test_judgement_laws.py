@@ -293,6 +293,9 @@ def test_what_never_differs_from_zero_moves_nothing_unless_it_is_a_payload(case:
         why = _untestable(placed, replace(recording, drivers={name: np.full(n, value)}))
         assert why is None if told else why == f"{name} never differs from zero"
     assert _untestable(placed, replace(recording, drivers={})) == f"no {name} column"
+    held_out = np.arange(n) >= n // 2  # what moves there alone moves nothing that is fitted
+    split = replace(recording, validation=held_out, drivers={name: np.where(held_out, 3.0, 0.0)})
+    assert (_untestable(placed, split) is None) == (name == "payload")
 
 
 # -- without a name ------------------------------------------------------------------------------------------
