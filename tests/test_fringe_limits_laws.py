@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.fringes import excursions, faults, lengths, motions, move, turns
-from truepose.identification.fringes.closure import miscounted
 from truepose.identification.fringes.count import Count, End
 from truepose.identification.fringes.excursions import Excursions, centre_means, find_excursions
 from truepose.identification.fringes.levels import Levels, Noise, noise_of
@@ -19,7 +18,6 @@ from truepose.identification.fringes.move import Move, read_move
 from truepose.identification.fringes.passages import evenly, normalised
 from truepose.identification.fringes.photocurrent import _read, read_samples
 from truepose.identification.fringes.scan import Scan
-from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table
 from truepose.models.fabry_perot import coupling, folded_phase, fringe
 from truepose.models.units import UnitSystem
@@ -146,43 +144,7 @@ def test_one_whole_excursion_tells_how_fast_the_mirror_moves() -> None:
     assert faults.has_jump(1e3 * t, jumped, 0.0, replace(found, times=1e5 * found.times))
 
 
-# -- returns and shared levels -------------------------------------------------------------------------
-
-COUNTED = 7.8e-4
-
-
-def way(poses: list[int], change: Array) -> Recording:
-    """Moves from row to row through these poses."""
-    n = len(poses)
-    whole = np.zeros(n, dtype=np.int64)
-    return Recording(
-        joints=("q1",),
-        q=np.array(poses, dtype=float)[:, None],
-        observations={"dL": change},
-        labels={},
-        drivers={},
-        files=("rows.csv",),
-        source_file=whole,
-        source_row=np.arange(1, n + 1),
-        session=whole + 1,
-        session_recorded=whole == 0,
-        validation=whole == 1,
-        pose=np.array(poses),
-        from_row=np.maximum(np.arange(n) - 1, 0),
-    )
-
-
-@pytest.mark.parametrize(("counts", "left_out"), [(1.0, True), (1.04, True), (1.07, False), (-0.96, True)])
-def test_a_return_on_the_way_leaves_out_what_lies_between(counts: float, left_out: bool) -> None:
-    """From the second pose by two others back to it, by whole counts to a twentieth of one."""
-    change = np.array([0.0, 0.02, 0.01, -0.03, 0.02, 0.04])
-    change[3] += counts * COUNTED
-    rows = way([0, 1, 2, 3, 1, 4], change)
-    bad, notes = miscounted(rows, change, np.full(6, 1e-6), np.arange(6) > 0, COUNTED)
-    assert bad.tolist() == [False, False, *[left_out] * 3, False]
-    (note,) = notes
-    assert note.startswith("rows.csv: row 5: back at the pose of row 2")
-    assert ("a miscount in one of rows 3, 4, 5, left out" in note) is left_out
+# -- shared levels --------------------------------------------------------------------------------------
 
 
 def test_two_moves_that_agree_share_levels_as_well_as_three_do() -> None:

@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.identification.fringes import faults, lengths, levels, motions
-from truepose.identification.fringes.closure import miscounted
 from truepose.identification.fringes.excursions import (
     Excursions,
     centre_means,
@@ -26,7 +25,6 @@ from truepose.identification.fringes.levels import (
 from truepose.identification.fringes.rest import find_rest
 from truepose.identification.fringes.scan import Scan, read_scan
 from truepose.identification.fringes.turns import Verdict
-from truepose.identification.recording.recording import Recording
 from truepose.models.fabry_perot import folded_phase, fringe
 
 Array = NDArray[np.float64]
@@ -360,58 +358,6 @@ def test_the_speed_of_a_motion_is_the_derivative_of_its_basis_at_the_edges(
     edges, h = np.array([-1.0, 1.0]), 1e-6
     slope = (motions.basis(edges + h, degree, change) - motions.basis(edges - h, degree, change)) / (2.0 * h)
     np.testing.assert_allclose(motions.speed(edges, degree, change), slope, atol=1e-7)
-
-
-HALF_WAVE = 7.8e-4
-
-
-def round_trip(miss: float, *, wrong: int = 2) -> Recording:
-    """Five moves out and back to the first pose, which add up to nothing but for one that is off by ``miss`` mm."""
-    n = 6
-    whole, pose = np.zeros(n, dtype=np.int64), np.array([0, 1, 2, 3, 4, 0])
-    change = np.array([0.0, 0.01, 0.02, -0.005, 0.03, -0.055])
-    change[wrong] += miss
-    return Recording(
-        joints=("q1",),
-        q=pose[:, None].astype(float),
-        observations={"dL": change},
-        labels={},
-        drivers={},
-        files=("rows.csv",),
-        source_file=whole,
-        source_row=np.arange(1, n + 1),
-        session=whole + 1,
-        session_recorded=whole == 0,
-        validation=whole == 1,
-        pose=pose,
-        from_row=np.array([0, 0, 1, 2, 3, 4]),
-    )
-
-
-@pytest.mark.parametrize(
-    ("counts", "left_out"), [(0.0, False), (0.02, False), (1.0, True), (-3.03, True), (0.5, False)]
-)
-def test_a_return_that_misses_by_whole_counts_leaves_its_way_out(counts: float, left_out: bool) -> None:
-    rows = round_trip(counts * HALF_WAVE)
-    read = np.arange(6) > 0
-    bad, notes = miscounted(rows, rows.observations["dL"], np.full(6, 1e-6), read, HALF_WAVE)
-    assert bad.tolist() == [False, *[left_out] * 5]
-    assert len(notes) == (abs(counts) >= 0.25)
-    if left_out:
-        assert f"{round(counts):+d} counts: a miscount in one of rows 2, 3, 4, 5, 6, left out" in notes[0]
-        assert notes[0].startswith("rows.csv: row 6: back at the pose of row 1")
-    if counts == 0.5:
-        assert "no whole counts: the mirror did not come back" in notes[0]
-    unread = read & (np.arange(6) != 4)  # the chain is broken: nothing returns
-    assert not miscounted(rows, rows.observations["dL"], np.full(6, 1e-6), unread, HALF_WAVE)[0].any()
-
-
-def test_changes_known_poorly_may_miss_by_less_than_their_sigma_tells() -> None:
-    """A gap of 0.9 counts is one count where four sigma of the way reach it, and none where they do not."""
-    rows, read = round_trip(0.9 * HALF_WAVE), np.arange(6) > 0
-    for sigma, bad in ((1e-6, False), (2e-5, True)):
-        found, _ = miscounted(rows, rows.observations["dL"], np.full(6, sigma), read, HALF_WAVE)
-        assert found.any() == bad
 
 
 def test_rows_are_listed_up_to_a_dozen() -> None:
