@@ -20,7 +20,6 @@ import truepose
 from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.models.export.numbers import text, xyz_rpy
 from truepose.models.export.write import render
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
@@ -398,19 +397,3 @@ def test_the_command_writes_says_and_refuses(tmp_path: Path) -> None:
     wrong = CliRunner().invoke(app, ["export", source, "-o", str(tmp_path / "k.mdh")])
     assert wrong.exit_code == 2
     assert wrong.stderr.startswith("error: ") and len(wrong.stderr.splitlines()) == 1
-
-
-@pytest.mark.parametrize("pitch", [90.0, -90.0, 89.99999999, 0.0, 180.0])
-def test_roll_pitch_and_yaw_lose_no_digit(pitch: float) -> None:
-    rng = np.random.default_rng(2)
-    for roll, yaw in rng.uniform(-np.pi, np.pi, (20, 2)):
-        rotation = Rotation.from_euler("xyz", [roll, np.radians(pitch), yaw]).as_matrix()
-        given = np.eye(4)
-        given[:3, :3] = rotation
-        np.testing.assert_allclose(frame(*map(list, xyz_rpy(given)))[:3, :3], rotation, rtol=0, atol=2e-15)
-
-
-def test_numbers_read_back_the_same() -> None:
-    values = np.random.default_rng(3).standard_normal(100) * 10.0 ** np.arange(-50, 50)
-    assert [float(word) for word in text(*values.tolist()).split()] == values.tolist()
-    assert text(0.0, 1.0, -2.5) == "0 1 -2.5"

@@ -1,4 +1,4 @@
-"""What an exported arm says of frames that its format does not hold."""
+"""Numbers of exported frames, and what is said of frames that a format does not hold."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.moving_machines import written
+from truepose.models.export.numbers import text, xyz_rpy
 from truepose.models.export.write import render
 
 Array = NDArray[np.float64]
@@ -63,3 +64,21 @@ def test_flange_tool_and_world_stand_in_the_comments_where_the_machine_file_has_
     stated = frame(np.array([3.0, 4.0, 50.0]), np.radians([5, 6, 7]))
     np.testing.assert_allclose(tool, (np.eye(4) if flange is None else flange) @ stated, atol=1e-9)
     np.testing.assert_allclose(base, frame(np.array([40.0, -3.0, 700.0]), np.radians([1, 2, 30])), atol=1e-9)
+
+
+@pytest.mark.parametrize("pitch", [90.0, -90.0, 89.99999999, 0.0, 180.0])
+def test_roll_pitch_and_yaw_lose_no_digit(pitch: float) -> None:
+    rng = np.random.default_rng(2)
+    for roll, yaw in rng.uniform(-np.pi, np.pi, (20, 2)):
+        rotation = Rotation.from_euler("xyz", [roll, np.radians(pitch), yaw]).as_matrix()
+        given = np.eye(4)
+        given[:3, :3] = rotation
+        np.testing.assert_allclose(
+            frame(*map(np.array, xyz_rpy(given)))[:3, :3], rotation, rtol=0, atol=2e-15
+        )
+
+
+def test_numbers_read_back_the_same() -> None:
+    values = np.random.default_rng(3).standard_normal(100) * 10.0 ** np.arange(-50, 50)
+    assert [float(word) for word in text(*values.tolist()).split()] == values.tolist()
+    assert text(0.0, 1.0, -2.5) == "0 1 -2.5"
