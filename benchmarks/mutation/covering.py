@@ -67,10 +67,14 @@ class Coverage:
     def chosen(self, root: Path, mutant: Mutant, budget: float) -> tuple[list[str], float]:
         """Tests that run a mutant, or may by a fixture, and their CPU seconds: at most ``budget``.
 
-        The most specific and fastest come first. Where only imports run the line, tests of the module are taken.
+        The most specific and fastest come first. Where only imports run the line, these are the tests of lines that
+        use its name and of files that mention it, or else the tests of the module.
         """
         lines = [(mutant.file, line) for line in mutant.lines] or list(_using(root, mutant.names))
         own = {record["test"]: record for line in lines for record in self.by_line.get(line, ())}
+        if not mutant.lines:
+            told = _mentioning(root, mutant.names)
+            own |= {record["test"]: record for record in self.tests if _file(record) in told}
         own = own or {record["test"]: record for record in self.tests if mutant.file in record["lines"]}
         files = {name for line in lines for name in self.by_fixture.get(line, ())}
         shared = [r for r in self.tests if r["test"] not in own and _file(r) in files]
@@ -97,6 +101,14 @@ def _texts(root: Path) -> dict[str, list[str]]:
     folders = [root / name for name in ("models", "identification", "codegen", "src")]
     files = [path for folder in folders for path in folder.rglob("*.py")]
     return {str(p.resolve().relative_to(root)): p.read_text(encoding="utf-8").splitlines() for p in files}
+
+
+@cache
+def _mentioning(root: Path, names: tuple[str, ...]) -> set[str]:
+    """Files of tests in which a name stands."""
+    words = [re.compile(rf"\b{name}\b") for name in names]
+    files = {f"tests/{p.name}": p.read_text(encoding="utf-8") for p in (root / "tests").glob("test_*.py")}
+    return {file for file, text in files.items() if any(w.search(text) for w in words)}
 
 
 def _using(root: Path, names: tuple[str, ...]) -> Iterator[tuple[str, int]]:
