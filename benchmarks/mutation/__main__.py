@@ -38,7 +38,9 @@ def main() -> int:
     given = _arguments()
     scratch: Path = given.scratch.resolve()
     results = scratch / "results.jsonl"
-    wanted = {area: _sample(area, given.sample // len(AREAS), given.seed) for area in given.only or AREAS}
+    areas = given.only or AREAS
+    wanted = {area: _sample(area, given.sample // len(AREAS), given.seed) for area in areas}
+    second = {area: _sample(area, given.fresh // len(AREAS), given.seed + 1) for area in areas}
     for old in scratch.glob("tree*/"):
         shutil.rmtree(old)  # tests may have been added
     tree = running.copied(ROOT, scratch / "tree")
@@ -46,8 +48,7 @@ def main() -> int:
     known = _known(results)
     todo = [
         (area, mutant, *coverage.chosen(ROOT, mutant, given.budget))
-        for area, mutants in wanted.items()
-        for mutant in mutants
+        for area, mutant in _both(wanted, second)
         if mutant.key not in known or (given.again and known[mutant.key]["result"] == "survived")
     ]
     random.Random(given.seed).shuffle(todo)
@@ -60,8 +61,11 @@ def main() -> int:
         sys.stdout.write(f"{n}/{len(todo)} {result['result']} {result['seconds']:.1f} s {result['key']}\n")
         sys.stdout.flush()
     known = _known(results)
-    found = {area: [known[m.key] for m in mutants if m.key in known] for area, mutants in wanted.items()}
-    given.output.write_text(written(found, given.sample, given.seed, f"{given.budget:g}"), encoding="utf-8")
+    found, fresh = (
+        {area: [known[m.key] for m in mutants if m.key in known] for area, mutants in sample.items()}
+        for sample in (wanted, second)
+    )
+    given.output.write_text(written(found, fresh, vars(given)), encoding="utf-8")
     sys.stdout.write(f"{given.output}; reasons in {REASONS}\n")
     return 0
 
@@ -70,6 +74,12 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mutation", description=__doc__)
     parser.add_argument("--sample", type=int, default=420, help="mutants, shared equally by the areas")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--fresh",
+        type=int,
+        default=0,
+        help="mutants of another sample, from the seed after, that no test is for",
+    )
     parser.add_argument("--only", nargs="*", choices=AREAS, help="areas (default: all)")
     parser.add_argument("--budget", type=float, default=60.0, help="CPU seconds of tests a mutant")
     parser.add_argument("--workers", type=int, default=2)
@@ -86,6 +96,12 @@ def _sample(area: str, count: int, seed: int) -> list[Mutant]:
     every = [mutant for file in files for mutant in mutants_of(ROOT, file)]
     random.Random(f"{area} {seed}").shuffle(every)
     return list(itertools.islice((mutant for mutant in every if mutant.compiles(ROOT)), count))
+
+
+def _both(*samples: dict[str, list[Mutant]]) -> list[tuple[str, Mutant]]:
+    """The mutants of both, each once."""
+    pairs = [(area, mutant) for sample in samples for area, mutants in sample.items() for mutant in mutants]
+    return list({mutant.key: (area, mutant) for area, mutant in pairs}.values())
 
 
 def _tried(scratch: Path, area: str, mutant: Mutant, tests: list[str], seconds: float) -> dict[str, Any]:

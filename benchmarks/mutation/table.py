@@ -11,35 +11,47 @@ import yaml
 REASONS = Path(__file__).with_name("survivors.yaml")
 HEAD = """# Tests that guard: a mutation run
 
-`python -m benchmarks.mutation --sample {sample} --seed {seed}` makes small changes (an operator swapped, a number
+`python -m benchmarks.mutation --sample {sample} --seed {seed}{more}` makes small changes (an operator swapped, a number
 doubled, or one higher below ten, a condition turned round, a statement left out) one at a time, and runs the tests that run the
-line, for at most {budget} CPU seconds each. Timeouts count as killed. {tried} of the sample were tried so far. An
+line, for at most {budget:g} CPU seconds each. Timeouts count as killed. {tried} of the sample were tried. An
 *equivalent* mutant does the same as the code, or differs by rounding; no test can kill it.
 
-| area | mutants | killed | survived | timeouts | equivalent | killed | of those not equivalent |
+"""
+COLUMNS = """| area | mutants | killed | survived | timeouts | equivalent | killed | of those not equivalent |
 |---|---|---|---|---|---|---|---|
 """
+FRESH = """
+## Another sample
+
+Tests were written against survivors of the sample above, which flatters it. This is another one, from the seed after,
+that no test was written for: what it shows of the tests as they are.
+
+"""
+Results = Mapping[str, Sequence[Mapping[str, Any]]]
+"""Results of mutants by area."""
 
 
-def written(found: Mapping[str, Sequence[Mapping[str, Any]]], sample: int, seed: int, budget: str) -> str:
-    """The page, from the results of each area."""
+def written(found: Results, fresh: Results, options: Mapping[str, Any]) -> str:
+    """The page, from the results of a sample, of one that no test was written for, and the options of the command."""
     reasons: dict[str, str] = yaml.safe_load(REASONS.read_text(encoding="utf-8")) or {}
+    more = f" --fresh {options['fresh']}" if any(fresh.values()) else ""
+    head = HEAD.format(**{**options, "more": more}, tried=sum(map(len, found.values())))
+    page = head + _table(found, reasons) + "\n## Survivors\n\n" + _survivors(found, reasons)
+    return page + FRESH + _table(fresh, reasons) + "\n" + _survivors(fresh, reasons) if more else page
+
+
+def _table(found: Results, reasons: Mapping[str, str]) -> str:
     rows = {area: _row(results, reasons) for area, results in found.items()}
     rows["all"] = _row([r for results in found.values() for r in results], reasons)
-    lines = [f"| {area} | {row} |" for area, row in rows.items()]
-    tried = sum(map(len, found.values()))
-    survivors = [
-        f"* `{r['key'].replace('`', '')}` (line {r['line']}): {reasons.get(r['key'], 'not looked at')}"
+    return COLUMNS + "".join(f"| {area} | {row} |\n" for area, row in rows.items())
+
+
+def _survivors(found: Results, reasons: Mapping[str, str]) -> str:
+    return "".join(
+        f"* `{r['key'].replace('`', '')}` (line {r['line']}): {reasons.get(r['key'], 'not looked at')}\n"
         for results in found.values()
         for r in sorted(results, key=lambda r: (r["key"].partition(":")[0], r["line"]))
         if r["result"] == "survived"
-    ]
-    return (
-        HEAD.format(sample=sample, seed=seed, tried=tried, budget=budget)
-        + "\n".join(lines)
-        + "\n\n## Survivors\n\n"
-        + "\n".join(survivors)
-        + "\n"
     )
 
 
