@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -145,6 +147,20 @@ def test_tracked_levels_follow_a_signal_that_grows() -> None:
     np.testing.assert_allclose(np.interp(t, tracked.knots, tracked.low)[inside], 0.0, atol=0.03)
     short, v, found = excursions(turns=3.0)
     assert len(short) and tracked_levels(v, rough_levels(v), found).knots.size == 1  # too few to follow
+
+
+@pytest.mark.parametrize("turns", [6.0, 13.0, 14.0, 20.0, 200.0])
+def test_levels_follow_a_dozen_excursions_a_knot_between_two_knots_and_nine(turns: float) -> None:
+    """The first and the last excursion are not whole; one without an end to one side tells no level."""
+    _, signal, found = excursions(turns=turns)
+    whole = len(found) - 2
+    rough = rough_levels(signal)
+    tracked = tracked_levels(signal, rough, found)
+    assert len(tracked.knots) == (min(9, whole // 12) if whole >= 24 else 1)
+    for kind in (True, False):
+        one_sided = found.high.copy()
+        one_sided[: 2 * len(found) // 3] = kind
+        assert tracked_levels(signal, rough, replace(found, high=one_sided)) is rough
 
 
 def test_excursions_are_passed_evenly_but_for_a_turn_and_a_change_of_speed() -> None:

@@ -145,6 +145,9 @@ def test_random_residuals_are_projected_on_what_a_fit_leaves_unless_that_is_too_
     assert np.sum(left**2) < np.sum(noise**2)
     taken = np.sum(noise * (noise - left))  # that of about as many directions as the fit has free parameters
     assert taken == pytest.approx(fit.effective_parameters, abs=4.0 * np.sqrt(2.0 * len(fit.prior.free)))
+    steps = fit.prior.scale * np.random.default_rng(5).uniform(0.05, 20.0, len(fit.prior.scale))
+    stepped = replace(fit, prior=replace(fit.prior, scale=steps))  # in whatever steps parameters are counted
+    np.testing.assert_allclose(alarms._projector(stepped, recording)(noise), left, atol=1e-6)
     monkeypatch.setattr(alarms, "LARGEST_PROJECTION", size - 1)
     np.testing.assert_array_equal(alarms._projector(fit, recording)(noise), noise)
 

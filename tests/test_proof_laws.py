@@ -87,6 +87,19 @@ def test_a_black_box_does_as_well_in_whatever_steps_parameters_are_counted(case:
     assert _black_box(scaled, cast(Estimate, after), recording, outliers) == pytest.approx(ratio, rel=1e-6)
 
 
+def test_a_black_box_does_as_well_wherever_encoders_have_their_zero(case: Case) -> None:
+    """What the readings lose, the offsets of the joints gain: the same poses, the same errors, the same waves."""
+    fit, recording = case
+    after = cast(Estimate, SimpleNamespace(effects=(SimpleNamespace(coefficients=range(12)),)))
+    outliers = np.zeros(len(recording), dtype=bool)
+    turned = np.random.default_rng(8).uniform(-2.0, 2.0, len(recording.joints))
+    offset = np.zeros(len(fit.p))
+    offset[[fit.prior.names.index(f"{joint}.theta") for joint in recording.joints]] = turned
+    moved = replace(fit, p=fit.p + offset, prior=replace(fit.prior, mean=fit.prior.mean + offset))
+    found = _black_box(moved, after, replace(recording, q=recording.q - turned), outliers)
+    assert found == pytest.approx(_black_box(fit, after, recording, outliers), rel=1e-6)
+
+
 # -- an injected effect ----------------------------------------------------------------------------------
 
 

@@ -113,31 +113,52 @@ def test_the_shift_of_a_flexure_is_that_of_beam_theory(machines: Mapping[str, Ma
     )
 
 
-def test_runout_is_a_cross_whose_second_axis_passes_the_first(
-    machines: Mapping[str, Machine], tmp_path: Path
-) -> None:
-    """A delta robot with one cross drawn as two axes a distance e apart, at the same place at home."""
-    delta, e, q = machines["delta"], 2.0, [-0.2, 0.9, 0.5]
-    home = np.array(delta.mechanism.home_directions["u1a"])
-    back = e * np.array([0, home[1], home[2]]) / np.hypot(home[1], home[2])
-    x, y, z = np.array([250.0, 40.0, 0.0]) - Rotation.from_euler("y", -157, degrees=True).apply(back)
+def crossed(folder: Path, centre: Array, e: float) -> Machine:
+    """The delta robot with one cross drawn as two axes a distance ``e`` apart, the first at ``centre`` (3,) of its arm."""
     line = next(text for text in TEXTS["delta"].splitlines() if "name: u1a" in text)
+    x, y, z = centre
     frame = f"xyz: [{x:.12f}, {y:.12f}, {z:.12f}], rpy: [0, -157, 0]"
     axes = [
         f"    - {{name: u1x, kind: revolute, parent: arm1, child: cross, {frame}, axis: [1, 0, 0]}}",
         f"    - {{name: u1y, kind: revolute, parent: cross, child: rod1a, xyz: [0, 0, {e}], axis: [0, 1, 0]}}",
     ]
-    path = tmp_path / "crossed.yaml"
+    path = folder / "crossed.yaml"
     text = (
         TEXTS["delta"]
         .replace(line, "\n".join(axes))
         .replace("bodies: [ground,", "bodies: [ground, cross,", 1)
     )
     path.write_text(HEAD.format(name="crossed") + text)
+    return load_machine(path)
+
+
+CENTRE = np.array([250.0, 40.0, 0.0])
+
+
+def test_runout_is_a_cross_whose_second_axis_passes_the_first(
+    machines: Mapping[str, Machine], tmp_path: Path
+) -> None:
+    """At the same place at home."""
+    delta, e, q = machines["delta"], 2.0, [-0.2, 0.9, 0.5]
+    home = np.array(delta.mechanism.home_directions["u1a"])
+    back = e * np.array([0, home[1], home[2]]) / np.hypot(home[1], home[2])
+    centre = CENTRE - Rotation.from_euler("y", -157, degrees=True).apply(back)
     runout = with_effect(delta, "joint-runout", ("u1a",), e=e)
-    still, shifted, drawn = pose(delta, q), pose(delta, q, runout), pose(load_machine(path), q)
+    still, shifted, drawn = pose(delta, q), pose(delta, q, runout), pose(crossed(tmp_path, centre, e), q)
     assert np.linalg.norm(drawn[:3, 3] - still[:3, 3]) > 1e-3
     np.testing.assert_allclose(shifted, drawn, atol=1e-8)
+
+
+@pytest.mark.parametrize("order", [-2.0, 3.0])
+@pytest.mark.parametrize(("pin", "hinge"), [(1.0, "u1x"), (2.0, "u1y")])
+def test_a_pin_of_a_cross_runs_out_like_the_hinge_that_it_is(
+    machines: Mapping[str, Machine], tmp_path: Path, pin: float, hinge: str, order: float
+) -> None:
+    delta, drawn, q = machines["delta"], crossed(tmp_path, CENTRE, 0.0), [-0.2, 0.9, 0.5]
+    one = with_effect(delta, "joint-runout", ("u1a",), {"order": order, "pin": pin}, a=0.3, b=-0.2)
+    other = with_effect(drawn, "joint-runout", (hinge,), {"order": order}, a=0.3, b=-0.2)
+    assert np.linalg.norm(pose(delta, q, one)[:3, 3] - pose(delta, q)[:3, 3]) > 1e-2
+    np.testing.assert_allclose(pose(delta, q, one), pose(drawn, q, other), atol=1e-8)
 
 
 def test_places_of_runout(machines: Mapping[str, Machine]) -> None:
