@@ -11,6 +11,7 @@ import itertools
 import json
 import random
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def main() -> int:
         {area: [known[m.key] for m in mutants if m.key in known] for area, mutants in sample.items()}
         for sample in (wanted, second)
     )
-    given.output.write_text(written(found, fresh, vars(given)), encoding="utf-8")
+    given.output.write_text(written(found, fresh, vars(given) | {"commit": _commit()}), encoding="utf-8")
     sys.stdout.write(f"{given.output}; reasons in {REASONS}\n")
     return 0
 
@@ -96,6 +97,12 @@ def _sample(area: str, count: int, seed: int) -> list[Mutant]:
     every = [mutant for file in files for mutant in mutants_of(ROOT, file)]
     random.Random(f"{area} {seed}").shuffle(every)
     return list(itertools.islice((mutant for mutant in every if mutant.compiles(ROOT)), count))
+
+
+def _commit() -> str:
+    """The code that was changed, as git names it."""
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def _both(*samples: dict[str, list[Mutant]]) -> list[tuple[str, Mutant]]:

@@ -13,8 +13,8 @@ HEAD = """# Tests that guard: a mutation run
 
 `python -m benchmarks.mutation --sample {sample} --seed {seed}{more}` makes small changes (an operator swapped, a number
 doubled, or one higher below ten, a condition turned round, a statement left out) one at a time, and runs the tests that run the
-line, for at most {budget:g} CPU seconds each. Timeouts count as killed. {tried} of the sample were tried. An
-*equivalent* mutant does the same as the code, or differs by rounding; no test can kill it.
+line, for at most {budget:g} CPU seconds each. Timeouts count as killed. {tried} of the sample were tried, on commit {commit}.
+An *equivalent* mutant does the same as the code, or differs by rounding; no test can kill it.
 
 """
 COLUMNS = """| area | mutants | killed | survived | timeouts | equivalent | killed | of those not equivalent |
@@ -24,7 +24,7 @@ FRESH = """
 ## Another sample
 
 Tests were written against survivors of the sample above, which flatters it. This is another one, from the seed after,
-that no test was written for: what it shows of the tests as they are.
+that no test had been written for: what it says of the tests as they were. Laws that were written since are named.
 
 """
 Results = Mapping[str, Sequence[Mapping[str, Any]]]
