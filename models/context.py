@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from truepose.models.fields import Section
 from truepose.models.machine_file import MachineFile, input_error
 from truepose.models.parameters import Parameter
-from truepose.models.units import Section
 
 S = TypeVar("S", bound=Section)
 

@@ -12,7 +12,9 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from truepose.errors import InputError
 from truepose.models.field_errors import input_error
-from truepose.models.units import Number, NumberTolerance, Section, close_matches, convert, parse_unit
+from truepose.models.fields import Number, NumberTolerance, Section
+from truepose.models.units import convert, parse_unit
+from truepose.wording import close_matches
 
 
 @dataclass(frozen=True)

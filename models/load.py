@@ -25,7 +25,7 @@ from truepose.models.mechanism import AXIS_UNITS, Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.placed import Place, PlacedEffect
 from truepose.models.sensor import Sensor, sensors
-from truepose.models.units import close_matches
+from truepose.wording import close_matches
 
 
 def load_machine(path: Path | str) -> Machine:

@@ -20,8 +20,7 @@ from truepose.errors import InputError
 from truepose.files import atomic_write_text
 from truepose.models.effect_entry import EffectSpec, read_effects
 from truepose.models.field_errors import input_error
-from truepose.models.tolerances import Tolerances
-from truepose.models.units import (
+from truepose.models.fields import (
     AngleTolerance,
     AngleToleranceVector,
     AngleVector,
@@ -30,11 +29,11 @@ from truepose.models.units import (
     LengthVector,
     Number,
     Section,
-    UnitSystem,
     Vector,
     bad_value,
-    parse_unit,
 )
+from truepose.models.tolerances import Tolerances
+from truepose.models.units import UnitSystem, parse_unit
 from truepose.models.yaml_document import document_text, read_document
 
 __all__ = [

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from truepose.errors import InputError
-from truepose.models.units import UnitSystem, close_matches, compatible, convert
+from truepose.models.units import UnitSystem, compatible, convert
+from truepose.wording import close_matches
 
 _AXES, _TURNS, _DIRECTION = ("x", "y", "z"), ("rx", "ry", "rz"), "u"
 

@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.units import Section
+from truepose.models.fields import Section
 
 
 class Stand(Section):

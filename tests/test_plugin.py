@@ -75,7 +75,7 @@ from dataclasses import dataclass
 from truepose.models.builders.base import builders
 from truepose.models.mechanism import Actuator, Joint, Mechanism, Step
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.units import Angle, Length, Section
+from truepose.models.fields import Angle, Length, Section
 
 
 class Slides(Section):

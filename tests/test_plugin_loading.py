@@ -28,7 +28,7 @@ import casadi as ca
 from truepose.models.context import BuildContext
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.units import Length, Section
+from truepose.models.fields import Length, Section
 
 
 class Dials(Section):

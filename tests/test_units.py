@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from truepose.errors import InputError
-from truepose.models.units import (
+from truepose.models.fields import (
     Angle,
     AngleToleranceVector,
     Gain,
@@ -19,10 +19,8 @@ from truepose.models.units import (
     LengthVector,
     Number,
     Section,
-    UnitSystem,
-    convert,
-    parse_unit,
 )
+from truepose.models.units import UnitSystem, convert, parse_unit
 
 PAIRS = [
     ("um", "mm"),

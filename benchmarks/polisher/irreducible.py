@@ -14,7 +14,7 @@ import numpy as np
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import ROUNDING, Decomposition
 from truepose.identification.identifiability.subset import Array, Columns, Subset, extended, subset_of
-from truepose.models.units import close_matches
+from truepose.wording import close_matches
 
 NEW_SHARE = 1e-8
 """Share of a column's own length that must stand out of the columns kept, to count as new."""

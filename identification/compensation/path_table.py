@@ -28,7 +28,8 @@ from truepose.models import lie
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXIS_UNITS as POSE
-from truepose.models.units import close_matches, convert
+from truepose.models.units import convert
+from truepose.wording import close_matches
 
 Array = NDArray[np.float64]
 _BLOCK = 8192

@@ -18,7 +18,8 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Direction
 from truepose.models.parameters import Parameter
-from truepose.models.units import close_matches, convert
+from truepose.models.units import convert
+from truepose.wording import close_matches
 
 Array = NDArray[np.float64]
 AT_BOUND = 1e-9

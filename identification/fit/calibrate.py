@@ -31,7 +31,7 @@ from truepose.identification.fit.widening import untied
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
-from truepose.models.units import meant
+from truepose.wording import meant
 
 Array = NDArray[np.float64]
 ESTIMATORS = ("map", "ols", "liu", "ridge", "pcr", "huber")

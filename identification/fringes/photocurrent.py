@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.recording.table import Column, Table, read_table
-from truepose.models.units import UnitSystem, close_matches, convert, parse_unit
+from truepose.models.units import UnitSystem, convert, parse_unit
+from truepose.wording import close_matches
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]

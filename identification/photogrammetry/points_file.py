@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.photogrammetry.pose_table import COORDINATE
 from truepose.identification.recording.table import Table, read_table
-from truepose.models.units import close_matches, convert
+from truepose.models.units import convert
+from truepose.wording import close_matches
 
 Array = NDArray[np.float64]
 POINT, AXES = "point", ("x", "y", "z")

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.photogrammetry.body_pose import FEWEST, BodyPose, body_pose
 from truepose.models import lie
-from truepose.models.units import UnitSystem, close_matches
+from truepose.models.units import UnitSystem
+from truepose.wording import close_matches
 
 Array = NDArray[np.float64]
 COLUMNS = ("x", "y", "z", "rx", "ry", "rz")

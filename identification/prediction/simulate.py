@@ -21,7 +21,8 @@ from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.load import place_effect, resolve_place
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.machine_file import EffectSpec
-from truepose.models.units import close_matches, convert, parse_unit
+from truepose.models.units import convert, parse_unit
+from truepose.wording import close_matches
 
 Array = NDArray[np.float64]
 _HEAD = re.compile(r"^(?P<slug>[^@:=\s]+)@(?P<place>[^:=]+)(?::(?P<rest>.*))?$")

@@ -14,7 +14,8 @@ from truepose.errors import InputError
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.driver import APPROACH, VELOCITY, Driver
-from truepose.models.units import FloatArray, UnitSystem, close_matches, convert, meant
+from truepose.models.units import FloatArray, UnitSystem, convert
+from truepose.wording import close_matches, meant
 
 IntArray = npt.NDArray[np.int64]
 

@@ -15,11 +15,11 @@ from pydantic import model_validator
 
 from truepose.errors import InputError
 from truepose.models.context import BuildContext
+from truepose.models.fields import Length, Number, Section, bad_value
 from truepose.models.flexure import SHAPE
 from truepose.models.home_directions import home_directions
 from truepose.models.mechanism import ElasticChain, Flexures, Mechanism
 from truepose.models.parameters import Parameter
-from truepose.models.units import Length, Number, Section, bad_value
 
 Model = Literal["spherical", "linear", "beam", "stiffness", "elastic"]
 SECTION = {"bending": "N*mm^2", "tension": "N", "torsion": "N*mm^2"}

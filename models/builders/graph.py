@@ -16,18 +16,10 @@ from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.limbs import limbs_of, thermal_lengths
 from truepose.models.context import BuildContext
+from truepose.models.fields import AngleVector, Length, LengthVector, Number, Section, Vector, bad_value
 from truepose.models.mechanism import BASE, COORDINATES, Actuator, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
-from truepose.models.units import (
-    AngleVector,
-    Length,
-    LengthVector,
-    Number,
-    Section,
-    Vector,
-    bad_value,
-    close_matches,
-)
+from truepose.wording import close_matches
 
 _PLACEMENT = (("tx", "x"), ("ty", "y"), ("tz", "z"), ("rz", "rz"), ("ry", "ry"), ("rx", "rx"))
 """Steps of a joint's frame: Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll)."""

@@ -16,9 +16,9 @@ from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.flexures import Bar, Flexure, Model, flexed
 from truepose.models.context import BuildContext
+from truepose.models.fields import Gain, Length, LengthVector, Number, Section, Vector, bad_value
 from truepose.models.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
 from truepose.models.parameters import Parameter
-from truepose.models.units import Gain, Length, LengthVector, Number, Section, Vector, bad_value
 
 PLATFORM = "platform"
 _POINT = ("x", "y", "z")

@@ -18,8 +18,9 @@ from pydantic import model_validator
 from truepose.models.builders.base import builders
 from truepose.models.builders.graph import Graph, mechanism_of
 from truepose.models.context import BuildContext
+from truepose.models.fields import Length, Number, Section, bad_value
 from truepose.models.mechanism import Mechanism
-from truepose.models.units import Length, Number, Section, UnitSystem, bad_value
+from truepose.models.units import UnitSystem
 
 LIMBS = (1, 2, 3)
 Joint = dict[str, Any]

@@ -16,9 +16,10 @@ from pydantic import model_validator
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.context import BuildContext
+from truepose.models.fields import Angle, Length, Number, Section, bad_value
 from truepose.models.mechanism import BASE, Actuator, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
-from truepose.models.units import Angle, Length, Number, Section, UnitSystem, bad_value
+from truepose.models.units import UnitSystem
 
 _STEPS = (
     ("ry", "beta", "rad"),

@@ -20,8 +20,10 @@ from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.graph import Graph, mechanism_of
 from truepose.models.context import BuildContext
+from truepose.models.fields import Section
 from truepose.models.mechanism import BASE, Mechanism
-from truepose.models.units import Section, UnitSystem, close_matches
+from truepose.models.units import UnitSystem
+from truepose.wording import close_matches
 
 _KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
 _MM_PER_M = 1000.0

@@ -9,9 +9,9 @@ from typing import Any, Literal
 import casadi as ca
 
 from truepose.models.context import BuildContext
+from truepose.models.fields import LengthSigma, LengthToleranceVector, LengthVector, Section
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.units import LengthSigma, LengthToleranceVector, LengthVector, Section
 
 _XYZ = ("x", "y", "z")
 _NOWHERE = (0.0, 0.0, 0.0)

@@ -11,9 +11,7 @@ from pydantic import Field
 
 from truepose.models import lie
 from truepose.models.context import BuildContext
-from truepose.models.parameters import Parameter
-from truepose.models.sensors.base import TOOL, Channel, Sensor, flange_of, sensors
-from truepose.models.units import (
+from truepose.models.fields import (
     Angle,
     AngleTolerance,
     Length,
@@ -23,6 +21,8 @@ from truepose.models.units import (
     LengthVector,
     Section,
 )
+from truepose.models.parameters import Parameter
+from truepose.models.sensors.base import TOOL, Channel, Sensor, flange_of, sensors
 
 
 class _Beam(Section):

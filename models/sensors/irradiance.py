@@ -10,9 +10,9 @@ from pydantic import BeforeValidator, model_validator
 
 from truepose.models.context import BuildContext
 from truepose.models.fabry_perot import Reflectivities
+from truepose.models.fields import Length, bad_value
 from truepose.models.sensors.base import sensors
 from truepose.models.sensors.distance import CavitySection, Distance, cavity_parameters
-from truepose.models.units import Length, bad_value
 
 
 def _reflectivities(value: object) -> Reflectivities:

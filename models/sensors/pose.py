@@ -11,9 +11,9 @@ import numpy as np
 
 from truepose.models import lie
 from truepose.models.context import BuildContext
+from truepose.models.fields import AngleSigma, LengthSigma, Section
 from truepose.models.mechanism import AXES, AXIS_UNITS
 from truepose.models.sensors.base import Array, Channel, Sensor, sensors
-from truepose.models.units import AngleSigma, LengthSigma, Section
 
 _XYZ, _ROT = AXES[:3], AXES[3:]
 

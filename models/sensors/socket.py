@@ -14,9 +14,9 @@ from scipy.sparse import csr_matrix
 
 from truepose.errors import InputError
 from truepose.models.context import BuildContext
+from truepose.models.fields import Length, LengthSigma, LengthToleranceVector, LengthVector, Section
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Array, Channel, Comparison, Rows, Sensor, sensors
-from truepose.models.units import Length, LengthSigma, LengthToleranceVector, LengthVector, Section
 
 _XYZ = ("x", "y", "z")
 SET, PLACEMENT, SOCKET = "set", "placement", "socket"

@@ -10,9 +10,9 @@ import casadi as ca
 
 from truepose.errors import InputError
 from truepose.models.context import BuildContext
+from truepose.models.fields import LengthSigma, LengthTolerance, LengthVector, Section
 from truepose.models.parameters import Parameter, vector_of
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.units import LengthSigma, LengthTolerance, LengthVector, Section
 
 _XYZ = ("x", "y", "z")
 

@@ -1,7 +1,8 @@
-"""Lists in sentences, for messages of every floor."""
+"""Lists and names in sentences, for messages of every floor."""
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Sequence
 
 
@@ -15,3 +16,15 @@ def shortened(items: Sequence[str], most: int) -> str:
     """``a, b and 3 more``: the first of a list, and how many follow."""
     more = f" and {len(items) - most} more" if len(items) > most else ""
     return ", ".join(items[:most]) + more
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Ending of a message: the known name meant; empty where none is near."""
+    near = difflib.get_close_matches(name, sorted(set(known)), n=3, cutoff=0.6)
+    return "did you mean " + " or ".join(repr(item) for item in near) + "?" if near else ""
+
+
+def close_matches(name: str, known: Iterable[str]) -> str:
+    """Ending of a message: the known name meant, or the names there are."""
+    names = sorted(set(known))
+    return meant(name, names) or ("known: " + ", ".join(names) if names else "")

@@ -19,7 +19,7 @@ from truepose.models.driver import AIR, APPROACH, OF_THE_WAY, SESSION, TEMPERATU
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import PAYLOAD, Machine
-from truepose.models.units import close_matches
+from truepose.wording import close_matches
 
 Array = NDArray[np.float64]
 SIDES = (1.0, -1.0)

@@ -1,0 +1,110 @@
+"""Fields of machine files: numbers with a dimension, converted while pydantic validates a `Section`.
+
+Give `context={"units": UnitSystem(...)}`: the annotated types (`Length`, `AngleVector`, ...) turn what a file states
+into the units of the program.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, cast
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
+
+from truepose.models.units import UnitSystem
+from truepose.wording import close_matches
+
+
+def _units(info: ValidationInfo) -> UnitSystem:
+    context = info.context
+    if isinstance(context, Mapping) and isinstance(context.get("units"), UnitSystem):
+        return cast("UnitSystem", context["units"])
+    return UnitSystem()
+
+
+def bad_value(expected: str, found: object) -> PydanticCustomError:
+    """The error an annotated type raises: what was expected and what was found."""
+    return PydanticCustomError("bad_value", "expected {expected}", {"expected": expected, "found": found})
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """Which numbers a field takes, and the words for them around "number"."""
+
+    kind: str
+    limits: str
+    fits: Callable[[float], bool]
+
+    def words(self, unit: str, count: int = 1) -> str:
+        number = f"a {self.kind}number" if count == 1 else f"{count} {self.kind}numbers"
+        return f"{number}{self.limits} ({unit})"
+
+    def checked(self, value: object, expected: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not self.fits(float(value)):
+            raise bad_value(expected, value)
+        return float(value)
+
+
+_FINITE = _Numbers("finite ", "", math.isfinite)
+_TOLERANCE = _Numbers("", " >= 0 or .inf", lambda value: value >= 0.0)
+_SIGMA = _Numbers("finite ", " > 0", lambda value: 0.0 < value < math.inf)
+
+
+def _scalar(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
+    def validate(value: object, info: ValidationInfo) -> float:
+        units = _units(info)
+        return units.to_internal(numbers.checked(value, numbers.words(units.of(dimension))), dimension)
+
+    return BeforeValidator(validate)
+
+
+def _vector(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
+    def validate(value: object, info: ValidationInfo) -> tuple[float, ...]:
+        units = _units(info)
+        expected = numbers.words(units.of(dimension), 3)
+        if numbers is _TOLERANCE and not isinstance(value, (list, tuple)):
+            value = [value] * 3  # one tolerance for the three components
+        if not isinstance(value, (list, tuple)) or len(value) != 3:
+            raise bad_value(expected, value)
+        return tuple(units.to_internal(numbers.checked(item, expected), dimension) for item in value)
+
+    return BeforeValidator(validate)
+
+
+Triple = tuple[float, float, float]
+Number = Annotated[float, _scalar("number")]
+Length = Annotated[float, _scalar("length")]
+Angle = Annotated[float, _scalar("angle")]
+Gain = Annotated[float, _scalar("gain")]
+Vector = Annotated[Triple, _vector("number")]
+LengthVector = Annotated[Triple, _vector("length")]
+AngleVector = Annotated[Triple, _vector("angle")]
+LengthSigma = Annotated[float, _scalar("length", _SIGMA)]
+AngleSigma = Annotated[float, _scalar("angle", _SIGMA)]
+NumberTolerance = Annotated[float, _scalar("number", _TOLERANCE)]
+LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE)]
+AngleTolerance = Annotated[float, _scalar("angle", _TOLERANCE)]
+LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE)]
+AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE)]
+
+
+class Section(BaseModel):
+    """A part of the machine file: frozen, and every field it does not know is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown_fields(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping):
+            return data
+        known = [field.alias or name for name, field in cls.model_fields.items()]
+        for key in data:
+            if key not in known:
+                hint = close_matches(str(key), known)
+                context = {"field": str(key), "hint": hint, "found": data[key]}
+                raise PydanticCustomError("unknown_field", "unknown field; {hint}", context)
+        return data
