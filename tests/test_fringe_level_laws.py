@@ -61,6 +61,26 @@ def test_a_half_level_that_is_off_is_seen_in_how_long_excursions_last(shift: flo
     np.testing.assert_allclose(unfolded, START + RATE * t[at] - end, atol=0.01)
 
 
+@pytest.mark.parametrize("turns", [5.0, 9.0])
+def test_a_half_level_that_drifts_is_seen_when_it_is_off_and_the_same_backwards(turns: float) -> None:
+    """Light that rises evenly by a tenth of a fringe, and is right in the middle of the recording."""
+    t, phase = steady(turns, 3000.0)
+    shift = np.linspace(-0.05, 0.05, len(t))
+    seen, true = [], []
+    for way in (1, -1):
+        v = (light(phase) + shift)[::way]
+        found = find_excursions(t, v, 0.0, G)
+        even = np.flatnonzero(evenly_passed(v, found, 1.0, 1.3))
+        whole = found.times[[even[0] - 1, even[-1]]]
+        seen.append(levels._level_error(found, even, whole)[even])
+        middle = 0.5 * (found.times[even] + found.times[even - 1])
+        true.append(folded_phase(0.5 - np.interp(middle, t, shift[::way]), G) - HALF_LEVEL)
+        # half an excursion earlier or later differs by more
+        drift = abs(true[-1][-1] - true[-1][0]) / (len(even) - 1)
+        np.testing.assert_allclose(seen[-1], true[-1], atol=0.25 * drift)
+    np.testing.assert_allclose(seen[0], seen[1][::-1], atol=1e-3 * np.ptp(seen[0]))
+
+
 @pytest.mark.parametrize("bad", [0, 7])
 def test_least_squares_leave_out_what_lies_far_beyond_the_rest(bad: int) -> None:
     rng = np.random.default_rng(8)

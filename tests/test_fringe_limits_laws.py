@@ -10,13 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.fringes import excursions, faults, lengths, motions, move, turns
+from truepose.identification.fringes import excursions, faults, lengths, motions, move, scan, turns
 from truepose.identification.fringes.count import Count, End
 from truepose.identification.fringes.excursions import Excursions, centre_means, find_excursions
 from truepose.identification.fringes.levels import Levels, Noise, noise_of
 from truepose.identification.fringes.move import Move, read_move
 from truepose.identification.fringes.passages import evenly, normalised
 from truepose.identification.fringes.photocurrent import _read, read_samples
+from truepose.identification.fringes.rest import find_rest
 from truepose.identification.fringes.scan import Scan
 from truepose.identification.recording.table import read_table
 from truepose.models.fabry_perot import coupling, folded_phase, fringe
@@ -142,6 +143,56 @@ def test_one_whole_excursion_tells_how_fast_the_mirror_moves() -> None:
     assert not faults.has_jump(t, v, 0.0, found)
     jumped = np.where(np.arange(len(t)) < len(t) // 2, v, 1.0 - v)
     assert faults.has_jump(1e3 * t, jumped, 0.0, replace(found, times=1e5 * found.times))
+
+
+@pytest.mark.parametrize("rising", [True, False])
+def test_six_times_the_step_that_the_speed_makes_is_a_jump_and_twice_is_none(rising: bool) -> None:
+    """Where light is steepest, at forty samples a fringe and at fifteen: a clock may be late for a sample."""
+    for samples, times, jump in ((40.0, 6.0, True), (15.0, 2.0, False)):
+        step = 2.0 * np.pi / samples
+        sides = np.arange(-150.0, 151.0) + np.where(np.arange(-150, 151) > 0, times - 1.0, 0.0)
+        phase = 4.0 * np.pi + (LOW if rising else -LOW) + step * (sides - 0.5 * times)
+        t, v = np.arange(301.0), fringe(np.cos(phase), G)
+        assert np.argmax(np.abs(np.diff(v))) == 150 and abs(v[151] - v[150]) > 0.3
+        assert faults.has_jump(t, v, 0.0, find_excursions(t, v, 0.0, G)) is jump
+
+
+@pytest.mark.parametrize("scale", [1e-3, 5.0])
+def test_a_spike_is_a_sample_a_tenth_of_the_range_off_its_neighbours(scale: float) -> None:
+    """What is off by less is taken as it is; so is what is hidden in the noise."""
+    calm = scale * light(np.arange(0.0, 3.0, 1e-3))
+    for share, spiked in ((0.15, True), (-0.13, True), (0.07, False), (-0.08, False)):
+        spoilt = calm.copy()
+        spoilt[[700, 1500]] += share * np.ptp(calm)
+        mended, count = faults.without_spikes(spoilt, 0.0)
+        assert count == (2 if spiked else 0)
+        np.testing.assert_allclose(mended, calm if spiked else spoilt, atol=1e-3 * scale)
+        assert faults.without_spikes(spoilt, 0.01 * scale)[1] == 0
+
+
+# -- rests and scans -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.004, 0.05, 0.3])
+def test_what_never_moves_rests_for_most_of_its_samples_and_for_all_of_a_power_of_two(sigma: float) -> None:
+    """Windows double while they can; after that, noise may hide a step that is too short."""
+    for n in range(1, 300):
+        rest = find_rest(np.full(n, 0.4), Noise(sigma, 0.0))
+        assert n // 2 < rest.samples <= n and rest.still
+        assert rest.level == pytest.approx(0.4)
+        if n & (n - 1) == 0:
+            assert rest.samples == n
+
+
+@pytest.mark.parametrize("fringes", [3.0, 7.3, 20.0])
+def test_the_first_guess_of_a_scan_is_near_its_phase_and_its_length(fringes: float) -> None:
+    """About the middle of the scan, to the step of the lengths tried and what the ends of a fringe add."""
+    x = np.linspace(-0.5, 0.5, 600)
+    for phase in np.arange(-3.0, 3.2, 0.4):
+        v = fringe(np.cos(phase + 2.0 * np.pi * fringes * x), G)
+        guess = scan._candidates(x, v, G, False)[0]
+        assert abs(np.angle(np.exp(1j * (guess[0] - phase)))) < 0.3
+        assert abs(guess[1] - 2.0 * np.pi * fringes) < 1.0
 
 
 # -- shared levels --------------------------------------------------------------------------------------
