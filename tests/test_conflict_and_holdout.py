@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.linalg import null_space
+from scipy.stats import chi2
 
 from support.examples import examples
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
@@ -82,6 +84,33 @@ def test_parameters_without_tolerance_are_projected_out() -> None:
         for gram in (lin.gram, far)
     ]
     assert found[0].statistic == pytest.approx(found[1].statistic, rel=1e-4)
+
+
+@pytest.mark.parametrize(("noise", "departure", "error"), [(1.0, 3.0, 1.0), (2.0, 4.0, 2.0), (1.0, 1.0, 1.6)])
+def test_far_beyond_what_is_drawn_p_is_twice_the_smaller_one_of_two_chi2(
+    noise: float, departure: float, error: float
+) -> None:
+    """What a least-squares fit departs by against its own spread, and the readings against theirs, both in full."""
+    rng = np.random.default_rng(11)
+    sensitivity = rng.normal(size=(READINGS, FREE)) * np.geomspace(20, 1, FREE)
+    e = sensitivity @ rng.normal(scale=departure, size=FREE) + error * rng.normal(size=READINGS)
+    away, tolerance = rng.normal(size=FREE), rng.uniform(0.5, 2.0, FREE)
+    open_ = 3  # without a tolerance
+    rows = np.column_stack([sensitivity, e + sensitivity @ away])
+    weight = np.where(np.arange(FREE) == open_, 0.0, 1.0 / tolerance)
+    lin = Linearisation(rows.T @ rows, FREE, (), READINGS, away, weight, (PartClass("length"),) * FREE, ())
+    # readings freed of the open parameter; geometry in tolerances
+    keep = null_space(sensitivity[:, [open_]].T)
+    j, seen = keep.T @ np.delete(sensitivity * tolerance, open_, axis=1), keep.T @ e
+    fitted = np.linalg.pinv(j) @ seen
+    spread = np.eye(FREE - 1) + noise**2 * np.linalg.inv(j.T @ j)
+    statistic = float(fitted @ np.linalg.solve(spread, fitted))
+    whole = float(seen @ np.linalg.solve(j @ j.T + noise**2 * np.eye(READINGS - 1), seen))
+    smaller = min(chi2.sf(statistic, FREE - 1), chi2.sf(whole, READINGS - 1))
+    found = conflict_with_tolerances(lin, noise)
+    assert found.statistic == pytest.approx(statistic, rel=1e-6)
+    assert 2.0 * smaller < 1e-3
+    assert found.p == pytest.approx(2.0 * smaller, rel=1e-4)
 
 
 NAMES = [f"leg{k}.{p}" for k in range(1, 7) for p in ("a.x", "b.x", "u.x", "length")]

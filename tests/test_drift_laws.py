@@ -311,6 +311,21 @@ def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:
     assert [linearised(s, prior, prior.mean).n_observations for s in sessions] == [n // 2 - 1] * 2
 
 
+def test_what_no_session_sees_says_nothing_and_adds_nothing_to_what_moves_with_it() -> None:
+    """One session is enough to see a parameter; a column at rounding beside the others' is none."""
+    plain = stacked(16, np.array([0.0, 2.0, -1.0, 1.0]))
+    jacobian = plain.jacobian.copy()
+    jacobian[1:, :, 0] = 0.0
+    jacobian[:, :, 2] *= 1e-18
+    stack = replace(plain, jacobian=jacobian)
+    assert stack.visible.tolist() == [True, True, False]
+    states = [solve(stack, {}, Point(1.0, (1.0,), 0.0))]
+    found = weigh(stack, states, [(2,), (1,), (1, 2), (0, 1, 2), (0, 1)])
+    assert (found.gain[0], found.size[0]) == (0.0, 0.0)
+    assert found.gain[1] > 3.0 and found.gain[2] == pytest.approx(found.gain[1])
+    assert found.gain[3] == pytest.approx(found.gain[4]) and found.size[3] == found.size[4]
+
+
 def test_tolerances_of_parts_may_be_wrong_and_what_has_none_decides_nothing() -> None:
     """Lengths and angles of the mechanism have doubtful tolerances; frames', and infinite ones, are what they are."""
     prior = Prior(

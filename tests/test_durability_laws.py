@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from support import MACHINES
+from truepose.identification.drift import analysis
 from truepose.identification.drift.durability import Check, _met, durability, noise_of
 from truepose.identification.drift.movement_evidence import Stack, solve
 from truepose.identification.drift.movement_selection import Candidate, Selection, _summed
@@ -238,3 +239,33 @@ def test_a_movement_pays_for_being_one_of_many_unless_its_group_moves() -> None:
         assert found.accepted == accepted and set(found.alike) == set(accepted)
     apart = _summed(seen, {0: 3.0, 1: 3.0}, candidates[1:], [POINT])
     np.testing.assert_allclose(apart.log_odds - apart.gain, -np.log(2.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [0.5, 10.0])
+@pytest.mark.parametrize("share", [0.08, 0.12])
+def test_the_joint_fit_rests_when_no_sessions_readings_change_by_a_tenth_of_their_noise(
+    moved: Met, monkeypatch: pytest.MonkeyPatch, noise: float, share: float
+) -> None:
+    """Of the noise that was found, not of the stated one. Parameters start far away, then one session's walk on."""
+    n = len(moved.prior.free)
+    places = np.tile(moved.prior.mean, (2, 1))
+    rounds: list[float] = []
+
+    def chosen(stack: Stack, *_: object) -> Selection:
+        none = np.zeros(n)
+        states = (solve(stack, {}, Point(noise, (1.0,), 0.0)),)
+        return Selection({}, none, none, {}, states, 0.0, np.zeros(n, dtype=bool))
+
+    def walk(stack: Stack, found: Selection, prior: Prior) -> Array:
+        if rounds:
+            shown = float(np.linalg.norm(stack.jacobian[1, :, 0]))
+            places[1, prior.free[0]] += share * noise / shown * prior.scale[prior.free[0]]
+        rounds.append(found.noise)
+        return places.copy()
+
+    monkeypatch.setattr(analysis, "select", chosen)
+    monkeypatch.setattr(analysis, "joint_parameters", walk)
+    machine = moved.sessions[0].predictor.machine
+    _, _, settled = analysis._joint(machine, moved.sessions, moved.fits, moved.prior, lambda _: None)
+    assert settled is (share < 0.1)
+    assert rounds == pytest.approx([noise] * (2 if settled else analysis.ROUNDS))

@@ -197,6 +197,21 @@ def test_amplitudes_are_those_of_the_gaussian_posterior(
         assert found.best_noise[place] == noise
 
 
+def test_amplitudes_are_told_at_the_likeliest_noise_and_tolerances(dense: Dense, lin: Linearisation) -> None:
+    """Readings and what is expected of noise and tolerances both count; sizes are those of that point alone."""
+    wanted = list(range(len(SIZES)))
+    found = weigh(lin, wanted, SEVERAL, {})
+    points = [(noise, inflation) for noise in SEVERAL.noise for inflation in SEVERAL.inflation]
+    for place in wanted:
+        each = np.array([brute(dense, SEVERAL, {place: float(q)}) for q in AMPLITUDES])
+        noise, inflation = points[int(np.argmax(logsumexp(each + rarity()[:, None], axis=0)))]
+        alone = weigh(lin, wanted, Grid((noise,), (inflation,), SEVERAL.classes), {})
+        assert found.best_noise[place] == noise
+        assert found.spread[place] == alone.spread[place]
+        np.testing.assert_allclose(found.amplitude[place], alone.amplitude[place], rtol=1e-9)
+        np.testing.assert_allclose(found.std[place], alone.std[place], rtol=1e-9)
+
+
 def test_noise_and_inflation_are_those_of_the_posterior(dense: Dense, lin: Linearisation) -> None:
     found = weigh(lin, [0], SEVERAL, {})
     logs = brute(dense, SEVERAL, {})
