@@ -22,7 +22,7 @@ from truepose.errors import InputError
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.fit.problem import Problem, prior_of
+from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.program import Program
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.load import load_machine
@@ -182,6 +182,19 @@ def test_bounds_against_physics_are_refused(tmp_path: Path) -> None:
     text = "bounds: {leg2.length: [-20, -10]}\n" + MACHINES["6-pus"]
     with pytest.raises(InputError, match=r"bounds\.leg2\.length: found \[-20.0, -10.0\].*physics"):
         bounds_of(written(tmp_path, text))
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_what_stands_at_a_bound_is_the_same_in_every_unit(unit: float) -> None:
+    step = 0.01
+    low, high = np.full(5, -2.0), np.full(5, 3.0)
+    at = np.array([3.0 + 1e-12, 3.0 - 1e-3 * step, 3.0 + 1e-3 * step, -2.0 + 1e-12, -2.0 - 1e-3 * step])
+    names, sizes = tuple("abcde"), np.full(5, unit * step)
+    prior = Prior(names, np.zeros(5), np.ones(5), sizes, names)
+    bounds = Bounds(names, ("mm",) * 5, unit * low, unit * high, np.ones(5, dtype=bool))
+    kept, beyond = (bounds.notes(prior, unit * at, kept=kept) for kept in (True, False))
+    assert [note[0] for note in kept] == ["a", "d"]
+    assert [note[0] for note in beyond] == ["c", "e"]
 
 
 def test_the_command_keeps_bounds(tmp_path: Path) -> None:

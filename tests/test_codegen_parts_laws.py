@@ -19,6 +19,7 @@ from truepose.codegen import branches, layout, reference
 from truepose.codegen.branches import branches_of
 from truepose.codegen.chain import ChainExpressions, pivot_order
 from truepose.codegen.layout import layout_of
+from truepose.codegen.loops import Equations
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
 from truepose.models.chain import chain_of
@@ -141,6 +142,25 @@ def test_pivots_are_taken_where_elimination_leaves_the_most(name: str) -> None:
             size = {row: float(np.log(np.abs(left[:, row])).clip(-30.0).mean()) for row in rest}
         if all(np.abs(J[:, order[j], j]).min() > 1e-6 for j in range(k)) or k == 0:
             assert size[order[k]] >= max(size.values()) - 1e-5
+
+
+@pytest.mark.parametrize(("real", "share"), [("double", 1e-7), ("float", 1e-3)])
+def test_a_pivot_is_trusted_down_to_a_share_of_its_typical_size_in_every_unit(
+    real: Real, share: float
+) -> None:
+    """At the only sample every pivot has its typical size: its inverse is that share of the largest sound one."""
+    rng, n = np.random.default_rng(8), 5
+    matrix, symbols = rng.standard_normal((n, n)), ca.SX.sym("J", n, n)
+    units: list[Array] = [np.ones((2, n)), 10.0 ** rng.integers(-4, 5, (2, n)).astype(float)]
+    orders = []
+    for rows, columns in units:
+        told = matrix / rows[:, None] / columns
+        found = Equations.of(symbols, told[None], (rows, columns), real)
+        assert found is not None
+        inverses = ca.Function("inverses", [symbols], [found.factors.values[:n]])(told)
+        np.testing.assert_allclose(np.abs(np.array(inverses)[:, 0]) / found.largest, share, rtol=0.006)
+        orders.append(found.factors.pivots.order)
+    assert orders[0] == orders[1]
 
 
 # -- natural units -------------------------------------------------------------------------------------

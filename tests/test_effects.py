@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -190,3 +191,34 @@ def test_a_new_effect_is_a_dozen_lines(machines: Mapping[str, Machine]) -> None:
     finally:
         effects.discard("cable-pull")
     assert "cable-pull" not in list(effects)
+
+
+def test_what_a_sensor_sees_may_move_readings_only(machines: Mapping[str, Machine]) -> None:
+    """A machine moved by its own measured place would have to know where it is before it is there."""
+    arm = machines["arm"]
+    column = next(iter(arm.sensors[0].columns))
+
+    class Follows(Effect):
+        slug: ClassVar[str] = "follows"
+
+        def places(self, machine: Machine) -> Sequence[Place]:
+            return [("tool.motion.y",), (f"{column}.reading",)]
+
+        def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+            return (Coefficient("k", "mm/mm", 0.1),)
+
+        def shifts(self, site: Site) -> Shifts:
+            return {site.place[0]: site.c["k"] * site.states[f"seen.{column}"]}
+
+    effect = Follows()
+    moved, read = (PlacedEffect.at(effect, arm, place) for place in effect.places(arm))
+    model = symbolic_model(arm, [read])
+    slope = ca.jacobian(model.reading_shift[0], model.p[-1])
+    state = ca.Function(
+        "state", [model.q, model.x, model.p, model.z], [slope, model.states[f"seen.{column}"]]
+    )
+    found, seen = state([0.3, 0.2, 0.1], model.home, model.p_home, model.z_home)
+    assert float(found) == pytest.approx(float(seen), rel=1e-12)  # mm for each mm seen
+    assert abs(float(seen)) > 1.0
+    with pytest.raises(InputError, match=rf"found a shift of the machine that depends on 'seen\.{column}'"):
+        symbolic_model(arm, [moved])

@@ -64,6 +64,11 @@ def test_a_tolerance_of_nothing_is_refused(tmp_path: Path) -> None:
         written(tmp_path, PUS.replace("gain: 0.001", "leg1.lenght: 0.5") + POSE)
 
 
+def test_a_tolerance_without_a_name_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"m\.yaml: tolerances\.: no such parameter"):
+        written(tmp_path, PUS.replace("gain: 0.001", '"": 0.5') + POSE)
+
+
 def test_a_tolerance_of_a_frame_may_stand_with_the_others(tmp_path: Path) -> None:
     machine = written(tmp_path, FRAMED + PUS.replace("gain: 0.001", "base.xyz: 7, tool.rx: 2") + POSE)
     assert [machine.geometry[f"base.{axis}"].tolerance for axis in AXES[:4]] == [7.0] * 3 + [np.radians(1.0)]

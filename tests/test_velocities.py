@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support import telescope_models
 from support.generated_machines import machine_of
 from truepose.codegen.loops import twists
 from truepose.models import kinematics
@@ -91,3 +92,9 @@ def test_every_kind_of_joint(
 def test_what_moves_with_forces_or_geometry_is_left_to_differentiation(tmp_path: Path) -> None:
     machine = machine_of(tmp_path, "rails")  # a leg that yields under gravity has forces among the unknowns
     assert gap_derivative(symbolic_model(machine, machine.effects)) is None
+
+
+def test_rods_that_grow_as_their_flexures_bend_are_left_to_differentiation(tmp_path: Path) -> None:
+    bent = symbolic_model(telescope_models.machine_of(tmp_path, "beam"))
+    assert gap_derivative(bent) is None
+    compare(symbolic_model(telescope_models.machine_of(tmp_path, "spherical")))
