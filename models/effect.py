@@ -62,12 +62,13 @@ class Site:
 
         Raises InputError where the machine weighs nothing.
         """
-        if f"{case}{port}" not in self.loads:
+        try:
+            return self.loads[f"{case}{port}"]
+        except KeyError:
             raise InputError(
                 f"{self.machine.name}: found an effect of weight at {', '.join(self.place)}, but nothing there weighs "
                 "anything; expected gravity and masses in the machine file"
-            )
-        return self.loads[f"{case}{port}"]
+            ) from None
 
     def direction(self, end: str) -> ca.SX:
         """(3,) unit vector along a universal or spherical joint's child, or along a rod at its end ``R.a``, ``R.b``,
