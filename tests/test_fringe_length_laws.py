@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from support.fringe_series import joined_rows
 from truepose.errors import InputError
 from truepose.identification.fringes import lengths
 from truepose.identification.fringes.count import Count, End
@@ -28,23 +29,7 @@ COUNT = Count(0.0, NOWHERE, NOWHERE, 0, Levels(np.zeros(1), np.zeros(1), np.ones
 
 def recording(pose: list[int], origin: list[int], time: list[float] | None = None) -> Recording:
     n = len(pose)
-    whole = np.zeros(n, dtype=np.int64)
-    return Recording(
-        joints=("q1",),
-        q=np.arange(float(n))[:, None],
-        observations={"dL": np.zeros(n)},
-        labels={},
-        drivers={},
-        time=None if time is None else np.array(time),
-        files=("rows.csv",),
-        source_file=whole,
-        source_row=np.arange(1, n + 1),
-        session=whole + 1,
-        session_recorded=whole == 0,
-        validation=whole == 1,
-        pose=np.array(pose),
-        from_row=np.array(origin),
-    )
+    return joined_rows(pose, origin, range(n), np.zeros(n), time)
 
 
 def work(rows: Recording | None = None) -> lengths._Work:

@@ -8,32 +8,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.fringe_series import EVERY, RATE, G, series, steady
 from truepose.identification.fringes import passages, turns
 from truepose.identification.fringes.excursions import Excursions
-from truepose.identification.fringes.levels import Levels, Noise
-from truepose.identification.fringes.passages import Series, evenly, normalised
+from truepose.identification.fringes.levels import Noise
+from truepose.identification.fringes.passages import Series, evenly
 from truepose.identification.fringes.rest import Rest
 from truepose.models.fabry_perot import folded_phase, fringe
 
 Array = NDArray[np.float64]
-G = 0.2
-LEVELS = Levels(np.zeros(1), np.array([2.0]), np.array([6.0]))
 QUIET = Noise(0.0, 0.0)
 LOW = float(folded_phase(0.5, G))
-RATE = 7.0
-EVERY = 200.0
-
-
-def series(phase: Array, noise: float = 0.0, seed: int = 0, per_time: float = EVERY) -> Series:
-    """Light of a path of ``phase`` (n,), of levels 2 and 6, so many samples a unit of time."""
-    t = np.arange(len(phase)) / per_time
-    shake = 4.0 * noise * np.random.default_rng(seed).standard_normal(len(phase))
-    return normalised(t, 2.0 + 4.0 * fringe(np.cos(phase), G) + shake, LEVELS, Noise(4.0 * noise, 0.0), G)
-
-
-def steady(fringes: float = 6.0, start: float = 0.3, rate: float = RATE) -> Array:
-    n = round(fringes * 2.0 * np.pi / rate * EVERY)
-    return np.asarray(start + rate * np.arange(n) / EVERY)
 
 
 def timed(factors: Array, samples: int = 40, sigma: float = 0.0) -> Series:

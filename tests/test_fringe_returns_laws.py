@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.fringe_series import joined_rows
 from truepose.identification.fringes.closure import miscounted
 from truepose.identification.recording.recording import Recording
 
@@ -15,23 +16,7 @@ HALF_WAVE = 7.8e-4
 
 def way(poses: list[int], change: Array) -> Recording:
     """Moves from row to row through these poses."""
-    n = len(poses)
-    whole = np.zeros(n, dtype=np.int64)
-    return Recording(
-        joints=("q1",),
-        q=np.array(poses, dtype=float)[:, None],
-        observations={"dL": change},
-        labels={},
-        drivers={},
-        files=("rows.csv",),
-        source_file=whole,
-        source_row=np.arange(1, n + 1),
-        session=whole + 1,
-        session_recorded=whole == 0,
-        validation=whole == 1,
-        pose=np.array(poses),
-        from_row=np.maximum(np.arange(n) - 1, 0),
-    )
+    return joined_rows(poses, [0, *range(len(poses) - 1)], poses, change)
 
 
 def round_trip(miss: float) -> Recording:

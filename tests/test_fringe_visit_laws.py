@@ -8,27 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.fringe_series import EVERY, RATE, G, series, steady
 from truepose.identification.fringes import passages, turns
-from truepose.identification.fringes.levels import Levels, Noise
-from truepose.identification.fringes.passages import Series, evenly, normalised
+from truepose.identification.fringes.passages import evenly
 from truepose.identification.fringes.rest import Rest
 from truepose.models.fabry_perot import fringe
 
 Array = NDArray[np.float64]
-G, RATE, EVERY = 0.2, 7.0, 200.0
-LEVELS = Levels(np.zeros(1), np.array([2.0]), np.array([6.0]))
-
-
-def series(phase: Array, noise: float = 0.0, seed: int = 0, per_time: float = EVERY) -> Series:
-    """Light of a path of ``phase`` (n,), of levels 2 and 6, so many samples a unit of time."""
-    t = np.arange(len(phase)) / per_time
-    shake = 4.0 * noise * np.random.default_rng(seed).standard_normal(len(phase))
-    return normalised(t, 2.0 + 4.0 * fringe(np.cos(phase), G) + shake, LEVELS, Noise(4.0 * noise, 0.0), G)
-
-
-def steady(fringes: float = 6.0, start: float = 0.3, rate: float = RATE) -> Array:
-    n = round(fringes * 2.0 * np.pi / rate * EVERY)
-    return np.asarray(start + rate * np.arange(n) / EVERY)
 
 
 def every(n: int, k: int | None = None) -> NDArray[np.bool_]:
