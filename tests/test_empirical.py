@@ -17,8 +17,8 @@ from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.path_table import load_path
 from truepose.identification.diagnosis.candidates import catalogue
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.prediction.predict import predict
+from truepose.identification.fit.write_machine import covariance_of, write_calibrated
+from truepose.identification.prediction.predict import predict, predicted, predictor_for
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.empirical_forms import empirical_forms
@@ -193,3 +193,51 @@ def test_commands_make_up_for_it(arm: Machine, tmp_path: Path) -> None:
     assert np.max(np.abs(there[:, :3, 3] - ideal[:, :3, 3])) < 1e-5
     turns = log_so3(np.swapaxes(there[:, :3, :3], 1, 2) @ ideal[:, :3, :3])
     assert np.max(np.abs(turns)) < 1e-8
+
+
+# -- how sure it is ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", [*TRUE[:2], TRUE[3].replace("1500", "900")])
+def test_it_is_less_sure_the_further_it_is_asked_beyond_what_was_seen(
+    arm: Machine, tmp_path: Path, text: str
+) -> None:
+    """Inside the range nothing is added; beyond it what a random curve of its size would have changed, and no more."""
+    true = parse_effect(text, arm)
+    poses = rows(arm, tmp_path)
+    fit = estimate(arm, read(arm, poses, (true,), seed=5), (true,))
+    write_calibrated(tmp_path / "improved.yaml", fit, poses)
+    machine = load_machine(tmp_path / "improved.yaml")
+    far = rows(machine, tmp_path, n=200, reach=1.04)
+    predictor = predictor_for(machine, far)
+    found = predicted(predictor)
+    assert found.std is not None
+    x, _ = predictor.assemble(predictor.model.p_home)
+    names, values, slopes, _ = predictor.columns(predictor.model.p_home, x)
+    effect = machine.effects[0]
+    at = dict(zip(JOINTS, far.q.T, strict=True)) | dict(zip(names, values.T, strict=True))
+    over = effect.effect.overshoot(machine, effect.place, effect.settings_map, at)
+    assert over is not None
+    assert (over == 0.0).any()
+    assert (over > 0.0).any()
+    known = covariance_of(fit)
+    order = [predictor.model.names.index(name) for name in known.names]
+    scale = fit.prior.scale[fit.prior.free]
+    plain = known.std(slopes[..., order], scale) ** 2
+    own = slopes[..., -len(effect.amplitudes) :] * effect.amplitudes
+    added = 2.0 * (1.0 - np.exp(-over))[:, None] * np.sum(own**2, axis=2)
+    np.testing.assert_allclose(found.std**2, plain + added, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(found.std[over == 0.0] ** 2, plain[over == 0.0], rtol=1e-6, atol=1e-15)
+
+
+def test_what_a_curve_may_be_beyond_its_end_is_its_own_size(arm: Machine) -> None:
+    """All polynomials are 1 or -1 at the end: the added variance of a joint is that of its root sum of squares."""
+    (effect,) = (parse_effect(text, arm) for text in TRUE[:1])
+    model = symbolic_model(arm, (effect,))
+    port = model.values[f"{effect.place[0]}.displacement"]
+    slope = ca.Function("slope", [model.q, model.p], [ca.jacobian(port, model.p)])
+    q = np.zeros(6)
+    q[2] = 1.5
+    own = slope(q, model.p_home).full()[0, -4:]
+    np.testing.assert_allclose(np.abs(own), 1.0)
+    assert np.sum((own * effect.amplitudes) ** 2) == pytest.approx(np.sum(np.square(effect.amplitudes)))
