@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 SERIES = 24
 """From so many coefficients on an effect is a series, whose expected sizes are its prior."""
 Place = tuple[str, ...]
@@ -92,6 +95,19 @@ class Physics(ABC):
         """Effects whose signature is the same function here, with how likely each is relative to this one."""
         return {}
 
+    def told(self, settings: Settings) -> str:
+        """What tells terms of one place apart, in their labels: the settings."""
+        return "".join(f",{name}={value:g}" for name, value in sorted(settings.items()))
+
+    def overshoot(
+        self, machine: Any, place: Place, settings: Settings, at: Mapping[str, Array]
+    ) -> Array | None:
+        """(n,) how far rows lie outside of what the formula holds for; 1 where nothing of it need be left.
+
+        ``at``: (n,) readings, drivers and predicted columns by name. None for physics, which holds everywhere.
+        """
+        return None
+
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         """What the fitted coefficients say, in words; empty where the numbers speak for themselves."""
         return ""
@@ -150,8 +166,7 @@ class PlacedEffect:
     @property
     def label(self) -> str:
         """``slug@place+place`` with settings, unique within a machine."""
-        tail = "".join(f",{name}={value:g}" for name, value in self.settings)
-        return f"{self.effect.slug}@{'+'.join(self.place)}{tail}"
+        return f"{self.effect.slug}@{'+'.join(self.place)}{self.effect.told(self.settings_map)}"
 
     def with_values(self, amplitudes: Sequence[float]) -> PlacedEffect:
         """The same effect with other coefficient values, in order."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -35,7 +36,7 @@ from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estima
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.scales import Grid
 from truepose.identification.selection.tolerance_classes import PartClass
-from truepose.models.effects.base import PlacedEffect, Settings
+from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -305,11 +306,14 @@ def test_what_never_differs_from_zero_moves_nothing_unless_it_is_a_payload(case:
 
 
 def unnamed_of(arm: Machine) -> tuple[Unnamed, dict[str, float]]:
-    """Curves over a recording, validation rows far out, and where each source stands in -1 ... 1 at the tests' pose."""
+    """Curves over a recording, colder than the tests' pose, and where that stands in each source's -1 ... 1.
+
+    Validation rows are far out.
+    """
     rng, n = np.random.default_rng(6), 50
     validation = np.arange(n) >= 40
     q = rng.uniform([0.1, -1.2, 0.5], [1.1, 0.3, 1.5], (n, 3))
-    drivers = {"time": 4000.0 + 3000.0 * rng.random(n), "temperature.air": rng.uniform(20.0, 29.0, n)}
+    drivers = {"time": 4000.0 + 3000.0 * rng.random(n), "temperature.air": rng.uniform(20.0, 25.0, n)}
     given = dict(zip(("q1", "q2", "q3"), READINGS["arm"], strict=True))
     given |= {"time": DRIVERS["time"], "temperature.air": DRIVERS["temperature"]}
     where = {}
@@ -336,33 +340,52 @@ def unnamed_of(arm: Machine) -> tuple[Unnamed, dict[str, float]]:
     return Unnamed(arm, recording), where
 
 
-def slopes(arm: Machine, unnamed: Unnamed, place: str, settings: Settings) -> dict[str, Array]:
-    return shift_slopes(arm, PlacedEffect.at(unnamed, arm, (place,), settings))
+def slopes(arm: Machine, unnamed: Unnamed, place: str) -> dict[tuple[str, str], dict[str, Array]]:
+    """By what each form at a place is a function of, and its kind: the derivative of each port's shift."""
+    placed = [
+        PlacedEffect.at(unnamed, arm, (place,), s) for s in unnamed.settings(arm, (place,), _NoRecording())
+    ]
+    return {unnamed.describe(p.settings_map): shift_slopes(arm, p) for p in placed}
+
+
+class _NoRecording:
+    n_sessions = 1
+
+    def driver(self, name: str) -> None:
+        return None
 
 
 def test_what_has_no_name_is_a_curve_of_degree_four_over_the_fitted_range_of_its_source(arm: Machine) -> None:
-    """Chebyshev polynomials from the first on, in the joint's own reading from the second on; a product of two joints."""
+    """Chebyshev polynomials from the first on, in the joint's own reading from the second on; a product of two joints.
+
+    Beyond the range a source stands at its end.
+    """
     unnamed, where = unnamed_of(arm)
-    assert set(where) == set(unnamed.sources)
-    for k, source in enumerate(unnamed.sources):
+    held = {name: np.clip(t, -1.0, 1.0) for name, t in where.items()}
+    assert any(abs(t) > 1.0 for t in where.values()) and any(abs(t) < 1.0 for t in where.values())
+    found = slopes(arm, unnamed, "q2")
+    pairs = list(itertools.combinations(("q1", "q2", "q3"), 2))
+    assert set(found) == {*((n, "curve") for n in where), *((f"{a} and {b}", "product") for a, b in pairs)}
+    for source, t in held.items():
         powers: Sequence[int] = range(2 if source == "q2" else 1, 5)
-        (found,) = slopes(arm, unnamed, "q2", {"a": float(k)}).values()
-        expected = [chebyshev.chebval(where[source], np.eye(5)[power]) for power in powers]
-        np.testing.assert_allclose(found, expected, atol=1e-9)
-    for a, b in ((0, 1), (0, 2), (1, 2)):
-        (found,) = slopes(arm, unnamed, "q2", {"a": float(a), "b": float(b)}).values()
-        assert found == pytest.approx(where[unnamed.sources[a]] * where[unnamed.sources[b]])
+        (slope,) = found[source, "curve"].values()
+        np.testing.assert_allclose(
+            slope, [chebyshev.chebval(t, np.eye(5)[power]) for power in powers], atol=1e-9
+        )
+    for a, b in pairs:
+        (slope,) = found[f"{a} and {b}", "product"].values()
+        assert slope == pytest.approx(held[a] * held[b])
 
 
 def test_a_mount_without_a_name_moves_in_each_direction_by_a_line_and_a_parabola(arm: Machine) -> None:
-    """Every coefficient moves one direction of its own."""
+    """Every coefficient moves one direction of its own; the source is no joint."""
     unnamed, where = unnamed_of(arm)
-    for k, source in enumerate(unnamed.sources):
-        if source in ("q1", "q2", "q3"):
-            continue
-        found = np.array(list(slopes(arm, unnamed, "tool", {"a": float(k)}).values()))
-        t = where[source]
-        assert found.shape == (6, 12)
-        assert np.all(np.sum(found != 0.0, axis=0) == 1)
-        for row in found:
+    found = slopes(arm, unnamed, "tool")
+    assert {source for source, _ in found} == set(where) - {"q1", "q2", "q3"}
+    for (source, _), by_port in found.items():
+        rows = np.array(list(by_port.values()))
+        t = np.clip(where[source], -1.0, 1.0)
+        assert rows.shape == (6, 12)
+        assert np.all(np.sum(rows != 0.0, axis=0) == 1)
+        for row in rows:
             assert sorted(row[row != 0.0]) == pytest.approx(sorted([t, 2.0 * t**2 - 1.0]))

@@ -241,7 +241,9 @@ def test_tolerances_that_look_too_small_are_named_or_all_at_once() -> None:
 def test_what_has_no_name_is_told_by_its_sources(case: Case) -> None:
     fit, recording = case
     unnamed = Unnamed(fit.machine, recording)
-    first, second = unnamed.sources[:2]
-    assert unnamed.describe({"a": 1.0}) == (second, "curve")
-    assert unnamed.describe({"a": 0.0, "b": 1.0}) == (f"{first} and {second}", "product")
-    assert unnamed.describe({}) == ("position", "warp")
+    own = [unnamed.settings(fit.machine, place, recording) for place in unnamed.places(fit.machine)]
+    told = [unnamed.describe(settings) for settings in own[0]]
+    first, second = recording.joints[:2]
+    assert told[:2] == [(first, "curve"), (second, "curve")]
+    assert (f"{first} and {second}", "product") in told
+    assert unnamed.describe(own[-1][0]) == ("position", "warp")

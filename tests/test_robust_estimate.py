@@ -43,8 +43,13 @@ def test_huber_resists_outliers_that_draw_least_squares_away(machines: Mapping[s
     wild["rz"][3::20] += 0.01
     recording = replace(clean, observations=wild)
     plain, robust = (estimate(machine, recording, loss=loss) for loss in ("gauss", "huber"))
-    assert np.abs(departures(plain, truth)).max() > 10.0
+    at = plain.prior.free
+    drawn = np.abs(plain.p - truth)[at] / np.sqrt(np.diag(plain.posterior))
+    assert drawn.max() > 10.0  # as little as it would know of itself by the stated sigmas
+    assert np.abs(departures(plain, truth)).max() < 5.0  # it sees the noise that it has
     assert np.abs(departures(robust, truth)).max() < 5.0
+    sure = plain.std[at] < 0.5 * plain.prior.sigma[at]
+    assert np.median((robust.std[at] / plain.std[at])[sure]) < 0.2
     assert np.all(robust.weights[::12] < 0.1)
     assert np.median(robust.weights) == 1.0
 

@@ -7,6 +7,7 @@ that rank, covariance and unknown directions cannot contradict each other.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -110,14 +111,19 @@ class Decomposition:
         return max(COMPONENT, 4 * len(self.weight) * float(np.finfo(float).eps) * gap)
 
     @cached_property
-    def _posterior(self) -> tuple[Array, Array]:
-        """Root (n, k) of the covariance of what is determined, and the readings' share (rank, k) of it."""
+    def _determined(self) -> tuple[Array, Array]:
+        """Basis (n, k) of what is determined, and the readings' factor (rank, k) in it."""
         held, _ = self._split
         basis = np.vstack([self.seen, held]).T
         k = basis.shape[1]
-        if k == 0:
+        return basis, np.eye(self.rank, k) * np.append(self.singular[: self.rank], np.zeros(k - self.rank))
+
+    @cached_property
+    def _posterior(self) -> tuple[Array, Array]:
+        """Root (n, k) of the covariance of what is determined, and the readings' share (rank, k) of it."""
+        basis, seen = self._determined
+        if basis.shape[1] == 0:
             return np.zeros((len(self.weight), 0)), np.zeros((0, 0))
-        seen = np.eye(self.rank, k) * np.append(self.singular[: self.rank], np.zeros(k - self.rank))
         triangle = np.linalg.qr(np.vstack([seen, self.weight[:, None] * basis]), mode="r")
         root = solve_triangular(triangle, basis.T, trans="T").T
         share = solve_triangular(triangle, seen.T, trans="T").T
@@ -127,6 +133,20 @@ class Decomposition:
     def root(self) -> Array:
         """(n, k) F with covariance F F' in steps; without the directions that nothing determines."""
         return self._posterior[0]
+
+    def root_with(self, slope: float, noise: Sequence[Array]) -> Array:
+        """(n, k) F of the covariance F F' = A^-1 M A^-1 of an estimate whose readings were not as noisy as stated.
+
+        With R the readings' factor and P the prior's information, A = slope R'R + P and M = sum of N'N + P over the
+        factors (k, n) of ``noise``. Equal to that of ``root`` where slope is 1 and M is A.
+        """
+        basis, seen = self._determined
+        if basis.shape[1] == 0:
+            return self.root
+        held = self.weight[:, None] * basis
+        triangle = np.linalg.qr(np.vstack([np.sqrt(slope) * seen, held]), mode="r")
+        moved = np.vstack([*(part @ basis for part in noise), held])
+        return np.asarray(basis @ solve_triangular(triangle, solve_triangular(triangle, moved.T, trans="T")))
 
     @property
     def effective(self) -> float:

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.fit.leastsquares import Solution, Status, minimise, triangular
+from truepose.identification.fit.leastsquares import Solution, Status, minimise, triangular, triangular_parts
+from truepose.identification.fit.noise import Scatter, channel_groups
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.relinearised import Shrunk
+from truepose.identification.fit.robust import robust
 from truepose.identification.fit.widening import widened
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
@@ -46,9 +48,6 @@ FREE_TRIES = ((STUBBORN, 400),)
 """The same of the free fit, which walks down curved valleys."""
 UNKNOWN = 1e15
 """1-sigma, in steps, of a direction that nothing determines."""
-HUBER = 1.345
-REWEIGHTINGS = 12
-SETTLED = 3e-3
 
 
 @dataclass(frozen=True)
@@ -76,6 +75,8 @@ class Estimate:
     """What a linear (biased) estimator knows of itself; it has no prior, and its variance is not J'J's."""
     levels: int = 0
     """Unknowns that compared rows share; they cost readings."""
+    parts: tuple[Array, ...] = ()
+    """``factor`` of each sensor's kinds of reading alone, where there are several (``noise.channel_groups``)."""
 
     @property
     def prior_weight(self) -> Array:
@@ -96,16 +97,51 @@ class Estimate:
         return self.decomposition if self.shrunk is None else self.shrunk
 
     @cached_property
+    def scatter(self) -> Scatter:
+        """The noise that the fitted readings were found to have, by sensor and kind of reading."""
+        if not self.used.any():
+            return Scatter((1.0,) * max(len(self.parts), 1))
+        residual, n = self.residual[self.used], len(self.prior.free)
+        groups, taken = [list(range(residual.shape[1]))], [self.effective_parameters]
+        if len(self.parts) > 1 and self.shrunk is None:
+            groups = list(channel_groups(self.machine).values())
+            taken = [float(np.sum((part[:, :n] @ self.decomposition.root) ** 2)) for part in self.parts]
+        levels = [self.levels * len(at) / residual.shape[1] for at in groups]
+        used = [a + b for a, b in zip(taken, levels, strict=True)]
+        return Scatter.of(residual, self.weights[self.used], groups, used)
+
+    @cached_property
+    def root(self) -> Array:
+        """(n_free, k) F, in steps of ``prior.scale``: F F' is the covariance of what is determined, with the noise found."""
+        found, n = self.scatter, len(self.prior.free)
+        if found.as_stated:
+            return self.known.root
+        if self.shrunk is not None:
+            return np.asarray(np.sqrt(found.variance[0]) * self.shrunk.root)
+        pairs = zip(found.variance, self.parts or (self.factor,), strict=True)
+        return self.decomposition.root_with(found.slope, [np.sqrt(v) * part[:, :n] for v, part in pairs])
+
+    @cached_property
+    def posterior(self) -> Array:
+        """(n_free, n_free) covariance if every sigma were as stated and the loss plain."""
+        return self._spread(self.known.root)
+
+    @cached_property
     def covariance(self) -> Array:
-        """(n_free, n_free) posterior covariance; directions nothing determines have a variance of 1e30."""
-        known = self.known
-        root = np.hstack([known.root, UNKNOWN * known.unknown.T]) * self.prior.scale[self.prior.free][:, None]
-        out: Array = root @ root.T
-        return out
+        """(n_free, n_free) covariance with the noise found; directions nothing determines have a variance of 1e30.
+
+        Tolerances are taken as stated; readings as noisy as they were (``truepose.identification.fit.noise``).
+        """
+        return self._spread(self.root)
+
+    def _spread(self, root: Array) -> Array:
+        scale = self.prior.scale[self.prior.free][:, None]
+        out = np.hstack([root, UNKNOWN * self.known.unknown.T]) * scale
+        return np.asarray(out @ out.T)
 
     @property
     def std(self) -> Array:
-        """(np,) posterior 1-sigma; 0 for what is fixed."""
+        """(np,) 1-sigma with the noise found; 0 for what is fixed."""
         out = np.zeros(len(self.p))
         out[self.prior.free] = np.sqrt(np.diag(self.covariance))
         return out
@@ -204,7 +240,7 @@ def estimate(
         for steps, limit in (tries if damping is None else [(damping, tries[0][1])])
     ]
     for descend in [partial(solver, problem)] if solver else descents:
-        solution = _robust(problem, loss, descend)
+        solution = robust(problem, loss, descend)
         if solution.status.ok:
             break
     else:
@@ -216,6 +252,8 @@ def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ..
     """What a solution says of the parameters, with the readings' factor and all residuals there."""
     p = problem.at(solution.t)
     x, _ = problem.predictor.assemble(p, problem.x)
+    groups = list(channel_groups(problem.predictor.machine).values())
+    parts = triangular_parts(problem.data(p, x), len(problem.prior.free) + 1, groups)
     return Estimate(
         machine=problem.predictor.machine,
         effects=effects,
@@ -225,28 +263,12 @@ def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ..
         residual=problem.residuals(p, x),
         used=problem.used,
         weights=problem.weights,
-        factor=triangular(problem.data(p, x), len(problem.prior.free) + 1),
+        factor=parts[0] if len(parts) == 1 else triangular(parts, len(problem.prior.free) + 1),
         solution=solution,
         unassembled=problem.unassembled,
         levels=problem.levels,
+        parts=tuple(parts),
     )
-
-
-def _robust(problem: Problem, loss: str, solve: Callable[[Array], Solution]) -> Solution:
-    """Plain least squares, or Huber's loss on whole rows by reweighting until the weights settle."""
-    solution = solve(np.zeros(len(problem.prior.free)))
-    if loss == "gauss":
-        return solution
-    for _ in range(REWEIGHTINGS):  # far rows may be why plain least squares found no rest
-        size = np.sqrt(np.mean(problem.residuals(problem.at(solution.t), problem.x) ** 2, axis=1))
-        scale = max(float(np.median(size[problem.used])), 1e-300)
-        weights = np.minimum(1.0, HUBER * 1.2 * scale / np.maximum(size, 1e-300))
-        settled = np.max(np.abs(weights - problem.weights)[problem.used]) < SETTLED
-        problem.weights = weights
-        solution = solve(solution.t)
-        if settled:
-            break
-    return solution
 
 
 def blame(solution: Solution, prior: Prior) -> str:

@@ -6,7 +6,7 @@ QR), from which the step, the covariance, the rank and the null space all come.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
@@ -72,14 +72,33 @@ def triangular(blocks: Iterable[Array], columns: int) -> Array:
     gram = np.zeros((columns, columns))
     for block in blocks:
         gram += block.T @ block
+    return _by_cholesky(gram)
+
+
+def triangular_parts(blocks: Iterable[Array], columns: int, groups: Sequence[Sequence[int]]) -> list[Array]:
+    """A triangular factor (columns, columns) for each group of channels; each pose has one row for every channel, in order."""
+    if len(groups) == 1:
+        return [triangular(blocks, columns)]
+    size, wide = sum(len(at) for at in groups), columns > WIDE_PROBLEM
+    parts = [np.zeros((columns, columns)) for _ in groups]
+    for block in blocks:
+        rows = block.reshape(-1, size, columns)
+        own = [rows[:, at].reshape(-1, columns) for at in groups]
+        pairs = zip(parts, own, strict=True)
+        parts = [part + k.T @ k if wide else _by_qr([part, k], columns) for part, k in pairs]
+    return [_by_cholesky(part) for part in parts] if wide else parts
+
+
+def _by_cholesky(gram: Array) -> Array:
+    """Triangular factor of a Gram matrix; NaN where rounding left it short of positive."""
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram / np.outer(size, size)
     for lift in (0.0, 1e-15, 1e-13, 1e-11):  # rounding may leave it a hair short of positive
         try:
-            return np.asarray(np.linalg.cholesky(scaled + lift * np.eye(columns)).T * size)
+            return np.asarray(np.linalg.cholesky(scaled + lift * np.eye(len(gram))).T * size)
         except np.linalg.LinAlgError:
             continue
-    return np.full((columns, columns), np.nan)
+    return np.full(gram.shape, np.nan)
 
 
 def _by_qr(blocks: Iterable[Array], columns: int) -> Array:

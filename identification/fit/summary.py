@@ -53,7 +53,7 @@ def worst_allowed(fit: Estimate, *, level: float = 0.99, draws: int = 2000, seed
     known = np.isfinite(tolerance) & (free < len(fit.machine.parameters))
     if not known.any():
         return float("inf")
-    scaled = fit.covariance[np.ix_(known, known)] / np.outer(tolerance[known], tolerance[known])
+    scaled = fit.posterior[np.ix_(known, known)] / np.outer(tolerance[known], tolerance[known])
     values, vectors = np.linalg.eigh(np.eye(int(known.sum())) - scaled)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     sample = root @ np.random.default_rng(seed).standard_normal((root.shape[1], draws))

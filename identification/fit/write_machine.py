@@ -10,11 +10,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.noise import unexplained
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
@@ -61,12 +63,14 @@ def calibrated_document(estimate: Estimate, recording: Recording) -> dict[str, A
 
 
 def covariance_of(estimate: Estimate) -> Covariance:
-    """What readings and tolerances together know of the free entries."""
+    """What readings and tolerances together know of the free entries, and what the model leaves unexplained."""
     free = estimate.prior.free
     names, scale = [estimate.prior.names[k] for k in free], estimate.prior.scale[free]
     if not names:
         return Covariance.of_tolerances(names, scale)
-    return Covariance.of(names, scale, estimate.known.root, estimate.known.unknown)
+    known = Covariance.of(names, scale, estimate.root, estimate.known.unknown)
+    own = unexplained(estimate.machine, estimate.residual[estimate.used], estimate.effective_parameters)
+    return replace(known, unexplained=own)
 
 
 def _expand(document: dict[str, Any], machine: Machine) -> None:

@@ -8,7 +8,7 @@ rad and each effect's own.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,17 +17,24 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 
 Array = NDArray[np.float64]
+Quantity = tuple[float, str]
+"""A value in mm or rad, and which of the two."""
 UNSEEN = 1e-6
 """A reading sees an unknown direction that moves it by more than this share of what single parameters do."""
 
 
 @dataclass(frozen=True)
 class Covariance:
-    """Names of n estimates, a factor (n, n) F of their covariance F F', and directions (k, n) that are unknown."""
+    """Names of n estimates, a factor (n, n) F of their covariance F F', and directions (k, n) that are unknown.
+
+    ``unexplained``: the model's own 1-sigma beside the sensors' (mm, rad), by sensor and kind of reading
+    (``sensor.position``), where a fit left more than its sensors' noise.
+    """
 
     names: tuple[str, ...]
     factor: Array
     unknown: Array
+    unexplained: Mapping[str, Quantity] = field(default_factory=dict)
 
     @classmethod
     def of(cls, names: Sequence[str], scale: Array, root: Array, unknown: Array) -> Covariance:
@@ -53,7 +60,8 @@ class Covariance:
             for k, row in enumerate(rows):
                 factor[k, : k + 1] = row
             unknown = np.array([str(row).split() for row in section.get("unknown", [])], dtype=float)
-        except (KeyError, TypeError, ValueError, IndexError) as exc:
+            own = {name: _quantity(item) for name, item in section.get("unexplained", {}).items()}
+        except (AttributeError, KeyError, TypeError, ValueError, IndexError) as exc:
             raise InputError(
                 f"{where}: found a covariance that cannot be read ({exc!r}), expected names and factor"
             ) from None
@@ -61,7 +69,12 @@ class Covariance:
             raise InputError(
                 f"{where}: found {len(rows)} rows of factor, expected {len(names)} of finite numbers"
             )
-        return cls(names, factor, unknown.reshape(-1, len(names)))
+        for name, (value, unit) in own.items():
+            if not 0.0 <= value < np.inf or unit not in ("mm", "rad"):
+                raise InputError(
+                    f"{where}.unexplained.{name}: found {value} {unit}, expected a number from 0 on in mm or rad"
+                )
+        return cls(names, factor, unknown.reshape(-1, len(names)), own)
 
     def document(self) -> dict[str, Any]:
         """Names, rows of the lower triangle as text, unknown directions as text."""
@@ -70,7 +83,11 @@ class Covariance:
             "names": list(self.names),
             "factor": [_text(self.factor[k, : k + 1]) for k in range(len(self.names))],
         }
-        return {**out, "unknown": [_text(row) for row in self.unknown]} if len(self.unknown) else out
+        if len(self.unknown):
+            out["unknown"] = [_text(row) for row in self.unknown]
+        if self.unexplained:
+            out["unexplained"] = {n: {"value": v, "unit": unit} for n, (v, unit) in self.unexplained.items()}
+        return out
 
     def std(self, jacobian: Array, scale: Array) -> Array:
         """(...,) 1-sigma of quantities with derivative (..., n) by ``names``; inf where an unknown direction shows.
@@ -84,6 +101,10 @@ class Covariance:
             seen = np.linalg.norm(jacobian @ unit.T, axis=-1) > UNSEEN * size
             out = np.where(seen, np.inf, out)
         return out
+
+
+def _quantity(item: Mapping[str, Any]) -> Quantity:
+    return float(item["value"]), str(item["unit"])
 
 
 def _text(row: Array) -> str:

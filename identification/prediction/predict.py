@@ -1,7 +1,7 @@
 """What the sensors should have read, row by row, with the 1-sigma of the model.
 
 ``predict`` uses the machine's own effects with the recording's drivers. The 1-sigma is that of the model
-alone, without the sensor's noise: from the file's ``covariance:`` where it has one, else from tolerances.
+alone, without the sensor's noise (``truepose.identification.prediction.spread``).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.spread import column_std
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.driver import Driver
@@ -85,7 +85,9 @@ def predicted(predictor: Predictor, *, with_std: bool = True) -> Prediction:
     values, poses = np.where(good[:, None], values, np.nan), np.where(good[:, None, None], poses, np.nan)
     if not with_std:
         return Prediction(columns, values, None, poses, good)
-    std = np.where(good[:, None], _std(machine, predictor, np.nan_to_num(jacobian)), np.nan)
+    std = np.where(
+        good[:, None], column_std(predictor, np.nan_to_num(values), np.nan_to_num(jacobian)), np.nan
+    )
     return Prediction(columns, values, std, poses, good)
 
 
@@ -109,47 +111,6 @@ def _complete(machine: Machine, recording: Recording, good: Mask) -> Mask:
     if recording.from_row is not None and any(sensor.differs_from_row for sensor in machine.sensors):
         return good & good[recording.from_row]
     return good
-
-
-def _std(machine: Machine, predictor: Predictor, jacobian: Array) -> Array:
-    """(n, k) 1-sigma of the columns: the file's covariance for what it names, tolerances for the rest."""
-    names, p_sigma = predictor.model.names, _stated(predictor)
-    variance = np.zeros(jacobian.shape[:2])
-    left = np.flatnonzero(p_sigma > 0)
-    scales = np.array(
-        [p.scale for p in machine.parameters] + [c.scale for e in machine.effects for c in e.coefficients]
-    )
-    section = machine.file.covariance if machine.file else None
-    if section is not None and machine.file is not None:
-        known = Covariance.read(section, f"{machine.file.path}: covariance")
-        missing = [name for name in known.names if name not in names]
-        if missing:
-            raise InputError(
-                f"{machine.file.path}: covariance.names: found {missing[0]!r}, no parameter of this machine"
-            )
-        at = np.array([names.index(name) for name in known.names], dtype=int)
-        variance = known.std(jacobian[..., at], scales[at]) ** 2
-        left = np.setdiff1d(left, at)
-    stated = Covariance.of_tolerances([names[k] for k in left], p_sigma[left])
-    out: Array = np.sqrt(variance + stated.std(jacobian[..., left], scales[left]) ** 2)
-    return out
-
-
-def _stated(predictor: Predictor) -> Array:
-    """(np,) 1-sigma as the file states it: tolerances, and the ``std`` of effects."""
-    machine = predictor.machine
-    sigma = [parameter.tolerance for parameter in machine.parameters]
-    specs = machine.file.effects if machine.file else ()
-    for k, effect in enumerate(machine.effects):
-        spec = specs[k] if k < len(specs) else None
-        for c in effect.coefficients:
-            own = (
-                spec.std_of(c.name, c.unit)
-                if spec is not None and spec.effect == effect.effect.slug
-                else None
-            )
-            sigma.append(own or 0.0)
-    return np.array(sigma)
 
 
 __all__ = [

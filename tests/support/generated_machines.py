@@ -26,6 +26,23 @@ effects:
   - {effect: joint-compliance, place: [q2], parameters: {c: {value: 2.1e-6, unit: rad/(N*m)}}}
   - {effect: thermal-expansion, place: [link3], parameters: {alpha: {value: 1.2e-5, unit: 1/K}}}
 """
+SMOOTH = (
+    ARM.partition("effects:")[0].replace("link3]", "base]")
+    + """effects:
+  - effect: empirical
+    place: [q2]
+    degree: 3
+    from.q3: -1.1
+    to.q3: 1.7
+    parameters: {c1: {value: 2e-3, unit: rad}, c2: {value: -1e-3, unit: rad}, c3: {value: 5e-4, unit: rad}}
+  - {effect: empirical, place: [q4], from.q2: -2, to.q2: 1, from.q3: -1, to.q3: 2, parameters: {c: {value: 1e-3, unit: rad}}}
+  - effect: empirical
+    place: [base]
+    from.temperature.base: 18
+    to.temperature.base: 26
+    parameters: {x1: {value: 0.3, unit: mm}, z2: {value: -0.2, unit: mm}, ry1: {value: 4e-4, unit: rad}}
+"""
+)
 NANO = """  type: serial
   joints:
     - {name: q1, kind: prismatic, alpha: -90.2, theta: 0.1, range: [-0.15, 0.15]}
@@ -120,6 +137,7 @@ frames: {tool: {in: flange, xyz: [10, 5, 30], rpy: [0, 0, 20]}}
 """
 BODIES = {
     "arm": ARM,
+    "smooth": SMOOTH,
     "nano": NANO,
     "turns": TURNS,
     "rails": RAILS,

@@ -1,0 +1,65 @@
+"""The forms without a name that a recording could speak of: the effect ``empirical`` wherever something was varied."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from truepose.identification.recording.recording import Recording
+from truepose.models.driver import TIME, Driver
+from truepose.models.effects.base import PlacedEffect, Settings
+from truepose.models.effects.common import sensor_names
+from truepose.models.effects.empirical import CURVE, MOUNT_CURVE, WIDTH, Empirical, seen_over
+from truepose.models.effects.sights import XYZ, point_names
+from truepose.models.machine import FRAMES, PAYLOAD, Machine
+
+
+def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffect, ...]:
+    """Every form over the ranges that the calibration rows saw, all coefficients 0.
+
+    Each joint as a curve in each source (joints, payload, time, thermometers) and as a product of two joints; each
+    mount as a curve in each source that is no joint (in a joint, six motions would be a black box for anything);
+    each sensor of points with a volume that bends.
+    """
+    seen = _seen(machine, recording)
+    joints = [name for name in seen if name in machine.mechanism.readings]
+    others = [name for name in seen if name not in joints]
+    curves: list[Settings] = [seen_over({name: seen[name]}, CURVE) for name in seen]
+    curves += [seen_over({a: seen[a], b: seen[b]}) for a, b in itertools.combinations(joints, 2)]
+    mounts: list[Settings] = [seen_over({name: seen[name]}, MOUNT_CURVE) for name in others]
+    effect, out = Empirical(), []
+    for (name,) in effect.places(machine):
+        if name in sensor_names(machine):
+            forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
+        else:
+            forms = mounts if name in FRAMES else curves
+        out += [PlacedEffect.at(effect, machine, (name,), settings) for settings in forms]
+    return tuple(out)
+
+
+def _seen(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value of all that was varied, joints first."""
+    rows = ~recording.validation
+    columns = {name: recording.q[rows, k] for k, name in enumerate(recording.joints)}
+    for name in (PAYLOAD, TIME, *sorted(n for n in recording.drivers if Driver.of(n).thermal)):
+        values = recording.driver(name)
+        if values is not None:
+            columns[name] = values[rows]
+    return {
+        name: (float(np.min(values)), float(np.max(values)))
+        for name, values in columns.items()
+        if np.ptp(values) > 0
+    }
+
+
+def _reach(machine: Machine, recording: Recording) -> float:
+    """The farthest coordinate of any point, mm."""
+    columns = [
+        f"{point}{axis}" for sensor in machine.sensors for point in point_names(sensor) for axis in XYZ
+    ]
+    read = [recording.observations[name] for name in columns if name in recording.observations]
+    return max((float(np.max(np.abs(values))) for values in read if len(values)), default=1.0) or 1.0
+
+
+__all__ = ["empirical_forms"]

@@ -1,0 +1,251 @@
+"""What has no name: a joint, a mount or a sensor that errs as some smooth function of something recorded."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.models.driver import TIME, Driver
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import SECONDS_PER_HOUR, sensor_at, sensor_names, sensors_where, singly
+from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
+from truepose.models.machine import FRAMES, Machine
+from truepose.models.mechanism import AXES, AXIS_UNITS
+from truepose.wording import joined
+
+Array = NDArray[np.float64]
+LARGEST = {"mm": 1.0, "rad": 0.01}
+CURVE = 4
+MOUNT_CURVE = 2
+REACH = 1000.0
+TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
+"""Half of a joint's travel where its file states no range."""
+WARP = ("xx", "yy", "zz", "xy", "yz", "zx")
+"""Squares and products of a point's coordinates: how a measuring volume bends; its linear part is scale and frame."""
+FROM, TO, DEGREE, WIDTH = "from.", "to.", "degree", "reach"
+
+
+def seen_over(ranges: Mapping[str, tuple[float, float]], degree: int | None = None) -> dict[str, float]:
+    """Settings of a form in the sources of ``ranges``, lowest and highest value seen (mm, rad, or the driver's unit)."""
+    own = {} if degree is None else {DEGREE: float(degree)}
+    lows = {f"{FROM}{name}": float(low) for name, (low, _) in ranges.items()}
+    return own | lows | {f"{TO}{name}": float(high) for name, (_, high) in ranges.items()}
+
+
+@dataclass(frozen=True)
+class Source:
+    """A reading or driver that a form is a function of, and the range in which it was seen."""
+
+    name: str
+    low: float
+    high: float
+
+    def within(self, value: ca.SX) -> ca.SX:
+        """The value scaled to -1 ... 1 over the range, and held there outside of it."""
+        return ca.fmax(-1.0, ca.fmin(1.0, (2 * value - (self.low + self.high)) / (self.high - self.low)))
+
+    def overshoot(self, values: Array) -> Array:
+        """(n,) how far values lie outside of the range, in halves of it."""
+        return _outside((2 * values - (self.low + self.high)) / (self.high - self.low))
+
+
+@effects.add("empirical")
+class Empirical(Effect):
+    """A smooth form that no physics was found for; its sources run from -1 to 1 over what was seen, and stop there.
+
+    Settings ``from.NAME`` and ``to.NAME`` say what it is a function of, and over which range (mm, rad, turn, or the
+    driver's own unit): a joint's reading or any driver. With one source it is a curve, Chebyshev polynomials up to
+    ``degree`` (4; 2 for the six motions of a mount); a curve in the joint's own reading begins with the square. With
+    two it is their product. A sensor's volume bends by squares and products of a point's coordinates, in units of
+    ``reach`` (mm). Outside of what was seen nothing is known: the form stays at its end's value, and predictions
+    say how little that means (``truepose.identification.prediction.predict``). No diagnosis takes it for a name.
+    """
+
+    slug = "empirical"
+    title = "A smooth error without a name"
+    formula = (
+        "c1 T1(t) + c2 T2(t) + ..., t the source from -1 to 1; c t u of two; points: x.xy x y / reach^2 ..."
+    )
+    size = "whatever the data ask for; it has no physics that would limit it"
+    look_alikes = ("transmission-error", "axis-straightness", "thermal-expansion", "mount-drift")
+    experiment = (
+        "move its source alone, beyond the range seen, in small steps: the form tells what to think of"
+    )
+    source = "Chebyshev series of a smooth error, as machine tools are compensated by tables"
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        """Every joint, both mounts, sensors of points."""
+        warped = sensors_where(machine, lambda sensor: bool(point_names(sensor)))
+        return [*singly((*machine.mechanism.readings, *FRAMES)), *warped]
+
+    def screened(self, machine: Machine, place: Place) -> bool:
+        """Never by its name: which forms a recording supports is asked elsewhere."""
+        return False
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        """Over the joints' whole travel, and what drivers the file names; what recordings saw: ``empirical_forms``."""
+        if place[0] in sensor_names(machine):
+            return ({WIDTH: REACH},)
+        drivers = {name: _usual_range(name) for name in dict.fromkeys((TIME, *machine.drivers))}
+        if place[0] in FRAMES:
+            return [seen_over({name: usual}, MOUNT_CURVE) for name, usual in drivers.items()]
+        travel = {name: _travel(machine, name) for name in machine.mechanism.readings}
+        own = {place[0]: travel[place[0]]}
+        curves = [seen_over({name: usual}, CURVE) for name, usual in (own | travel | drivers).items()]
+        pairs = itertools.combinations(travel, 2)
+        return [*curves, *(seen_over({a: travel[a], b: travel[b]}) for a, b in pairs)]
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        """One for a product; one a polynomial for a curve, from the square on in the joint's own reading."""
+        if place[0] in sensor_names(machine):
+            names = [f"{axis}.{pair}" for axis in XYZ for pair in WARP]
+            return tuple(Coefficient(name, "mm", LARGEST["mm"]) for name in names)
+        sources = _sources(machine, place, settings)
+        if place[0] in FRAMES:
+            return tuple(
+                Coefficient(f"{axis}{k}", unit, LARGEST[unit] / k)
+                for k in range(1, _degree(settings, MOUNT_CURVE) + 1)
+                for axis, unit in AXIS_UNITS.items()
+            )
+        unit = machine.mechanism.actuator(place[0]).unit
+        if len(sources) == 2:
+            return (Coefficient("c", unit, LARGEST[unit]),)
+        first = 2 if sources[0].name == place[0] else 1
+        degrees = range(first, max(_degree(settings, CURVE), first) + 1)
+        return tuple(Coefficient(f"c{k}", unit, LARGEST[unit] / k) for k in degrees)
+
+    def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
+        """The sources that are no joints."""
+        if place[0] in sensor_names(machine):
+            return ()
+        names = [source.name for source in _sources(machine, place, settings)]
+        return tuple(name for name in names if name not in machine.mechanism.readings)
+
+    def shifts(self, site: Site) -> Shifts:
+        """Chebyshev polynomials of one source, or a product of two; squares and products of coordinates."""
+        place = site.place[0]
+        if place in sensor_names(site.machine):
+            return _warp(site)
+        sources = _sources(site.machine, site.place, site.settings)
+        t = [s.within(site.q[s.name] if s.name in site.q else site.driver(s.name)) for s in sources]
+        if len(t) == 2:
+            return {site.port(place): site.c["c"] * t[0] * t[1]}
+        highest = max(int(name.lstrip("cxyzr")) for name in site.c)
+        powers = [ca.SX(1), t[0]]
+        for _ in range(2, highest + 1):
+            powers.append(2 * t[0] * powers[-1] - powers[-2])
+        if place in FRAMES:
+            return {
+                f"{place}.motion.{axis}": _sum(
+                    site.c[f"{axis}{k}"] * powers[k] for k in range(1, highest + 1)
+                )
+                for axis in AXES
+            }
+        return {site.port(place): _sum(c * powers[int(name[1:])] for name, c in site.c.items())}
+
+    def overshoot(self, machine: Machine, place: Place, settings: Settings, at: Mapping[str, Array]) -> Array:
+        """(n,) how far rows lie outside of what was seen: halves of a source's range, or shares of the reach."""
+        if place[0] not in sensor_names(machine):
+            sources = _sources(machine, place, settings)
+            return np.asarray(np.sum([s.overshoot(at[s.name]) for s in sources], axis=0))
+        names = [f"{p}{a}" for p in point_names(sensor_at(machine, place[0])) for a in XYZ]
+        reach = settings.get(WIDTH, REACH)
+        return np.asarray(np.max([_outside(at[name] / reach) for name in names], axis=0))
+
+    def told(self, settings: Settings) -> str:
+        """The sources alone: ranges are long, and terms of one place and source are one term."""
+        return "".join(f",{key.removeprefix(FROM)}" for key in sorted(settings) if key.startswith(FROM))
+
+    def describe(self, settings: Settings) -> tuple[str, str]:
+        """Driver (``q1 and q2`` for two) and kind of form: curve, product or warp."""
+        names = [key.removeprefix(FROM) for key in settings if key.startswith(FROM)]
+        if not names:
+            return "position", "warp"
+        return joined(names), "product" if len(names) == 2 else "curve"
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        return f"Something at {place[0]} errs smoothly with what is recorded; no physics with a name was found for it."
+
+
+def _usual(machine: Machine, place: Place) -> dict[str, float]:
+    """What a place without settings means: a joint in its own reading, a mount in the course of time."""
+    if place[0] in FRAMES:
+        return seen_over({TIME: _usual_range(TIME)}, MOUNT_CURVE)
+    return seen_over({place[0]: _travel(machine, place[0])}, CURVE)
+
+
+def _usual_range(driver: str) -> tuple[float, float]:
+    """An hour, or ten units of a driver from its default on."""
+    low = Driver.of(driver).default
+    return low, low + (SECONDS_PER_HOUR if driver == TIME else 10.0)
+
+
+def _travel(machine: Machine, reading: str) -> tuple[float, float]:
+    actuator = machine.mechanism.actuator(reading)
+    half = TRAVEL.get(actuator.reading_unit, 1.0)
+    return actuator.range or (-half, half)
+
+
+def _sources(machine: Machine, place: Place, settings: Settings) -> tuple[Source, ...]:
+    """What the settings say it is a function of. Raises InputError where they do not say it well."""
+    where = f"{machine.name}: effect empirical at {place[0]}"
+    if not any(key.startswith((FROM, TO)) for key in settings):
+        settings = {**_usual(machine, place), **settings}
+    for key, value in settings.items():
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value)
+        if not number or not (key == DEGREE or key.startswith((FROM, TO))):
+            raise InputError(
+                f"{where}: found {key}: {value!r}, expected numbers {FROM}NAME and {TO}NAME for each source, and {DEGREE}"
+            )
+    names = dict.fromkeys(key.partition(".")[2] for key in settings if key != DEGREE)
+    out = []
+    for name in names:
+        low, high = (settings.get(f"{end}{name}") for end in (FROM, TO))
+        if low is None or high is None or not low < high:
+            raise InputError(
+                f"{where}: found {FROM}{name}: {low} and {TO}{name}: {high}, expected two numbers, the first smaller"
+            )
+        out.append(Source(name, low, high))
+    most = 1 if place[0] in FRAMES else 2
+    if len(out) > most:
+        raise InputError(
+            f"{where}: found sources {joined(list(names))}, expected {'one' if most == 1 else 'one or two'}"
+        )
+    return tuple(out)
+
+
+def _degree(settings: Settings, usual: int) -> int:
+    degree = settings.get(DEGREE, usual)
+    if degree < 1 or degree != round(degree):
+        raise InputError(f"effect empirical: found {DEGREE}: {degree}, expected a whole number from 1 on")
+    return round(degree)
+
+
+def _warp(site: Site) -> Shifts:
+    """Each coordinate of each point by squares and products of them, of about 1 at the points' distance."""
+    shifts: dict[str, ca.SX] = {}
+    reach = site.settings.get(WIDTH, REACH)
+    for name in point_names(sensor_at(site.machine, site.place[0])):
+        inside = ca.fmax(-1.0, ca.fmin(1.0, seen_point(site, name) / reach))
+        at = dict(zip(XYZ, ca.vertsplit(inside), strict=True))
+        moved = [_sum(site.c[f"{a}.{b}"] * at[b[0]] * at[b[1]] for b in WARP) for a in XYZ]
+        shifts |= moved_point(name, ca.vertcat(*moved))
+    return shifts
+
+
+def _sum(terms: Iterable[ca.SX]) -> ca.SX:
+    return sum(terms, ca.SX(0))
+
+
+def _outside(scaled: Array) -> Array:
+    """How far values that should lie in -1 ... 1 lie outside."""
+    return np.maximum(np.abs(scaled) - 1.0, 0.0)
+
+
+__all__ = ["CURVE", "MOUNT_CURVE", "Empirical", "seen_over"]

@@ -1,0 +1,243 @@
+"""Laws of the effect without a name: what forms a recording supports, held by a file, and quiet where nothing was seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.compensation.compensate import compensate
+from truepose.identification.compensation.path_table import load_path
+from truepose.identification.diagnosis.candidates import catalogue
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.write_machine import covariance_of, write_calibrated
+from truepose.identification.prediction.predict import predict, predicted, predictor_for
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.recording.empirical_forms import empirical_forms
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.empirical import Empirical
+from truepose.models.kinematics import symbolic_model
+from truepose.models.lie import log_so3
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+SIX_AXES = """
+schema: truepose/machine/1
+name: arm
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 400, range: [-170, 170]}
+    - {name: q2, kind: revolute, alpha: -90, d: 25, theta: -90, range: [-120, 60]}
+    - {name: q3, kind: revolute, d: 455, range: [-100, 120]}
+    - {name: q4, kind: revolute, alpha: -90, d: 35, r: 420, range: [-180, 180]}
+    - {name: q5, kind: revolute, alpha: 90, range: [-120, 120]}
+    - {name: q6, kind: revolute, alpha: -90, r: 80, range: [-350, 350]}
+frames:
+  base: {xyz: [100, 20, 5], rpy: [1, 2, 40], tolerance: {xyz: 5, rpy: 1}}
+  tool: {in: flange, xyz: [10, 0, 120], rpy: [0, 20, 0], tolerance: {xyz: 1, rpy: 0.5}}
+sensor: {type: pose, sigma: {xyz: 0.01, rot: 0.001}}
+tolerances: {length: 0.2, angle: 0.05}
+drivers: [payload, temperature.air]
+"""
+JOINTS = tuple(f"q{k}" for k in range(1, 7))
+SEEN = 0.8
+"""Joints move by so many rad to either side in the recordings of these tests."""
+TRUE = (
+    "empirical@q2:from.q3=-0.8,to.q3=0.8,c1=1e-3,c2=-6e-4,c3=2e-4,c4=1e-4",
+    "empirical@q4:from.q2=-0.8,to.q2=0.8,from.q5=-0.8,to.q5=0.8,c=8e-4",
+    "empirical@tool:from.temperature.air=18,to.temperature.air=26,x1=0.2,rz2=5e-4",
+    "empirical@sensor:reach=1500,x.yz=0.1,z.xx=0.2",
+)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
+    path = tmp_path_factory.mktemp("empirical") / "arm.yaml"
+    path.write_text(SIX_AXES)
+    return load_machine(path)
+
+
+def rows(machine: Machine, folder: Path, n: int = 60, reach: float = SEEN, **columns: Any) -> Recording:
+    """Random poses within ``reach`` (rad) of zero, logged drivers, no readings."""
+    rng = np.random.default_rng(4)
+    data = {f"{name} [rad]": rng.uniform(-reach, reach, n) for name in JOINTS}
+    data["temperature.air"] = rng.uniform(18.0, 26.0, n)
+    data["payload"] = rng.uniform(0.0, 3.0, n)
+    pd.DataFrame(data | columns).to_csv(folder / "poses.csv", index=False)
+    return load_recording(machine, [folder / "poses.csv"], need_observations=False)
+
+
+def read(
+    machine: Machine, poses: Recording, effects: tuple[PlacedEffect, ...], seed: int | None
+) -> Recording:
+    frame = simulate(replace(machine, file=None), poses, effects, seed=seed)
+    turn = {name: np.pi / 180 if unit == "rad" else 1.0 for name, unit in machine.sensors[0].columns.items()}
+    return replace(poses, observations={name: turn[name] * frame[name].to_numpy() for name in turn})
+
+
+def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine, tmp_path: Path) -> None:
+    """Joints as curves in each source and as products of two joints, mounts in each driver, the sensor's volume."""
+    held = np.where(np.arange(60) >= 50, 2.0, 0.0)
+    poses = rows(arm, tmp_path, role=np.where(held, "validation", "calibration"))
+    recording = read(arm, replace(poses, q=poses.q + held[:, None]), (), seed=None)
+    forms = empirical_forms(arm, recording)
+    told = {(*form.place, *Empirical().describe(form.settings_map)) for form in forms}
+    sources = (*JOINTS, "payload", "temperature.air")
+    curves = {(joint, source, "curve") for joint in JOINTS for source in sources}
+    pairs = [f"{a} and {b}" for k, a in enumerate(JOINTS) for b in JOINTS[k + 1 :]]
+    products = {(joint, pair, "product") for joint in JOINTS for pair in pairs}
+    mounts = {(mount, driver, "curve") for mount in ("base", "tool") for driver in sources[6:]}
+    assert told == curves | products | mounts | {("sensor", "position", "warp")}
+    assert len(forms) == len(told) == len({form.label for form in forms})
+    low, high = (f(recording.q[~recording.validation, 2]) for f in (np.min, np.max))
+    of_q3 = next(form.settings_map for form in forms if form.label == "empirical@q1,q3")
+    assert (of_q3["from.q3"], of_q3["to.q3"]) == (low, high)
+    q3 = np.array(recording.q)
+    q3[:, 2] = 0.3
+    still = replace(recording, q=q3)
+    assert not any("q3" in Empirical().describe(f.settings_map)[0] for f in empirical_forms(arm, still))
+
+
+def test_no_diagnosis_takes_it_for_a_name(arm: Machine, tmp_path: Path) -> None:
+    recording = read(arm, rows(arm, tmp_path), (), seed=1)
+    slugs = {c.effect.slug for c in catalogue(arm, recording).candidates}
+    assert "transmission-error" in slugs
+    assert "empirical" not in slugs
+
+
+@pytest.mark.parametrize("text", TRUE)
+def test_a_form_is_found_written_and_read_again(arm: Machine, tmp_path: Path, text: str) -> None:
+    """Fitted with the form that was put in, the file predicts what was simulated."""
+    true, poses = parse_effect(text, arm), rows(arm, tmp_path)
+    recording = read(arm, poses, (true,), seed=None)
+    fit = estimate(arm, recording, (true.with_values([0.0] * len(true.coefficients)),))
+    write_calibrated(tmp_path / "improved.yaml", fit, recording)
+    again = load_machine(tmp_path / "improved.yaml")
+    (placed,) = again.effects
+    assert (placed.label, placed.settings, placed.drivers) == (true.label, true.settings, true.drivers)
+    found, wanted = predict(again, poses), simulate(arm, poses, (true,), seed=None)
+    without = simulate(arm, poses, (), seed=None)
+    moved = float(np.sqrt(np.mean((without - wanted).to_numpy() ** 2)))
+    left = (found[list(wanted)] - wanted).to_numpy()
+    assert (
+        np.sqrt(np.mean(left**2)) < 0.02 * moved
+    )  # tolerances take a little, none of it beyond a few microns
+
+
+@pytest.mark.parametrize("text", TRUE[:2])
+def test_beyond_its_range_a_form_stays_where_it_ended(arm: Machine, tmp_path: Path, text: str) -> None:
+    """What it adds at a source far out is what it adds at the end of the range; slopes stay finite."""
+    effect = parse_effect(text, arm)
+    own = JOINTS.index(effect.place[0])
+    at = [JOINTS.index(key.removeprefix("from.")) for key in effect.settings_map if key.startswith("from.")]
+    poses = rows(arm, tmp_path, reach=1.04)
+    inside = np.array(poses.q)
+    inside[:, at] = np.clip(inside[:, at], -SEEN, SEEN)
+    assert (inside != poses.q).any()
+    model = symbolic_model(arm, (effect,))
+    added = ca.Function(
+        "added", [model.q, model.p], [model.values[f"{effect.place[0]}.displacement"] - model.q[own]]
+    )
+    slope = ca.Function(
+        "slope", [model.q, model.p], [ca.jacobian(model.values[f"{effect.place[0]}.displacement"], model.q)]
+    )
+    for row, end in zip(poses.q, inside, strict=True):
+        assert float(added(row, model.p_home)) == pytest.approx(float(added(end, model.p_home)), abs=1e-12)
+        assert np.isfinite(slope(row, model.p_home).full()).all()
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("place: [q2], from.q3: 1", r"from\.q3: 1 and to\.q3: None, expected two numbers"),
+        ("place: [q2], from.q3: 1, to.q3: -1", r"expected two numbers, the first smaller"),
+        (
+            "place: [q2], form: curve, from.q3: -1, to.q3: 1",
+            r"found form: 'curve', expected numbers from\.NAME",
+        ),
+        ("place: [q2], degree: 2.5, from.q3: -1, to.q3: 1", r"degree: 2\.5, expected a whole number"),
+        ("place: [base], from.q1: 0, to.q1: 1, from.q2: 0, to.q2: 1", r"sources q1 and q2, expected one"),
+        ("place: [link2], from.q1: 0, to.q1: 1", r"place: found \['link2'\]"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(tmp_path: Path, entry: str, message: str) -> None:
+    path = tmp_path / "arm.yaml"
+    path.write_text(SIX_AXES + f"effects: [{{effect: empirical, {entry}}}]\n")
+    with pytest.raises(InputError, match=message):
+        load_machine(path)
+
+
+def test_commands_make_up_for_it(arm: Machine, tmp_path: Path) -> None:
+    """The tool stands where the machine without it would stand, inside and outside of what was seen."""
+    machine = arm.with_effects(tuple(parse_effect(text, arm) for text in TRUE[:3]))
+    rows(machine, tmp_path, n=25, reach=1.0)
+    _, path = load_path(machine, tmp_path / "poses.csv")
+    done = compensate(machine, path)
+    there, good = Predictor(machine, replace(path, q=done.command), machine.effects).poses(
+        np.concatenate([[p.nominal for p in machine.parameters], *(e.amplitudes for e in machine.effects)])
+    )
+    ideal, _ = Predictor(arm, path).poses(np.array([p.nominal for p in arm.parameters]))
+    assert good.all()
+    assert np.max(np.abs(there[:, :3, 3] - ideal[:, :3, 3])) < 1e-5
+    turns = log_so3(np.swapaxes(there[:, :3, :3], 1, 2) @ ideal[:, :3, :3])
+    assert np.max(np.abs(turns)) < 1e-8
+
+
+# -- how sure it is ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", [*TRUE[:2], TRUE[3].replace("1500", "900")])
+def test_it_is_less_sure_the_further_it_is_asked_beyond_what_was_seen(
+    arm: Machine, tmp_path: Path, text: str
+) -> None:
+    """Inside the range nothing is added; beyond it what a random curve of its size would have changed, and no more."""
+    true = parse_effect(text, arm)
+    poses = rows(arm, tmp_path)
+    fit = estimate(arm, read(arm, poses, (true,), seed=5), (true,))
+    write_calibrated(tmp_path / "improved.yaml", fit, poses)
+    machine = load_machine(tmp_path / "improved.yaml")
+    far = rows(machine, tmp_path, n=200, reach=1.04)
+    predictor = predictor_for(machine, far)
+    found = predicted(predictor)
+    assert found.std is not None
+    x, _ = predictor.assemble(predictor.model.p_home)
+    names, values, slopes, _ = predictor.columns(predictor.model.p_home, x)
+    effect = machine.effects[0]
+    at = dict(zip(JOINTS, far.q.T, strict=True)) | dict(zip(names, values.T, strict=True))
+    over = effect.effect.overshoot(machine, effect.place, effect.settings_map, at)
+    assert over is not None
+    assert (over == 0.0).any()
+    assert (over > 0.0).any()
+    known = covariance_of(fit)
+    order = [predictor.model.names.index(name) for name in known.names]
+    scale = fit.prior.scale[fit.prior.free]
+    plain = known.std(slopes[..., order], scale) ** 2
+    own = slopes[..., -len(effect.amplitudes) :] * effect.amplitudes
+    added = 2.0 * (1.0 - np.exp(-over))[:, None] * np.sum(own**2, axis=2)
+    np.testing.assert_allclose(found.std**2, plain + added, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(found.std[over == 0.0] ** 2, plain[over == 0.0], rtol=1e-6, atol=1e-15)
+
+
+def test_what_a_curve_may_be_beyond_its_end_is_its_own_size(arm: Machine) -> None:
+    """All polynomials are 1 or -1 at the end: the added variance of a joint is that of its root sum of squares."""
+    (effect,) = (parse_effect(text, arm) for text in TRUE[:1])
+    model = symbolic_model(arm, (effect,))
+    port = model.values[f"{effect.place[0]}.displacement"]
+    slope = ca.Function("slope", [model.q, model.p], [ca.jacobian(port, model.p)])
+    q = np.zeros(6)
+    q[2] = 1.5
+    own = slope(q, model.p_home).full()[0, -4:]
+    np.testing.assert_allclose(np.abs(own), 1.0)
+    assert np.sum((own * effect.amplitudes) ** 2) == pytest.approx(np.sum(np.square(effect.amplitudes)))
