@@ -11,6 +11,7 @@ from typing import Any, NoReturn, cast
 
 import pandas as pd
 import pytest
+from truepose.identification.diagnosis.unnamed import UNNAMED
 
 from truepose.commands import challenge, common
 from truepose.errors import InputError
@@ -23,7 +24,6 @@ from truepose.identification.diagnosis.result import (
     Quantity,
     Remainder,
 )
-from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.report import terminal as words
 
 

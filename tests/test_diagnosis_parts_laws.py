@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm
+from truepose.identification.diagnosis.effect_evidence import grid_for
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
@@ -19,7 +20,6 @@ from truepose.identification.diagnosis import classes
 from truepose.identification.diagnosis import effect_selection as selection
 from truepose.identification.diagnosis.alarms import residual_alarm, structure_alarm
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.effect_evidence import grid_for
 from truepose.identification.diagnosis.judgement import explained
 from truepose.identification.diagnosis.remainder import describe
 from truepose.identification.diagnosis.signatures import Linearisation

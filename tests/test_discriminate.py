@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from truepose.identification.diagnosis.classes import missed_chi2
+from truepose.identification.diagnosis.effect_selection import rank
 
 from support import MACHINES
 from support.examples import examples
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.classes import missed_chi2
-from truepose.identification.diagnosis.effect_selection import rank
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.planning.discriminate.criterion import Contest, Race, chosen

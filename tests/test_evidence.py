@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
-
 from truepose.identification.diagnosis.effect_evidence import AMPLITUDES, HOPELESS, log_positive, weigh
+
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.selection.scales import Grid
 from truepose.identification.selection.tolerance_classes import PartClass

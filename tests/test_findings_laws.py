@@ -10,10 +10,6 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
-from support.effect_machines import read_machines
-from support.effects import with_effect
-from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.classes import (
     INDISTINCT,
     Member,
@@ -25,6 +21,10 @@ from truepose.identification.diagnosis.classes import (
 )
 from truepose.identification.diagnosis.effect_evidence import Evidence
 from truepose.identification.diagnosis.effect_selection import Ranking
+
+from support.effect_machines import read_machines
+from support.effects import with_effect
+from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.findings import evidence_map, merge_findings, ranked_alternatives
 from truepose.identification.diagnosis.remainder import _form
 from truepose.identification.fit.estimate import Estimate

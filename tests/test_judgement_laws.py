@@ -14,6 +14,10 @@ import pytest
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.optimize import brentq
+from truepose.identification.diagnosis.classes import WIDENINGS, _settings_doubt, flip_inflation
+from truepose.identification.diagnosis.effect_evidence import Evidence
+from truepose.identification.diagnosis.effect_selection import Ranking, Selection
+from truepose.identification.diagnosis.unnamed import Unnamed
 
 from support.effect_machines import READINGS, read_machines
 from support.effects import DRIVERS, shift_slopes, with_effect
@@ -22,16 +26,12 @@ from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import alarms, classes, engine, naming
 from truepose.identification.diagnosis import effect_selection as selection
 from truepose.identification.diagnosis.candidates import Catalogue, _untestable
-from truepose.identification.diagnosis.classes import WIDENINGS, _settings_doubt, flip_inflation
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
-from truepose.identification.diagnosis.effect_evidence import Evidence
-from truepose.identification.diagnosis.effect_selection import Ranking, Selection
 from truepose.identification.diagnosis.holdout import ratio_interval
 from truepose.identification.diagnosis.judgement import judged
 from truepose.identification.diagnosis.remainder import of_pile
 from truepose.identification.diagnosis.result import Finding
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
-from truepose.identification.diagnosis.unnamed import Unnamed
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.scales import Grid

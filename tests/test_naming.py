@@ -10,10 +10,6 @@ from typing import cast
 import numpy as np
 import pandas as pd
 import pytest
-
-from truepose.identification.diagnosis import naming
-from truepose.identification.diagnosis.alarms import Alarm, Structure
-from truepose.identification.diagnosis.candidates import SECOND_TERM, TOGETHER, Catalogue, catalogue
 from truepose.identification.diagnosis.classes import Member, Named
 from truepose.identification.diagnosis.doubt import (
     KEPT,
@@ -22,11 +18,15 @@ from truepose.identification.diagnosis.doubt import (
     same_part,
 )
 from truepose.identification.diagnosis.effect_selection import Selection
+from truepose.identification.diagnosis.unnamed import UNNAMED
+
+from truepose.identification.diagnosis import naming
+from truepose.identification.diagnosis.alarms import Alarm, Structure
+from truepose.identification.diagnosis.candidates import SECOND_TERM, TOGETHER, Catalogue, catalogue
 from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.naming import likelier
 from truepose.identification.diagnosis.remainder import of_pile
 from truepose.identification.diagnosis.result import Alternative, Finding, Form, Remainder
-from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.diagnosis_words import form_words

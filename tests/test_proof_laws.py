@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from truepose.identification.diagnosis.unnamed import Unnamed
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
@@ -18,7 +19,6 @@ from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.proof import _black_box, _injected, _linear_test
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
-from truepose.identification.diagnosis.unnamed import Unnamed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import _tolerance_notes

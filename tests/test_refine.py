@@ -13,8 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-
-from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.effect_evidence import grid_for
 from truepose.identification.diagnosis.effect_selection import (
     BOUND_DOUBT,
@@ -25,6 +23,8 @@ from truepose.identification.diagnosis.effect_selection import (
     log_posterior,
     select,
 )
+
+from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.refine import log_share, refined
 from truepose.identification.diagnosis.signatures import Signatures

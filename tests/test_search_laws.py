@@ -12,13 +12,13 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from truepose.identification.diagnosis.effect_evidence import AMPLITUDES, MANY_OBSERVATIONS, grid_for
+from truepose.identification.diagnosis.effect_selection import MANY_TERMS, Selection, select
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from truepose.identification.diagnosis import effect_selection as selection
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.effect_evidence import AMPLITUDES, MANY_OBSERVATIONS, grid_for
-from truepose.identification.diagnosis.effect_selection import MANY_TERMS, Selection, select
 from truepose.identification.diagnosis.refine import _setting
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.fit.estimate import Estimate

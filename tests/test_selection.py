@@ -9,10 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
-
-from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis import refit as refits
-from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.effect_evidence import grid_for
 from truepose.identification.diagnosis.effect_selection import (
     THRESHOLD,
@@ -24,6 +20,10 @@ from truepose.identification.diagnosis.effect_selection import (
     select,
 )
 from truepose.identification.diagnosis.refit import refit
+
+from truepose.errors import ConvergenceError
+from truepose.identification.diagnosis import refit as refits
+from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prediction.simulate import parse_effect, simulate

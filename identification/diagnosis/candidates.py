@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truepose.identification.diagnosis.unnamed import UNNAMED, Unnamed
+from truepose.identification.recording.empirical_forms import empirical_forms
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import Driver
 from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import PAYLOAD, Machine
 
 Cause = tuple[str, tuple[str, ...]]
 """Slug of an effect and its place."""
 TOGETHER = 0.2
 """Prior share of a slug's places that join several parts, where parts alone are places too."""
-SECOND_TERM = 0.5
-"""Prior probability that a cause which is there has a further term."""
 
 
 @dataclass(frozen=True)
@@ -41,25 +40,17 @@ class Catalogue:
     untestable: tuple[Untestable, ...]
     stated: tuple[int, ...] = ()
 
-    def log_odds(self, index: int, accepted: Iterable[int]) -> float:
-        """Log prior of a candidate when others are part of the model already.
-
-        A cause that is there may well have a second term (another harmonic, another form): slug and place have been paid for.
-        """
-        here, cause = self.candidates[index], self.cause(index)
-        present = {k for k in accepted if k != index and self.cause(k) == cause}
-        if not present or not self.named(index):
-            return self.log_prior[index]
-        alike = [k for k in range(len(self.candidates)) if self.cause(k) == cause and k not in present]
-        weights = [c.effect.weight(c.settings_map) for c in (self.candidates[k] for k in alike)]
-        return float(np.log(SECOND_TERM * here.effect.weight(here.settings_map) / sum(weights)))
-
-    def replaced(self, index: int, candidate: PlacedEffect, log_factor: float) -> Catalogue:
-        """The catalogue with another candidate in a place, whose prior is ``log_factor`` higher in the log."""
-        candidates, log_prior = list(self.candidates), list(self.log_prior)
-        candidates[index] = candidate
-        log_prior[index] += log_factor
-        return replace(self, candidates=tuple(candidates), log_prior=tuple(log_prior))
+    def with_more(self, added: Sequence[PlacedEffect], beside: Sequence[int]) -> Catalogue:
+        """With further candidates at the end, which share the prior of those ``beside`` (their indices)."""
+        log_prior = list(self.log_prior)
+        share = float(np.logaddexp.reduce([log_prior[i] for i in beside])) - float(
+            np.log(len(added) + len(beside))
+        )
+        for i in beside:
+            log_prior[i] = share
+        return replace(
+            self, candidates=(*self.candidates, *added), log_prior=(*log_prior, *[share] * len(added))
+        )
 
     def cause(self, index: int) -> Cause:
         """What a candidate blames, at whatever settings: slug and place."""
@@ -68,7 +59,7 @@ class Catalogue:
 
     def named(self, index: int) -> bool:
         """Whether a candidate is an effect of the catalogue."""
-        return self.candidates[index].effect.slug != UNNAMED
+        return self.candidates[index].effect.slug != Empirical.slug
 
 
 def catalogue(machine: Machine, recording: Recording) -> Catalogue:
@@ -76,7 +67,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     found: list[PlacedEffect] = []
     missing: list[Untestable] = []
     kinds = [effects.get(slug, "catalogue")() for slug in effects]
-    for effect in (*kinds, Unnamed(machine, recording)):
+    for effect in kinds:
         slug = effect.slug
         places = [tuple(place) for place in effect.places(machine) if effect.screened(machine, tuple(place))]
         if not places and effect.needs_load and not machine.loaded:
@@ -98,6 +89,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
                     reasons.append(f"{'+'.join(place)}: {reason}" if len(places) > 1 else reason)
         if reasons:
             missing.append(Untestable(slug, _summary(reasons)))
+    found += empirical_forms(machine, recording)
     found += [placed for placed in machine.effects if placed.label not in {e.label for e in found}]
     labels = {e.label for e in machine.effects}
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)

@@ -5,46 +5,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis import classes, doubt, outliers, remainder
-from truepose.identification.diagnosis.candidates import Catalogue, catalogue
-from truepose.identification.diagnosis.effect_selection import (
-    THRESHOLD,
-    WIDE,
-    Ranking,
-    Selection,
-    rank,
-    restricted,
-    select,
-)
-from truepose.identification.diagnosis.findings import (
-    evidence_map,
-    merge_findings,
-    ranked_alternatives,
-)
-from truepose.identification.diagnosis.judgement import Judgement, explained, judged, likely_inflation
-from truepose.identification.diagnosis.naming import name_terms
+from truepose.identification.diagnosis import outliers, remainder
+from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
+from truepose.identification.diagnosis.candidates import catalogue
+from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
+from truepose.identification.diagnosis.inclusion import Inclusion, inclusion
+from truepose.identification.diagnosis.judgement import Judgement, judged
+from truepose.identification.diagnosis.model import fitted, remainder_shapes
+from truepose.identification.diagnosis.naming import Named, named
 from truepose.identification.diagnosis.proof import prove
-from truepose.identification.diagnosis.result import Diagnosis, Finding, Remainder
+from truepose.identification.diagnosis.replication import replications
+from truepose.identification.diagnosis.result import (
+    Alternative,
+    Diagnosis,
+    Finding,
+    Proof,
+    Remainder,
+    SetOfEffects,
+)
+from truepose.identification.diagnosis.search import Found, chosen, search
 from truepose.identification.diagnosis.signatures import Signatures
+from truepose.identification.diagnosis.weighed import WIDE
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.summary import summarise
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
+from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CONCEALED = 1.3
 """Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
+SURE = 0.9
+"""Probability from which on something without a name is said to be there."""
 
 
 @dataclass(frozen=True)
@@ -53,18 +56,24 @@ class _Fits:
     before: Estimate
     outliers: Mask
 
+    @property
+    def rms(self) -> float:
+        """Of the whitened residual of the worse of both."""
+        return float(np.sqrt(max(self.before.chi2_per_dof, self.free.chi2_per_dof)))
+
 
 @dataclass(frozen=True)
 class _Outcome:
-    """The terms that were given names and the fit with them, and all that is said of them."""
+    """What was named, what has no name, the fit with both, and the verdict."""
 
-    selection: Selection
-    findings: tuple[Finding, ...]
+    names: tuple[Named, ...]
+    nameless: tuple[int, ...]
+    after: Estimate
+    proof: Proof | None
     verdict: str
-    rival: Remainder | None
     raised: Judgement
     left: Judgement
-    screened: Ranking
+    said: Inclusion
     inflation: dict[PartClass, float]
 
 
@@ -80,13 +89,13 @@ def diagnose(
     cat = catalogue(machine, recording)
     progress(f"weighing {len(cat.candidates)} explanations")
     signatures = Signatures(machine, recording, cat.candidates)
-    selection = _select(signatures, cat, fits)
-    again = outliers.outlying_rows(selection.fit, ~recording.validation)
+    found = search(signatures, cat, fits.before, fits.outliers, fits.rms)
+    again = outliers.outlying_rows(found.fit, ~recording.validation)
     if not np.array_equal(again, fits.outliers):
         fits = _refit_null(machine, recording, fits, again)
-        selection = _select(selection.signatures, selection.catalogue, fits, selection)
+        found = search(signatures, cat, fits.before, fits.outliers, fits.rms)
     progress("naming and proving")
-    return _conclude(fits, _judge(fits, selection))
+    return _conclude(fits, found, _outcome(fits, found))
 
 
 def _null_fits(machine: Machine, recording: Recording) -> _Fits:
@@ -117,87 +126,117 @@ def _refit_null(machine: Machine, recording: Recording, fits: _Fits, far: Mask) 
     return _Fits(free, before, far)
 
 
-def _select(signatures: Signatures, cat: Catalogue, fits: _Fits, first: Selection | None = None) -> Selection:
-    rms = float(np.sqrt(max(fits.before.chi2_per_dof, fits.free.chi2_per_dof)))
-    return select(signatures, cat, fits.before, fits.outliers, rms, first)
+def _outcome(fits: _Fits, found: Found) -> _Outcome:
+    """Names, what has none, and the verdict."""
+    said = inclusion(found.weighed, found.posterior)
+    names = named(found, said)
+    shapes, cat = remainder_shapes(found), found.catalogue
+    inflation = _inflation(found)
+    raised = judged(fits.free, fits.before, found.linearisation_before, inflation, found.signatures.recording)
+    accepted = dict.fromkeys(cat.stated, WIDE) | chosen(found.weighed, found.mode)
+    after = fitted(found, accepted, shapes, fits.outliers) if accepted or shapes else fits.before
+    nameless = (*(i for i in accepted if not cat.named(i)), *(s.candidate for s in shapes))
+    main = next((i for n in names for i in n.candidates), next(iter(nameless), None))
+    proof = prove(fits.before, after, found, main, fits.outliers) if main is not None else None
+    verdict = "missing-physics" if names else _without_names(found, raised, proof)
+    if verdict == "adequate":
+        after, proof, nameless = fits.before, None, ()
+    left = (
+        judged(after, after, found.linearisation, inflation, found.signatures.recording) if names else raised
+    )
+    return _Outcome(names, nameless, after, proof if names else None, verdict, raised, left, said, inflation)
 
 
-def _judge(fits: _Fits, found: Selection) -> _Outcome:
-    """Names, what is left beside them, and the verdict."""
-    signatures, cat = found.signatures, found.catalogue
-    machine, recording = signatures.machine, signatures.recording
-    rival = remainder.strongest_unnamed(cat, found.accepted, found.fit)
-    selection, named_terms = name_terms(found, fits.outliers, rival)
-    lin, stated = signatures.linearise(fits.before), dict.fromkeys(cat.stated, WIDE)
-    others = [i for i in range(len(cat.candidates)) if i not in stated]
-    screened = rank(lin, cat, selection.grid, stated, others)
-    inflation = dict(zip(selection.grid.classes, screened.evidence.inflation, strict=True))
-    raised = judged(fits.free, fits.before, lin, inflation, recording)
-    left = _left(selection, recording) if selection.accepted else raised
-    names = _findings(selection, named_terms)
-    failing = rival is not None or left.leaves
-    # a misfit that may be a sigma stated too small is not what the names should have explained
-    share = explained(fits.before, selection.fit) if rival is not None or left.fails else 1.0
-    findings = doubt.doubted(machine, names, rival, failing=failing, explained=share)
-    if names and not findings:
-        rival = rival or remainder.of_pile(names, fits.before, raised.structure)
-        selection = restricted(selection, fits.outliers, cat.stated)
-        left = raised
-    verdict = "missing-physics" if findings else "unknown" if rival or raised.fails else "adequate"
-    return _Outcome(selection, findings, verdict, rival, raised, left, screened, inflation)
+def _without_names(found: Found, raised: Judgement, proof: Proof | None) -> str:
+    """``unknown`` where something nameless is sure and worth something, or where noise alone is no explanation."""
+    worth = proof is not None and proof.ratio < 1.0
+    return "unknown" if (nameless_probability(found) > SURE and worth) or raised.misfits else "adequate"
 
 
-def _left(selection: Selection, recording: Recording) -> Judgement:
-    """What the model with the effects found leaves."""
-    fit, inflation = selection.fit, likely_inflation(selection)
-    return judged(fit, fit, selection.linearisation, inflation, recording)
-
-
-def _conclude(fits: _Fits, outcome: _Outcome) -> Diagnosis:
-    selection, raised, left, verdict = outcome.selection, outcome.raised, outcome.left, outcome.verdict
-    signatures, cat = selection.signatures, selection.catalogue
-    machine, recording = signatures.machine, signatures.recording
-    free, before, named = fits.free, fits.before, verdict == "missing-physics"
-    after = selection.fit if named else before
-    stages = {"free": free, "before": before, "after": after}
-    proof = prove(before, selection, fits.outliers) if named else None
-    return Diagnosis(
-        machine=machine,
-        recording=recording,
-        verdict=verdict,
-        concealed=verdict != "adequate" and free.chi2_per_dof < CONCEALED,
-        alarms=raised.alarms,
-        alarms_after=left.alarms if named else raised.alarms,
-        structure=left.structure,
-        findings=outcome.findings,
-        remainder=_remainder(outcome),
-        candidates=ranked_alternatives(cat, outcome.screened),
-        evidence_map=evidence_map(cat, outcome.screened),
-        untestable=cat.untestable,
-        free=free,
-        before=before,
-        after=after,
-        fits={name: summarise(fit, recording.validation) for name, fit in stages.items()},
-        proof=proof,
-        terms=after.fitted_effects(),
-        outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
-        noise=outcome.screened.evidence.noise,
-        inflation=outcome.inflation,
+def nameless_probability(found: Found) -> float:
+    """That something without a name is there: a form in a slot, or the smooth remainder."""
+    problem = found.weighed
+    return sum(
+        share
+        for state, share in found.posterior.states
+        if state.point[-1] > 0
+        or any(
+            problem.causes[int(problem.weighing.terms.cause[t])].effect == Empirical.slug
+            for t, _ in state.members
+        )
     )
 
 
-def _findings(selection: Selection, named: Sequence[classes.Named]) -> tuple[Finding, ...]:
-    machine, cat = selection.signatures.machine, selection.catalogue
-    lin, grid, accepted = selection.linearisation, selection.grid, selection.accepted
-    flips = [classes.flip_inflation(lin, cat, grid, accepted, n.index, THRESHOLD) for n in named]
-    return merge_findings(machine, cat, selection.fit, named, flips)
+def _inflation(found: Found) -> dict[PartClass, float]:
+    """How many times wider than stated the tolerances of each class of part likely are."""
+    unknowns = found.weighed.weighing.unknowns
+    logs = sum(
+        (share * np.log(np.array(unknowns.widening[point[-2]])) for point, share in found.posterior.points),
+        np.zeros(len(found.weighed.classes)),
+    )
+    return dict(zip(found.weighed.classes, np.exp(logs).tolist(), strict=True))
 
 
-def _remainder(outcome: _Outcome) -> Remainder | None:
+def _noise(found: Found) -> float:
+    """Of the first kind of reading, in stated sigmas."""
+    values = found.weighed.weighing.unknowns.noise[0].values
+    return float(np.exp(sum(share * np.log(values[point[0]]) for point, share in found.posterior.points)))
+
+
+def _conclude(fits: _Fits, found: Found, outcome: _Outcome) -> Diagnosis:
+    cat, machine, recording = found.catalogue, found.signatures.machine, found.signatures.recording
+    stages = {"free": fits.free, "before": fits.before, "after": outcome.after}
+    alone = weighed_alone(found.first, len(cat.candidates))
+    return Diagnosis(
+        machine=machine,
+        recording=recording,
+        verdict=outcome.verdict,
+        concealed=outcome.verdict != "adequate" and fits.free.chi2_per_dof < CONCEALED,
+        alarms=outcome.raised.alarms,
+        alarms_after=outcome.left.alarms,
+        structure=outcome.left.structure,
+        findings=_findings(found, outcome, fits.rms),
+        remainder=_remainder(found, outcome),
+        candidates=ranked_alternatives(cat, alone),
+        evidence_map=evidence_map(cat, alone),
+        untestable=cat.untestable,
+        free=fits.free,
+        before=fits.before,
+        after=outcome.after,
+        fits={name: summarise(fit, recording.validation) for name, fit in stages.items()},
+        proof=outcome.proof,
+        terms=outcome.after.fitted_effects(),
+        outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
+        noise=_noise(found),
+        inflation=outcome.inflation,
+        sets=_sets(outcome.said),
+        inclusion=tuple(Alternative(slug, place, p, 0.0) for (slug, place), p in outcome.said.places.items()),
+        disagreement=found.posterior.disagreement,
+    )
+
+
+def _sets(said: Inclusion) -> tuple[SetOfEffects, ...]:
+    return tuple(
+        SetOfEffects(tuple((c.effect, c.place) for c in causes), share) for causes, share in said.sets
+    )
+
+
+def _findings(found: Found, outcome: _Outcome, rms: float) -> tuple[Finding, ...]:
+    names, machine, cat = outcome.names, found.signatures.machine, found.catalogue
+    halves = replications(found, names, rms)
+    return tuple(
+        finding(machine, cat, outcome.after, one, flip_inflation(found, one), half)
+        for one, half in zip(names, halves, strict=True)
+    )
+
+
+def _remainder(found: Found, outcome: _Outcome) -> Remainder | None:
+    """What has no name: the form that carries most of it; else what the structure tests say of the residuals."""
     if outcome.verdict == "adequate":
         return None
-    if outcome.rival is not None:
-        return outcome.rival
-    left, fit = outcome.left.structure, outcome.selection.fit
+    fit, recording = outcome.after, found.signatures.recording
+    if outcome.nameless:
+        return remainder.of_form(found.catalogue, outcome.nameless[0], fit)
+    left = outcome.left.structure
     told = outcome.verdict == "unknown" or left.alarm.raised
-    return remainder.describe(fit, outcome.selection.signatures.recording, left) if told else None
+    return remainder.describe(fit, recording, left) if told else None

@@ -14,8 +14,6 @@ from truepose.identification.diagnosis.alarms import (
     residual_alarm,
     structure_alarm,
 )
-from truepose.identification.diagnosis.effect_evidence import weigh
-from truepose.identification.diagnosis.effect_selection import Selection
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
@@ -44,11 +42,10 @@ class Judgement:
         return self._beyond_noise or self.alarms["residual"].p < CLEAR_P
 
     @property
-    def fails(self) -> bool:
-        """As ``leaves``, but a misfit counts against replicates, or beyond what a stated sigma wrong by three would make."""
+    def misfits(self) -> bool:
+        """Whether the model lacks fit against replicates, or by more than a stated sigma wrong by three would make."""
         lack = self.alarms["residual"]
-        lacks_fit = lack.p < CLEAR_P and (lack.about == "replicates" or lack.statistic > SIGMA_OFF**2)
-        return self._beyond_noise or lacks_fit
+        return lack.p < CLEAR_P and (lack.about == "replicates" or lack.statistic > SIGMA_OFF**2)
 
     @property
     def _beyond_noise(self) -> bool:
@@ -72,16 +69,3 @@ def judged(
     }
     widened = {part: max(value, 1.0) for part, value in inflation.items()}
     return Judgement(alarms, structure, prior_conflict(lin, noise, widened).p)
-
-
-def likely_inflation(selection: Selection) -> dict[PartClass, float]:
-    """How many times wider than stated the tolerances of each class of part likely are, with the effects found."""
-    found = weigh(selection.linearisation, [], selection.grid, selection.accepted)
-    return dict(zip(selection.grid.classes, found.inflation, strict=True))
-
-
-def explained(before: Estimate, after: Estimate) -> float:
-    """Share (0 to 1) of the misfit beyond noise that the effects found explain; 1 where there is none to explain."""
-    excess = before.chi2_per_dof - 1.0
-    share = (before.chi2_per_dof - after.chi2_per_dof) / excess if excess > 0.0 else 1.0
-    return float(np.clip(share, 0.0, 1.0))

@@ -1,97 +1,134 @@
-"""Which accepted terms are given names: those whose class is certain, each by the likeliest cause of its class."""
+"""What is named: causes of the likeliest set, each with the class of explanations that may stand in its slot."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truepose.identification.diagnosis import classes, doubt
-from truepose.identification.diagnosis.candidates import Catalogue, Cause
-from truepose.identification.diagnosis.classes import Named
-from truepose.identification.diagnosis.effect_selection import (
-    MANY_TERMS,
-    Selection,
-    refitted,
-    restricted,
-    spread_of,
-)
-from truepose.identification.diagnosis.result import Remainder
+from truepose.identification.diagnosis import prior
+from truepose.identification.diagnosis.inclusion import Inclusion
+from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.weighed import Cause
+from truepose.identification.posterior.mode import Climb
+from truepose.models.effects.empirical import Empirical
 
-Mask = NDArray[np.bool_]
+NAMED = 0.5
+"""Probability that a class needs to be said, and a place of a family to be named."""
+CERTAIN = 0.95
+"""Probability from which on a name is said without its look-alikes."""
+SHOWN = 0.02
+"""Share of a slot from which on an explanation belongs to its class."""
+CLASS_LIMIT = 8
 
 
-def name_terms(found: Selection, exclude: Mask, rival: Remainder | None) -> tuple[Selection, list[Named]]:
-    """Terms of the catalogue whose class is certain, fitted without the others; their classes.
+@dataclass(frozen=True)
+class Member:
+    """Another explanation of a class: its cause, its share of the probability, the log Bayes factor of it in the slot."""
 
-    A name beside something unnamed (``rival``) on the same part is likely half of it, and is not given. Where
-    another cause of a class is likelier at all its settings together than the term that was accepted, it takes the
-    term's place. ``exclude`` (n,) are the rows left out.
+    cause: Cause
+    probability: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Named:
+    """A cause of the likeliest set: its candidates that the fit holds, how probable it is, and its class.
+
+    ``certainty`` is the probability of the whole class; ``gain`` the log Bayes factor of the set with it against without.
+    ``family``: the slug, where it was found at all places under one size.
     """
-    cat, machine = found.catalogue, found.signatures.machine
-    kept = [
+
+    cause: Cause
+    candidates: tuple[int, ...]
+    probability: float
+    certainty: float
+    gain: float
+    equivalents: tuple[Member, ...]
+    family: str = ""
+
+
+def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
+    """Causes of the mode whose class is more probable than not, the best supported first; families place by place."""
+    problem = found.weighed
+    causes = dict.fromkeys(int(problem.weighing.terms.cause[term]) for term, _ in found.mode.members)
+    out: list[Named] = []
+    for number in causes:
+        if problem.causes[number].effect != Empirical.slug:
+            out += (
+                _of_family(found, said, number)
+                if problem.causes[number].family
+                else _single(found, said, number)
+            )
+    return tuple(sorted(out, key=lambda n: -n.gain))
+
+
+def _single(found: Found, said: Inclusion, number: int) -> list[Named]:
+    problem, posterior = found.weighed, found.posterior
+    cause = problem.causes[number]
+    row = posterior.beside[number]
+    gain = _gain(found, [number])
+    own = max(said.of(cause), float(posterior.causes[number]))
+    rivals = [
+        k for k in np.argsort(-row) if k != number and row[k] > SHOWN and not _same(problem.causes[k], cause)
+    ]
+    members = tuple(
+        Member(
+            problem.causes[k], float(min(row[k], 1.0)), gain + float(np.log(row[k] / max(row[number], 1e-9)))
+        )
+        for k in rivals[:CLASS_LIMIT]
+    )
+    others = sum(m.probability for m in members)
+    # all that may be in the slot, what has no name included
+    certainty = min(1.0, own + sum(m.probability for m in members if m.cause.effect != Empirical.slug))
+    if certainty < NAMED:
+        return []
+    kept = min(1.0, max(1.0 - own, 0.0) / others) if others > 0.0 else 1.0
+    shown = tuple(Member(m.cause, kept * m.probability, m.gain) for m in members)
+    held = tuple(
         i
-        for i in found.accepted
-        if i in cat.stated or (cat.named(i) and not doubt.same_part(machine, cat.candidates[i].place, rival))
-    ]
-    selection = restricted(found, exclude, kept)
-    named = _classes(selection)
-    while uncertain := [n.index for n in named if n.certainty < classes.CERTAIN]:
-        certain = [i for i in selection.accepted if i not in uncertain]
-        selection = restricted(selection, exclude, certain)
-        named = _classes(selection)
-    exchanged = _exchanged(selection, exclude, named)
-    renamed = _classes(exchanged) if exchanged is not selection else named
-    # from the new fit the old cause may look likelier again
-    settled = all(n.certainty >= classes.CERTAIN and likelier(cat, n) is None for n in renamed)
-    return (exchanged, renamed) if settled else (selection, named)
+        for term, _ in found.mode.members
+        if int(problem.weighing.terms.cause[term]) == number
+        for i in problem.candidates[term]
+    )
+    return [Named(cause, held, min(own, 1.0), certainty, gain, shown)]
 
 
-def _classes(selection: Selection) -> list[Named]:
-    """Every accepted term with its class."""
-    fit, cat = selection.fit, selection.catalogue
-    excess = max(fit.chi2 - (fit.n_observations - fit.effective_parameters), 0.0)
-    unexplained = 0.5 * excess / max(fit.chi2_per_dof, 1.0)
-    return [
-        classes.name_term(selection.linearisation, cat, selection.grid, selection.accepted, i, unexplained)
-        for i in selection.accepted
-        if i not in cat.stated
-    ]
+def _same(other: Cause, cause: Cause) -> bool:
+    """Whether another cause says the same of a place: the family that it belongs to."""
+    return other.family and other.effect == cause.effect and set(cause.place) <= set(other.place)
 
 
-def _exchanged(selection: Selection, exclude: Mask, named: Sequence[Named]) -> Selection:
-    """The selection with likelier causes in place of terms, fitted anew; the same where there is none that fits.
-
-    Among many terms the others share in what one explains, and its place is not changed.
-    """
-    cat = selection.catalogue
-    causes = [cat.cause(n.index) for n in named]
-    better = {
-        n.index: other
-        for n, cause in zip(named, causes, strict=True)
-        if causes.count(cause) == 1 and (other := likelier(cat, n)) not in {None, *selection.accepted}
-    }
-    if not better or len(selection.accepted) > MANY_TERMS:
-        return selection
-    accepted: dict[int, float] = {}
-    for i, spread in selection.accepted.items():
-        other = better.get(i)
-        accepted |= {i: spread} if other is None else {other: spread_of(cat, other, spread)}
-    exchanged = refitted(selection, exclude, accepted)
-    return exchanged if set(exchanged.accepted) == set(accepted) else selection
+def _of_family(found: Found, said: Inclusion, number: int) -> list[Named]:
+    """Places of a family that stand out by themselves."""
+    problem = found.weighed
+    cause = problem.causes[number]
+    terms = [term for term, _ in found.mode.members if int(problem.weighing.terms.cause[term]) == number]
+    out = []
+    for k, place in enumerate(cause.place):
+        single = Cause(cause.effect, (place,))
+        probability = said.of(single)
+        if probability > NAMED:
+            held = tuple(problem.candidates[term][k] for term in terms)
+            gain = _gain(found, [number], held)
+            out.append(Named(single, held, probability, probability, gain, (), family=cause.effect))
+    return out
 
 
-def likelier(cat: Catalogue, named: Named) -> int | None:
-    """The likeliest setting of the cause that has the most of a class, where that is not the term's own cause."""
-    share: dict[Cause, float] = {cat.cause(named.index): named.probability}
-    for member in named.equivalents:
-        cause = cat.cause(member.index)
-        share[cause] = share.get(cause, 0.0) + member.probability
-    best = max(share, key=lambda cause: share[cause])
-    if best == cat.cause(named.index):
-        return None
-    own: Mapping[int, float] = {
-        m.index: m.probability for m in named.equivalents if cat.cause(m.index) == best
-    }
-    return max(own, key=lambda i: own[i])
+def _gain(found: Found, causes: Sequence[int], candidates: Sequence[int] = ()) -> float:
+    """Log Bayes factor of the mode against it without some causes, or without some candidates of these, noise adapting."""
+    problem, mode = found.weighed, found.mode
+    weighing = problem.weighing
+    kept = [m for m in mode.members if int(weighing.terms.cause[m[0]]) not in causes]
+    climb = Climb(weighing, prior.RICHNESS)
+    if candidates:
+        alone = {
+            problem.candidates[t]: t for t in range(len(weighing.terms)) if len(problem.candidates[t]) == 1
+        }
+        for term, size in mode.members:
+            if int(weighing.terms.cause[term]) in causes:
+                rest = [alone[(i,)] for i in problem.candidates[term] if i not in candidates]
+                kept += [(t, size) for t in rest]
+    without = climb.evidence_near(mode.point, kept)
+    return climb.evidence_near(mode.point, mode.members) - without

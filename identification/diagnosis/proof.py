@@ -6,96 +6,101 @@ equally flexible black box, and the recovery of the effect injected into simulat
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.diagnosis.alone import weighed_alone
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.classes import INDISTINCT
-from truepose.identification.diagnosis.effect_selection import Selection, rank
 from truepose.identification.diagnosis.holdout import ROLE, held_out, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.result import Proof
-from truepose.identification.diagnosis.signatures import Linearisation, Signatures
+from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.signatures import Signatures
+from truepose.identification.diagnosis.weighed import weighed
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.posterior.design import Design
+from truepose.identification.posterior.weighing import Weighing
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.scales import Grid
-from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+INDISTINCT = 3.0
+"""Log odds between explanations that are as good as each other."""
 
 
-def prove(before: Estimate, found: Selection, outliers: Mask) -> Proof:
-    """All four proofs of the accepted terms; ``outliers`` (n,) are rows left out."""
-    signatures, cat, grid, after = found.signatures, found.catalogue, found.grid, found.fit
-    recording = signatures.recording
+def prove(before: Estimate, after: Estimate, found: Found, main: int, outliers: Mask) -> Proof:
+    """All four proofs of the fit ``after``; ``main``: its best supported candidate; ``outliers`` (n,): rows left out."""
+    recording = found.signatures.recording
     held = held_out(before, after, recording, outliers)
     ratio, interval = ratio_interval(held.before, held.after)
-    main = next(i for i in found.accepted if i not in cat.stated)
     return Proof(
         held_out=held.split,
         blocks=held.blocks,
         ratio=ratio,
         ratio_interval=interval,
-        placebo_gain=_placebo(before, signatures, cat, grid, main),
+        placebo_gain=_placebo(before, found, main),
         black_box_ratio=_black_box(before, after, recording, outliers),
-        injected_recovered=_injected(before, after, signatures, cat, grid.classes, main),
+        injected_recovered=_injected(after, found, main),
     )
 
 
-def _placebo(before: Estimate, signatures: Signatures, cat: Catalogue, grid: Grid, term: int) -> float:
+def _placebo(before: Estimate, found: Found, main: int) -> float:
     """Log Bayes factor of the main term when every row is given another row's drivers (nothing should remain)."""
+    signatures, cat = found.signatures, found.catalogue
     recording = signatures.recording
     order = np.arange(len(before.used))
     # in the order of acquisition, so that shuffled rows get the same placebo
     in_time = order_in_time(recording.time, recording.source_file, recording.source_row)
     rows = in_time[before.used[in_time]]
     order[rows] = np.random.default_rng(11).permutation(rows)
-    single = Signatures(signatures.machine, recording, [cat.candidates[term]])
-    lin = single.linearise(before, order=order)
-    one = Catalogue((cat.candidates[term],), (0.0,), ())
-    return float(rank(lin, one, grid, {}, [0]).gain[0])
+    stated = [cat.candidates[i] for i in cat.stated]
+    single = Signatures(signatures.machine, recording, [cat.candidates[main], *stated])
+    one = Catalogue(single.candidates, (0.0,) * len(single.candidates), (), tuple(range(1, 1 + len(stated))))
+    problem = weighed(single.linearise(before, order=order), one, float(np.sqrt(before.chi2_per_dof)))
+    return float(weighed_alone(problem, 1)[0])
 
 
-def _injected(
-    before: Estimate,
-    after: Estimate,
-    signatures: Signatures,
-    cat: Catalogue,
-    classes: tuple[PartClass, ...],
-    term: int,
-) -> bool:
+def _injected(after: Estimate, found: Found, main: int) -> bool:
     """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""
-    label = cat.candidates[term].label
+    problem, cat = found.weighed, found.catalogue
+    label = cat.candidates[main].label
     fitted = next(e for e in after.fitted_effects() if e.label == label)
     amplitude = np.array(fitted.amplitudes) / [c.scale for c in fitted.coefficients]
-    lin = signatures.linearise(before)
-    at = lin.free + np.arange(lin.columns[term].start, lin.columns[term].stop)
-    noise = max(1.0, float(np.sqrt(after.chi2_per_dof)))
-    rng = np.random.default_rng(5)
-    gram = lin.gram.copy()
-    last = len(gram) - 1
-    # the projection of white noise on the columns has their Gram matrix as covariance
-    values, vectors = np.linalg.eigh(gram[:last, :last])
-    projected = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(last)) * noise
-    gram[:last, last] = gram[last, :last] = projected - gram[:last, at] @ amplitude  # prediction less reading
-    gram[last, last] = (
-        amplitude @ gram[np.ix_(at, at)] @ amplitude
-        - 2 * amplitude @ projected[at]
-        + noise**2 * lin.n_observations
-    )
-    simulated = Linearisation(
-        gram, lin.free, lin.columns, lin.n_observations, np.zeros(last), lin.weight, lin.parts, lin.candidates
-    )
-    wanted = list(range(len(cat.candidates)))
-    known = Grid((noise,), ((1.0,) * len(classes),), classes)  # what was simulated is known
-    ranking = rank(simulated, cat, known, {}, wanted)
-    alike = [
-        i
-        for i, c in enumerate(cat.candidates)
-        if (c.effect.slug, c.place) == (fitted.effect.slug, fitted.place)
+    columns = found.linearisation.columns[main]
+    kinds = len(problem.weighing.unknowns.noise)
+    noises = [
+        a.values[k] for a, k in zip(problem.weighing.unknowns.noise, found.mode.point[:kinds], strict=True)
     ]
-    return bool(np.max(ranking.odds) - np.max(ranking.odds[alike]) < INDISTINCT)
+    design = _simulated(problem.weighing.design, columns, amplitude, noises)
+    weighing = Weighing(design, problem.weighing.unknowns, problem.weighing.terms, problem.weighing.sizes)
+    odds = np.logaddexp.reduce(weighing.log_odds((*found.mode.point[:kinds], 0, 0), ()), axis=0)
+    cause = problem.weighing.terms.cause
+    by_cause = np.array([np.logaddexp.reduce(odds[cause == k]) for k in range(len(problem.causes))])
+    alike = [
+        k
+        for k, c in enumerate(problem.causes)
+        if c[:2] == cat.cause(main) or (c.family and c.effect == fitted.effect.slug)
+    ]
+    return bool(np.max(by_cause) - np.max(by_cause[alike]) < INDISTINCT)
+
+
+def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequence[float]) -> Design:
+    """The design with readings that hold nothing but a term of known amplitude, and noise."""
+    rng, grams = np.random.default_rng(5), []
+    at = design.n + np.arange(columns.start, columns.stop)
+    for gram, count, noise in zip(design.grams, design.counts, noises, strict=True):
+        own = gram[:-1, :-1]
+        # the projection of white noise on the columns has their Gram matrix as covariance
+        values, vectors = np.linalg.eigh(own)
+        projected = noise * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(own))))
+        new = gram.copy()
+        new[:-1, -1] = new[-1, :-1] = own[:, at] @ amplitude + projected
+        square = amplitude @ own[np.ix_(at, at)] @ amplitude + 2.0 * amplitude @ projected[at]
+        new[-1, -1] = square + noise**2 * count
+        grams.append(new)
+    return Design(tuple(grams), design.counts, design.always)
 
 
 def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:

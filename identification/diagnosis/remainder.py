@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.alarms import Structure
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.result import Finding, Form, Remainder
-from truepose.identification.diagnosis.unnamed import Unnamed
+from truepose.identification.diagnosis.result import Form, Remainder
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import APPROACH, Driver
+from truepose.models.effects.empirical import Empirical
 
 
 def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remainder:
@@ -28,22 +26,12 @@ def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remai
     return Remainder(place, driver, Form(kind, structure.share, cycles), size)
 
 
-def of_pile(names: Sequence[Finding], fit: Estimate, structure: Structure) -> Remainder:
-    """What several names together stand in for, none of which is believed: at the part that all share, if any."""
-    size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
-    form = Form("pile", causes=tuple((f.effect, f.place) for f in names))
-    shared = tuple(part for part in names[0].place if all(part in f.place for f in names))
-    return Remainder(shared or names[0].place, structure.driver, form, size)
-
-
-def strongest_unnamed(cat: Catalogue, accepted: Iterable[int], fit: Estimate) -> Remainder | None:
-    """The strongest rival without a name among accepted terms, if there is one."""
-    for index in accepted:
-        placed = cat.candidates[index]
-        if isinstance(placed.effect, Unnamed):
-            driver, kind = placed.effect.describe(placed.settings_map)
-            return Remainder(placed.place, driver, Form(kind), float(np.sqrt(max(fit.chi2_per_dof, 0.0))))
-    return None
+def of_form(cat: Catalogue, index: int, fit: Estimate) -> Remainder:
+    """A form without a name: where, and what it is a function of."""
+    placed = cat.candidates[index]
+    assert isinstance(placed.effect, Empirical)
+    driver, kind = placed.effect.describe(placed.settings_map)
+    return Remainder(placed.place, driver, Form(kind), float(np.sqrt(max(fit.chi2_per_dof, 0.0))))
 
 
 def _values(fit: Estimate, recording: Recording, driver: str) -> NDArray[np.float64] | None:

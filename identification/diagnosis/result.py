@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.candidates import Untestable
-from truepose.identification.diagnosis.unnamed import UNNAMED
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
@@ -23,6 +22,18 @@ class Quantity:
     value: float
     std: float
     unit: str
+
+
+UNNAMED = "unknown"
+"""What a report calls something that the catalogue does not know."""
+
+
+@dataclass(frozen=True)
+class Replication:
+    """How probable a name is in each half of the rows (in time), and whether its amplitudes there agree."""
+
+    halves: tuple[float, float]
+    agree: bool
 
 
 @dataclass(frozen=True)
@@ -45,8 +56,8 @@ class Alternative:
 class Finding:
     """One named effect at its place (or places with one cause).
 
-    explanation, experiment: what its entry of the catalogue says. failing: the model with it still does not fit;
-    pile: so many names, this one among them, may stand in for one thing without a name.
+    explanation, experiment: what its entry of the catalogue says. family: the effect, where it was found at all its places
+    under one size; replication: None where the halves hold too little.
     """
 
     effect: str
@@ -61,8 +72,8 @@ class Finding:
     flip_lambda: float | None
     explanation: str
     experiment: str
-    failing: bool = False
-    pile: int = 1
+    family: str = ""
+    replication: Replication | None = None
 
 
 @dataclass(frozen=True)
@@ -70,14 +81,13 @@ class Form:
     """How a remainder goes with its driver, as a hypothesis.
 
     kind: ``order`` of rows, ``steps``, ``linear``, ``quadratic`` or ``periodic`` (``cycles`` over the driver's range),
-    all with the share of the remainder that it explains; what something without a name does: ``curve``, ``product``
-    or ``warp``; or a ``pile`` of causes (slug and place) that are none of them believed.
+    all with the share of the remainder that it explains; or what something without a name does: ``curve``, ``product``
+    or ``warp``.
     """
 
     kind: str
     share: float = 0.0
     cycles: int = 0
-    causes: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,6 +98,16 @@ class Remainder:
     driver: str
     form: Form
     size_sigma: float
+    gain: Mapping[str, float] = field(default_factory=dict)
+    """By how much modelling it lowers the rms of held-out rows, by kind of reading (mm, rad)."""
+
+
+@dataclass(frozen=True)
+class SetOfEffects:
+    """Effects with their places, and how probable it is that these and no others are there."""
+
+    effects: tuple[tuple[str, tuple[str, ...]], ...]
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -117,7 +137,9 @@ class Diagnosis:
     """The whole outcome.
 
     noise: in stated sigmas, and inflation: how many times wider than stated the tolerances of each class of parts look,
-    both without effects. ``truepose.identification.report.results`` writes it down.
+    both in the posterior. sets: the likeliest sets of effects; inclusion: every effect at every place with its probability;
+    disagreement: largest difference
+    of a probability between the posterior's chains. ``truepose.identification.report.results`` writes it down.
     """
 
     machine: Machine
@@ -141,3 +163,6 @@ class Diagnosis:
     outlier_rows: tuple[int, ...]
     noise: float
     inflation: Mapping[PartClass, float]
+    sets: tuple[SetOfEffects, ...] = ()
+    inclusion: tuple[Alternative, ...] = ()
+    disagreement: float = 0.0

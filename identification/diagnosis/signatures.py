@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import casadi as ca
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.codegen.evaluation.batch import BatchFunction
+from truepose.identification.diagnosis.forms import Forms
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
@@ -30,21 +32,33 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Gram matrix of [J G r] over the fitted readings, at a fit.
+    """Gram matrices of [J G F r] over the fitted readings at a fit, one for each kind of channel.
 
     J: free geometry in units of its prior scale (``free`` columns). G: candidates' coefficients in units of their
-    scale; ``columns[k]`` are those of candidate k. r: whitened residual. ``departure`` says how far the fit is from
-    the drawing and from zero coefficients, so that any subset of candidates can be weighed from this one matrix.
+    scale; ``columns[k]`` are those of candidate k. F: errors of form of the fit's effects, in units of their own prior
+    1-sigma (``forms`` columns). r: whitened residual. ``departure`` says how far the fit is from the drawing and from
+    zero coefficients, so that any subset of candidates can be weighed from these matrices alone.
     """
 
-    gram: Array
+    grams: tuple[Array, ...]
+    counts: tuple[int, ...]
     free: int
     columns: tuple[slice, ...]
-    n_observations: int
+    forms: int
     departure: Array
     weight: Array
     parts: tuple[PartClass, ...]
     candidates: tuple[PlacedEffect, ...]
+
+    @cached_property
+    def gram(self) -> Array:
+        """All kinds of channels together."""
+        return np.asarray(sum(self.grams[1:], self.grams[0]))
+
+    @property
+    def n_observations(self) -> int:
+        """Readings of all kinds."""
+        return sum(self.counts)
 
     def indices(self, chosen: Sequence[int]) -> list[int]:
         """Columns of G of the chosen candidates."""
@@ -70,26 +84,39 @@ class Signatures:
         return other
 
     def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
-        """Gram matrix at a fit, whose effects must be among the candidates; ``order`` (n,) as in ``blocks``."""
+        """Gram matrices at a fit, whose effects must be among the candidates; ``order`` (n,) as in ``blocks``."""
         geometry = self._geometry(fit)
-        n = len(geometry)
-        size = n + self.width + 1
-        gram, count = np.zeros((size, size)), -fit.levels
-        for block in self.blocks(fit, order=order):
-            gram += block.T @ block
-            count += int(np.sum(np.any(block != 0.0, axis=1)))
+        n, forms = len(geometry), self._forms(fit)
+        kinds = [channel.kind for channel in self._predictor(fit.effects).channels]
+        names = list(dict.fromkeys(kinds))
+        which = [np.array([k == name for k in kinds]) for name in names]
+        size = n + self.width + forms.width + 1
+        grams = [np.zeros((size, size)) for _ in names]
+        counts = [0] * len(names)
+        for block in self._stacked(fit, forms, order):
+            for k, mask in enumerate(which):
+                rows = block[:, mask].reshape(-1, size)
+                grams[k] += rows.T @ rows
+                counts[k] += int(np.sum(np.any(rows != 0.0, axis=1)))
+        counts[0] -= fit.levels
         departure = np.zeros(size - 1)
         departure[:n] = (fit.p - fit.prior.mean)[geometry] / fit.prior.scale[geometry]
-        labels = [c.label for c in self.candidates]
-        for effect in fit.fitted_effects():
-            at = self.columns[labels.index(effect.label)]
-            departure[n + at.start : n + at.stop] = np.array(effect.amplitudes) / [
-                c.scale for c in effect.coefficients
-            ]
+        for effect, at in self._present(fit):
+            departure[n + at.start : n + at.stop] = _amplitudes(effect)
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
-            gram, n, self.columns, count, departure, fit.prior_weight[:n], parts, self.candidates
-        )
+            tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n], parts,
+            self.candidates,
+        )  # fmt: skip
+
+    def _present(self, fit: Estimate) -> list[tuple[PlacedEffect, slice]]:
+        """The fit's effects with their columns of G."""
+        labels = {c.label: k for k, c in enumerate(self.candidates)}
+        return [(effect, self.columns[labels[effect.label]]) for effect in fit.fitted_effects()]
+
+    def _forms(self, fit: Estimate) -> Forms:
+        """Errors of form of the fit's effects."""
+        return Forms.of(self.recording, fit.used, [(at, _amplitudes(e)) for e, at in self._present(fit)])
 
     def _geometry(self, fit: Estimate) -> NDArray[np.intp]:
         """Indices of the free parameters, without effect coefficients."""
@@ -101,16 +128,25 @@ class Signatures:
 
         ``order`` (n,) gives effects the drivers of other rows (a placebo).
         """
+        for block in self._stacked(fit, Forms.none(), order):
+            yield block.reshape(-1, block.shape[2])
+
+    def _stacked(self, fit: Estimate, forms: Forms, order: NDArray[np.intp] | None) -> Iterator[Array]:
+        """Blocks (rows, channels, free + width + forms + 1) of the fitted readings."""
         free = self._geometry(fit)
         scale = fit.prior.scale[free]
         for rows, block, signature in self.rows(fit, order=order):
             keep = np.flatnonzero(fit.used[rows])
             root = np.sqrt(fit.weights[rows])[keep, None, None]
             jacobian = block.jacobian[keep][:, :, free] * scale
-            stacked = (
-                np.concatenate([jacobian, signature[keep], block.residual[keep][..., None]], axis=2) * root
-            )
-            yield stacked.reshape(-1, stacked.shape[2])
+            own = signature[keep]
+            parts = [
+                jacobian,
+                own,
+                forms.columns(own, np.arange(len(fit.used))[rows][keep]),
+                block.residual[keep][..., None],
+            ]
+            yield np.concatenate(parts, axis=2) * root
 
     def rows(
         self, fit: Estimate, *, order: NDArray[np.intp] | None = None
@@ -144,6 +180,11 @@ class Signatures:
             )
             out[:, :, columns] = jacobian[:, :, where] @ local
         return out
+
+
+def _amplitudes(effect: PlacedEffect) -> Array:
+    """(k,) coefficients in units of their scale."""
+    return np.array(effect.amplitudes) / [c.scale for c in effect.coefficients]
 
 
 class _ShiftFunction:

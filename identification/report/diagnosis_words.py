@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from truepose.identification.diagnosis.classes import CERTAIN
+from truepose.identification.diagnosis.naming import CERTAIN
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
 from truepose.identification.report.document import Tone
 from truepose.identification.report.numbers import known, percent, significant
@@ -12,6 +12,8 @@ from truepose.models.effects.base import Effect, effects
 from truepose.models.effects.of_rows import OF_ROWS
 from truepose.wording import joined
 
+DOUBTFUL = 0.2
+"""Probability in a half of the rows below which that is said."""
 _SHARED = ("order", "steps", "linear", "quadratic", "periodic")
 _ALARM_NAMES = {
     "residual": "lack of fit",
@@ -101,7 +103,6 @@ def form_words(left: Remainder) -> str:
     """In which form the remainder goes with its driver, hypothetically."""
     form, driver = left.form, left.driver
     where = left.place[0] if left.place else ""
-    piled = ", ".join(f"{effect} at {'+'.join(place)}" for effect, place in form.causes)
     said = {
         "order": "varies with the order of acquisition",
         "steps": f"steps with {driver}",
@@ -111,21 +112,25 @@ def form_words(left: Remainder) -> str:
         "curve": f"{where} errs as a smooth curve in {driver}",
         "product": f"{where} errs as the product of {driver}",
         "warp": f"{where} errs as a volume warped quadratically by where the point is",
-        "pile": f"looks like {piled} together, more likely one thing without a name",
     }[form.kind]
     part = f"; explains {100 * form.share:.0f} % of the remainder" if form.kind in _SHARED else ""
     return f"{said}{part}; hypothesised"
 
 
 def explanation(finding: Finding) -> str:
-    """What the effect is, and why its name may stand in for something else."""
+    """What the effect is, how it was found, and what speaks against it."""
     said = [finding.explanation]
-    if finding.failing:
+    if finding.family:
         said.append(
-            "The model with it still does not fit: something else is there, and this name may stand in for it."
+            "It was found at all such places together, under one size; this place stands out by itself."
         )
-    if finding.pile > 1:
-        said.append("It is one of several names that may together stand in for one thing without a name.")
+    halves = finding.replication
+    if halves is not None and not halves.agree:
+        said.append("The halves of the recording do not agree on its amplitude: something else varies there.")
+    elif halves is not None and min(halves.halves) < DOUBTFUL:
+        said.append(
+            f"One half of the recording alone would not name it (probability {percent(min(halves.halves))})."
+        )
     return " ".join(said)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truepose.identification.diagnosis.effect_selection import THRESHOLD
+from truepose.identification.diagnosis.alone import NOTABLE
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.diagnosis_words import alarm_name, named, place_words, several
 from truepose.identification.report.numbers import known, p_value, percent, significant, times
@@ -137,7 +137,7 @@ def _proof_doubts(
     out = []
     if known(high) and high >= 1.0:
         out.append("Held-out rows show no certain gain.")
-    if placebo is not None and placebo > THRESHOLD:
+    if placebo is not None and placebo > NOTABLE:
         out.append(
             f"A placebo (the same effect with shuffled drivers) gains {significant(placebo)} too, which"
             " chance should not give."

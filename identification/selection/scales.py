@@ -39,19 +39,23 @@ class Grid:
         return tuple(Point(k, i, self.log_prior(k, i)) for k in self.noise for i in self.inflation)
 
     def log_prior(self, noise: float, inflation: Sequence[float]) -> float:
-        """Stated sigmas are mostly right and sometimes far off; tolerances are rarely off by much.
-
-        All are off together by one factor, at its cost, or each kind by its own; classes by what they differ from it.
-        """
+        """Stated sigmas are mostly right and sometimes far off; tolerances are rarely off by much."""
         step = np.log(noise)
         stated = np.logaddexp(np.log(0.8 / 0.1) - 0.5 * (step / 0.1) ** 2, np.log(0.2) - 0.5 * step**2)
-        doubt = np.log(inflation) / TOLERANCE_DOUBT
-        kinds = [
-            doubt[[c.kind == kind for c in self.classes]]
-            for kind in dict.fromkeys(c.kind for c in self.classes)
-        ]
-        cost = min(0.5 * common**2 + sum(_cheapest(own, common) for own in kinds) for common in {0.0, *doubt})
-        return float(stated - cost)
+        return float(stated) - tolerance_cost(inflation, self.classes)
+
+
+def tolerance_cost(inflation: Sequence[float], classes: Sequence[PartClass]) -> float:
+    """Minus the log prior (up to a constant) of one factor of widening for each class of parts.
+
+    All are off together by one factor, at its cost, or each kind by its own; classes by what they differ from it.
+    """
+    doubt = np.log(np.array(inflation, dtype=float)) / TOLERANCE_DOUBT
+    kinds = [doubt[[c.kind == kind for c in classes]] for kind in dict.fromkeys(c.kind for c in classes)]
+    return min(
+        float(0.5 * common**2) + sum(_cheapest(own, common) for own in kinds)
+        for common in {0.0, *doubt.tolist()}
+    )
 
 
 def _cheapest(own: Array, common: float) -> float:

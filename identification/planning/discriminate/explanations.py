@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.diagnosis.unnamed import UNNAMED
+from truepose.identification.diagnosis.result import UNNAMED
 from truepose.identification.identifiability.note import Note
 from truepose.identification.prediction.simulate import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 
 import plotly.graph_objects as go
 
-from truepose.identification.diagnosis.effect_selection import THRESHOLD
+from truepose.identification.diagnosis.alone import NOTABLE
 from truepose.identification.report.figures import style
 from truepose.identification.report.numbers import known, significant
 
@@ -46,7 +46,7 @@ def evidence_map(evidence: Mapping[str, float], named: Collection[str]) -> go.Fi
             hovertemplate="%{y}: %{text}<extra></extra>",
         )
         figure.add_trace(bar)
-    _axis(figure, min([*values, -1.0]), max([*values, THRESHOLD]))
+    _axis(figure, min([*values, -1.0]), max([*values, NOTABLE]))
     figure.update_yaxes(title_text="place", categoryorder="array", categoryarray=places[::-1])
     figure.update_layout(barmode="overlay")
     return style.finish(figure, height=130 + 21 * max(len(best), 4), left=110, top=45, legend=bool(named))
@@ -67,4 +67,4 @@ def _axis(figure: go.Figure, low: float, high: float) -> None:
     figure.add_vline(x=0.0, line={"color": style.INK, "width": 1})
     line = {"color": style.ACCENT, "dash": "dash", "width": 1.5}
     mark = {"annotation_text": "worth a name: 3", "annotation_position": "top"}
-    figure.add_vline(x=squeeze(THRESHOLD), line=line, layer="below", **mark)
+    figure.add_vline(x=squeeze(NOTABLE), line=line, layer="below", **mark)

@@ -1,0 +1,77 @@
+"""Every candidate weighed alone, and how wide tolerances would have to be for a name to fall."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.diagnosis import prior
+from truepose.identification.diagnosis.naming import Named
+from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.weighed import Weighed
+from truepose.identification.posterior.design import Point
+from truepose.identification.posterior.mode import slot_odds
+from truepose.identification.posterior.posterior import best_point
+from truepose.identification.posterior.weighing import Weighing
+
+Array = NDArray[np.float64]
+EVERY = 4
+"""Steps of the noise between the points at which candidates are weighed alone."""
+NOTABLE = 3.0
+"""Log Bayes factor of a candidate alone below which it is nothing to speak of."""
+WIDENINGS = (1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 100.0)
+
+
+def weighed_alone(problem: Weighed, count: int) -> Array:
+    """(count,) log Bayes factor of each candidate alone, noise and tolerances marginalised; minus infinity for others."""
+    weighing = problem.weighing
+    points = _points(weighing)
+    null = np.array([weighing.root(p).log_evidence for p in points])
+    terms = np.array([np.logaddexp.reduce(weighing.log_odds(p, ()), axis=0) for p in points])
+    terms -= weighing.terms.log_prior(())
+    total = np.logaddexp.reduce(terms + null[:, None], axis=0) - np.logaddexp.reduce(null)
+    out = np.full(count, -np.inf)
+    for own, gain in zip(problem.candidates, total, strict=True):
+        if len(own) == 1:
+            out[own[0]] = gain
+    return out
+
+
+def _points(weighing: Weighing) -> list[Point]:
+    """Noises from the smallest to what nothing but noise would need, at stated tolerances and wider ones."""
+    shape = weighing.unknowns.shape
+    kinds, top = len(shape) - 2, best_point(weighing)[0]
+    widest = max(range(shape[kinds]), key=lambda k: sum(weighing.unknowns.widening[k]))
+    noises = sorted({*range(0, top + 1, EVERY), top})
+    return [(*(min(k, n - 1) for n in shape[:kinds]), w, 0) for k in noises for w in {0, widest}]
+
+
+def flip_inflation(found: Found, one: Named) -> float | None:
+    """How many times wider every tolerance would have to be for the name not to be needed; None when none would do."""
+    problem, mode = found.weighed, found.mode
+    weighing = problem.weighing
+    own = {t for t, _ in mode.members if set(one.candidates) & set(problem.candidates[t])}
+    unknowns = replace(
+        weighing.unknowns,
+        widening=tuple((w,) * len(problem.classes) for w in WIDENINGS),
+        log_widening=(0.0,) * len(WIDENINGS),
+    )
+    members = [t for t, _ in mode.members]
+    wanted = np.isin(np.arange(len(weighing.terms)), members)
+    part, index = weighing.restricted(wanted)
+    part = Weighing(part.design, unknowns, part.terms, part.sizes)
+    place = {int(t): k for k, t in enumerate(index)}
+    every = [(place[t], s) for t, s in mode.members]
+    rest = [(place[t], s) for t, s in mode.members if t not in own]
+    odds = part.log_prior(every) - part.log_prior(rest)
+    odds += sum(slot_odds(prior.RICHNESS, len(rest) + k) for k in range(len(every) - len(rest)))
+
+    def needed(k: int) -> bool:
+        point = (*mode.point[:-2], k, mode.point[-1])
+        return part.log_evidence(point, every) - part.log_evidence(point, rest) + odds > 0.0
+
+    if needed(len(WIDENINGS) - 1):
+        return None
+    return next(w for k, w in enumerate(WIDENINGS) if w == WIDENINGS[-1] or not needed(k))

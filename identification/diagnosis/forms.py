@@ -1,0 +1,72 @@
+"""Errors of form: a formula is right to some percent, so a large effect brings smooth deviations of its own.
+
+Its fitted signal is modulated by the first two Chebyshev polynomials of every joint and driver. Without them a large effect
+of slightly other form needs small false names beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.recording.recording import Recording
+from truepose.models.driver import Driver
+
+Array = NDArray[np.float64]
+ERROR = 0.1
+"""1-sigma of a formula's deviation, as a share of its signal."""
+
+
+@dataclass(frozen=True)
+class Forms:
+    """Modulations (n, u) of every row, and the signals that are modulated: columns of G with the fitted coefficients."""
+
+    modulations: Array
+    signals: tuple[tuple[slice, Array], ...]
+
+    @classmethod
+    def none(cls) -> Forms:
+        """No errors of form."""
+        return cls(np.zeros((0, 0)), ())
+
+    @classmethod
+    def of(
+        cls, recording: Recording, used: NDArray[np.bool_], signals: Sequence[tuple[slice, Array]]
+    ) -> Forms:
+        """Of the signals, over the ranges of the rows ``used`` (n,)."""
+        if not signals:
+            return cls.none()
+        sources = [recording.q[:, k] for k in range(recording.q.shape[1])]
+        for name in recording.logged:
+            values = recording.driver(name)
+            if values is not None and (name in ("payload", "time") or Driver.of(name).thermal):
+                sources.append(values)
+        columns = [c for values in sources for c in _chebyshev(values, used)]
+        phi = np.column_stack(columns) if columns else np.zeros((len(used), 0))
+        total = np.sqrt(max(float(np.mean(np.sum(phi[used] ** 2, axis=1))), 1e-300)) if columns else 1.0
+        return cls(ERROR * phi / total, tuple(signals))
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return len(self.signals) * int(self.modulations.shape[1])
+
+    def columns(self, signature: Array, rows: NDArray[np.intp]) -> Array:
+        """(k, m, width) of rows (k,) with signatures (k, m, w), each N(0, 1)."""
+        out = [
+            (signature[:, :, at] @ amplitude)[:, :, None] * self.modulations[rows][:, None, :]
+            for at, amplitude in self.signals
+        ]
+        return np.concatenate(out, axis=2) if out else np.zeros((*signature.shape[:2], 0))
+
+
+def _chebyshev(values: Array, used: NDArray[np.bool_]) -> list[Array]:
+    """The first two polynomials over the range of the used rows; none of what does not vary."""
+    low, high = float(values[used].min()), float(values[used].max())
+    if high <= low:
+        return []
+    t = np.clip(2.0 * (values - low) / (high - low) - 1.0, -1.0, 1.0)
+    return [t, 2.0 * t**2 - 1.0]

@@ -1,0 +1,129 @@
+"""The model that a diagnosis ends with: the likeliest set, what has no name included, fitted without linearisation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import ConvergenceError
+from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.weighed import Weighed
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.posterior.mode import State
+from truepose.identification.selection.tolerance_classes import part_classes
+from truepose.models.effects.base import PlacedEffect
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+WORTH = 0.95
+"""Share of the remainder's signal that the forms which are carried hold; the others are left to the noise."""
+FEW = 40
+"""Most forms of the remainder that are carried."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A form of the remainder: index of its candidate, prior 1-sigma of each coefficient in its scale, share of the signal."""
+
+    candidate: int
+    sigma: Array
+    share: float
+
+
+def remainder_shapes(found: Found) -> tuple[Shape, ...]:
+    """The forms that make most of the remainder of the mode, the largest first; none where it has none."""
+    problem, mode = found.weighed, found.mode
+    tau = problem.weighing.unknowns.size.values[mode.point[-1]]
+    if tau == 0.0 or not problem.remainder.size:
+        return ()
+    directions = _directions(problem, mode)
+    coefficients = problem.remainder @ directions
+    sigma = tau * np.sqrt(np.sum(problem.remainder**2, axis=1))
+    lin, cat, at, shapes = found.linearisation, found.catalogue, 0, list[Shape]()
+    for i, placed in enumerate(cat.candidates):
+        if cat.named(i):
+            continue
+        width = len(placed.coefficients)
+        part = slice(at, at + width)
+        columns = lin.free + problem.nameless[part]
+        signal = float(coefficients[part] @ lin.gram[np.ix_(columns, columns)] @ coefficients[part])
+        shapes.append(Shape(i, sigma[part], signal))
+        at += width
+    return _largest(shapes)
+
+
+def _largest(shapes: list[Shape]) -> tuple[Shape, ...]:
+    total = sum(s.share for s in shapes)
+    out: list[Shape] = []
+    for shape in sorted(shapes, key=lambda s: -s.share)[:FEW]:
+        if total <= 0.0 or sum(s.share for s in out) > WORTH:
+            break
+        out.append(replace(shape, share=shape.share / total))
+    return tuple(out)
+
+
+def _directions(problem: Weighed, mode: State) -> Array:
+    """(r,) posterior mean of the remainder's directions beside the mode's members, linear."""
+    weighing = problem.weighing
+    design, unknowns = weighing.design, weighing.unknowns
+    *noise, widening, size = mode.point
+    columns, sizes = weighing.columns(mode.members)
+    at = np.concatenate([np.arange(design.n), design.n + columns]).astype(np.intp)
+    factors = np.array([*unknowns.widening[widening], 1.0])
+    tau = unknowns.size.values[size]
+    sigma = design.always.sigma * np.where(design.always.remainder, tau, factors[design.always.part])
+    precision = np.concatenate([sigma, sizes]) ** -2.0
+    gram = np.diag(precision)
+    right = np.zeros(len(at))
+    for own, axis, k in zip(design.grams, unknowns.noise, noise, strict=True):
+        gram += own[np.ix_(at, at)] / axis.values[k] ** 2
+        right += own[at, -1] / axis.values[k] ** 2
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    solved = scale * np.linalg.lstsq(gram * scale[:, None] * scale, scale * right, rcond=1e-13)[0]
+    return np.asarray(solved[: design.n][design.always.remainder])
+
+
+def fitted(found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask) -> Estimate:
+    """The nonlinear fit with candidates (index to spread) and forms of the remainder, tolerances as wide as the mode's.
+
+    Where no minimum is found with them, the fit of the search.
+    """
+    machine, recording, cat = found.signatures.machine, found.signatures.recording, found.catalogue
+    terms = [replace(cat.candidates[i], spread=spread) for i, spread in accepted.items()]
+    extra = [s for s in shapes if s.candidate not in accepted]
+    terms += [cat.candidates[s.candidate] for s in extra]
+    prior = _prior(found, terms, len(accepted), extra)
+    known = {e.label: e.amplitudes for e in found.fit.fitted_effects()}
+    start = np.concatenate(
+        [
+            found.fit.p[: len(machine.parameters)],
+            *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms],
+        ]
+    )
+    try:
+        return estimate(machine, recording, terms, start=start, exclude=exclude, prior=prior)
+    except ConvergenceError:
+        return found.fit
+
+
+def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shape]) -> Prior:
+    """Tolerances widened as the mode has them, and each coefficient of the remainder with its own 1-sigma."""
+    machine, problem = found.signatures.machine, found.weighed
+    prior = prior_of(machine, terms)
+    sigma, count = prior.sigma.copy(), len(machine.parameters)
+    factors = dict(
+        zip(problem.classes, problem.weighing.unknowns.widening[found.mode.point[-2]], strict=True)
+    )
+    free = [k for k in range(count) if sigma[k] > 0.0]
+    classes = part_classes([prior.names[k] for k in free], [prior.parts[k] for k in free])
+    for k, one in zip(free, classes, strict=True):
+        sigma[k] *= factors.get(one, 1.0)
+    at = count + sum(len(t.coefficients) for t in terms[:first])
+    for shape in extra:
+        sigma[at : at + len(shape.sigma)] = shape.sigma * prior.scale[at : at + len(shape.sigma)]
+        at += len(shape.sigma)
+    return prior.with_sigma(sigma)

@@ -1,0 +1,192 @@
+"""A linearisation and its catalogue as a posterior over sets: columns, terms and the grid of what is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from truepose.identification.diagnosis import prior
+from truepose.identification.diagnosis.candidates import Catalogue
+from truepose.identification.diagnosis.families import families
+from truepose.identification.diagnosis.signatures import Linearisation
+from truepose.identification.posterior.design import Always, Axis, Design, Unknowns, stated_log_prior
+from truepose.identification.posterior.terms import Term, Terms
+from truepose.identification.posterior.weighing import Weighing
+from truepose.identification.selection.scales import tolerance_cost
+from truepose.identification.selection.tolerance_classes import PartClass, inflations
+
+Array = NDArray[np.float64]
+WIDE = 100.0
+"""1-sigma of the coefficients of what the machine file states already, in scales."""
+FLAT = 1e-2
+"""Variance that a direction of the remainder adds to all readings, at a remainder of one sigma, below which it is left out."""
+
+
+class Cause(NamedTuple):
+    """What a term blames, at whatever settings: an effect at a place, or at all its places as a family."""
+
+    effect: str
+    place: tuple[str, ...]
+    family: bool = False
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """The posterior's problem, and what its numbers mean.
+
+    candidates: for each term those of the catalogue that it consists of; causes: by number; classes: of parts, in the order of
+    the grid's widenings. remainder (c, r): turns its r directions into coefficients of the nameless candidates' columns of G.
+    """
+
+    weighing: Weighing
+    candidates: tuple[tuple[int, ...], ...]
+    causes: tuple[Cause, ...]
+    classes: tuple[PartClass, ...]
+    nameless: NDArray[np.intp]
+    remainder: Array
+
+
+def weighed(lin: Linearisation, cat: Catalogue, rms: float, impossible: Collection[int] = ()) -> Weighed:
+    """``rms`` of the whitened residual of the ordinary fit bounds the noise and the remainder."""
+    nameless = np.array(
+        lin.indices([i for i in range(len(cat.candidates)) if not cat.named(i)]), dtype=np.intp
+    )
+    turn = _remainder(lin, cat, nameless)
+    members, causes, terms = _terms(cat, lin, impossible)
+    classes = tuple(dict.fromkeys(lin.parts))
+    weighing = Weighing(
+        _design(lin, cat, classes, nameless, turn),
+        _unknowns(lin, classes, rms, turn.shape[1]),
+        Terms(terms),
+        prior.SIZES,
+    )
+    return Weighed(weighing, members, causes, classes, nameless, turn)
+
+
+def _remainder(lin: Linearisation, cat: Catalogue, nameless: NDArray[np.intp]) -> Array:
+    """(c, r) the remainder: all nameless forms at once, sharing one variance in the readings; its directions that are seen."""
+    if not len(nameless):
+        return np.zeros((0, 0))
+    at = lin.free + nameless
+    gram = lin.gram[np.ix_(at, at)]
+    rms = np.sqrt(np.diag(gram) / lin.n_observations)
+    sizes = [len(c.coefficients) for i, c in enumerate(cat.candidates) if not cat.named(i)]
+    share = np.concatenate([np.full(k, (k * len(sizes)) ** -0.5) for k in sizes])
+    seen = rms > 1e-9 * np.max(rms)
+    scale = np.where(seen, share / np.where(seen, rms, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(gram * scale[:, None] * scale)
+    return np.asarray(scale[:, None] * vectors[:, values > FLAT])
+
+
+def _design(
+    lin: Linearisation, cat: Catalogue, classes: Sequence[PartClass], nameless: NDArray[np.intp], turn: Array
+) -> Design:
+    """Columns of every model (geometry, what the file states, errors of form, remainder), of terms, and the residual."""
+    n, width = lin.free, lin.columns[-1].stop if lin.columns else 0
+    stated = n + np.array(lin.indices(cat.stated), dtype=np.intp)
+    forms = n + width + np.arange(lin.forms)
+    size = len(lin.grams[0])
+    fixed = np.concatenate([np.arange(n), stated, forms]).astype(np.intp)
+    total = len(fixed) + turn.shape[1] + width + 1
+    change = np.zeros((size, total))
+    change[fixed, np.arange(len(fixed))] = 1.0
+    change[n + nameless, len(fixed) : len(fixed) + turn.shape[1]] = turn
+    change[n + np.arange(width), total - 1 - width + np.arange(width)] = 1.0
+    # e: the residual at the drawing values without effects, as a reading less its prediction
+    change[:-1, -1], change[-1, -1] = lin.departure, -1.0
+    sigma = np.concatenate(
+        [_sigma(lin.weight), np.full(len(stated), WIDE), np.ones(lin.forms + turn.shape[1])]
+    )
+    numbers = [classes.index(part) for part in lin.parts]
+    part = np.array([*numbers, *[-1] * (len(sigma) - n)], dtype=np.intp)
+    always = Always(sigma, part, np.arange(len(sigma)) >= len(fixed))
+    return Design(tuple(_turned(gram, change, fixed, width) for gram in lin.grams), lin.counts, always)
+
+
+def _turned(gram: Array, change: Array, fixed: NDArray[np.intp], width: int) -> Array:
+    """change' gram change; most of ``change`` picks columns."""
+    return np.asarray(change.T @ (gram @ change))
+
+
+def _sigma(weight: Array) -> Array:
+    return np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), np.inf)
+
+
+def _unknowns(lin: Linearisation, classes: Sequence[PartClass], rms: float, directions: int) -> Unknowns:
+    top = max(2.0, 1.3 * rms)
+    noise = np.exp(
+        np.arange(np.log(prior.NOISE_FROM), np.log(top) + prior.NOISE_STEP, prior.NOISE_STEP)
+    ).tolist()
+    axis = Axis(tuple(noise), stated_log_prior(noise))
+    stated = (1.0,) * len(classes)
+    wide = [w for w in dict.fromkeys([*inflations(classes), (prior.NARROWER,) * len(classes)]) if w != stated]
+    widening = (stated, *wide) if classes else ((),)
+    costs = tuple(tolerance_cost(w, classes) for w in widening)
+    count = int(np.ceil(np.log(2.0 * rms / prior.REMAINDER_FROM + 2.0) / np.log(prior.REMAINDER_STEP)))
+    sizes = [prior.REMAINDER_FROM * prior.REMAINDER_STEP**k for k in range(count)] if directions else []
+    share = np.log(prior.REMAINDER / max(len(sizes), 1))
+    none = np.log(1.0 - prior.REMAINDER) if sizes else 0.0
+    size = Axis((0.0, *sizes), (none, *[share] * len(sizes)))
+    return Unknowns((axis,) * len(lin.grams), tuple(widening), tuple(-c for c in costs), size)
+
+
+def _terms(
+    cat: Catalogue, lin: Linearisation, impossible: Collection[int]
+) -> tuple[tuple[tuple[int, ...], ...], tuple[Cause, ...], tuple[Term, ...]]:
+    """Candidates of each term, causes, terms: every candidate alone, and families."""
+    free = [i for i in range(len(cat.candidates)) if i not in cat.stated and i not in impossible]
+    alone = _shares(cat, free)
+    members: list[tuple[int, ...]] = [(i,) for i in free]
+    found, odds = [Cause(*cat.cause(i)) for i in free], [alone[i] for i in free]
+    for family in families(cat.candidates, [i for i in free if cat.named(i)]):
+        for i in family:
+            odds[free.index(i)] += np.log(1.0 - prior.FAMILY_SHARE)
+        members.append(family)
+        odds.append(float(logsumexp([alone[i] for i in family]) + np.log(prior.FAMILY_SHARE)))
+        places = tuple(p for i in family for p in cat.candidates[i].place)
+        found.append(Cause(cat.candidates[family[0]].effect.slug, places, family=True))
+    names = tuple(dict.fromkeys(found))
+    number = {name: k for k, name in enumerate(names)}
+    of_cause: dict[Cause, list[float]] = {}
+    for cause, log_prior in zip(found, odds, strict=True):
+        of_cause.setdefault(cause, []).append(log_prior)
+    whole = {cause: float(logsumexp(values)) for cause, values in of_cause.items()}
+    terms = tuple(
+        _term(cat, lin, own, number[cause], float(log_prior), whole[cause])
+        for own, cause, log_prior in zip(members, found, odds, strict=True)
+    )
+    return tuple(tuple(m) for m in members), names, terms
+
+
+def _term(
+    cat: Catalogue, lin: Linearisation, own: Sequence[int], cause: int, log_prior: float, whole: float
+) -> Term:
+    coefficients = [c for i in own for c in cat.candidates[i].coefficients]
+    first = cat.candidates[own[0]]
+    return Term(
+        columns=tuple(lin.indices(own)),
+        cause=cause,
+        log_prior=log_prior,
+        log_further=log_prior - whole + float(np.log(prior.FURTHER)),
+        lower=tuple(c.lower / c.scale for c in coefficients),
+        upper=tuple(c.upper / c.scale for c in coefficients),
+        alone=cat.named(own[0]) and not first.effect.settings_add,
+    )
+
+
+def _shares(cat: Catalogue, free: Sequence[int]) -> dict[int, float]:
+    """Log prior of each candidate given that something is there: named ones share, and nameless ones."""
+    out: dict[int, float] = {}
+    named = [i for i in free if cat.named(i)]
+    nameless = [i for i in free if not cat.named(i)]
+    share = prior.UNNAMED_SHARE if nameless else 0.0
+    for group, part in ((named, 1.0 - share), (nameless, share)):
+        if group:
+            own = np.array([cat.log_prior[i] for i in group])
+            out |= dict(zip(group, (own - logsumexp(own) + np.log(part)).tolist(), strict=True))
+    return out

@@ -1,0 +1,197 @@
+"""The model with some columns marginalised, at one point of the grid: all that is needed to weigh any set of terms.
+
+With V the covariance of e when A (and terms already taken in) are marginalised, M = G' V^-1 G and t = G' V^-1 e,
+a set S of terms with sizes q has the log Bayes factor
+
+    ln B(S) = 1/2 t' Q (I + Q M Q)^-1 Q t - 1/2 ln |I + Q M Q|,   Q = diag(q)
+
+M itself is never formed: its rows and diagonal blocks follow from G'G and one triangular solve.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from truepose.identification.posterior.design import Design, Point, Unknowns
+from truepose.identification.posterior.terms import SameSize, Terms
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+JITTER = 1e-13
+"""Added to a unit diagonal: columns without a prior may depend on each other."""
+
+
+class Own:
+    """G'G and G'e at the noise of a point, entry by entry as asked for; zero for columns that cannot be seen."""
+
+    def __init__(self, design: Design, terms: Terms, weights: Array) -> None:
+        self._design, self._terms, self._weights = design, terms, weights
+
+    @cached_property
+    def score(self) -> Array:
+        """(w,) products with e."""
+        return self.scores(np.arange(self._design.width))
+
+    def scores(self, columns: Index) -> Array:
+        """(k,) products of some columns with e."""
+        return self._sum((columns + self._design.n, np.array(-1))) * self._design.seen[columns]
+
+    def rows(self, columns: Index) -> Array:
+        """(k, w) rows."""
+        n, seen = self._design.n, self._design.seen
+        found = self._sum(np.ix_(columns + n, np.arange(n, n + self._design.width)))
+        return found * seen[columns][:, None] * seen
+
+    def among(self, columns: Index) -> Array:
+        """(k, k) entries."""
+        seen = self._design.seen[columns]
+        return self._sum(np.ix_(columns + self._design.n, columns + self._design.n)) * seen[:, None] * seen
+
+    @cached_property
+    def blocks(self) -> tuple[Array, ...]:
+        """(c, k, k) diagonal blocks for each group of terms of one number of columns."""
+        out = []
+        for group in self._terms.by_size:
+            at, seen = group.columns + self._design.n, self._design.seen[group.columns] & group.there
+            out.append(self._sum((at[:, :, None], at[:, None, :])) * seen[:, :, None] * seen[:, None, :])
+        return tuple(out)
+
+    def _sum(self, at: tuple[Index, ...]) -> Array:
+        grams = self._design.grams
+        out: Array = grams[0][at] * self._weights[0]
+        for gram, weight in zip(grams[1:], self._weights[1:], strict=True):
+            out += gram[at] * weight
+        return out
+
+
+class Halves:
+    """What is taken in, turned by its triangular factor (r, r): its products ``rows`` (r, w) with all columns, and with e."""
+
+    def __init__(self, factor: Array, rows: Array, turned: Array) -> None:
+        self._factor, self._rows, self.turned = factor, rows, turned
+
+    @cached_property
+    def all(self) -> Array:
+        """(r, w) of all columns."""
+        out: Array = solve_triangular(self._factor, self._rows, lower=True, check_finite=False)
+        return out
+
+    def of(self, columns: Index) -> Array:
+        """(r, k) of some columns."""
+        if "all" in self.__dict__:
+            found: Array = self.all[:, columns]
+            return found
+        out: Array = solve_triangular(self._factor, self._rows[:, columns], lower=True, check_finite=False)
+        return out
+
+
+class Marginal:
+    """Scores t (w,), log evidence, and rows and blocks of M with everything taken in so far marginalised.
+
+    M is what ``above`` has (G'G, or another marginal) less half' half; ``half`` (r, w) is worked out for the columns that
+    are asked for, or for all at once.
+    """
+
+    def __init__(self, terms: Terms, above: Own | Marginal, beside: Halves, log_evidence: float) -> None:
+        self.terms, self.log_evidence = terms, log_evidence
+        self._above, self._beside = above, beside
+        self._rows: dict[int, Array] = {}
+
+    @cached_property
+    def score(self) -> Array:
+        """(w,) scores t."""
+        out: Array = self._above.score - self._beside.all.T @ self._beside.turned
+        return out
+
+    def scores(self, columns: Index) -> Array:
+        """(k,) scores of some columns."""
+        out: Array = self._above.scores(columns) - self._beside.of(columns).T @ self._beside.turned
+        return out
+
+    def rows(self, columns: Index) -> Array:
+        """(k, w) rows of M."""
+        new = [int(c) for c in columns if int(c) not in self._rows]
+        if new:
+            at = np.array(new)
+            made = self._above.rows(at) - self._beside.of(at).T @ self._beside.all
+            self._rows.update(zip(new, made, strict=True))
+        return np.array([self._rows[int(c)] for c in columns])
+
+    @cached_property
+    def blocks(self) -> tuple[Array, ...]:
+        """(c, k, k) diagonal blocks of M for each group of terms of one number of columns."""
+        return tuple(map(self._left_of, self._above.blocks, self.terms.by_size))
+
+    def _left_of(self, above: Array, group: SameSize) -> Array:
+        size, half = group.columns.shape[1], self._beside.all
+        part = half[:, group.columns.ravel()].reshape(len(half), -1, size)
+        if size == 1:
+            return np.asarray(above - np.sum(part**2, axis=0)[:, :, None])
+        turned = part.transpose(1, 2, 0) * group.there[:, :, None]
+        return np.asarray(above - turned @ turned.transpose(0, 2, 1))
+
+    def including(self, columns: Index, sizes: Array) -> Marginal:
+        """With columns (k,) taken in, N(0, size^2) each."""
+        rows = self.rows(columns) * sizes[:, None]
+        factor, turned = self._factor(columns, sizes)
+        gain = 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(factor))))
+        return Marginal(self.terms, self, Halves(factor, rows, turned), self.log_evidence + gain)
+
+    def gain(self, columns: Index, sizes: Array) -> float:
+        """Log Bayes factor of columns (k,) together, N(0, size^2) each."""
+        factor, turned = self._factor(columns, sizes)
+        return 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(factor))))
+
+    def posterior(self, columns: Index, sizes: Array) -> tuple[Array, Array]:
+        """Mean (k,) and covariance (k, k) of the coefficients of columns taken in together."""
+        factor, turned = self._factor(columns, sizes)
+        root = solve_triangular(factor, np.diag(sizes), lower=True, check_finite=False)
+        return root.T @ turned, root.T @ root
+
+    def _factor(self, columns: Index, sizes: Array) -> tuple[Array, Array]:
+        """Triangular factor of I + Q M Q, and its solution of Q t."""
+        scaled = sizes[:, None] * self.among(columns) * sizes
+        scaled[np.diag_indices(len(scaled))] += 1.0
+        factor = cholesky(scaled, lower=True, check_finite=False)
+        return factor, solve_triangular(factor, sizes * self.scores(columns), lower=True, check_finite=False)
+
+    def among(self, columns: Index) -> Array:
+        """(k, k) entries of M."""
+        part = self._beside.of(columns)
+        out: Array = self._above.among(columns) - part.T @ part
+        return out
+
+
+def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: Point) -> Marginal:
+    """Everything that all models have marginalised at a point; its log evidence holds the point's log prior."""
+    *noise, widening, size = point
+    scales = np.array([axis.values[k] for axis, k in zip(unknowns.noise, noise, strict=True)])
+    weights = scales**-2.0
+    sigma, keep = _sigma(design, unknowns, widening, size)
+    inside, sigma = np.flatnonzero(keep), sigma[keep]
+    rows = sum(gram[inside] * weight for gram, weight in zip(design.grams, weights, strict=True))
+    scale = 1.0 / np.sqrt(np.maximum(rows[np.arange(len(inside)), inside] + sigma**-2.0, 1e-300))
+    a = rows[:, inside] * scale[:, None] * scale
+    a[np.diag_indices(len(a))] += (scale / sigma) ** 2 + JITTER
+    factor = cholesky(a, lower=True, check_finite=False)
+    turned = solve_triangular(factor, rows[:, -1] * scale, lower=True, check_finite=False)
+    beside = rows[:, design.n : -1] * scale[:, None] * design.seen
+    square = sum(gram[-1, -1] * weight for gram, weight in zip(design.grams, weights, strict=True))
+    known = np.isfinite(sigma)
+    log_det = float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)) + np.sum(np.log(sigma[known])))
+    log_evidence = -float(np.array(design.counts) @ np.log(scales)) - log_det
+    log_evidence -= 0.5 * float(square - turned @ turned)
+    own = Own(design, terms, weights)
+    return Marginal(terms, own, Halves(factor, beside, turned), log_evidence + unknowns.log_prior(point))
+
+
+def _sigma(design: Design, unknowns: Unknowns, widening: int, size: int) -> tuple[Array, NDArray[np.bool_]]:
+    """(n,) 1-sigmas of A at a point, and which columns are there at all: without a size the remainder is not."""
+    always, tau = design.always, unknowns.size.values[size]
+    factors = np.array([*unknowns.widening[widening], 1.0])  # part -1: none
+    sigma = always.sigma * np.where(always.remainder, tau, factors[always.part])
+    return sigma, ~always.remainder | (tau > 0.0)

@@ -1,0 +1,200 @@
+"""The posterior over sets, from several chains: how probable each term and cause is, which stand in for each other,
+the likeliest sets, and how far the chains agree."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.posterior.design import Point
+from truepose.identification.posterior.mode import Climb, State, log_posterior
+from truepose.identification.posterior.sampler import Chain, Richness, Sweep
+from truepose.identification.posterior.weighing import Members, Weighing
+
+Array = NDArray[np.float64]
+AGREED = 0.02
+"""Largest difference of a cause's probability between two chains that is none."""
+BURN, ROUND, ROUNDS = 25, 40, 3
+"""Sweeps of a chain before it counts, sweeps of each round, most rounds."""
+HOPELESS, OVERLOOKED = -8.0, -3.0
+"""Log probability in a slot below which a term is left out of the chains, and above which leaving it out was wrong."""
+LOOKS, TYPICAL = 3, 3
+"""Most times that the chains are run with more terms, and sets that are looked at after each."""
+HOT, HEAT = 8, 3.0
+"""Sweeps of the second chain's start with odds flattened by so much: it comes from elsewhere."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What the chains say.
+
+    terms: probability of each term that was not hopeless; causes (n,): of each cause; beside (n, n): where a slot holds
+    the cause of the row, how probable each other cause is in its place (rows sum to 1 at most); states: the distinct
+    states visited with their share of sweeps, most visited first; points: share of sweeps at each point; disagreement:
+    largest difference between chains of a cause's probability.
+    """
+
+    terms: Mapping[int, float]
+    causes: Array
+    beside: Array
+    states: tuple[tuple[State, float], ...]
+    points: tuple[tuple[Point, float], ...]
+    disagreement: float
+    sweeps: int
+
+    def typical(self, number: int) -> list[State]:
+        """A state of each of the sets of terms that were visited most."""
+        sets: dict[tuple[int, ...], tuple[State, float]] = {}
+        for state, share in self.states:
+            key = tuple(term for term, _ in state.members)
+            first, before = sets.get(key, (state, 0.0))
+            sets[key] = (first, before + share)
+        return [state for state, _ in sorted(sets.values(), key=lambda s: -s[1])[:number]]
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the chains agree."""
+        return self.disagreement <= AGREED
+
+
+class _Tally:
+    """Sums over the sweeps of one chain."""
+
+    def __init__(self, weighing: Weighing) -> None:
+        self._cause, self.sweeps = weighing.terms.cause, 0
+        self.terms, self.number = np.zeros(len(weighing.terms)), weighing.terms.n_causes
+        self.beside = np.zeros((self.number, self.number))
+        self.seen: Counter[tuple[Members, Point]] = Counter()
+
+    def add(self, sweep: Sweep) -> None:
+        self.sweeps += 1
+        for visit in sweep.visits:
+            self.terms += visit.slots * visit.terms
+            if visit.filled:
+                own = self._by_cause(visit.terms)
+                some = np.flatnonzero(own > 1e-4)
+                self.beside[np.ix_(some, some)] += np.outer(own[some], own[some])
+        self.seen[tuple(sorted(sweep.members)), sweep.point] += 1
+
+    def _by_cause(self, terms: Array) -> Array:
+        found: Array = np.bincount(self._cause, weights=terms, minlength=self.number).astype(float)
+        return found
+
+    @property
+    def causes(self) -> Array:
+        """(n,) probability of each cause."""
+        return np.asarray(np.minimum(self._by_cause(self.terms) / self.sweeps, 1.0))
+
+
+def sample(
+    weighing: Weighing, richness: Richness, *, seed: int = 1, known: Sequence[State] = ()
+) -> Posterior:
+    """Two chains, from the likeliest set and from nothing, until they agree or long enough.
+
+    Climbs from nothing and from ``known`` states come first; terms that were hopeless in all of them are left out of the
+    chains, and looked at again at the sets that these visit most.
+    """
+    climb = Climb(weighing, richness)
+    start = best_point(weighing)
+    tops = [climb.from_(start, ()), *(climb.from_(state.point, state.members) for state in known)]
+    top = max(tops, key=lambda state: state.log_posterior)
+    for state in tops:
+        climb.look(state.point, state.members)
+    for _ in range(LOOKS):
+        wanted = climb.interest > HOPELESS
+        part, index = weighing.restricted(wanted)
+        found = _sampled(part, index, richness, seed, top, start)
+        for state in found.typical(TYPICAL):
+            climb.look(state.point, state.members)
+        if not np.any(~wanted & (climb.interest > OVERLOOKED)):
+            break
+    return found
+
+
+def _sampled(
+    part: Weighing, index: NDArray[np.intp], richness: Richness, seed: int, top: State, start: Point
+) -> Posterior:
+    """Chains over the terms ``index`` of the whole problem; the result is in the whole problem's numbers."""
+    back = {int(term): k for k, term in enumerate(index)}
+    members = tuple((back[term], size) for term, size in top.members)
+    chains = [Chain(part, richness, top.point, members, seed), Chain(part, richness, start, (), seed + 1)]
+    chains[1].heat = HEAT
+    _run(chains[1], HOT)
+    chains[1].heat = 1.0
+    for chain in chains:
+        _run(chain, BURN)
+    tallies = [_Tally(part) for _ in chains]
+    for _ in range(ROUNDS):
+        for chain, tally in zip(chains, tallies, strict=True):
+            for sweep in chain.sweeps(ROUND):
+                tally.add(sweep)
+        if _disagreement(tallies) <= AGREED:
+            break
+    return _gathered(part, index, richness, tallies)
+
+
+def _run(chain: Chain, number: int) -> None:
+    for _ in chain.sweeps(number):
+        pass
+
+
+def best_point(weighing: Weighing) -> Point:
+    """The likeliest noise without any term, at stated tolerances and without a remainder: every other value, then beside it."""
+    shape = weighing.unknowns.shape
+    kinds = len(shape) - 2
+
+    def at(k: int) -> Point:
+        return (*(min(k, n - 1) for n in shape[:kinds]), 0, 0)
+
+    coarse = max(range(0, shape[0], 4), key=lambda k: weighing.root(at(k)).log_evidence)
+    near = range(max(coarse - 3, 0), min(coarse + 4, shape[0]))
+    return at(max(near, key=lambda k: weighing.root(at(k)).log_evidence))
+
+
+def _disagreement(tallies: Sequence[_Tally]) -> float:
+    shares = np.array([t.causes for t in tallies])
+    return float(np.max(np.ptp(shares, axis=0), initial=0.0))
+
+
+def _gathered(
+    part: Weighing, index: NDArray[np.intp], richness: Richness, tallies: Sequence[_Tally]
+) -> Posterior:
+    sweeps = sum(t.sweeps for t in tallies)
+    seen: Counter[tuple[Members, Point]] = sum((t.seen for t in tallies), Counter())
+    states = []
+    for (members, point), count in seen.most_common():
+        whole = tuple(sorted((int(index[term]), size) for term, size in members))
+        states.append((State(whole, point, log_posterior(part, richness, members, point)), count / sweeps))
+    beside = np.sum([t.beside for t in tallies], axis=0)
+    own = np.sum(beside, axis=1, keepdims=True)
+    points: Counter[Point] = Counter()
+    for (_, point), count in seen.items():
+        points[point] += count
+    return Posterior(
+        terms=dict(
+            zip(
+                index.tolist(),
+                np.minimum(np.mean([t.terms / t.sweeps for t in tallies], axis=0), 1.0).tolist(),
+                strict=True,
+            )
+        ),
+        causes=np.mean([t.causes for t in tallies], axis=0),
+        beside=beside / np.where(own > 0.0, own, 1.0),
+        states=tuple(states),
+        points=tuple((p, c / sweeps) for p, c in points.most_common()),
+        disagreement=_disagreement(tallies),
+        sweeps=sweeps,
+    )
+
+
+def mode(weighing: Weighing, richness: Richness, posterior: Posterior) -> State:
+    """The likeliest set, climbed from the state visited most and from the likeliest one visited."""
+    climb = Climb(weighing, richness)
+    best = max((state for state, _ in posterior.states), key=lambda s: s.log_posterior)
+    starts = {state.members: state for state in (posterior.states[0][0], best)}
+    tops = (climb.from_(state.point, state.members) for state in starts.values())
+    return max(tops, key=lambda s: s.log_posterior)

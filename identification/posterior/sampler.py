@@ -1,0 +1,192 @@
+"""A Gibbs sampler over sets of terms: slots that are empty or hold one term with its size.
+
+One slot at a time is emptied and drawn anew from its full conditional over all terms at all sizes; two at a time are
+exchanged, so that a pair may become another pair; then the point of the grid (noise, tolerances, remainder) and the richness
+(how many effects such machines have) are drawn. Terms that would hardly ever leave stay for
+some sweeps: they are taken in once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from truepose.identification.posterior.design import Point
+from truepose.identification.posterior.weighing import Conditional, Member, Members, Weighing
+
+Array = NDArray[np.float64]
+SETTLED = 20.0
+"""Log odds of staying above which a term is drawn anew only now and then."""
+CALM, REVISITED = 4.0, 0.3
+"""Log odds of staying above which a term is drawn anew in so many of the sweeps: what is beside it changes faster."""
+REVIEWED = 2
+"""Settled terms that are drawn anew in each sweep."""
+PAIRS = 1
+STEPS = 4
+"""Exchanges of two slots, and steps on the grid, in each sweep."""
+LONG = 150
+"""Columns of all members beyond which one step on the grid a sweep has to do: each costs their factor."""
+
+
+@dataclass(frozen=True)
+class Richness:
+    """How many effects machines have: levels of the probability that a slot is filled, the log prior of each, and the slots."""
+
+    filled: tuple[float, ...]
+    log_prior: tuple[float, ...]
+    slots: int
+
+    def log_weights(self, number: int) -> Array:
+        """(r,) log posterior of each level for a number of members."""
+        p = np.array(self.filled)
+        out: Array = np.array(self.log_prior) + number * np.log(p) + (self.slots - number) * np.log1p(-p)
+        return out
+
+    def log_odds(self, level: int) -> float:
+        """Of a slot being filled."""
+        return float(np.log(self.filled[level] / (1.0 - self.filled[level])))
+
+
+@dataclass(frozen=True)
+class Visit:
+    """A slot's full conditional: probability (c,) of each term, that of nothing being the rest; for so many ``slots``."""
+
+    terms: Array
+    slots: int
+    filled: bool
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Where a chain stands after a sweep, and what its slots were drawn from."""
+
+    members: Members
+    point: Point
+    visits: tuple[Visit, ...]
+
+
+class Chain:
+    """One chain from a start; ``heat`` above 1 flattens all odds while it lasts."""
+
+    def __init__(
+        self, weighing: Weighing, richness: Richness, point: Point, members: Sequence[Member], seed: int
+    ) -> None:
+        self._weighing, self._richness = weighing, richness
+        self.point, self.members, self._level = point, list(members), 0
+        self.heat = 1.0
+        self._rng = np.random.default_rng(seed)
+        self._staying: dict[int, float] = {}
+        self._settled: Members = ()
+
+    def sweeps(self, number: int) -> Iterator[Sweep]:
+        """So many sweeps."""
+        for _ in range(number):
+            self._settle()
+            visits = tuple(self._slots())
+            for _ in range(PAIRS):
+                self._exchange()
+            self._settled = ()
+            long = len(self._weighing.columns(self.members)[0]) > LONG
+            for _ in range(1 if long else STEPS):
+                self._step()
+            weights = self._richness.log_weights(len(self.members))
+            self._level = int(self._rng.choice(len(weights), p=np.exp(weights - logsumexp(weights))))
+            yield Sweep(tuple(self.members), self.point, visits)
+
+    def _settle(self) -> None:
+        """Choose the members that stay for this sweep."""
+        stay = [m for m in self.members if self._staying.get(m[0], 0.0) > SETTLED]
+        kept = [stay[k] for k in self._rng.permutation(len(stay))[REVIEWED:]] if self.heat == 1.0 else []
+        self._settled = tuple(sorted(kept))
+
+    def _slots(self) -> Iterator[Visit]:
+        """Every slot drawn anew but the settled ones."""
+        empty = self._richness.slots - len(self.members)
+        moving = [m for m in self.members if m not in self._settled]
+        calm = [m for m in moving if self._staying.get(m[0], 0.0) > CALM and self.heat == 1.0]
+        left = [m for m in calm if self._rng.random() > REVISITED]
+        for k in self._rng.permutation(len(moving)):
+            if moving[k] not in left:
+                yield self._redraw(moving[k])
+        for member in (*self._settled, *left):
+            yield Visit(_one(len(self._weighing.terms), member[0]), 1, True)
+        for k in range(empty):
+            conditional = self._conditional(self.members)
+            if k == 0:
+                yield Visit(conditional.terms(self._slot), empty, False)
+            drawn = conditional.draw(self._slot, self._rng)
+            if drawn is not None:
+                self.members = [*self.members, drawn]
+
+    def _redraw(self, member: Member) -> Visit:
+        rest = [m for m in self.members if m != member]
+        conditional = self._conditional(rest)
+        terms = conditional.terms(self._slot)
+        left = max(1.0 - float(terms[member[0]]), 1e-300)
+        self._staying[member[0]] = (
+            -float(np.log(left)) if left > 1e-12 else conditional.lead(member[0], self._slot)
+        )
+        drawn = conditional.draw(self._slot, self._rng)
+        self.members = rest if drawn is None else [*rest, drawn]
+        return Visit(terms, 1, True)
+
+    @property
+    def _slot(self) -> float:
+        """Log odds of a slot being filled."""
+        return self._richness.log_odds(self._level) / self.heat
+
+    def _conditional(self, members: Sequence[Member]) -> Conditional:
+        return self._weighing.conditional(self.point, members, self._settled, self.heat)
+
+    def _exchange(self) -> None:
+        """Two slots emptied and drawn anew one after the other, accepted as Metropolis and Hastings say."""
+        moving = [m for m in self.members if m not in self._settled]
+        if len(moving) < 2:
+            return
+        first, second = (moving[k] for k in self._rng.choice(len(moving), 2, replace=False))
+        rest = [m for m in self.members if m not in (first, second)]
+        new = self._conditional(rest).draw(self._slot, self._rng)
+        between = rest if new is None else [*rest, new]
+        forward = self._conditional(between)
+        last = forward.draw(self._slot, self._rng)
+        backward = self._conditional([*rest, first])
+        if np.log(self._rng.random()) < forward.log_total(self._slot) - backward.log_total(self._slot):
+            self.members = between if last is None else [*between, last]
+
+    def _step(self) -> None:
+        """A step on the grid."""
+        there = self._proposed()
+        if there is None:
+            return
+        weighing = self._weighing
+        gain = weighing.log_evidence(there, self.members) - weighing.log_evidence(self.point, self.members)
+        if np.log(self._rng.random()) < gain / self.heat:
+            self.point = there
+
+    def _proposed(self) -> Point | None:
+        """Another noise, of all kinds or of one, other tolerances, or another remainder; as likely as the way back."""
+        shape, rng = self._weighing.unknowns.shape, self._rng
+        kinds, out = len(shape) - 2, list(self.point)
+        axis = int(rng.integers(0, 5))
+        if axis == 0:
+            out[kinds] = int(rng.integers(shape[kinds]))
+        elif axis == 1:
+            near = out[-1] + int(rng.choice((-1, 1)))
+            out[-1] = int(rng.integers(shape[-1])) if rng.random() < 0.3 else near
+        elif axis == 2 and kinds > 1:
+            out[int(rng.integers(kinds))] += int(rng.choice((-4, -2, -1, 1, 2, 4)))
+        else:
+            step = int(rng.choice((-8, -4, -2, -1, 1, 2, 4, 8)))
+            out[:kinds] = [k + step for k in out[:kinds]]
+        inside = all(0 <= k < n for k, n in zip(out, shape, strict=True))
+        return tuple(out) if inside and tuple(out) != self.point else None
+
+
+def _one(size: int, at: int) -> Array:
+    out = np.zeros(size)
+    out[at] = 1.0
+    return out

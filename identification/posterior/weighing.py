@@ -1,0 +1,160 @@
+"""Evidence of sets of terms, and what a further slot may hold: remembered, for a chain comes back to the same sets."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.posterior.conditional import Sizes, log_gains
+from truepose.identification.posterior.design import Design, Point, Unknowns
+from truepose.identification.posterior.marginal import Marginal, marginal
+from truepose.identification.posterior.terms import Terms
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Member = tuple[int, int]
+"""A term and the index of its size."""
+Members = tuple[Member, ...]
+REMEMBERED = 300_000_000
+"""Bytes of marginals, and as many of conditionals, that are kept."""
+SETS = 200_000
+"""Evidences that are kept."""
+Value = TypeVar("Value")
+
+
+class Memory(Generic[Value]):
+    """The latest so many values."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit, self._values = max(limit, 4), OrderedDict[Hashable, Value]()
+
+    def get_or(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """The value of a key, made where it is not there."""
+        if key in self._values:
+            self._values.move_to_end(key)
+            return self._values[key]
+        value = self._values[key] = make()
+        if len(self._values) > self._limit:
+            self._values.popitem(last=False)
+        return value
+
+
+@dataclass(frozen=True)
+class Conditional:
+    """What a slot may hold beside other members: log odds (s, c) of each term at each size, before those of the slot."""
+
+    log_odds: Array
+    log_sum: float
+    sums: Array
+    shares: Array
+
+    @classmethod
+    def of(cls, log_odds: Array) -> Conditional:
+        """From log odds (s, c)."""
+        top = float(np.max(log_odds, initial=-1e300))
+        weight = np.exp(log_odds - top)
+        total = float(weight.sum())
+        return cls(
+            log_odds, top + float(np.log(total)), np.cumsum(weight / total), weight.sum(axis=0) / total
+        )
+
+    def log_total(self, slot: float) -> float:
+        """Log of the sum of the odds of everything, nothing (1) included."""
+        return float(np.logaddexp(0.0, self.log_sum + slot))
+
+    def terms(self, slot: float) -> Array:
+        """(c,) probability of each term."""
+        return np.asarray(self.shares * np.exp(self.log_sum + slot - self.log_total(slot)))
+
+    def lead(self, term: int, slot: float) -> float:
+        """Log odds of a term against everything else, where these are beyond what shares can tell."""
+        own = np.logaddexp.reduce(self.log_odds, axis=0) + slot
+        others = np.logaddexp.reduce(np.append(np.delete(own, term), 0.0))
+        return float(own[term] - others)
+
+    def draw(self, slot: float, rng: np.random.Generator) -> Member | None:
+        """A member, or nothing."""
+        if np.log(rng.random()) > self.log_sum + slot - self.log_total(slot):
+            return None
+        at = min(int(np.searchsorted(self.sums, rng.random())), len(self.sums) - 1)
+        size, term = divmod(at, self.log_odds.shape[1])
+        return int(term), int(size)
+
+
+class Weighing:
+    """One design with its terms, sizes and grid of unknowns."""
+
+    def __init__(self, design: Design, unknowns: Unknowns, terms: Terms, sizes: Sizes) -> None:
+        self.design, self.unknowns, self.terms, self.sizes = design, unknowns, terms, sizes
+        self._roots = Memory[Marginal](REMEMBERED // (8 * (design.n + 1) * (design.width + 1)))
+        self._taken = Memory[Marginal](8)
+        self._conditionals = Memory[Conditional](REMEMBERED // (16 * (len(terms) + 1) * len(sizes.values)))
+        self._evidences = Memory[float](SETS)
+
+    def restricted(self, wanted: NDArray[np.bool_]) -> tuple[Weighing, Index]:
+        """The problem with the terms wanted (c,) only, and their numbers in this one."""
+        index = np.flatnonzero(wanted)
+        own = [self.terms.columns[k] for k in index]
+        columns = np.unique(np.concatenate([*own, np.zeros(0, dtype=np.intp)])).astype(np.intp)
+        place = np.zeros(self.design.width, dtype=np.intp)
+        place[columns] = np.arange(len(columns))
+        return Weighing(
+            self.design.restricted(columns),
+            self.unknowns,
+            self.terms.restricted(index.tolist(), place),
+            self.sizes,
+        ), index
+
+    def root(self, point: Point) -> Marginal:
+        """Without any term, at a point."""
+        return self._roots.get_or(point, lambda: marginal(self.design, self.unknowns, self.terms, point))
+
+    def base(self, point: Point, settled: Members) -> Marginal:
+        """With members that stay for long taken in."""
+        root = self.root(point)
+        if not settled:
+            return root
+        return self._taken.get_or((point, settled), lambda: root.including(*self.columns(settled)))
+
+    def columns(self, members: Sequence[Member]) -> tuple[Index, Array]:
+        """Columns (k,) of all members, and the size of each (k,)."""
+        if not members:
+            return np.zeros(0, dtype=np.intp), np.zeros(0)
+        own = [self.terms.columns[term] for term, _ in members]
+        sizes = [np.full(len(c), self.sizes.values[s]) for c, (_, s) in zip(own, members, strict=True)]
+        return np.concatenate(own), np.concatenate(sizes)
+
+    def log_odds(self, point: Point, members: Sequence[Member], settled: Members = ()) -> Array:
+        """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
+        base = self.base(point, settled)
+        others = [m for m in members if m not in settled]
+        beside = base.including(*self.columns(others)) if others else base
+        return log_gains(beside, self.sizes) + self.terms.log_prior([term for term, _ in members])
+
+    def conditional(
+        self, point: Point, members: Sequence[Member], settled: Members = (), heat: float = 1.0
+    ) -> Conditional:
+        """What a further slot may hold; ``heat`` above 1 flattens the odds."""
+        key = (point, tuple(sorted(members)), heat)
+        return self._conditionals.get_or(
+            key, lambda: Conditional.of(self.log_odds(point, members, settled) / heat)
+        )
+
+    def log_evidence(self, point: Point, members: Sequence[Member]) -> float:
+        """Log evidence of a point with its members, and the point's log prior, up to a constant."""
+        key = (point, tuple(sorted(members)))
+        return self._evidences.get_or(key, lambda: self._log_evidence(point, members))
+
+    def _log_evidence(self, point: Point, members: Sequence[Member]) -> float:
+        root = self.root(point)
+        return root.log_evidence + (root.gain(*self.columns(members)) if members else 0.0)
+
+    def log_prior(self, members: Sequence[Member]) -> float:
+        """Log prior of members and their sizes, without that of their number."""
+        terms = [term for term, _ in members]
+        return self.terms.log_prior_of(terms) + float(sum(self.sizes.log_prior[size] for _, size in members))
