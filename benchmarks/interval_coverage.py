@@ -65,11 +65,11 @@ PAGE = """# How often the intervals hold
 
 {runs} simulated calibrations of each machine under each condition ({minutes:.0f} minutes on one core of a busy
 machine). Every one has a machine of its own, drawn from the tolerances, and noise of its own; {rows} poses, but 12
-where rows are few and 15 where they are repeated. The columns are the share of true values inside estimate +- 1.96 std: over all
-parameters that the readings determine (std below half the tolerance), and the lowest and highest share of any one; then the
-share of readings
-at 100 other poses inside 1.96 of what `predict` says and the stated sigma, and the rms of these pulls. 95 % is right; the
-share of one parameter is known to {error:.1f} points (1 sigma). Gross rows are 10 to 100 sigmas off.
+where rows are few and 15 where they are repeated. The columns are the share of true values inside estimate +- 1.96 std: over
+all parameters that the readings determine (std below half the tolerance), and the lowest and highest share of any one; then
+the share of readings at 100 other poses inside 1.96 of what `predict` says and the stated sigma, and the rms of
+these pulls. 95 % is right; the share of one parameter is known to {error:.1f} points (1 sigma).
+Gross rows are 10 to 100 sigmas off.
 
 {table}
 
