@@ -47,7 +47,7 @@ SLIDES = """mechanism:
   joints:
     - {name: x, kind: prismatic, alpha: 90, theta: 90, range: [-300, 300]}
     - {name: y, kind: prismatic, alpha: -90, theta: -90, d: 30, range: [-200, 200]}
-    - {name: turn, kind: revolute, alpha: 90, r: 60, range: [-60, 60]}
+    - {name: turn, kind: revolute, d: 60, range: [-60, 60]}
 sensor: {type: pose, sigma: {xyz: 0.01, rot: 0.004}}
 """
 MACHINES = {"arm of three joints, positions": THREE_AXES, "two slides and a table, poses": SLIDES}
@@ -55,18 +55,36 @@ GROSS = 0.05
 FAR = (10.0, 100.0)
 """Size of a gross error, in sigmas."""
 LEVEL = 1.96
+GIVEN_UP = 0.25
+"""Rows that Huber's loss weighs less are set aside: more than six times as far off as half of the rows."""
 DETERMINED = 0.5
 """Parameters count whose 1-sigma is below this share of their tolerance: the others know what the file told them."""
 PAGE = """# How often the intervals hold
 
+    python -m benchmarks.interval_coverage --runs {runs} -o docs/coverage.md
+
+{runs} simulated calibrations of each machine under each condition ({minutes:.0f} minutes on one core of a busy
+machine). Every one has a machine of its own, drawn from the tolerances, and noise of its own; {rows} poses, but 12
+where rows are few and 15 where they are repeated. The columns are the share of true values inside estimate +- 1.96 std: over
+all parameters that the readings determine (std below half the tolerance), and the lowest and highest share of any one; then
+the share of readings at 100 other poses inside 1.96 of what `predict` says and the stated sigma, and the rms of
+these pulls. 95 % is right; the share of one parameter is known to {error:.1f} points (1 sigma).
+Gross rows are 10 to 100 sigmas off.
+
 {table}
+
+The covariance follows the noise that the residuals show, for each sensor and kind of reading
+(`identification/fit/noise.py`). Where sigma is stated too large, intervals of parameters are right all the same; held-out
+readings lie inside too often, because the sensor's noise, as the file states it, is part of their spread. Tolerances are
+taken as stated: a parameter that the readings do not determine is as uncertain as its tolerance, and its interval is
+right only if that is.
 """
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Noise in stated sigmas (that of rotations ``turns`` times as much), share of gross rows, loss, and how often each
-    pose is measured."""
+    """Noise in stated sigmas (that of rotations ``turns`` times as much), share of gross rows, loss, how often each
+    pose is measured, and whether rows that the loss gives up are set aside for a plain fit."""
 
     title: str
     rows: int = 40
@@ -75,6 +93,7 @@ class Condition:
     gross: float = 0.0
     loss: str = "gauss"
     repeats: int = 1
+    set_aside: bool = False
 
 
 CONDITIONS = (
@@ -88,6 +107,7 @@ CONDITIONS = (
     Condition("robust loss, no gross row", loss="huber"),
     Condition("robust loss, 5 % gross rows", gross=GROSS, loss="huber"),
     Condition("the same, sigma 1.5 times too small", noise=1.5, gross=GROSS, loss="huber"),
+    Condition("5 % gross rows, set aside", gross=GROSS, loss="huber", set_aside=True),
 )
 
 
@@ -185,7 +205,10 @@ def _calibrated(
         machine = replace(machine, sensors=tuple(_with_noise(s, repeated) for s in machine.sensors))
         predictor = bench.predictor(machine, len(readings))
     predictor.recording = bench.recording(readings)
-    return estimate(machine, predictor.recording, loss=condition.loss, predictor=predictor)
+    fit = estimate(machine, predictor.recording, loss=condition.loss, predictor=predictor)
+    if not condition.set_aside:
+        return fit
+    return estimate(machine, predictor.recording, exclude=fit.weights < GIVEN_UP, predictor=predictor)
 
 
 def _pulls(bench: Bench, predictor: Predictor, fit: Estimate, p: Array, readings: Array) -> Array:
@@ -236,8 +259,10 @@ def table(runs: int, tell: Callable[[str], None]) -> str:
     lines = [head, "|---|---|---|---|---|---|---|"]
     tell("\n".join(lines))
     with TemporaryDirectory() as folder:
-        for name in MACHINES:
+        for name, text in MACHINES.items():
             for condition in CONDITIONS:
+                if condition.turns != 1.0 and "rot:" not in text:
+                    continue
                 found = covered(name, condition, runs, Path(folder))
                 share = found.parameters
                 numbers = [
@@ -257,7 +282,16 @@ def main() -> None:
     text = table(asked.runs, print)
     if asked.output is not None:
         took = time.perf_counter() - began
-        atomic_write_text(asked.output, PAGE.format(runs=asked.runs, table=text, minutes=took / 60))
+        atomic_write_text(
+            asked.output,
+            PAGE.format(
+                runs=asked.runs,
+                table=text,
+                minutes=took / 60,
+                rows=Condition.rows,
+                error=100 * np.sqrt(0.95 * 0.05 / asked.runs),
+            ),
+        )
 
 
 if __name__ == "__main__":

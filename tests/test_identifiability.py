@@ -116,7 +116,7 @@ def test_expected_sigmas_are_those_of_the_fit_to_come(kind: str) -> None:
     fit = estimate(machine, replace(poses, observations=read))
     at_drawing = np.array([p.std_at_drawing for p in found.parameters])
     # the fit is a few tolerances' thousandths away from the drawing
-    np.testing.assert_allclose(at_drawing, fit.std[fit.prior.free], rtol=0.02)
+    np.testing.assert_allclose(at_drawing, np.sqrt(np.diag(fit.posterior)), rtol=0.02)
     agree = [
         (status(found)[name] == "determined") == flag or 0.6 < p.std / p.tolerance < 0.8
         for p, (name, flag) in zip(found.parameters, identifiable(fit).items(), strict=True)

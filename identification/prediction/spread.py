@@ -2,7 +2,8 @@
 
 The variance of a column is J C J', C from the file's ``covariance:`` for what it names and from tolerances for the
 rest; plus the square of what the fit left ``unexplained`` in that kind of reading; plus, where a form without a name
-(``empirical``) is asked outside of what it was fitted to, what it may be there.
+(``empirical``) is asked outside of what it was fitted to, what it may be there. What is unexplained of rotations is that
+of a small turn; a column of a rotation vector near half a turn moves more than that.
 """
 
 from __future__ import annotations
