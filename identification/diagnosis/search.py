@@ -16,12 +16,14 @@ from truepose.identification.diagnosis.signatures import Linearisation, Signatur
 from truepose.identification.diagnosis.weighed import WIDE, Weighed, weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
-from truepose.identification.posterior.posterior import Posterior, mode, sample
+from truepose.identification.posterior.posterior import Posterior, climbed, mode, sample
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-ROUNDS = 5
-"""Most expansion points."""
+CLIMBS, ROUNDS = 4, 3
+"""Most expansion points that are climbed to, and most at which the posterior is drawn."""
+REFINED = 2
+"""How often continuous settings are refined."""
 
 
 @dataclass(frozen=True)
@@ -46,28 +48,72 @@ class Found:
 
 def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Found:
     """From the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary whitened residual."""
-    accepted: dict[int, float] = dict.fromkeys(cat.stated, WIDE)
-    fit, known, impossible = null, list[State](), set[int]()
-    first: tuple[Weighed, Linearisation] | None = None
-    for _ in range(ROUNDS):
-        lin = signatures.linearise(fit)
-        problem = weighed(lin, cat, rms, impossible)
-        first = first or (problem, lin)
-        posterior = sample(problem.weighing, prior.RICHNESS, known=known)
-        best = mode(problem.weighing, prior.RICHNESS, posterior)
-        found = Found(problem, posterior, best, accepted, fit, lin, signatures, cat, *first)
-        wanted = dict.fromkeys(cat.stated, WIDE) | chosen(problem, best)
-        finer = refined(signatures.machine, cat, wanted)
-        if set(wanted) == set(accepted) and finer is cat:
+    state = _Expansion(signatures, cat, null, dict.fromkeys(cat.stated, WIDE), exclude, rms)
+    first = state.problem, state.linearisation
+    for _ in range(CLIMBS):
+        moved = state.moved(climbed(state.problem.weighing, prior.RICHNESS, state.known))
+        if moved is None:
             break
+        state = moved
+    for left in reversed(range(ROUNDS)):
+        posterior = sample(state.problem.weighing, prior.RICHNESS, known=state.known)
+        best = mode(state.problem.weighing, prior.RICHNESS, posterior)
+        moved = state.moved(best) if left else None
+        if moved is None:
+            break
+        state = moved
+    return Found(
+        state.problem,
+        posterior,
+        best,
+        state.accepted,
+        state.fit,
+        state.linearisation,
+        state.signatures,
+        state.catalogue,
+        *first,
+    )
+
+
+class _Expansion:
+    """A fit, all candidates there, and the likeliest states found before in the numbers of this problem."""
+
+    def __init__(
+        self, signatures: Signatures, cat: Catalogue, fit: Estimate, accepted: Mapping[int, float], exclude: Mask,
+        rms: float, refined: int = 0, before: tuple[Weighed, State] | None = None,
+    ) -> None:  # fmt: skip
+        self.signatures, self.catalogue, self.fit, self.accepted = signatures, cat, fit, accepted
+        self.linearisation = signatures.linearise(fit)
+        self.problem = weighed(self.linearisation, cat, rms)
+        self.known = [] if before is None else _renumbered(*before, self.problem)
+        self.exclude, self._rms, self._refined = exclude, rms, refined
+
+    def moved(self, best: State) -> _Expansion | None:
+        """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
+        wanted = dict.fromkeys(self.catalogue.stated, WIDE) | chosen(self.problem, best)
+        cat, signatures = self.catalogue, self.signatures
+        finer = refined(signatures.machine, cat, wanted) if self._refined < REFINED else cat
+        if set(wanted) == set(self.accepted) and finer is cat:
+            return None
         try:
-            fit, accepted = refitted(found, wanted, exclude, impossible), wanted
+            fit = refitted(self, wanted) if set(wanted) != set(self.accepted) else self.fit
         except ConvergenceError:
-            break
-        known = [best]
+            return None
         if finer is not cat:
-            cat, signatures, known = finer, signatures.of(finer.candidates), []
-    return found
+            signatures = signatures.of(finer.candidates)
+        count = self._refined + (finer is not cat)
+        return _Expansion(
+            signatures, finer, fit, wanted, self.exclude, self._rms, count, (self.problem, best)
+        )
+
+
+def _renumbered(problem: Weighed, state: State, now: Weighed) -> list[State]:
+    """A state in the numbers of another problem whose terms hold the same candidates."""
+    number = {own: k for k, own in enumerate(now.candidates)}
+    members = [(number.get(problem.candidates[term]), size) for term, size in state.members]
+    kept = tuple((term, size) for term, size in members if term is not None)
+    point = tuple(min(k, n - 1) for k, n in zip(state.point, now.weighing.unknowns.shape, strict=True))
+    return [State(kept, point, 0.0)]
 
 
 def chosen(problem: Weighed, state: State) -> dict[int, float]:
@@ -76,15 +122,15 @@ def chosen(problem: Weighed, state: State) -> dict[int, float]:
     return {i: float(sizes[size]) for term, size in state.members for i in problem.candidates[term]}
 
 
-def refitted(found: Found, wanted: Mapping[int, float], exclude: Mask, impossible: set[int]) -> Estimate:
+def refitted(here: _Expansion, wanted: Mapping[int, float]) -> Estimate:
     """The nonlinear fit with other candidates, from the present one."""
-    machine, recording = found.signatures.machine, found.signatures.recording
-    terms = [replace(found.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
-    known = {e.label: e.amplitudes for e in found.fit.fitted_effects()}
+    machine, recording = here.signatures.machine, here.signatures.recording
+    terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
+    known = {e.label: e.amplitudes for e in here.fit.fitted_effects()}
     start = np.concatenate(
         [
-            found.fit.p[: len(machine.parameters)],
+            here.fit.p[: len(machine.parameters)],
             *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms],
         ]
     )
-    return estimate(machine, recording, terms, start=start, exclude=exclude)
+    return estimate(machine, recording, terms, start=start, exclude=here.exclude)

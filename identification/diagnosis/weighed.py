@@ -90,27 +90,29 @@ def _design(
     n, width = lin.free, lin.columns[-1].stop if lin.columns else 0
     stated = n + np.array(lin.indices(cat.stated), dtype=np.intp)
     forms = n + width + np.arange(lin.forms)
-    size = len(lin.grams[0])
     fixed = np.concatenate([np.arange(n), stated, forms]).astype(np.intp)
-    total = len(fixed) + turn.shape[1] + width + 1
-    change = np.zeros((size, total))
-    change[fixed, np.arange(len(fixed))] = 1.0
-    change[n + nameless, len(fixed) : len(fixed) + turn.shape[1]] = turn
-    change[n + np.arange(width), total - 1 - width + np.arange(width)] = 1.0
+    mixed = np.zeros((len(lin.grams[0]), turn.shape[1] + 1))
+    mixed[n + nameless, :-1] = turn
     # e: the residual at the drawing values without effects, as a reading less its prediction
-    change[:-1, -1], change[-1, -1] = lin.departure, -1.0
+    mixed[:-1, -1], mixed[-1, -1] = lin.departure, -1.0
+    picked = np.concatenate([fixed, n + np.arange(width)]).astype(np.intp)
     sigma = np.concatenate(
         [_sigma(lin.weight), np.full(len(stated), WIDE), np.ones(lin.forms + turn.shape[1])]
     )
     numbers = [classes.index(part) for part in lin.parts]
     part = np.array([*numbers, *[-1] * (len(sigma) - n)], dtype=np.intp)
     always = Always(sigma, part, np.arange(len(sigma)) >= len(fixed))
-    return Design(tuple(_turned(gram, change, fixed, width) for gram in lin.grams), lin.counts, always)
+    return Design(tuple(_turned(gram, picked, len(fixed), mixed) for gram in lin.grams), lin.counts, always)
 
 
-def _turned(gram: Array, change: Array, fixed: NDArray[np.intp], width: int) -> Array:
-    """change' gram change; most of ``change`` picks columns."""
-    return np.asarray(change.T @ (gram @ change))
+def _turned(gram: Array, picked: NDArray[np.intp], first: int, mixed: Array) -> Array:
+    """The Gram matrix of the first ``picked`` columns, the ``mixed`` ones but the last, the other picked ones, the last."""
+    product = gram @ mixed
+    across, own = product[picked], mixed.T @ product
+    r, p = mixed.shape[1] - 1, len(picked)
+    order = np.concatenate([np.arange(first), p + np.arange(r), np.arange(first, p), [p + r]]).astype(np.intp)
+    whole = np.block([[gram[np.ix_(picked, picked)], across], [across.T, own]])
+    return np.asarray(whole[np.ix_(order, order)])
 
 
 def _sigma(weight: Array) -> Array:

@@ -26,13 +26,15 @@ class Sizes:
     log_prior: Array
 
 
-def log_gains(marginal: Marginal, sizes: Sizes) -> Array:
-    """(s, c) log Bayes factor of each term at each size, with the size's log prior; bounds of coefficients count."""
-    out = np.empty((len(sizes.values), len(marginal.terms)))
-    for group, block in zip(marginal.terms.by_size, marginal.blocks, strict=True):
-        out[:, group.terms] = _gains(
-            group, block, marginal.score[group.columns] * group.there, sizes.values**2
-        )
+def log_gains(marginal: Marginal, sizes: Sizes, wanted: NDArray[np.bool_]) -> Array:
+    """(s, c) log Bayes factor of each term ``wanted`` (c,) at each size, with the size's log prior; bounds count."""
+    out = np.full((len(sizes.values), len(marginal.terms)), -np.inf)
+    for group in marginal.terms.by_size:
+        chosen = np.flatnonzero(wanted[group.terms])
+        if len(chosen):
+            score = marginal.score[group.columns[chosen]] * group.there[chosen]
+            part = group.of(chosen)
+            out[:, part.terms] = _gains(part, marginal.block(group, chosen), score, sizes.values**2)
     return out + sizes.log_prior[:, None]
 
 

@@ -28,8 +28,8 @@ JITTER = 1e-13
 class Own:
     """G'G and G'e at the noise of a point, entry by entry as asked for; zero for columns that cannot be seen."""
 
-    def __init__(self, design: Design, terms: Terms, weights: Array) -> None:
-        self._design, self._terms, self._weights = design, terms, weights
+    def __init__(self, design: Design, weights: Array) -> None:
+        self._design, self._weights = design, weights
 
     @cached_property
     def score(self) -> Array:
@@ -51,14 +51,11 @@ class Own:
         seen = self._design.seen[columns]
         return self._sum(np.ix_(columns + self._design.n, columns + self._design.n)) * seen[:, None] * seen
 
-    @cached_property
-    def blocks(self) -> tuple[Array, ...]:
-        """(c, k, k) diagonal blocks for each group of terms of one number of columns."""
-        out = []
-        for group in self._terms.by_size:
-            at, seen = group.columns + self._design.n, self._design.seen[group.columns] & group.there
-            out.append(self._sum((at[:, :, None], at[:, None, :])) * seen[:, :, None] * seen[:, None, :])
-        return tuple(out)
+    def block(self, group: SameSize, chosen: Index) -> Array:
+        """(c, k, k) diagonal blocks of the chosen terms of a group."""
+        columns = group.columns[chosen]
+        at, seen = columns + self._design.n, self._design.seen[columns] & group.there[chosen]
+        return self._sum((at[:, :, None], at[:, None, :])) * seen[:, :, None] * seen[:, None, :]
 
     def _sum(self, at: tuple[Index, ...]) -> Array:
         grams = self._design.grams
@@ -100,6 +97,7 @@ class Marginal:
         self.terms, self.log_evidence = terms, log_evidence
         self._above, self._beside = above, beside
         self._rows: dict[int, Array] = {}
+        self._blocks: dict[tuple[int, bytes], Array] = {}
 
     @cached_property
     def score(self) -> Array:
@@ -121,17 +119,20 @@ class Marginal:
             self._rows.update(zip(new, made, strict=True))
         return np.array([self._rows[int(c)] for c in columns])
 
-    @cached_property
-    def blocks(self) -> tuple[Array, ...]:
-        """(c, k, k) diagonal blocks of M for each group of terms of one number of columns."""
-        return tuple(map(self._left_of, self._above.blocks, self.terms.by_size))
+    def block(self, group: SameSize, chosen: Index) -> Array:
+        """(c, k, k) diagonal blocks of M of the chosen terms of a group."""
+        key = (group.columns.shape[1], chosen.tobytes())
+        if key not in self._blocks:
+            self._blocks[key] = self._left_of(self._above.block(group, chosen), group, chosen)
+        return self._blocks[key]
 
-    def _left_of(self, above: Array, group: SameSize) -> Array:
-        size, half = group.columns.shape[1], self._beside.all
-        part = half[:, group.columns.ravel()].reshape(len(half), -1, size)
+    def _left_of(self, above: Array, group: SameSize, chosen: Index) -> Array:
+        columns, half = group.columns[chosen], self._beside.all
+        size = columns.shape[1]
+        part = half[:, columns.ravel()].reshape(len(half), -1, size)
         if size == 1:
             return np.asarray(above - np.sum(part**2, axis=0)[:, :, None])
-        turned = part.transpose(1, 2, 0) * group.there[:, :, None]
+        turned = part.transpose(1, 2, 0) * group.there[chosen][:, :, None]
         return np.asarray(above - turned @ turned.transpose(0, 2, 1))
 
     def including(self, columns: Index, sizes: Array) -> Marginal:
@@ -185,7 +186,7 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: Point) -> 
     log_det = float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)) + np.sum(np.log(sigma[known])))
     log_evidence = -float(np.array(design.counts) @ np.log(scales)) - log_det
     log_evidence -= 0.5 * float(square - turned @ turned)
-    own = Own(design, terms, weights)
+    own = Own(design, weights)
     return Marginal(terms, own, Halves(factor, beside, turned), log_evidence + unknowns.log_prior(point))
 
 

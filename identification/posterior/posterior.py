@@ -20,7 +20,7 @@ AGREED = 0.02
 """Largest difference of a cause's probability between two chains that is none."""
 BURN, ROUND, ROUNDS = 25, 40, 3
 """Sweeps of a chain before it counts, sweeps of each round, most rounds."""
-HOPELESS, OVERLOOKED = -8.0, -3.0
+HOPELESS, OVERLOOKED = -6.0, -3.0
 """Log probability in a slot below which a term is left out of the chains, and above which leaving it out was wrong."""
 LOOKS, TYPICAL = 3, 3
 """Most times that the chains are run with more terms, and sets that are looked at after each."""
@@ -189,6 +189,13 @@ def _gathered(
         disagreement=_disagreement(tallies),
         sweeps=sweeps,
     )
+
+
+def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ()) -> State:
+    """The likeliest state that climbs from nothing and from ``known`` states reach."""
+    climb = Climb(weighing, richness)
+    tops = [climb.from_(best_point(weighing), ()), *(climb.from_(s.point, s.members) for s in known)]
+    return max(tops, key=lambda state: state.log_posterior)
 
 
 def mode(weighing: Weighing, richness: Richness, posterior: Posterior) -> State:

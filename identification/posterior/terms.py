@@ -31,7 +31,7 @@ class Term:
     alone: bool = True
 
 
-WIDTHS = (1, 4, 12)
+WIDTHS = (1, 2, 4, 6, 12)
 """Numbers of columns to which shorter terms are filled up, with a column that is not there."""
 
 
@@ -48,6 +48,17 @@ class SameSize:
     upper: Array
     bounded: NDArray[np.bool_]
     there: NDArray[np.bool_]
+
+    def of(self, chosen: Index) -> SameSize:
+        """Some of these terms."""
+        return SameSize(
+            self.terms[chosen],
+            self.columns[chosen],
+            self.lower[chosen],
+            self.upper[chosen],
+            self.bounded[chosen],
+            self.there[chosen],
+        )
 
 
 class Terms:

@@ -20,7 +20,7 @@ Index = NDArray[np.intp]
 Member = tuple[int, int]
 """A term and the index of its size."""
 Members = tuple[Member, ...]
-REMEMBERED = 300_000_000
+REMEMBERED = 150_000_000
 """Bytes of marginals, and as many of conditionals, that are kept."""
 SETS = 200_000
 """Evidences that are kept."""
@@ -58,7 +58,7 @@ class Conditional:
         """From log odds (s, c)."""
         top = float(np.max(log_odds, initial=-1e300))
         weight = np.exp(log_odds - top)
-        total = float(weight.sum())
+        total = max(float(weight.sum()), 1e-300)  # no term may be wanted at all
         return cls(
             log_odds, top + float(np.log(total)), np.cumsum(weight / total), weight.sum(axis=0) / total
         )
@@ -134,7 +134,10 @@ class Weighing:
         base = self.base(point, settled)
         others = [m for m in members if m not in settled]
         beside = base.including(*self.columns(others)) if others else base
-        return log_gains(beside, self.sizes) + self.terms.log_prior([term for term, _ in members])
+        prior = self.terms.log_prior([term for term, _ in members])
+        return log_gains(beside, self.sizes, np.isfinite(prior)) + np.where(
+            np.isfinite(prior), prior, -np.inf
+        )
 
     def conditional(
         self, point: Point, members: Sequence[Member], settled: Members = (), heat: float = 1.0
