@@ -256,6 +256,34 @@ def test_a_case_that_has_a_result_is_not_sat_again(
     assert sat == ["case001", "case002"]
 
 
+def test_cases_are_drawn_once_and_sat_by_several_engines(tmp_path: Path) -> None:
+    drawn = tmp_path / "drawn"
+    strata = ("--seed", "2", "--jobs", "1", "--strata", "null,single", "--json")
+    code, out, _ = _run("-o", str(drawn), "-n", "3", *strata, "--draw")
+    assert (code, json.loads(out)["drawn"]) == (0, 3)
+    assert sorted(p.name for p in drawn.iterdir()) == ["answers", "cases", "challenge.json"]
+    before = {p: p.read_bytes() for p in drawn.rglob("*") if p.is_file()}
+    for name, count in (("one", 1), ("two", 2)):
+        sat = tmp_path / name
+        code, out, _ = _run("-o", str(sat), "--drawn", str(drawn), "-n", str(count), "--jobs", "1", "--json")
+        assert (code, json.loads(out)["cases"]) == (0, count)
+        assert {p.name for p in sat.iterdir()} == {"results", "challenge.json", "table.md", "table.json"}
+        assert len(list((sat / "results").iterdir())) == count
+    assert before == {p: p.read_bytes() for p in drawn.rglob("*") if p.is_file()}
+    # the same cases as an examination that draws and sits at once
+    whole = examine.challenge(tmp_path / "whole", 3, seed=2, strata=("null", "single"))
+    examine.run(whole, draw_only=True)
+    assert all((tmp_path / "whole" / p.relative_to(drawn)).read_bytes() == text for p, text in before.items())
+
+
+def test_a_folder_without_drawn_cases_is_refused(tmp_path: Path) -> None:
+    code, _, err = _run("-o", str(tmp_path / "new"), "--drawn", str(tmp_path))
+    assert code == 2 and "challenge.json" in err
+    code, _, err = _run("-o", str(tmp_path / "new"), "--drawn", str(tmp_path), "--draw")
+    assert code == 2 and "--draw" in err
+    assert not (tmp_path / "new").exists()
+
+
 def test_another_examination_is_not_mixed_in(examined: tuple[Path, dict[str, Any]]) -> None:
     code, _, err = _run("-o", str(examined[0]), "-n", "2", "--seed", "3")
     assert code == 2 and "another directory" in err

@@ -83,7 +83,11 @@ def _observed(found: Draft, kind: Decoy, noise_seed: int) -> tuple[Array, Mask]:
     if kind.wild:
         read = gone_wild(exact, read, setup.sigma, kind.wild, rng)
     odd = kind.tails or kind.wild
-    wild = wild_rows(exact, read, setup.sigma) if odd else np.zeros(len(exact), dtype=bool)
+    wild = (
+        wild_rows(exact, read, setup.sigma, setup.machine.columns)
+        if odd
+        else np.zeros(len(exact), dtype=bool)
+    )
     physics = [p.imperfection for p, k in zip(found.parts, found.kinds, strict=True) if k.slug not in OF_ROWS]
     if len(physics) < len(found.parts):  # blunders that were put in as such
         wild |= np.any(setup.exact(physics)[0] != exact, axis=1)

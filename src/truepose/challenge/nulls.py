@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.challenge import schedule
+from truepose.challenge.measures import difference
 from truepose.challenge.simulator.base import Campaign, Plan, SimulatedMachine
 
 Array = NDArray[np.float64]
@@ -105,9 +106,9 @@ def gone_wild(exact: Array, read: Array, sigma: Array, share: float, rng: np.ran
     return out
 
 
-def wild_rows(exact: Array, read: Array, sigma: Array) -> Mask:
+def wild_rows(exact: Array, read: Array, sigma: Array, columns: tuple[str, ...]) -> Mask:
     """(n,) rows with a reading further off than normal noise goes; sigma (k,) is the true one."""
-    return np.asarray(np.max(np.abs(read - exact) / sigma, axis=1) > FAR)
+    return np.asarray(np.max(np.abs(difference(read, exact, columns)) / sigma, axis=1) > FAR)
 
 
 def _between(rng: np.random.Generator, low: float, high: float) -> float:
