@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
+from support.studies import study_module
 from truepose.challenge.calibration import brier, calibration_error, reliability, wilson
 from truepose.challenge.figures import at_least, at_most, between, median, quantile
 from truepose.challenge.findings import Reply, read_reply
@@ -304,6 +305,18 @@ def test_the_table_is_written_in_all_forms(tmp_path: Path) -> None:
     assert len(lines(found)) == len(found.headline)
     assert json.loads(json_text(document(found)))["cases"] == 7
     assert markdown(table([])) and lines(table([]))
+
+
+def test_the_page_holds_the_table_between_its_marks(tmp_path: Path) -> None:
+    page, text = study_module("challenge_page"), markdown(table(_all(tmp_path)))
+    told = f"before\n{page.BEGIN}\nwhat stood here\n{page.END}\nafter\n"
+    once = page.filled(told, text)
+    assert once.startswith("before\n") and once.endswith("\nafter\n") and "what stood here" not in once
+    assert "\n### By stratum\n" in once and page.filled(once, text) == once
+    with pytest.raises(ValueError, match="found no marks"):
+        page.filled("nothing", text)
+    whole = page.PAGE.read_text(encoding="utf-8")
+    assert page.filled(whole, text).count(page.BEGIN) == 1
 
 
 def test_targets_and_medians() -> None:
