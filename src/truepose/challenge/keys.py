@@ -23,6 +23,7 @@ from truepose.challenge.solutions import CONCEALED, Geometry, HeldOut, Reference
 from truepose.challenge.strata import Draft
 from truepose.errors import TrueposeError
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]
@@ -49,7 +50,7 @@ def key(
     chi2 = free_chi2(found, observed, wild, kind)
     machine, recording = setup.loaded(stated, observed)
     before = ordinary_fit(machine, recording)
-    calm = ordinary_fit(machine, recording, wild) if before is not None and wild.any() else before
+    calm = ordinary_fit(machine, recording, wild) if wild.any() else before
     free = None if calm is None else free_fit(machine, recording, calm.p, wild)
     out = Solution(
         case=seat.name,
@@ -62,7 +63,7 @@ def key(
         aliases={limb.name: limb.reading for limb in machine.mechanism.limbs},
         geometry=geometry,
         held_out=held,
-        before=None if before is None else reference(before, recording, held_text, held, geometry),
+        before=_referred(before, recording, held_text, held, geometry),
         oracle=None,
         noise=kind.noise,
         tolerance_scale=kind.tolerance,
@@ -153,7 +154,8 @@ def _geometry(setup: Setup) -> Geometry:
 def _oracle(
     found: Draft, observed: Array, wild: Mask, held_text: str, solution: Solution
 ) -> Reference | None:
-    """Told everything but the sizes; where nothing is missing that is the fit without effects."""
+    """Told everything but the sizes, or without effects where these predict worse: the rows may leave a term's settings
+    open, and whoever knows the truth need not take them."""
     setup = found.setup
     machine, recording = setup.loaded(setup.machine.machine_text(), observed)
     terms: list[PlacedEffect] = []
@@ -167,9 +169,11 @@ def _oracle(
         terms += own
     plain = ordinary_fit(machine, recording, wild)
     starts = [] if plain is None else [plain.p]
-    return _referred(
-        oracle(machine, recording, terms, [*starts, _true(setup)], wild), found, held_text, solution
-    )
+    told = oracle(machine, recording, terms, [*starts, _true(setup)], wild) if terms else None
+    told_of = (held_text, solution.held_out, solution.geometry)
+    errors = [_referred(fit, recording, *told_of) for fit in (told, plain)]
+    known = [e for e in errors if e is not None and e.held_out is not None]
+    return min(known, key=lambda e: e.held_out or 0.0) if known and (told or not terms) else None
 
 
 def _true(setup: Setup) -> Array:
@@ -178,11 +182,14 @@ def _true(setup: Setup) -> Array:
     return np.array([known.get(p.name, p.nominal) for p in setup.read[0].parameters])
 
 
-def _referred(fit: Estimate | None, found: Draft, held_text: str, solution: Solution) -> Reference | None:
+def _referred(
+    fit: Estimate | None, recording: Recording, held_text: str, held: HeldOut, geometry: Geometry
+) -> Reference | None:
+    """Errors of a fit; None without one, and where its prediction fails."""
     if fit is None:
         return None
     try:
-        return reference(fit, found.setup.read[1], held_text, solution.held_out, solution.geometry)
+        return reference(fit, recording, held_text, held, geometry)
     except TrueposeError:
         return None
 

@@ -28,6 +28,9 @@ HEAD = 3.0
 """Limits of a family's largest member, at least."""
 NO_FAMILY = ("wrong-constant", "axis-coupling")
 """Effects that are mistakes or hoses of their own, never all of them at once."""
+OWN = 0.05
+"""Share of an effect's signal that the ones before it must leave: less is the same function once more, as play and friction of
+one joint are where every approach is alike."""
 MOVING = 0.15
 """How often rows are read on the move, which effects of velocity need."""
 
@@ -82,22 +85,23 @@ def _moves(kind: Kind) -> bool:
 
 
 def _sizes(setup: Setup, members: Sequence[_Member], rng: np.random.Generator) -> Draft:
-    """Every member at a size; one that no sensible size lets be seen is left out."""
+    """Every member at a size; left out is what no sensible size lets be seen, and what others are already."""
     drawn = [(m, usual(setup, m.kind, m.place, rng)) for m in members]
     limits = [detection_limit(setup.bench, setup.change, thing) for _, thing in drawn]
     seen = [(m, thing, limit) for (m, thing), limit in zip(drawn, limits, strict=True) if limit is not None]
     sizes = dict[str, Callable[[], float]]()
-    parts = list[Sized]()
+    kept, parts = list[_Member](), list[Sized]()
     for member, thing, limit in seen:
         if member.family and member.family not in sizes:
             own = [lim for m, _, lim in seen if m.family == member.family]
             sizes[member.family] = _common(min(own), rng)
         draw = sizes[member.family] if member.family else _alone(limit, rng)
         size = min(draw(), LARGEST * member.kind.typical)
-        scaled = thing.scaled(size / member.kind.typical)
-        parts.append(sized(setup.bench, setup.change, scaled, limit))
-    kinds, families = tuple(m.kind for m, _, _ in seen), tuple(m.family for m, _, _ in seen)
-    return Draft(setup, kinds, tuple(parts), families)
+        part = sized(setup.bench, setup.change, thing.scaled(size / member.kind.typical), limit)
+        if setup.bench.snr(part.change, [other.change for other in parts]) > OWN * part.snr:
+            kept.append(member)
+            parts.append(part)
+    return Draft(setup, tuple(m.kind for m in kept), tuple(parts), tuple(m.family for m in kept))
 
 
 def _alone(limit: float, rng: np.random.Generator) -> Callable[[], float]:
