@@ -19,7 +19,8 @@ from truepose.challenge.measures import difference
 from truepose.challenge.nulls import gone_wild, misstated, noisy, wild_rows
 from truepose.challenge.real_like import FEWEST, MOST, NO_FAMILY, real_like
 from truepose.challenge.setup import Setup, Setups
-from truepose.challenge.simulator.base import Imperfection, Plan
+from truepose.challenge.simulator.arm import Arm
+from truepose.challenge.simulator.base import Imperfection, Kind, Plan
 from truepose.challenge.simulator.registry import MACHINES
 from truepose.challenge.slopes import by_joints
 from truepose.challenge.strata import nameable
@@ -151,6 +152,21 @@ def test_wild_rows_are_the_ones_that_are_off(name: str) -> None:
     )
     # a reading that has no noise, a change since its own row, stays exact
     assert np.all((gone == exact) | (read != exact))
+
+
+class Blundering(Arm):
+    """An arm that has nothing but rows that are off."""
+
+    def kinds(self) -> tuple[Kind, ...]:
+        return tuple(kind for kind in super().kinds() if kind.slug == "outliers")
+
+
+def test_rows_that_were_put_in_as_wild_are_in_the_key_and_conceal_nothing() -> None:
+    key = draw_case(Blundering(), schedule.Seat(2, "single", schedule.PERFECT, "arm"), 3).solution
+    (truth,) = key.truths
+    assert truth.effect == "outliers" and not key.concealed
+    assert 1 <= len(key.wild) <= 4 and set(key.wild) <= set(key.rows)
+    assert key.free_chi2_linear is not None and 0.6 < key.free_chi2_linear < 1.5  # without them all is well
 
 
 def test_no_case_is_lost_because_the_product_fails(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ from truepose.errors import TrueposeError
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.of_rows import OF_ROWS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -58,7 +59,7 @@ def key(
         stratum=seat.stratum,
         variant=f"{seat.variant} ({kind.tails})" if kind.tails else seat.variant,
         truths=_truths(found),
-        concealed=bool(found.parts) and chi2 < CONCEALED,
+        concealed=any(kind.slug not in OF_ROWS for kind in found.kinds) and chi2 < CONCEALED,
         free_chi2_per_dof=None if free is None else free.chi2_per_dof,
         aliases={limb.name: limb.reading for limb in machine.mechanism.limbs},
         geometry=geometry,
