@@ -12,10 +12,11 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 from scipy.stats import norm
 
 from support.studies import study_module
-from truepose.challenge.calibration import brier, calibration_error, reliability, wilson
+from truepose.challenge.calibration import brier, calibration_error, honest_error, reliability, wilson
 from truepose.challenge.figures import at_least, at_most, between, median, quantile
 from truepose.challenge.findings import Reply, read_reply
 from truepose.challenge.headline import headline
@@ -260,6 +261,19 @@ def test_every_statement_is_in_one_bin(pairs: list[tuple[float, bool]]) -> None:
         assert tenth / 10 - 1e-9 <= one.said <= (tenth + 1) / 10 + 1e-9
 
 
+def test_honest_probabilities_have_the_calibration_error_of_chance() -> None:
+    """Simulated once more: the mean over many honest engines is what one engine is compared with."""
+    rng = np.random.default_rng(4)
+    p = rng.random(150)
+    errors = []
+    for _ in range(300):
+        said = [Statement(float(q), bool(right)) for q, right in zip(p, rng.random(150) < p, strict=True)]
+        errors.append(calibration_error(said) or 0.0)
+    # both means of hundreds of errors of a fifth of scatter each
+    assert honest_error(said) == pytest.approx(float(np.mean(errors)), rel=0.05)
+    assert honest_error([Statement(1.0, False)]) == 0.0 and honest_error([]) is None
+
+
 def _all(tmp_path: Path) -> list[Score]:
     named = reply(tmp_path, "missing-physics", finding("backlash", "rho1"))
     out = [
@@ -442,6 +456,12 @@ def test_standard_scores_scale_with_the_std(factor: float) -> None:
     found = np.array(standard_scores(said, held)).reshape(-1, 2)
     assert np.allclose(found, z / factor, rtol=1e-3)
     assert standard_scores(said.drop(columns="x.std"), held) == ()
+
+
+def test_scores_and_keys_are_plain_data(tmp_path: Path) -> None:
+    adapter = TypeAdapter(Score)
+    for one in _all(tmp_path):
+        assert adapter.validate_json(adapter.dump_json(one)) == one
 
 
 def test_a_score_is_read_from_the_files_of_drawn_cases_and_of_results(tmp_path: Path) -> None:

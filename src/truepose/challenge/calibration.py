@@ -13,6 +13,8 @@ from truepose.challenge.statements import Statement
 
 Array = NDArray[np.float64]
 TENTHS = 10
+HONEST = 400
+"""Simulations of chance."""
 
 
 def wilson(hits: int, n: int) -> tuple[float, float]:
@@ -65,6 +67,16 @@ def _placed(statements: Sequence[Statement]) -> tuple[Array, Array, NDArray[np.i
     return p, right, place
 
 
+def honest_error(statements: Sequence[Statement]) -> float | None:
+    """Calibration error that as many statements show by chance when every probability is honest: mean of simulated ones."""
+    if not statements:
+        return None
+    p, _, place = _placed(statements)
+    right = np.random.default_rng(1).random((HONEST, len(p))) < p
+    off = [np.abs(np.bincount(place, p - some, TENTHS)).sum() / len(p) for some in right]
+    return float(np.mean(off))
+
+
 def brier(statements: Sequence[Statement]) -> float | None:
     """Mean squared difference of probability and outcome (Brier 1950); None without statements."""
     if not statements:
@@ -72,4 +84,4 @@ def brier(statements: Sequence[Statement]) -> float | None:
     return float(np.mean([(s.probability - s.right) ** 2 for s in statements]))
 
 
-__all__ = ["Bin", "brier", "calibration_error", "reliability", "wilson"]
+__all__ = ["Bin", "brier", "calibration_error", "honest_error", "reliability", "wilson"]

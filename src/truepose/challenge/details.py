@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
+from truepose.challenge.calibration import honest_error
 from truepose.challenge.figures import Figure, Test, median, share
 from truepose.challenge.headline import ROUNDING, clear, of_stratum
 from truepose.challenge.schedule import CONCEALED, LOOK_ALIKE, NULL, OUTSIDE, PERFECT, REAL, SINGLE, TWO
@@ -42,7 +43,17 @@ def details(scores: Sequence[Score]) -> tuple[Figure, ...]:
     out.append(share("top place, from 3 limits on", some, lambda s: s.top_place))
     quiet = [s.held_out_ratio for s in null]
     out.append(median("null: held-out error over that of the fit without effects, median", quiet))
-    return tuple(out)
+    return (*out, *_by_chance(scores))
+
+
+def _by_chance(scores: Sequence[Score]) -> list[Figure]:
+    """What honest probabilities would show of a calibration error, for comparison with the headline's."""
+    out = []
+    for where, some in (("", scores), (" beside a remainder", [s for s in scores if s.remainder])):
+        said = [x for s in some for x in s.statements]
+        name = f"names{where}: calibration error that honest ones would show by chance"
+        out.append(Figure(name, len(said), 0, honest_error(said), None, None, share=False))
+    return out
 
 
 def _of_stratum(name: str, stratum: str, scores: Sequence[Score]) -> list[Figure]:

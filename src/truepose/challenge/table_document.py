@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from truepose.challenge.calibration import Bin, brier, calibration_error, reliability
+from truepose.challenge.calibration import Bin, brier, calibration_error, honest_error, reliability
 from truepose.challenge.figures import Figure
 from truepose.challenge.score import Score
 from truepose.challenge.score_table import Table
@@ -33,6 +33,7 @@ def document(found: Table) -> dict[str, Any]:
         "real_like": {name: _figure(f) for name, f in found.at_once.items()},
         "brier": {name: brier(said) for name, said in found.spoken.items()},
         "calibration_error": {name: calibration_error(said) for name, said in found.spoken.items()},
+        "calibration_error_by_chance": {name: honest_error(said) for name, said in found.spoken.items()},
         "reliability": {name: [_bin(b) for b in reliability(said)] for name, said in found.spoken.items()},
         "scores": [_score(s) for s in found.scores],
         "undrawn": list(found.undrawn),
