@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import truepose.challenge as package
 from support.tiny_machine import Tiny
 from truepose.challenge import schedule
+from truepose.challenge.adaptation import Adaptation
 from truepose.challenge.cases import draw_case
 from truepose.challenge.measures import difference
 from truepose.challenge.nulls import gone_wild, misstated, noisy, wild_rows
@@ -22,7 +23,7 @@ from truepose.challenge.setup import Setup, Setups
 from truepose.challenge.simulator.arm import Arm
 from truepose.challenge.simulator.base import Imperfection, Kind, Plan
 from truepose.challenge.simulator.registry import MACHINES
-from truepose.challenge.slopes import by_joints
+from truepose.challenge.slopes import Constant, by_joints
 from truepose.challenge.strata import nameable
 from truepose.errors import ConvergenceError
 from truepose.identification.prediction.predictor import Predictor
@@ -150,8 +151,11 @@ def test_wild_rows_are_the_ones_that_are_off(name: str) -> None:
     assert not np.any(
         wild_rows(exact, gone, sigma, columns) & ~touched & ~wild_rows(exact, read, sigma, columns)
     )
-    # a reading that has no noise, a change since its own row, stays exact
-    assert np.all((gone == exact) | (read != exact))
+    # a reading that has no noise, a change since its own row, stays exact even where all rows go wild
+    for _ in range(8):
+        everywhere = gone_wild(exact, read, sigma, 1.0, rng)
+        assert np.array_equal(everywhere == exact, read == exact)
+    assert np.any(read == exact) == (name == "nanopositioner")
 
 
 class Blundering(Arm):
@@ -205,6 +209,17 @@ def test_a_direction_beside_takes_its_share(beside: bool) -> None:
     stacked, target = np.vstack([columns, np.diag(weight)]), np.append(a, np.zeros(len(weight)))
     left = target - stacked @ np.linalg.lstsq(stacked, target, rcond=None)[0]
     assert setup.bench.snr(a, [b] if beside else []) == pytest.approx(float(np.linalg.norm(left)), rel=1e-6)
+
+
+def test_a_direction_that_geometry_follows_wholly_takes_nothing_more() -> None:
+    """A constant without tolerance follows its own direction; what rounding leaves of that is no direction."""
+    rng = np.random.default_rng(6)
+    slopes, clean = rng.standard_normal((30, 1, 2)), np.zeros((30, 1))
+    free = tuple(Constant(f"c{k}", 1.0, 0.01, 0.0, 0.0, False) for k in range(2))
+    bench = Adaptation(("x",), clean, np.ones(1), slopes, free, np.ones(30, dtype=bool))
+    change, own = rng.standard_normal(30), slopes[:, 0] @ np.array([0.3, 1.7])
+    assert bench.snr(change, [own]) == pytest.approx(bench.snr(change), rel=1e-9)
+    assert bench.snr(own) < 1e-9
 
 
 @every_machine
