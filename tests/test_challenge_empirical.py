@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.tiny_machine import Tiny
-from truepose.challenge.empirical import MOST, Problem, _errors, best_empirical
+from truepose.challenge.empirical import MOST, RIDGE, Problem, _errors, best_empirical
 from truepose.challenge.setup import Setup
 from truepose.challenge.simulator.base import Imperfection, Plan
 from truepose.challenge.slopes import Constant
@@ -66,12 +66,13 @@ def test_without_columns_it_is_the_fit_under_tolerances() -> None:
     mean = -off + J.T @ np.linalg.solve(np.eye(n) + J @ J.T, seen + J @ off)
     errors = _errors(nothing, asked, free)
     assert errors[0] == pytest.approx(float(np.sqrt(np.mean((ahead @ mean) ** 2))), rel=1e-9)
-    # one column that has no other beside it: the same with the column as a direction of its own
+    # one column that has no other beside it: the same with the column as a direction of its own, under its prior
     column, its_way = rng.standard_normal(n), rng.standard_normal(30)
-    stacked = np.vstack([np.column_stack([J, column]), np.column_stack([np.eye(f), np.zeros(f)])])
-    both = np.linalg.lstsq(stacked, np.append(seen, -off), rcond=None)[0]
+    length = np.sqrt(column @ np.linalg.solve(np.eye(n) + J @ J.T, column))
+    rows = [np.column_stack([J, column]), np.column_stack([np.eye(f), np.zeros(f)])]
+    stacked = np.vstack([*rows, np.append(np.zeros(f), np.sqrt(RIDGE) * length)])
+    both = np.linalg.lstsq(stacked, np.append(np.append(seen, -off), 0.0), rcond=None)[0]
     one = _errors(Problem(J, column[:, None], seen), Problem(ahead, its_way[:, None], np.zeros(30)), free)
     missed = ahead @ both[:f] + its_way * both[f]
-    # the prior of 100 sigma takes 1e-4 off the column's size
-    assert one[1] == pytest.approx(float(np.sqrt(np.mean(missed**2))), rel=1e-3)
+    assert one[1] == pytest.approx(float(np.sqrt(np.mean(missed**2))), rel=1e-9)
     assert one[1:] == pytest.approx(one[1])
