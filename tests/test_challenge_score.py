@@ -21,7 +21,8 @@ from truepose.challenge.figures import at_least, at_most, between, median, quant
 from truepose.challenge.findings import Reply, read_reply
 from truepose.challenge.headline import headline
 from truepose.challenge.measures import held_out_error, parameter_bias, standard_scores
-from truepose.challenge.score import Predicted, Score, coefficients, read_score, score
+from truepose.challenge.predictions import Predicted, coefficients
+from truepose.challenge.score import Score, read_score, score
 from truepose.challenge.score_table import lines, markdown, table
 from truepose.challenge.solutions import Geometry, HeldOut, Reference, Solution, Truth, to_text
 from truepose.challenge.statements import Statement

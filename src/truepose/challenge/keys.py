@@ -36,13 +36,7 @@ DETERMINED = 1.0
 
 
 def key(
-    seat: Seat,
-    found: Draft,
-    kind: Decoy,
-    observed: Array,
-    wild: Mask,
-    stated: str,
-    held_text: str,
+    seat: Seat, found: Draft, kind: Decoy, observed: Array, wild: Mask, stated: str, held_text: str
 ) -> Solution:
     """Everything about a case: readings (n, k), wild rows (n,), the drawing and the held-out rows as the engine sees them."""
     setup = found.setup
@@ -70,8 +64,8 @@ def key(
         tolerance_scale=kind.tolerance,
         free_chi2_linear=chi2,
         empirical=best_empirical(setup, observed, exact_held, ~wild),
-        wild=tuple(int(row) + 1 for row in np.flatnonzero(wild & ~setup.campaign.validation)),
-        rows=tuple(int(row) + 1 for row in np.flatnonzero(~setup.campaign.validation)),
+        wild=_numbers(wild & ~setup.campaign.validation),
+        rows=_numbers(~setup.campaign.validation),
         simulator=_simulator(setup.machine),
     )
     told = _oracle(found, observed, wild, held_text, out)
@@ -89,6 +83,11 @@ def _simulator(machine: SimulatedMachine) -> str:
     """The package of the examination that a machine is of, else its module."""
     module = type(machine).__module__
     return module.removeprefix("truepose.challenge.").split(".")[0]
+
+
+def _numbers(rows: Mask) -> tuple[int, ...]:
+    """Of some rows (n,), from 1."""
+    return tuple(int(row) + 1 for row in np.flatnonzero(rows))
 
 
 def _held_out(setup: Setup, exact: Array) -> HeldOut:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import pandas as pd
-import yaml
 
 from truepose.challenge import solutions
-from truepose.challenge.examinee import DIAGNOSIS, IMPROVED, PREDICTION
+from truepose.challenge.examinee import DIAGNOSIS
 from truepose.challenge.findings import Found, Judge, Reply, read_reply
-from truepose.challenge.measures import held_out_error, parameter_bias, standard_scores
+from truepose.challenge.measures import parameter_bias
+from truepose.challenge.predictions import Predicted, read_prediction
 from truepose.challenge.schedule import NULL, OUTSIDE, REAL
 from truepose.challenge.solutions import CONCEALED, Solution
 from truepose.challenge.statements import (
@@ -32,19 +28,6 @@ from truepose.models.effects.of_rows import OF_ROWS
 CONFIDENT, SURE = 0.95, 0.9
 LARGE = 5.0
 """Detection limits from which on an effect of a real-like machine should be named."""
-INSIDE = 1.96
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """What the engine's model does on the held-out rows: error in sigma (None: no prediction), readings with a 1-sigma,
-    sum of their squared standard scores, how many are inside 1.96; coefficients of its effects (None: not known)."""
-
-    error: float | None = None
-    n: int = 0
-    squares: float = 0.0
-    inside: int = 0
-    columns: int | None = None
 
 
 @dataclass(frozen=True)
@@ -132,19 +115,35 @@ def score(
     """Compare a reply with the key; no reply is a failure, and nothing about it is right."""
     if reply is None:
         return _unanswered(solution, seconds, failure)
-    judge, predicted = Judge(solution), predicted or Predicted()
-    physics, truths = _counted(reply, solution), solution.truths
+    predicted = predicted or Predicted()
+    bias = parameter_bias(reply.parameters, solution.geometry)
+    return replace(
+        _judged(solution, reply),
+        failure=failure,
+        seconds=seconds,
+        predicted=predicted,
+        held_out_ratio=_ratio(predicted.error, solution.oracle.held_out if solution.oracle else None),
+        empirical_ratio=_empirical_ratio(predicted, solution),
+        bias=bias,
+        bias_ratio=_ratio(solution.before.bias if solution.before else None, bias),
+    )
+
+
+def _judged(solution: Solution, reply: Reply) -> Score:
+    """What was said, against what is true."""
+    judge, truths = Judge(solution), solution.truths
+    physics = _counted(reply, solution)
     top, outside = physics[:1], solution.stratum == OUTSIDE
     detected = reply.verdict != "adequate" or (_row_effect(solution) and bool(physics))
-    wrong = [f for f in physics if _confident(f) and not any(judge.covers(f, t) for t in truths)]
-    bias = parameter_bias(reply.parameters, solution.geometry)
+    lost = [f for f in physics if not any(judge.covers(f, t) for t in truths)]
+    wrong = any(_confident(f) for f in lost)
     held = tuple(any(judge.covers(f, t) for f in physics) for t in truths)
     on_rows = () if _row_effect(solution) else rows_said(reply, solution)
     return Score(
         solution=solution,
         said=_words(reply),
-        failure=failure,
-        seconds=seconds,
+        failure="",
+        seconds=0.0,
         verdict=_right_verdict(solution, reply, detected),
         detected=detected,
         named=bool(truths) and all(held),
@@ -152,18 +151,11 @@ def score(
         top_place=any(judge.right_place(f.name, t) for f in top for t in truths),
         first=any(judge.names(f.name) or judge.as_good(f.name) for f in top),
         exact=_exact(judge, physics),
-        confident_wrong=bool(wrong),
-        wrong_class=any(
-            f.certainty >= CONFIDENT and not any(judge.covers(f, t) for t in truths) for f in physics
-        ),
+        confident_wrong=wrong,
+        wrong_class=any(f.certainty >= CONFIDENT for f in lost),
         honest=(detected and not wrong) if outside else None,
         abstained=(detected and all(judge.as_good(f.name) for f in top)) if outside else None,
         flag=_flag(solution, reply) if detected and truths else None,
-        predicted=predicted,
-        held_out_ratio=_ratio(predicted.error, solution.oracle.held_out if solution.oracle else None),
-        empirical_ratio=_empirical_ratio(predicted, solution),
-        bias=bias,
-        bias_ratio=_ratio(solution.before.bias if solution.before else None, bias),
         found=held,
         remainder=reply.remainder,
         rows=rows_judged(reply, solution),
@@ -201,24 +193,6 @@ def read_score(drawn: Path, results: Path, case: str) -> Score:
         seconds=float(about["seconds"]),
         failure=str(about["message"]),
     )
-
-
-def read_prediction(own: Path, solution: Solution) -> Predicted:
-    """What a folder of results predicts for the held-out rows."""
-    columns = None
-    if (own / IMPROVED).is_file():
-        columns = coefficients(yaml.safe_load((own / IMPROVED).read_text(encoding="utf-8")))
-    if not (own / PREDICTION).is_file():
-        return Predicted(columns=columns)
-    table = pd.read_csv(own / PREDICTION)
-    z = np.array(standard_scores(table, solution.held_out))
-    error = held_out_error(table, solution.held_out)
-    return Predicted(error, len(z), float(np.sum(z**2)), int(np.sum(np.abs(z) <= INSIDE)), columns)
-
-
-def coefficients(machine_file: Mapping[str, Any]) -> int:
-    """How many numbers the effects of a machine file have."""
-    return sum(len(entry.get("parameters") or {}) for entry in machine_file.get("effects") or ())
 
 
 def _row_effect(solution: Solution) -> bool:
@@ -289,4 +263,4 @@ def _words(reply: Reply) -> str:
     return reply.verdict + (": " + "; ".join(names) if names else "")
 
 
-__all__ = ["Predicted", "Score", "Statement", "read_score", "score"]
+__all__ = ["Score", "read_score", "score"]

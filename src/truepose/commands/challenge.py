@@ -100,33 +100,27 @@ def challenge(
         from truepose.challenge.examine import challenge as asked
 
         check_directory(output)
-        if drawn is not None:
-            fresh = draw or machines or strata
-            if fresh:
-                raise InputError(
-                    "challenge: found --drawn beside --draw, --machines or --strata, expected it alone"
-                )
-            wanted = replace(
-                sitting(drawn, output, n, timeout), plugins=tuple(p.resolve() for p in plugin or ())
-            )
+        plugins = tuple(p.resolve() for p in plugin or ())
+        if drawn is None:
+            named = {"only_machines": _names(machines), "strata": _names(strata)}
+            wanted = asked(output, n or CASES, seed=seed, timeout=timeout, plugins=plugins, **named)
         else:
-            wanted = asked(
-                output,
-                n or CASES,
-                seed=seed,
-                only_machines=_names(machines),
-                strata=_names(strata),
-                timeout=timeout,
-                plugins=plugin or (),
-            )
+            _alone(draw or bool(machines or strata))
+            wanted = replace(sitting(drawn, output, n, timeout), plugins=plugins)
         with _bar("drawing" if draw else "examining") as hear:
             seats = run(wanted, jobs=jobs or os.cpu_count() or 1, again=again, draw_only=draw, progress=hear)
+        names = [seat.name for seat in wanted.seats]
         if draw:
-            text = [f"{len(seats)} of {len(wanted.seats)} cases drawn: {output}"]
-            finish({"command": "challenge", "drawn": len(seats)}, text, [], as_json=as_json)
-            return
-        found = _tabled(output, [seat.name for seat in wanted.seats], wanted.drawn)
-        _finish(found, output, as_json)
+            summary = {"command": "challenge", "drawn": len(seats)}
+            finish(summary, [f"{len(seats)} of {len(names)} cases drawn: {output}"], [], as_json=as_json)
+        else:
+            _finish(_tabled(output, names, wanted.drawn), output, as_json)
+
+
+def _alone(beside: bool) -> None:
+    """Cases that were drawn are what they are. Raises InputError."""
+    if beside:
+        raise InputError("challenge: found --drawn beside --draw, --machines or --strata, expected it alone")
 
 
 def _names(text: str) -> tuple[str, ...]:
