@@ -4,138 +4,27 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from support.tiny_machine import Tiny
 from truepose.challenge import examine, schedule, solutions
 from truepose.challenge.cases import Case, draw_case
-from truepose.challenge.rivals import rivals
-from truepose.challenge.schedule import SHARES, Seat
+from truepose.challenge.rivals import Rival, rivals
+from truepose.challenge.schedule import SHARES, VARIANTS, Seat
 from truepose.challenge.setup import Setup, Setups
-from truepose.challenge.simulator.base import (
-    Campaign,
-    Imperfection,
-    Kind,
-    Place,
-    Plan,
-    SimulatedMachine,
-    Specimen,
-)
+from truepose.challenge.simulator.base import Imperfection, Kind, Plan
 from truepose.challenge.sizing import LARGEST, LIMIT_SNR, detection_limit
 from truepose.challenge.strata import UndrawnError
 from truepose.cli import app
 from truepose.identification.prediction.predictor import Predictor
 
 Array = NDArray[np.float64]
-SIGMA, LENGTH, ANGLE = 0.01, 0.1, 0.0005
-MACHINE = """schema: truepose/machine/1
-name: tiny
-units: {{length: mm, angle: deg}}
-mechanism:
-  type: serial
-  joints:
-    - {{name: q1, kind: revolute, r: 300, range: [-170, 170]}}
-    - {{name: q2, kind: revolute, alpha: -90, d: 100, range: [-90, 90]}}
-frames: {{tool: {{in: flange, xyz: [400, 50, 30], tolerance: {{xyz: {length}}}}}}}
-sensor: {{type: position, sigma: {{xyz: {sigma}}}}}
-tolerances: {{length: {length}, angle: {angle}}}
-"""
-NOMINAL = {
-    "q1.alpha": 0.0, "q1.beta": 0.0, "q1.d": 0.0, "q1.theta": 0.0, "q1.r": 300.0,
-    "q2.alpha": -np.pi / 2, "q2.beta": 0.0, "q2.d": 100.0, "q2.theta": 0.0, "q2.r": 0.0,
-    "tool.x": 400.0, "tool.y": 50.0, "tool.z": 30.0,
-}  # fmt: skip
-
-
-class Tiny(SimulatedMachine):
-    """Forward kinematics written out; gains, plays and a wave that no catalogue has."""
-
-    name: ClassVar[str] = "tiny"
-    readings: ClassVar[tuple[str, ...]] = ("q1", "q2")
-    revolute: ClassVar[tuple[bool, ...]] = (True, True)
-    columns: ClassVar[tuple[str, ...]] = ("x", "y", "z")
-    column_units: ClassVar[tuple[str, ...]] = ("mm", "mm", "mm")
-
-    def machine_text(self, *, sigma_factor: float = 1.0, tolerance_factor: float = 1.0) -> str:
-        lengths, angles = LENGTH * tolerance_factor, float(np.degrees(ANGLE)) * tolerance_factor
-        return MACHINE.format(length=lengths, angle=angles, sigma=SIGMA * sigma_factor)
-
-    def kinds(self) -> tuple[Kind, ...]:
-        joints = (("q1",), ("q2",))
-        return (
-            Kind("gain", joints, 1e-4, "actuator-scale"),
-            Kind("slip", (("q2.d",),), 0.5, "wrong-constant", conceals=True),
-            Kind("play", joints, 2e-4, "backlash", ("approach.q1", "approach.q2")),
-            Kind("beat", (("q1",),), 2e-4),
-        )
-
-    def shape(self, kind: str, place: Place, rng: np.random.Generator) -> Mapping[str, float]:
-        return {"phase": float(rng.uniform(0, 6))} if kind == "beat" else {}
-
-    def specimen(self, rng: np.random.Generator, *, scale: float = 1.0) -> Specimen:
-        spread = {n: LENGTH if n[-1] in "drxyz" else ANGLE for n in NOMINAL}
-        return Specimen({n: v + scale * spread[n] * rng.standard_normal() for n, v in NOMINAL.items()})
-
-    def campaign(self, plan: Plan, rng: np.random.Generator) -> Campaign:
-        n, low = plan.poses * plan.repeats, 0.8 if plan.extreme else 0.0
-        limits = np.radians([170.0, 90.0])
-        q = limits * rng.uniform(low, 0.95, (plan.poses, 2)) * rng.choice([-1, 1], (plan.poses, 2))
-        side = rng.choice([-1.0, 1.0], (n, 2)) if plan.both_sides else np.ones((n, 2))
-        pose = np.tile(np.arange(plan.poses), plan.repeats)
-        return Campaign(
-            q=np.radians(np.degrees(q).round(6))[pose],
-            time=np.arange(0.0, 60.0 * n, 60.0),
-            pose=pose + 1,
-            approach=side,
-            session=np.repeat(np.arange(plan.sessions), -(-n // plan.sessions))[:n] + 1,
-            payload=rng.choice([0.0, 5.0], n) if plan.loads else np.zeros(n),
-            temperatures={"link1": 20 + 3 * rng.random(n) if plan.heat else np.full(n, 20.0)},
-            pressure=np.full(n, 1013.0),
-            validation=np.full(n, plan.extreme),
-            origin=np.arange(n),
-        )
-
-    def measure(
-        self, specimen: Specimen, imperfections: tuple[Imperfection, ...], campaign: Campaign
-    ) -> Array:
-        q, p = campaign.q.copy(), dict(specimen.parameters)
-        for thing in imperfections:
-            if thing.kind == "slip":
-                p[thing.place[0]] += thing.size
-                continue
-            k = self.readings.index(thing.place[0])
-            if thing.kind == "gain":
-                q[:, k] += thing.size * campaign.q[:, k]
-            elif thing.kind == "play":
-                q[:, k] -= thing.size / 2 * campaign.approach[:, k]
-            elif thing.kind == "beat":
-                wave = np.sin(23.7 * campaign.q[:, 0] * campaign.q[:, 1] + thing.shape["phase"])
-                q[:, k] += thing.size * wave * np.sign(campaign.q[:, 1])
-            else:
-                raise ValueError(f"found kind {thing.kind!r}")
-        point = np.tile([p["tool.x"], p["tool.y"], p["tool.z"]], (len(q), 1))
-        for k, joint in ((1, "q2"), (0, "q1")):
-            about_z = Rotation.from_rotvec(np.outer(q[:, k] + p[f"{joint}.theta"], [0.0, 0.0, 1.0]))
-            up, out = np.array([0.0, 0.0, p[f"{joint}.r"]]), np.array([p[f"{joint}.d"], 0.0, 0.0])
-            point = about_z.apply(point + up) + out
-            turn = Rotation.from_euler("y", p[f"{joint}.beta"]) * Rotation.from_euler(
-                "x", p[f"{joint}.alpha"]
-            )
-            point = turn.apply(point)
-        return np.asarray(point)
-
-    def noisy(
-        self, exact: Array, campaign: Campaign, rng: np.random.Generator, *, factor: float = 1.0
-    ) -> Array:
-        out: Array = exact + factor * SIGMA * rng.standard_normal(exact.shape)
-        return out
 
 
 @pytest.fixture(autouse=True)
@@ -150,7 +39,8 @@ def setup() -> Setup:
 
 
 def test_the_examiner_and_the_simulator_agree_where_nothing_is_missing(setup: Setup) -> None:
-    blocks = Predictor(*setup.read).blocks(setup.bench.fit.p, setup.bench.fit.x)
+    assert setup.known is not None
+    blocks = Predictor(*setup.read).blocks(setup.known.fit.p, setup.known.fit.x)
     # both know the specimen's constants: what differs is the ninth decimal of the file
     assert np.max(np.abs(np.concatenate([b.residual for b in blocks]))) < 1e-4
     assert np.max(np.abs(setup.bench.change(setup.clean))) < 1e-4
@@ -182,34 +72,45 @@ def test_what_geometry_swallows_needs_a_larger_size(setup: Setup) -> None:
     assert setup.bench.snr(delta, [delta]) < 1e-6 * free
 
 
+def _against(setup: Setup, change: Array) -> dict[str, Rival]:
+    """Every candidate by its label."""
+    assert setup.known is not None
+    labels = [c.label for c in setup.known.catalogue.candidates]
+    return {labels[r.signature.index]: r for r in rivals(setup.known, change)}
+
+
 def test_the_true_effect_reproduces_its_own_change(setup: Setup) -> None:
-    delta = setup.change(Imperfection("gain", ("q1",), 1e-4))
-    found = {
-        (setup.bench.catalogue.candidates[r.signature.index].label): r for r in rivals(setup.bench, delta)
-    }
+    found = _against(setup, setup.change(Imperfection("gain", ("q1",), 1e-4)))
     own, other = found["actuator-scale@q1"], found["actuator-scale@q2"]
     assert own.missed < 1e-2 and own.allowed
     assert other.missed > 6.0
 
 
 def test_a_wrong_sign_is_no_explanation(setup: Setup) -> None:
-    delta = -setup.change(Imperfection("play", ("q2",), 4e-4))
-    found = {setup.bench.catalogue.candidates[r.signature.index].label: r for r in rivals(setup.bench, delta)}
+    found = _against(setup, -setup.change(Imperfection("play", ("q2",), 4e-4)))
     assert found["backlash@q2"].missed < 1e-2
     assert not found["backlash@q2"].allowed  # play is never negative
 
 
-@pytest.mark.parametrize("n", [7, 40, 200])
+@pytest.mark.parametrize("n", [7, 40, 400])
 def test_any_number_of_cases_holds_the_shares(n: int) -> None:
     seats = schedule.schedule(n, [f"m{k}" for k in range(7)])
-    assert seats == schedule.schedule(200, [f"m{k}" for k in range(7)])[:n]
+    assert seats == schedule.schedule(400, [f"m{k}" for k in range(7)])[:n]
     for stratum, share in SHARES.items():
         own = [s for s in seats if s.stratum == stratum]
-        assert abs(len(own) - share * n / 200) <= 1
+        assert abs(len(own) - share * n / 400) <= 1
         machines = [sum(s.machine == f"m{k}" for s in own) for k in range(7)]
         assert max(machines) - min(machines) <= 1
-    clean = sum(s.variant == "clean" for s in seats)
-    assert abs(clean - n / 10) <= 2
+    wrong = sum(s.variant == schedule.MISSTATED for s in seats if s.stratum not in ("null", "real-like"))
+    assert abs(wrong - 125 * n / 400) <= 5  # half of 250, to one in each stratum
+
+
+def test_every_variant_meets_every_machine() -> None:
+    machines = [f"m{k}" for k in range(7)]
+    seats = schedule.schedule(2000, machines)
+    for stratum, variants in VARIANTS.items():
+        met = {(s.variant, s.machine) for s in seats if s.stratum == stratum}
+        assert met == {(v, m) for v in variants for m in machines}
 
 
 @pytest.fixture(scope="module")
@@ -228,15 +129,18 @@ def test_a_case_follows_from_seed_and_number() -> None:
 def test_every_stratum_holds_what_it_says(drawn: dict[str, Case]) -> None:
     of = {stratum: case.solution for stratum, case in drawn.items()}
     assert not of["null"].truths and not of["null"].concealed
-    assert of["concealed"].concealed and of["concealed"].free_chi2_per_dof < 1.3
+    assert of["concealed"].concealed and (of["concealed"].free_chi2_per_dof or 9.0) < 1.3
+    assert not of["concealed"].missing
     a, b = of["two"].truths
     assert a.effect != b.effect and a.place != b.place
     (outside,) = of["out-of-library"].truths
     assert not outside.effect and of["out-of-library"].oracle is None
+    many = of.pop("real-like").truths
+    assert len(many) >= 5 and len({(t.effect, t.place) for t in many}) == len(many)
     for stratum, solution in of.items():
-        least = 1.0 if stratum == "single" else 3.0
+        least = 1.0 if stratum in ("single", "two") else 3.0
         for truth in solution.truths:
-            assert least * 0.999 <= truth.factor <= 20.001
+            assert least * 0.999 <= truth.factor <= (40.001 if stratum == "two" else 20.001)
             assert truth.size <= LARGEST * truth.typical * 1.001
             # the effects here are linear: the ratio is as many limits as the size
             assert truth.snr == pytest.approx(LIMIT_SNR * truth.factor, rel=0.03)
@@ -245,6 +149,7 @@ def test_every_stratum_holds_what_it_says(drawn: dict[str, Case]) -> None:
 def test_the_oracle_knows_better_than_the_fit_without_effects(drawn: dict[str, Case]) -> None:
     solution = drawn["two"].solution
     assert solution.oracle is not None and len(solution.oracle.effects) == 2
+    assert solution.before is not None
     assert (solution.oracle.held_out or 9) < (solution.before.held_out or 0)
     assert (solution.oracle.bias or 9) < (solution.before.bias or 0)
 
@@ -349,6 +254,34 @@ def test_a_case_that_has_a_result_is_not_sat_again(
     assert (code, sat, json.loads(out)) == (0, [], summary)
     _run("-o", str(folder), *options, "--again")
     assert sat == ["case001", "case002"]
+
+
+def test_cases_are_drawn_once_and_sat_by_several_engines(tmp_path: Path) -> None:
+    drawn = tmp_path / "drawn"
+    strata = ("--seed", "2", "--jobs", "1", "--strata", "null,single", "--json")
+    code, out, _ = _run("-o", str(drawn), "-n", "3", *strata, "--draw")
+    assert (code, json.loads(out)["drawn"]) == (0, 3)
+    assert sorted(p.name for p in drawn.iterdir()) == ["answers", "cases", "challenge.json"]
+    before = {p: p.read_bytes() for p in drawn.rglob("*") if p.is_file()}
+    for name, count in (("one", 1), ("two", 2)):
+        sat = tmp_path / name
+        code, out, _ = _run("-o", str(sat), "--drawn", str(drawn), "-n", str(count), "--jobs", "1", "--json")
+        assert (code, json.loads(out)["cases"]) == (0, count)
+        assert {p.name for p in sat.iterdir()} == {"results", "challenge.json", "table.md", "table.json"}
+        assert len(list((sat / "results").iterdir())) == count
+    assert before == {p: p.read_bytes() for p in drawn.rglob("*") if p.is_file()}
+    # the same cases as an examination that draws and sits at once
+    whole = examine.challenge(tmp_path / "whole", 3, seed=2, strata=("null", "single"))
+    examine.run(whole, draw_only=True)
+    assert all((tmp_path / "whole" / p.relative_to(drawn)).read_bytes() == text for p, text in before.items())
+
+
+def test_a_folder_without_drawn_cases_is_refused(tmp_path: Path) -> None:
+    code, _, err = _run("-o", str(tmp_path / "new"), "--drawn", str(tmp_path))
+    assert code == 2 and "challenge.json" in err
+    code, _, err = _run("-o", str(tmp_path / "new"), "--drawn", str(tmp_path), "--draw")
+    assert code == 2 and "--draw" in err
+    assert not (tmp_path / "new").exists()
 
 
 def test_another_examination_is_not_mixed_in(examined: tuple[Path, dict[str, Any]]) -> None:

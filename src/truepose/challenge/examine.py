@@ -5,7 +5,8 @@
     DIR/answers/caseNNN.json           the key
     DIR/results/caseNNN/               diagnosis.json, improved.yaml, heldout_prediction.csv, run.json
 
-A case that has a result is not sat again.
+A case that has a result is not sat again. Cases may be drawn only (``draw``), and sat later by any engine with results of
+its own elsewhere: cases and keys are then read from ``drawn``.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_write_text
 from truepose.models.registry import load_plugin
 
+CASES = 400
 SETTINGS, RUN, UNDRAWN = "challenge.json", "run.json", "undrawn.txt"
 TIMEOUT = 900.0
 """Seconds after which a diagnosis counts as failed."""
@@ -42,15 +44,22 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Challenge:
-    """What is asked for: how many cases, drawn from which seed, at which machines and strata."""
+    """What is asked for: how many cases, drawn from which seed, at which machines and strata. ``drawn``: a folder of cases
+    that are there already, and must be of the same seed, machines and strata."""
 
     folder: Path
-    n: int = 200
+    n: int = CASES
     seed: int = 1
     machines: tuple[str, ...] = ()
     strata: tuple[str, ...] = ()
     timeout: float = TIMEOUT
     plugins: tuple[Path, ...] = ()
+    drawn: Path | None = None
+
+    @property
+    def source(self) -> Path:
+        """Where cases and keys are."""
+        return self.drawn or self.folder
 
     @property
     def seats(self) -> tuple[Seat, ...]:
@@ -67,7 +76,7 @@ def machines() -> Mapping[str, Callable[[], SimulatedMachine]]:
 
 def challenge(
     folder: Path,
-    n: int = 200,
+    n: int = CASES,
     *,
     seed: int = 1,
     only_machines: Sequence[str] = (),
@@ -105,10 +114,38 @@ def _settings(asked: Challenge) -> dict[str, object]:
     }
 
 
+def sitting(drawn: Path, folder: Path, n: int | None = None, timeout: float = TIMEOUT) -> Challenge:
+    """The examination of a folder of drawn cases (the first n), with results in ``folder``.
+
+    Raises InputError where nothing was drawn.
+    """
+    if not (drawn / SETTINGS).is_file():
+        raise InputError(
+            f"{drawn}: found no {SETTINGS}, expected a folder that 'truepose challenge' has drawn"
+        )
+    said = json.loads((drawn / SETTINGS).read_text(encoding="utf-8"))
+    keys = [int(p.stem.removeprefix("case")) for p in (drawn / "answers").glob("case*.json")]
+    count = max(keys, default=0)
+    return Challenge(
+        folder,
+        count if n is None else min(n, count),
+        said["seed"],
+        tuple(said["machines"]),
+        tuple(said["strata"]),
+        timeout,
+        drawn=drawn.resolve(),
+    )
+
+
 def run(
-    asked: Challenge, *, jobs: int = 1, again: bool = False, progress: Progress = lambda *_: None
+    asked: Challenge,
+    *,
+    jobs: int = 1,
+    again: bool = False,
+    draw_only: bool = False,
+    progress: Progress = lambda *_: None,
 ) -> tuple[Seat, ...]:
-    """Write and sit every case; the seats that could be filled, in order.
+    """Write and sit every case; the seats that could be filled, in order. ``draw_only``: no case is sat.
 
     ``progress`` hears how many cases are done, of how many, and the latest. ``again`` sits cases anew that have a
     result; the cases themselves stay. Cases are sat by ``jobs`` processes, or by what ``joblib.parallel_config`` names.
@@ -117,18 +154,21 @@ def run(
     asked.folder.mkdir(parents=True, exist_ok=True)
     atomic_write_text(asked.folder / SETTINGS, json.dumps(_settings(asked), indent=1) + "\n")
     sat = Parallel(max(jobs, 1), return_as="generator_unordered", batch_size=1)(
-        delayed(_seated)(asked, seat, again, os.getpid()) for seat in seats
+        delayed(_seated)(asked, seat, again, draw_only, os.getpid()) for seat in seats
     )
     for done, name in enumerate(sat, start=1):
         progress(done, len(seats), name)
-    return tuple(seat for seat in seats if (asked.folder / "answers" / f"{seat.name}.json").is_file())
+    return tuple(seat for seat in seats if (asked.source / "answers" / f"{seat.name}.json").is_file())
 
 
-def _seated(asked: Challenge, seat: Seat, again: bool, parent: int) -> str:
+def _seated(asked: Challenge, seat: Seat, again: bool, draw_only: bool, parent: int) -> str:
     """Name of a case that is done; a process that is not the parent has no plugins yet."""
     if os.getpid() != parent:
         _load(asked.plugins)
-    write_and_sit(asked, seat, again)
+    if draw_only:
+        write(asked, seat)
+    else:
+        write_and_sit(asked, seat, again)
     return seat.name
 
 
@@ -141,21 +181,28 @@ def _load(plugins: tuple[Path, ...]) -> None:
 
 def write_and_sit(asked: Challenge, seat: Seat, again: bool) -> None:
     """Write one case unless it is there, and sit it unless it has a result."""
-    folder = asked.folder
-    key, case = folder / "answers" / f"{seat.name}.json", folder / "cases" / seat.name
+    results = asked.folder / "results" / seat.name
+    if write(asked, seat) and (again or not (results / RUN).is_file()):
+        sit(asked.source / "cases" / seat.name, results, asked.timeout, asked.plugins)
+
+
+def write(asked: Challenge, seat: Seat) -> bool:
+    """Write one case unless it is there; whether it is there now. What was drawn elsewhere stays as it is."""
+    key, case = asked.source / "answers" / f"{seat.name}.json", asked.source / "cases" / seat.name
     note = case.parent / f"{seat.name}.{UNDRAWN}"
-    if not key.is_file() or not (case / HELD_OUT).is_file():
-        try:
-            _write(asked, seat)
-        except Exception as exc:  # one case that cannot be made must not end the others; the table tells
-            case.parent.mkdir(parents=True, exist_ok=True)
-            said = str(exc) if isinstance(exc, UndrawnError) else f"{type(exc).__name__}: {exc}"
-            atomic_write_text(note, f"{said}\n")
-            return
-        note.unlink(missing_ok=True)
-    results = folder / "results" / seat.name
-    if again or not (results / RUN).is_file():
-        sit(case, results, asked.timeout, asked.plugins)
+    if key.is_file() and (case / HELD_OUT).is_file():
+        return True
+    if asked.drawn is not None:
+        return False
+    try:
+        _write(asked, seat)
+    except Exception as exc:  # one case that cannot be made must not end the others; the table tells
+        case.parent.mkdir(parents=True, exist_ok=True)
+        said = str(exc) if isinstance(exc, UndrawnError) else f"{type(exc).__name__}: {exc}"
+        atomic_write_text(note, f"{said}\n")
+        return False
+    note.unlink(missing_ok=True)
+    return True
 
 
 def _drawn(asked: Challenge, seat: Seat) -> Case:
@@ -214,4 +261,4 @@ def sit(case: Path, results: Path, timeout: float, plugins: Sequence[Path] = ())
             (partial / RUN).write_text(json.dumps(about) + "\n", encoding="utf-8")
 
 
-__all__ = ["Challenge", "challenge", "run", "sit", "write_and_sit"]
+__all__ = ["CASES", "Challenge", "challenge", "run", "sit", "sitting", "write", "write_and_sit"]

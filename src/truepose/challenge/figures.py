@@ -1,38 +1,39 @@
-"""The figures of an examination, each with its uncertainty and, where one is set, its target."""
+"""Figures of an examination, each with its uncertainty and, where one is set, its target."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.challenge.calibration import wilson
-from truepose.challenge.schedule import CONCEALED, LOOK_ALIKE, NULL, OUTSIDE, SINGLE, TWO
 from truepose.challenge.score import Score
-from truepose.challenge.strata import CLEAR
 
 Array = NDArray[np.float64]
 Test = Callable[[Score], bool]
-DRAWS = 4000
+Item = TypeVar("Item")
+DRAWS = 2000
 
 
 @dataclass(frozen=True)
 class Target:
-    """What is to be reached: at least, or at most, a value."""
+    """What is to be reached: at least ``low`` and at most ``high``."""
 
-    value: float
-    least: bool
+    low: float = -math.inf
+    high: float = math.inf
 
     def met(self, value: float) -> bool:
         """Whether a value reaches it."""
-        return value >= self.value if self.least else value <= self.value
+        return self.low <= value <= self.high
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A share with its Wilson interval (``share``), or a median with its bootstrap interval; n cases."""
+    """A share with its Wilson interval (``share``), or a number with its bootstrap interval; of n cases, rows or names."""
 
     name: str
     n: int
@@ -48,115 +49,77 @@ class Figure:
         return None if self.target is None or self.value is None else self.target.met(self.value)
 
 
-def share(name: str, scores: Iterable[Score], test: Test, target: Target | None = None) -> Figure:
+def share(
+    name: str, items: Iterable[Item], test: Callable[[Item], bool], target: Target | None = None
+) -> Figure:
     """How often something holds."""
-    answers = [bool(test(s)) for s in scores]
-    n, hits = len(answers), sum(answers)
+    answers = [bool(test(item)) for item in items]
+    return counted(name, sum(answers), len(answers), target)
+
+
+def counted(name: str, hits: int, n: int, target: Target | None = None) -> Figure:
+    """So many of so many."""
     return Figure(name, n, hits, hits / n if n else None, wilson(hits, n) if n else None, target)
 
 
 def median(name: str, values: Iterable[float | None], target: Target | None = None) -> Figure:
     """The middle value of those that there are; 95 % by bootstrap over cases."""
-    known = np.array([v for v in values if v is not None and np.isfinite(v)], dtype=float)
-    if not len(known):
-        return Figure(name, 0, 0, None, None, target, share=False)
-    picks = np.random.default_rng(1).integers(0, len(known), (DRAWS, len(known)))
-    ends = np.quantile(np.median(known[picks], axis=1), [0.025, 0.975])
-    middle = float(np.median(known))
-    return Figure(name, len(known), 0, middle, (float(ends[0]), float(ends[1])), target, share=False)
+    return quantile(name, [v for v in values if v is not None and np.isfinite(v)], 0.5, target)
+
+
+def quantile(name: str, values: Sequence[float], q: float, target: Target | None = None) -> Figure:
+    """A quantile of values, of which some may be infinite (there is no prediction); 95 % by bootstrap over cases."""
+
+    def of(some: Sequence[float]) -> float:
+        return float(np.median(some) if q == 0.5 else np.quantile(some, q, method="inverted_cdf"))
+
+    return bootstrapped(name, values, of, target)
+
+
+def bootstrapped(
+    name: str,
+    items: Sequence[Item],
+    statistic: Callable[[Sequence[Item]], float],
+    target: Target | None = None,
+    *,
+    as_share: bool = False,
+    hits: int = 0,
+    n: int | None = None,
+) -> Figure:
+    """A statistic of all cases with what it would be of other draws of as many cases."""
+    if not len(items):
+        return Figure(name, 0, 0, None, None, target, as_share)
+    rng = np.random.default_rng(1)
+    picks = rng.integers(0, len(items), (DRAWS, len(items)))
+    drawn = np.sort([statistic([items[k] for k in pick]) for pick in picks])
+    ends = drawn[int(0.025 * DRAWS)], drawn[int(0.975 * DRAWS)]
+    value = statistic(items)
+    return Figure(
+        name,
+        len(items) if n is None else n,
+        hits,
+        value,
+        (float(ends[0]), float(ends[1])),
+        target,
+        as_share,
+    )
 
 
 def at_least(value: float) -> Target:
     """A lower end."""
-    return Target(value, True)
+    return Target(low=value)
 
 
 def at_most(value: float) -> Target:
     """An upper end."""
-    return Target(value, False)
+    return Target(high=value)
 
 
-def headline(scores: Sequence[Score]) -> tuple[Figure, ...]:
-    """What the examination is for: the figures with targets."""
-    of = {s: [x for x in scores if x.solution.stratum == s] for s in (NULL, CONCEALED, TWO, OUTSIDE)}
-    clear = [s for s in scores if s.solution.stratum not in (NULL, OUTSIDE) and s.factor >= CLEAR * 0.999]
-    told = [s for s in scores if s.solution.truths and s.held_out_ratio is not None]
-    return (
-        share("false alarms, null and decoys", of[NULL], lambda s: s.detected, at_most(0.05)),
-        share(
-            "concealed: detected and named", of[CONCEALED], lambda s: s.detected and s.named, at_least(0.9)
-        ),
-        share("top effect, from 3 limits on", clear, lambda s: s.top_effect, at_least(0.9)),
-        share("top place, from 3 limits on", clear, lambda s: s.top_place, at_least(0.9)),
-        share("two effects: exact pair", of[TWO], lambda s: s.exact, at_least(0.8)),
-        share("out of library: unknown or honest", of[OUTSIDE], lambda s: bool(s.honest), at_least(0.8)),
-        share("out of library: unknown, or as good a name first", of[OUTSIDE], lambda s: bool(s.abstained)),
-        share(
-            "out of library: confident wrong name", of[OUTSIDE], lambda s: s.confident_wrong, at_most(0.03)
-        ),
-        share("all cases: confident wrong name", scores, lambda s: s.confident_wrong, at_most(0.03)),
-        share("all cases: certain of a class without truth", scores, lambda s: s.wrong_class),
-        median("held-out error over the oracle's, median", (s.held_out_ratio for s in told), at_most(1.3)),
-        share("held-out error within 1.3 of the oracle's", told, lambda s: (s.held_out_ratio or 9.0) <= 1.3),
-        median(
-            "concealed: bias before over after, median", (s.bias_ratio for s in of[CONCEALED]), at_least(5.0)
-        ),
-        share("no diagnosis, or no prediction", scores, lambda s: bool(s.failure), at_most(0.0)),
-    )
+def between(low: float, high: float) -> Target:
+    """Both ends."""
+    return Target(low, high)
 
 
-def details(scores: Sequence[Score]) -> tuple[Figure, ...]:
-    """The same by stratum, and what has no target."""
-    null = [s for s in scores if s.solution.stratum == NULL]
-    out = [
-        share(
-            f"false alarm: {variant}",
-            [s for s in null if s.solution.variant == variant],
-            lambda s: s.detected,
-        )
-        for variant in dict.fromkeys(s.solution.variant for s in null)
-    ]
-    for stratum in (SINGLE, CONCEALED, LOOK_ALIKE, TWO, OUTSIDE):
-        own = [s for s in scores if s.solution.stratum == stratum]
-        faint, clear = (
-            [s for s in own if s.factor < CLEAR * 0.999],
-            [s for s in own if s.factor >= CLEAR * 0.999],
-        )
-        for size, some in (("", clear), (" (below 3 limits)", faint)):
-            if some:
-                out += _of_stratum(stratum + size, stratum, some)
-    flagged = [s for s in scores if s.flag is not None]
-    hidden = [s for s in scores if s.solution.concealed]
-    out.append(share("concealed said rightly, where detected", flagged, lambda s: bool(s.flag)))
-    out.append(
-        share("concealed in any stratum: detected and named", hidden, lambda s: s.detected and s.named)
-    )
-    quiet = [s.held_out_ratio for s in null]
-    out.append(median("null: held-out error over that of the fit without effects, median", quiet))
-    return tuple(out)
-
-
-def _of_stratum(name: str, stratum: str, scores: Sequence[Score]) -> list[Figure]:
-    figures = [share(f"{name}: detected", scores, lambda s: s.detected)]
-    if stratum != OUTSIDE:
-        tests: tuple[tuple[str, Test], ...] = (
-            ("named", lambda s: s.named),
-            ("top effect", lambda s: s.top_effect),
-            ("top place", lambda s: s.top_place),
-            ("exact", lambda s: s.exact),
-        )
-        figures += [share(f"{name}: {what}", scores, test) for what, test in tests]
-    return figures
-
-
-def grouped(scores: Sequence[Score], key: Callable[[Score], Iterable[str]]) -> dict[str, tuple[Figure, ...]]:
-    """Detected, named, top effect, top place and exact of the library's cases, by machine or by effect."""
-    groups: dict[str, list[Score]] = {}
-    for s in scores:
-        if s.solution.stratum not in (NULL, OUTSIDE):
-            for name in key(s):
-                groups.setdefault(name, []).append(s)
-    return {name: tuple(_of_stratum("", "", some)) for name, some in sorted(groups.items())}
-
-
-__all__ = ["Figure", "Target", "details", "grouped", "headline", "median", "share"]
+__all__ = [
+    "Figure", "Target", "at_least", "at_most", "between", "bootstrapped", "counted", "median", "quantile", "share",
+]  # fmt: skip

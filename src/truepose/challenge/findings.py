@@ -13,6 +13,8 @@ from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.parameters import element_of
 
 VERDICTS = ("adequate", "missing-physics", "unknown")
+NAMELESS = ("empirical", *OF_ROWS)
+"""Slugs of what is no name: forms of a remainder, rows."""
 
 
 @dataclass(frozen=True)
@@ -38,20 +40,35 @@ class Found:
         """The whole class, the named one first."""
         return (self.name, *self.equivalents)
 
+    @property
+    def rows(self) -> frozenset[int]:
+        """Numbers of the rows that a finding on rows names."""
+        return frozenset(int(part) for part in self.name.place if part.isdecimal())
+
 
 @dataclass(frozen=True)
 class Reply:
-    """A diagnosis: verdict, findings with the best supported first, constants by name (mm, rad)."""
+    """A diagnosis: verdict, findings with the best supported first, constants by name (mm, rad).
+
+    remainder: whether something without a name is said to be there; inclusion: every effect at every place with its
+    probability, where the diagnosis lists them."""
 
     verdict: str
     concealed: bool
     findings: tuple[Found, ...]
     parameters: Mapping[str, float]
+    remainder: bool = False
+    inclusion: tuple[Said, ...] = ()
 
     @property
     def physics(self) -> tuple[Found, ...]:
         """Findings that decide the verdict: not those on single rows."""
         return tuple(f for f in self.findings if f.name.effect not in OF_ROWS)
+
+    @property
+    def of_rows(self) -> tuple[Found, ...]:
+        """The others: rows that were set aside."""
+        return tuple(f for f in self.findings if f.name.effect in OF_ROWS)
 
 
 def read_reply(path: Path) -> Reply | None:
@@ -68,7 +85,15 @@ def _reply(document: Mapping[str, Any]) -> Reply | None:
     found = [_found(entry) for entry in document["findings"]]
     values = {name: float(entry["value"]) for name, entry in document["parameters"].items()}
     ordered = sorted(found, key=lambda f: -f.log_bayes_factor)
-    return Reply(document["verdict"], bool(document["concealed"]), tuple(ordered), values)
+    listed = [_said(entry) for entry in document.get("inclusion") or ()]
+    return Reply(
+        verdict=document["verdict"],
+        concealed=bool(document["concealed"]),
+        findings=tuple(ordered),
+        parameters=values,
+        remainder=document.get("remainder") is not None,
+        inclusion=tuple(said for said in listed if said.effect not in NAMELESS),
+    )
 
 
 def _found(entry: Mapping[str, Any]) -> Found:
@@ -105,6 +130,17 @@ class Judge:
         """Whether this names the truth or what is as good."""
         same = [(effect, self.place(place)) for effect, place in truth.equivalents]
         return self.true(said, truth) or (said.effect, self.place(said.place)) in same
+
+    def names(self, said: Said) -> bool:
+        """Whether this names a truth, or the same effect at several places of which each is true."""
+        if any(self.true(said, truth) for truth in self.truths):
+            return True
+        single = [Said(said.effect, (part,), said.probability) for part in said.place]
+        return len(single) > 1 and all(any(self.true(one, t) for t in self.truths) for one in single)
+
+    def as_good(self, said: Said) -> bool:
+        """Whether this names what the data cannot tell from a truth."""
+        return any(self.right(said, truth) for truth in self.truths)
 
     def right_effect(self, said: Said, truth: Truth) -> bool:
         """The same, wherever it is."""

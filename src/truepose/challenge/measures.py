@@ -12,6 +12,8 @@ from truepose.challenge.solutions import Geometry, HeldOut
 from truepose.models import lie
 
 Array = NDArray[np.float64]
+ROUNDED = 1e-3
+"""Of a sigma: what files are rounded by."""
 
 
 def held_out_error(predicted: pd.DataFrame, held: HeldOut) -> float | None:
@@ -19,17 +21,42 @@ def held_out_error(predicted: pd.DataFrame, held: HeldOut) -> float | None:
 
     ``predicted`` has the file's columns (mm, deg). Rotation vectors are compared as rotations.
     """
-    if any(name not in predicted for name in held.columns) or len(predicted) != len(held.truth):
+    off = _off(predicted, held)
+    if off is None:
         return None
-    angle = np.array([unit == "rad" for unit in held.units])
-    said = predicted[list(held.columns)].to_numpy(dtype=float)
-    said = np.where(angle, np.radians(said), said)
-    off = _difference(said, np.array(held.truth), held.columns)
     error = float(np.sqrt(np.mean((off / np.array(held.sigma)) ** 2)))
     return error if np.isfinite(error) else None
 
 
-def _difference(said: Array, truth: Array, columns: tuple[str, ...]) -> Array:
+def standard_scores(predicted: pd.DataFrame, held: HeldOut) -> tuple[float, ...]:
+    """(predicted - true) / ``<column>.std`` of every held-out reading; none without such columns.
+
+    Files are rounded: a 1-sigma below a thousandth of the sensor's is taken as that.
+    """
+    off, names = _off(predicted, held), [f"{name}.std" for name in held.columns]
+    if off is None or any(name not in predicted for name in names):
+        return ()
+    std = _inside(predicted[names].to_numpy(dtype=float), held)
+    scores = off / np.hypot(std, ROUNDED * np.array(held.sigma))
+    return tuple(scores[np.isfinite(scores)].tolist())
+
+
+def _off(predicted: pd.DataFrame, held: HeldOut) -> Array | None:
+    """(rows, columns) predicted less true readings, mm and rad; None where there is no such table."""
+    if any(name not in predicted for name in held.columns) or len(predicted) != len(held.truth):
+        return None
+    said = _inside(predicted[list(held.columns)].to_numpy(dtype=float), held)
+    return difference(said, np.array(held.truth), held.columns)
+
+
+def _inside(values: Array, held: HeldOut) -> Array:
+    """Degrees as radians."""
+    angle = np.array([unit == "rad" for unit in held.units])
+    return np.where(angle, np.radians(values), values)
+
+
+def difference(said: Array, truth: Array, columns: tuple[str, ...]) -> Array:
+    """(n, k) readings less true ones, mm and rad; rotation vectors rx ry rz are compared as rotations, Log(Rtrue' R)."""
     off = said - truth
     if {"rx", "ry", "rz"} <= set(columns):
         at = [columns.index(name) for name in ("rx", "ry", "rz")]
@@ -47,4 +74,4 @@ def parameter_bias(values: Mapping[str, float], geometry: Geometry) -> float | N
     return float(np.sqrt(np.mean((np.array(geometry.combinations) @ off) ** 2)))
 
 
-__all__ = ["held_out_error", "parameter_bias"]
+__all__ = ["difference", "held_out_error", "parameter_bias", "standard_scores"]

@@ -1,4 +1,7 @@
-"""Fits to compare an engine with: ordinary ones without effects, and an oracle that is told effects and places."""
+"""Fits to compare an engine with: ordinary ones without effects, and an oracle that is told effects and places.
+
+Each may fail; a case stays, without that reference.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.challenge.adaptation import Adaptation
+from truepose.challenge.imitations import Imitations
 from truepose.challenge.measures import held_out_error, parameter_bias
 from truepose.challenge.rivals import INDISTINCT, rivals
 from truepose.challenge.solutions import Geometry, HeldOut, Reference
@@ -27,44 +30,49 @@ from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 SETTLED = 1e-4
 """Half chi2 that an oracle may leave to be gained."""
 MOST_TERMS = 4
 """Terms (orders of a harmonic) that an oracle may take at one place."""
 
 
-def ordinary_fits(machine: Machine, recording: Recording) -> tuple[Estimate, Estimate]:
-    """The fit under tolerances, and the free fit beside it, both without effects. Raises ConvergenceError."""
-    predictor = Predictor(machine, recording)
-    before = estimate(machine, recording, start=aligned_start(predictor), predictor=predictor)
+def ordinary_fit(machine: Machine, recording: Recording, exclude: Mask | None = None) -> Estimate | None:
+    """The fit under tolerances, without effects, some rows (n,) left out; None where it does not converge."""
+    try:
+        predictor = Predictor(machine, recording)
+        start = aligned_start(predictor)
+        return estimate(machine, recording, start=start, predictor=predictor, exclude=exclude)
+    except TrueposeError:
+        return None
+
+
+def free_fit(
+    machine: Machine, recording: Recording, start: Array, exclude: Mask | None = None
+) -> Estimate | None:
+    """The same with wide tolerances, as wide as converges, from parameters ``start`` (np,)."""
     for factor in (FREE_WIDENING, FREE_WIDENING / 3, FREE_WIDENING / 10):
         try:
-            return before, estimate(machine, recording, start=before.p, widen=factor)
+            return estimate(machine, recording, start=start, widen=factor, exclude=exclude)
         except TrueposeError:
             continue
-    return before, before
+    return None
 
 
 def oracle_terms(
-    bench: Adaptation, effect: str, place: tuple[str, ...], change: Array, beside: Sequence[Array]
+    known: Imitations, effect: str, place: tuple[str, ...], change: Array, beside: Sequence[Array]
 ) -> tuple[PlacedEffect, ...]:
     """Terms of the catalogue for one true effect: the best settings, or orders as long as each adds something.
 
     ``change`` (N,) is what it does to the readings, ``beside`` (N,) other directions. Empty where the catalogue lacks it.
     """
-    candidates = bench.catalogue.candidates
+    candidates = known.catalogue.candidates
     chosen: list[PlacedEffect] = []
     taken: list[Array] = list(beside)
-    missed = bench.snr(change, taken) ** 2
+    missed = known.bench.snr(change, taken) ** 2
     for _ in range(MOST_TERMS):
-        ranked = rivals(bench, change, taken)
-        fitting = [
-            r
-            for r in ranked
-            if (p := candidates[r.signature.index]).effect.slug == effect
-            and p.place == place
-            and p not in chosen
-        ]
+        ranked = rivals(known, change, taken, lambda name: name == (effect, place))
+        fitting = [r for r in ranked if candidates[r.signature.index] not in chosen]
         if not fitting or (chosen and missed - fitting[0].missed < INDISTINCT):
             break
         missed = fitting[0].missed
@@ -73,6 +81,29 @@ def oracle_terms(
         if not chosen[-1].effect.settings_add:
             break
     return tuple(chosen)
+
+
+def oracle(
+    machine: Machine,
+    recording: Recording,
+    terms: Sequence[PlacedEffect],
+    starts: Sequence[Array],
+    exclude: Mask | None = None,
+) -> Estimate | None:
+    """The fit with the true effects from the first of the parameters ``starts`` (np,) that leads to a minimum."""
+    try:
+        predictor = Predictor(machine, recording, terms)
+    except TrueposeError:
+        return None
+    for start in starts:
+        full = np.append(start, np.zeros(len(predictor.model.names) - len(start)))
+        try:
+            return estimate(
+                machine, recording, terms, start=full, predictor=predictor, tolerance=SETTLED, exclude=exclude
+            )
+        except TrueposeError:
+            continue
+    return None
 
 
 def reference(
@@ -91,16 +122,4 @@ def reference(
     return Reference(error, parameter_bias(values, geometry), names)
 
 
-def oracle(
-    machine: Machine, recording: Recording, terms: Sequence[PlacedEffect], start: Array
-) -> Estimate | None:
-    """The fit with the true effects from parameters ``start`` (np,); None where it does not converge."""
-    predictor = Predictor(machine, recording, terms)
-    full = np.append(start, np.zeros(len(predictor.model.names) - len(start)))
-    try:
-        return estimate(machine, recording, terms, start=full, predictor=predictor, tolerance=SETTLED)
-    except TrueposeError:
-        return None
-
-
-__all__ = ["oracle", "oracle_terms", "ordinary_fits", "reference"]
+__all__ = ["free_fit", "oracle", "oracle_terms", "ordinary_fit", "reference"]

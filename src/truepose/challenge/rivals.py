@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.challenge.adaptation import Adaptation, Signature
+from truepose.challenge.imitations import Imitations, Signature
 from truepose.challenge.simulator.base import Answer
 
 Array = NDArray[np.float64]
 INDISTINCT = 6.0
 """Missed chi2 (3 nats of log likelihood) below which an explanation is as good as the truth."""
 FAINT = 1e-12
-SHORT, TERMS = 6, 12
-"""Coefficients of a term, and of several, up to which terms are weighed together: more would fit anything."""
 BEYOND = 2.0
 """1-sigmas by which a coefficient may lie outside its physical bounds."""
 
@@ -30,41 +28,36 @@ class Rival:
     allowed: bool
 
 
-def rivals(bench: Adaptation, change: Array, beside: Sequence[Array] = ()) -> tuple[Rival, ...]:
-    """Every candidate as an explanation of a change (N,), the closest first; geometry and ``beside`` (N,) adapt as well.
+def anything(_: Answer) -> bool:
+    """Weighs every candidate."""
+    return True
 
-    Terms of one effect at one place that add up (a stiffness and how it bends) also make a candidate together.
+
+def rivals(
+    known: Imitations,
+    change: Array,
+    beside: Sequence[Array] = (),
+    only: Callable[[Answer], bool] = anything,
+) -> tuple[Rival, ...]:
+    """Candidates (``only`` says which) as explanations of a change (N,), the closest first.
+
+    Geometry and ``beside`` (N,) adapt as well.
     """
-    signatures = (*bench.signatures, *_together(bench))
-    if not signatures:
-        return ()
-    columns = np.hstack([change[:, None], *(s.columns for s in signatures)])
-    left = bench.left(columns, beside)
-    target, at, out = left[:, 0], 1, []
-    for signature in signatures:
+    chosen, places, at = [], [], 0
+    for signature in known.signatures:
         size = signature.columns.shape[1]
-        out.append(_against(target, left[:, at : at + size], signature))
+        if only(known.name(signature)):
+            chosen.append(signature)
+            places.append(np.arange(at, at + size))
         at += size
-    return tuple(sorted(out, key=lambda r: r.missed))
-
-
-def _together(bench: Adaptation) -> list[Signature]:
-    """Short terms of one effect at one place, where they add up, as one signature."""
-    terms: dict[Answer, list[Signature]] = {}
-    for signature in bench.signatures:
-        placed = bench.catalogue.candidates[signature.index]
-        if placed.effect.settings_add and signature.columns.shape[1] <= SHORT:
-            terms.setdefault((placed.effect.slug, placed.place), []).append(signature)
-    few = [own for own in terms.values() if len(own) > 1 and sum(s.columns.shape[1] for s in own) <= TERMS]
-    return [
-        Signature(
-            own[0].index,
-            np.hstack([s.columns for s in own]),
-            np.concatenate([np.broadcast_to(s.spread, s.columns.shape[1]) for s in own]),
-            tuple(bound for s in own for bound in s.bounds),
-        )
-        for own in few
-    ]
+    if not chosen:
+        return ()
+    bench = known.bench
+    target = bench.left(change[:, None], beside)[:, 0]
+    left = bench.beyond(known.left[:, np.concatenate(places)], beside)
+    ends = np.cumsum([len(p) for p in places])[:-1]
+    parts = zip(chosen, np.split(left, ends, axis=1), strict=True)
+    return tuple(sorted((_against(target, own, s) for s, own in parts), key=lambda r: r.missed))
 
 
 def _against(target: Array, columns: Array, signature: Signature) -> Rival:
@@ -85,7 +78,7 @@ def _against(target: Array, columns: Array, signature: Signature) -> Rival:
 
 
 def equivalents(
-    bench: Adaptation, ranked: Sequence[Rival], truth: Answer | None, others: Collection[Answer] = ()
+    known: Imitations, ranked: Sequence[Rival], truth: Answer | None, others: Collection[Answer] = ()
 ) -> list[Answer]:
     """Effects at places that reproduce the change as well as the truth does, and twins of any of them and of the truth.
 
@@ -93,7 +86,7 @@ def equivalents(
     """
     out: dict[Answer, None] = {}
     for rival in ranked:
-        placed = bench.catalogue.candidates[rival.signature.index]
+        placed = known.catalogue.candidates[rival.signature.index]
         name = (placed.effect.slug, placed.place)
         same = rival.missed < INDISTINCT and rival.allowed
         if same and not _wider(name, truth):
@@ -104,17 +97,13 @@ def equivalents(
     return [name for name in out if name != truth and name not in others]
 
 
-def misfit(bench: Adaptation, ranked: Sequence[Rival], truth: Answer | None) -> float | None:
+def misfit(known: Imitations, ranked: Sequence[Rival], truth: Answer | None) -> float | None:
     """chi2 of the change that the catalogue's own form of the truth cannot reproduce; None where it has none there."""
-    for rival in ranked:
-        placed = bench.catalogue.candidates[rival.signature.index]
-        if (placed.effect.slug, placed.place) == truth:
-            return rival.missed
-    return None
+    return next((r.missed for r in ranked if known.name(r.signature) == truth), None)
 
 
 def _wider(name: Answer, truth: Answer | None) -> bool:
     return truth is not None and name[0] == truth[0] and set(name[1]) > set(truth[1])
 
 
-__all__ = ["Rival", "equivalents", "misfit", "rivals"]
+__all__ = ["INDISTINCT", "Rival", "equivalents", "misfit", "rivals"]

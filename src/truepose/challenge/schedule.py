@@ -10,17 +10,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 NULL, SINGLE, CONCEALED = "null", "single", "concealed"
-LOOK_ALIKE, TWO, OUTSIDE = "look-alike", "two", "out-of-library"
-SHARES = {NULL: 60, SINGLE: 40, CONCEALED: 30, LOOK_ALIKE: 20, TWO: 25, OUTSIDE: 25}
-"""Cases of each stratum among 200."""
+LOOK_ALIKE, TWO, OUTSIDE, REAL = "look-alike", "two", "out-of-library", "real-like"
+SHARES = {NULL: 70, SINGLE: 50, CONCEALED: 30, LOOK_ALIKE: 20, TWO: 50, OUTSIDE: 100, REAL: 80}
+"""Cases of each stratum among 400."""
 CLEAN, INERT, TAILS = "clean", "inert drivers", "heavy tails"
 SIGMA, TOLERANCES = "wrong sigma", "understated tolerances"
-VARIANTS = {NULL: (CLEAN, INERT, TAILS, CLEAN, SIGMA, TOLERANCES)}
+PERFECT, MISSTATED = "", "misstated, wild rows"
+HALF = (PERFECT, MISSTATED)
+"""On a machine that is perfect otherwise, and with sigma, tolerances and rows that are not as the drawing says."""
+VARIANTS = {
+    NULL: (CLEAN, INERT, TAILS, CLEAN, SIGMA, TOLERANCES, MISSTATED),
+    SINGLE: HALF,
+    CONCEALED: HALF,
+    LOOK_ALIKE: HALF,
+    TWO: HALF,
+    OUTSIDE: HALF,
+    REAL: (MISSTATED,),
+}
 
 
 @dataclass(frozen=True)
 class Seat:
-    """The place of a case: its number from 1, stratum, sort of null (else empty) and machine."""
+    """The place of a case: its number from 1, stratum, variant and machine."""
 
     index: int
     stratum: str
@@ -44,12 +55,11 @@ def schedule(n: int, machines: Sequence[str], strata: Sequence[str] = tuple(SHAR
             credit[s] += SHARES[s]
         chosen = max(strata, key=lambda s: credit[s])
         credit[chosen] -= total
-        k = seen[chosen]
+        round_, place = divmod(seen[chosen], len(machines))
         seen[chosen] += 1
-        variants = VARIANTS.get(chosen, ("",))
         # a further step each round, so that machines and variants meet in every combination
-        variant = variants[(k + k // len(machines)) % len(variants)]
-        machine = machines[(k + list(SHARES).index(chosen)) % len(machines)]
+        variant = VARIANTS[chosen][(place + round_) % len(VARIANTS[chosen])]
+        machine = machines[(place + list(SHARES).index(chosen)) % len(machines)]
         out.append(Seat(index, chosen, variant, machine))
     return tuple(out)
 

@@ -4,28 +4,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import pandas as pd
-
 from truepose.challenge import solutions
-from truepose.challenge.examinee import DIAGNOSIS, PREDICTION
+from truepose.challenge.examinee import DIAGNOSIS
 from truepose.challenge.findings import Found, Judge, Reply, read_reply
-from truepose.challenge.measures import held_out_error, parameter_bias
-from truepose.challenge.schedule import NULL, OUTSIDE
-from truepose.challenge.solutions import Solution
+from truepose.challenge.measures import parameter_bias
+from truepose.challenge.predictions import Predicted, read_prediction
+from truepose.challenge.schedule import NULL, OUTSIDE, REAL
+from truepose.challenge.solutions import CONCEALED, Solution
+from truepose.challenge.statements import (
+    Rows,
+    Statement,
+    classes_said,
+    inclusion_said,
+    names_said,
+    rows_judged,
+    rows_said,
+)
 from truepose.models.effects.of_rows import OF_ROWS
 
-CONFIDENT = 0.95
-
-
-@dataclass(frozen=True)
-class Statement:
-    """Something said with a probability, and whether it was so."""
-
-    probability: float
-    right: bool
+CONFIDENT, SURE = 0.95, 0.9
+LARGE = 5.0
+"""Detection limits from which on an effect of a real-like machine should be named."""
 
 
 @dataclass(frozen=True)
@@ -33,41 +35,68 @@ class Score:
     """One case: what was right. None where a question does not arise.
 
     verdict; named: every true effect is in the class of some finding; top_effect, top_place: of the best
-    supported finding; exact: the findings are the true effects, one to one; confident_wrong: a name of at least
-    0.95 whose class holds no truth; wrong_class: a class of at least 0.95 that holds none. Of effects outside the
-    library, if something was detected: honest: nothing is confident_wrong; abstained: the first name, if any, is as
-    good as the truth. flag: ``concealed`` is right; held_out, bias: errors of the engine; held_out_ratio: over the
-    oracle's; bias_ratio: the ordinary fit's over it; statements, classes: names and classes with their probabilities.
+    supported finding; first: its very name is true, or as good; exact: the findings are the true effects, one to one;
+    confident_wrong: a name of at least 0.95 whose class holds no truth; wrong_class: a class of at least 0.95 that holds
+    none. Of effects outside the library, if something was detected: honest: nothing is confident_wrong; abstained: the
+    first name, if any, is as good as the truth. flag: ``concealed`` is right; held_out, bias: errors of the engine;
+    held_out_ratio: over the oracle's; empirical_ratio: over that of the best model without names of as many columns;
+    bias_ratio: the ordinary fit's over it; found: for each true effect whether some finding's class holds it; remainder:
+    whether something unnamed was said; rows: which were set aside. statements, classes, aside, listed: names, classes,
+    findings on rows and the whole list of effects, with their probabilities. A finding of outliers where none were put in is
+    a name that is wrong.
     """
 
     solution: Solution
     said: str
     failure: str
     seconds: float
-    verdict: bool
-    detected: bool
-    named: bool
-    top_effect: bool
-    top_place: bool
-    exact: bool
-    confident_wrong: bool
-    wrong_class: bool
-    honest: bool | None
-    abstained: bool | None
-    flag: bool | None
-    held_out: float | None
-    held_out_ratio: float | None
-    bias: float | None
-    bias_ratio: float | None
+    verdict: bool = False
+    detected: bool = False
+    named: bool = False
+    top_effect: bool = False
+    top_place: bool = False
+    first: bool = False
+    exact: bool = False
+    confident_wrong: bool = False
+    wrong_class: bool = False
+    honest: bool | None = None
+    abstained: bool | None = None
+    flag: bool | None = None
+    predicted: Predicted = field(default_factory=Predicted)
+    held_out_ratio: float | None = None
+    empirical_ratio: float | None = None
+    bias: float | None = None
+    bias_ratio: float | None = None
+    found: tuple[bool, ...] = ()
+    remainder: bool = False
+    rows: Rows = field(default_factory=Rows)
     statements: tuple[Statement, ...] = ()
     classes: tuple[Statement, ...] = ()
+    aside: tuple[Statement, ...] = ()
+    listed: tuple[Statement, ...] = ()
+
+    @property
+    def held_out(self) -> float | None:
+        """Error of predicted held-out readings, in sigma."""
+        return self.predicted.error
 
     @property
     def right(self) -> bool:
         """Whether the case as a whole was answered well."""
-        if self.solution.stratum == NULL:
+        stratum = self.solution.stratum
+        if stratum == NULL:
             return not self.detected and not self.failure
-        return bool(self.honest) if self.solution.stratum == OUTSIDE else self.exact
+        if stratum == REAL:
+            sure = all(s.right for s in self.statements if s.probability >= SURE)
+            return sure and self.detected and all(hit for hit, _ in self.large)
+        return bool(self.honest) if stratum == OUTSIDE else self.exact
+
+    @property
+    def large(self) -> tuple[tuple[bool, solutions.Truth], ...]:
+        """Effects above 5 detection limits, and whether each was named."""
+        hits = self.found or (False,) * len(self.solution.truths)
+        pairs = zip(hits, self.solution.truths, strict=True)
+        return tuple((hit, truth) for hit, truth in pairs if truth.factor > LARGE)
 
     @property
     def factor(self) -> float:
@@ -79,73 +108,90 @@ def score(
     solution: Solution,
     reply: Reply | None,
     *,
-    held_out: float | None = None,
+    predicted: Predicted | None = None,
     seconds: float = 0.0,
     failure: str = "",
 ) -> Score:
     """Compare a reply with the key; no reply is a failure, and nothing about it is right."""
     if reply is None:
         return _unanswered(solution, seconds, failure)
-    judge = Judge(solution)
-    physics, truths = _counted(reply, solution), solution.truths
+    predicted = predicted or Predicted()
+    bias = parameter_bias(reply.parameters, solution.geometry)
+    return replace(
+        _judged(solution, reply),
+        failure=failure,
+        seconds=seconds,
+        predicted=predicted,
+        held_out_ratio=_ratio(predicted.error, solution.oracle.held_out if solution.oracle else None),
+        empirical_ratio=_empirical_ratio(predicted, solution),
+        bias=bias,
+        bias_ratio=_ratio(solution.before.bias if solution.before else None, bias),
+    )
+
+
+def _judged(solution: Solution, reply: Reply) -> Score:
+    """What was said, against what is true."""
+    judge, truths = Judge(solution), solution.truths
+    physics = _counted(reply, solution)
     top, outside = physics[:1], solution.stratum == OUTSIDE
     detected = reply.verdict != "adequate" or (_row_effect(solution) and bool(physics))
-    wrong = [f for f in physics if _confident(f) and not any(judge.covers(f, t) for t in truths)]
-    bias = parameter_bias(reply.parameters, solution.geometry)
+    lost = [f for f in physics if not any(judge.covers(f, t) for t in truths)]
+    wrong = any(_confident(f) for f in lost)
+    held = tuple(any(judge.covers(f, t) for f in physics) for t in truths)
+    on_rows = () if _row_effect(solution) else rows_said(reply, solution)
     return Score(
         solution=solution,
         said=_words(reply),
-        failure=failure,
-        seconds=seconds,
+        failure="",
+        seconds=0.0,
         verdict=_right_verdict(solution, reply, detected),
         detected=detected,
-        named=bool(truths) and all(any(judge.covers(f, t) for f in physics) for t in truths),
+        named=bool(truths) and all(held),
         top_effect=any(judge.right_effect(f.name, t) for f in top for t in truths),
         top_place=any(judge.right_place(f.name, t) for f in top for t in truths),
+        first=any(judge.names(f.name) or judge.as_good(f.name) for f in top),
         exact=_exact(judge, physics),
-        confident_wrong=bool(wrong),
-        wrong_class=any(
-            f.certainty >= CONFIDENT and not any(judge.covers(f, t) for t in truths) for f in physics
-        ),
+        confident_wrong=wrong,
+        wrong_class=any(f.certainty >= CONFIDENT for f in lost),
         honest=(detected and not wrong) if outside else None,
-        abstained=detected and (not top or any(judge.right(f.name, t) for f in top for t in truths))
-        if outside
-        else None,
-        flag=(reply.concealed == solution.concealed) if detected and truths else None,
-        held_out=held_out,
-        held_out_ratio=_ratio(held_out, solution.oracle.held_out if solution.oracle else None),
-        bias=bias,
-        bias_ratio=_ratio(solution.before.bias, bias),
-        statements=tuple(
-            Statement(said.probability, any(judge.true(said, t) for t in truths))
-            for f in physics
-            for said in f.members
-        ),
-        classes=tuple(Statement(f.certainty, any(judge.covers(f, t) for t in truths)) for f in physics),
+        abstained=(detected and all(judge.as_good(f.name) for f in top)) if outside else None,
+        flag=_flag(solution, reply) if detected and truths else None,
+        found=held,
+        remainder=reply.remainder,
+        rows=rows_judged(reply, solution),
+        statements=(*names_said(judge, physics), *(on_rows if not solution.wild else ())),
+        classes=classes_said(judge, physics),
+        aside=on_rows,
+        listed=inclusion_said(judge, reply),
     )
 
 
 def _unanswered(solution: Solution, seconds: float, failure: str) -> Score:
     """Nothing is right; on a machine without a fault it counts as a false alarm."""
-    null = solution.stratum == NULL
     no = False if solution.stratum == OUTSIDE else None
     return Score(
-        solution, "no diagnosis", failure or "no diagnosis", seconds, False, null, False, False, False, False,
-        False, False, no, no, None, None, None, None, None,
-    )  # fmt: skip
+        solution,
+        "no diagnosis",
+        failure or "no diagnosis",
+        seconds,
+        detected=solution.stratum == NULL,
+        honest=no,
+        abstained=no,
+        found=(False,) * len(solution.truths),
+    )
 
 
-def read_score(folder: Path, case: str) -> Score:
-    """The score of a case that was sat: its key, its results."""
-    solution = solutions.from_file(folder / "answers" / f"{case}.json")
-    results = folder / "results" / case
-    about = json.loads((results / "run.json").read_text(encoding="utf-8"))
-    error = None
-    if (results / PREDICTION).is_file():
-        error = held_out_error(pd.read_csv(results / PREDICTION), solution.held_out)
-    reply = read_reply(results / DIAGNOSIS)
+def read_score(drawn: Path, results: Path, case: str) -> Score:
+    """The score of a case that was sat: its key in the folder of drawn cases, its results in that of an examination."""
+    solution = solutions.from_file(drawn / "answers" / f"{case}.json")
+    own = results / "results" / case
+    about = json.loads((own / "run.json").read_text(encoding="utf-8"))
     return score(
-        solution, reply, held_out=error, seconds=float(about["seconds"]), failure=str(about["message"])
+        solution,
+        read_reply(own / DIAGNOSIS),
+        predicted=read_prediction(own, solution),
+        seconds=float(about["seconds"]),
+        failure=str(about["message"]),
     )
 
 
@@ -160,6 +206,14 @@ def _counted(reply: Reply, solution: Solution) -> tuple[Found, ...]:
 
 def _confident(found: Found) -> bool:
     return any(said.probability >= CONFIDENT for said in found.members)
+
+
+def _flag(solution: Solution, reply: Reply) -> bool | None:
+    """Whether ``concealed`` is right; None where the free fit to first order and the product's own differ about it."""
+    sides = [c for c in (solution.free_chi2_linear, solution.free_chi2_per_dof) if c is not None]
+    if len({chi2 < CONCEALED for chi2 in sides}) > 1:
+        return None
+    return reply.concealed == solution.concealed
 
 
 def _right_verdict(solution: Solution, reply: Reply, detected: bool) -> bool:
@@ -196,10 +250,17 @@ def _ratio(over: float | None, under: float | None) -> float | None:
     return None if over is None or not under else over / under
 
 
+def _empirical_ratio(predicted: Predicted, solution: Solution) -> float | None:
+    if not solution.empirical or predicted.columns is None:
+        return None
+    allowed = min(predicted.columns, len(solution.empirical) - 1)
+    return _ratio(predicted.error, solution.empirical[allowed])
+
+
 def _words(reply: Reply) -> str:
     """The verdict and what was named."""
     names = [f"{f.name.effect}@{'+'.join(f.name.place)} {f.name.probability:.2f}" for f in reply.findings]
     return reply.verdict + (": " + "; ".join(names) if names else "")
 
 
-__all__ = ["Score", "Statement", "read_score", "score"]
+__all__ = ["Score", "read_score", "score"]

@@ -11,10 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.challenge.adaptation import Adaptation, with_observations
+from truepose.challenge.adaptation import Adaptation
+from truepose.challenge.imitations import Imitations
 from truepose.challenge.simulator.base import Campaign, Imperfection, Kind, Plan, SimulatedMachine, Specimen
 from truepose.challenge.simulator.campaigns import joined
 from truepose.challenge.simulator.writing import recording_text
+from truepose.challenge.slopes import Constant, by_constants, constants
+from truepose.errors import TrueposeError
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import Driver
@@ -57,22 +60,47 @@ class Setup:
     @cached_property
     def read(self) -> tuple[Machine, Recording]:
         """The drawing and the clean recording, through the files that the engine would read."""
+        return self.loaded(self.machine.machine_text(), self.clean)
+
+    def loaded(self, machine_text: str, observed: Array) -> tuple[Machine, Recording]:
+        """A drawing and the campaign with these readings (n, k), through the files that the engine would read."""
         with tempfile.TemporaryDirectory() as folder:
             at = Path(folder)
-            (at / "machine.yaml").write_text(self.machine.machine_text(), encoding="utf-8")
-            text = recording_text(self.machine, self.campaign, self.clean)
+            (at / "machine.yaml").write_text(machine_text, encoding="utf-8")
+            text = recording_text(self.machine, self.campaign, observed)
             (at / "recording.csv").write_text(text, encoding="utf-8")
             loaded = load_machine(at / "machine.yaml")
             return loaded, load_recording(loaded, [at / "recording.csv"])
 
+    @property
+    def sigma(self) -> Array:
+        """(k,) true sigma of each column, mm and rad."""
+        return np.array([channel.sigma for channel in self.read[0].channels])
+
+    @cached_property
+    def free(self) -> tuple[Constant, ...]:
+        """What the drawing leaves open."""
+        return constants(self.read[0], self.specimen)
+
+    @cached_property
+    def slopes(self) -> Array:
+        """(n + h, k, f) derivative of the readings by the open constants' steps, held-out rows last."""
+        return by_constants(self.machine, self.specimen, self.whole, self.free)
+
     @cached_property
     def bench(self) -> Adaptation:
         """What geometry can make of changes of these readings."""
-        return Adaptation(*self.read, self.clean, self.specimen)
+        n = len(self.campaign)
+        fitted = ~self.campaign.validation
+        return Adaptation(self.machine.columns, self.clean, self.sigma, self.slopes[:n], self.free, fitted)
 
-    def recording(self, observed: Array) -> Recording:
-        """The recording with these readings (n, k)."""
-        return with_observations(self.read[1], observed)
+    @cached_property
+    def known(self) -> Imitations | None:
+        """What the catalogue could say; None where the product's model does not hold."""
+        try:
+            return Imitations(*self.read, self.specimen, self.bench)
+        except TrueposeError:
+            return None
 
     def change(self, imperfection: Imperfection) -> Array:
         """(N,) whitened change of the fitted readings that an imperfection makes."""

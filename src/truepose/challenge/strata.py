@@ -18,7 +18,10 @@ from truepose.models.effects.of_rows import OF_ROWS
 
 Array = NDArray[np.float64]
 SMALLEST, CLEAR, LARGEST = 1.0, 3.0, 20.0
-"""Sizes in detection limits: single effects from the first, all others from the second, none beyond the third."""
+"""Sizes in detection limits: singles and pairs from the first, all other effects alone from the second, none of them
+beyond the third."""
+VAST = 40.0
+"""The largest effect of a pair, and of a real-like machine."""
 ROUNDS = 4
 
 
@@ -28,11 +31,12 @@ class UndrawnError(TrueposeError):
 
 @dataclass(frozen=True)
 class Draft:
-    """What a case contains, and where."""
+    """What a case contains, and where. ``families``: the kind that each part was drawn with at all its places, else ""."""
 
     setup: Setup
     kinds: tuple[Kind, ...]
     parts: tuple[Sized, ...]
+    families: tuple[str, ...] = ()
 
     @property
     def imperfections(self) -> tuple[Imperfection, ...]:
@@ -44,12 +48,13 @@ Accept = Callable[[Draft], bool]
 
 
 def draft(stratum: str, setups: Setups, rng: np.random.Generator, hidden: Accept) -> Draft:
-    """What a case of a stratum (not null) contains. ``hidden`` says whether the ordinary fit of a draft looks good.
+    """What a case of a stratum (neither null nor real-like) contains. ``hidden`` says whether the ordinary fit of a draft
+    looks good.
 
     Raises UndrawnError when this machine has nothing that fits.
     """
     kinds = setups.machine.kinds()
-    known = [k for k in kinds if k.in_library and k.slug not in OF_ROWS]
+    known = nameable(kinds)
     if stratum == schedule.SINGLE:
         found = _single(setups, [k for k in kinds if k.in_library], rng, SMALLEST)
     elif stratum == schedule.CONCEALED:
@@ -65,28 +70,32 @@ def draft(stratum: str, setups: Setups, rng: np.random.Generator, hidden: Accept
     return found
 
 
+def nameable(kinds: Sequence[Kind]) -> list[Kind]:
+    """Kinds of the library that act on the machine, not on single rows."""
+    return [k for k in kinds if k.in_library and k.slug not in OF_ROWS]
+
+
+def usual(setup: Setup, kind: Kind, place: tuple[str, ...], rng: np.random.Generator) -> Imperfection:
+    """A kind at a place, with a drawn shape, at its typical size."""
+    return Imperfection(kind.name, place, kind.typical, dict(setup.machine.shape(kind.name, place, rng)))
+
+
 def _shuffled(kinds: Sequence[Kind], rng: np.random.Generator) -> Iterator[Kind]:
     """Every kind in turn, in random order, a few times over: another place and shape may do."""
     for _ in range(ROUNDS):
         yield from (kinds[k] for k in rng.permutation(len(kinds)))
 
 
-def _usual(setup: Setup, kind: Kind, rng: np.random.Generator) -> Imperfection:
-    """A kind at a random place, with a drawn shape, at its typical size."""
-    place = kind.places[int(rng.integers(len(kind.places)))]
-    return Imperfection(kind.name, place, kind.typical, dict(setup.machine.shape(kind.name, place, rng)))
-
-
 def _sized(
-    setup: Setup, kind: Kind, rng: np.random.Generator, low: float
+    setup: Setup, kind: Kind, rng: np.random.Generator, low: float, high: float = LARGEST
 ) -> tuple[Sized, Imperfection] | None:
     """A kind of a drawn size, and the same at its detection limit."""
-    usual = _usual(setup, kind, rng)
-    limit = detection_limit(setup.bench, setup.change, usual)
-    factor = None if limit is None else draw_factor(rng, low, LARGEST, limit, kind.typical)
+    thing = usual(setup, kind, kind.places[int(rng.integers(len(kind.places)))], rng)
+    limit = detection_limit(setup.bench, setup.change, thing)
+    factor = None if limit is None else draw_factor(rng, low, high, limit, kind.typical)
     if limit is None or factor is None:
         return None
-    smallest = usual.scaled(limit / kind.typical)
+    smallest = thing.scaled(limit / kind.typical)
     return sized(setup.bench, setup.change, smallest.scaled(factor), limit), smallest
 
 
@@ -120,7 +129,8 @@ def _concealed(
 
 def _with_look_alikes(setups: Setups, kinds: Sequence[Kind]) -> list[Kind]:
     """Kinds whose effect resembles another that could be tested on this machine with what is recorded."""
-    testable = {c.effect.slug for c in setups.of(()).bench.catalogue.candidates}
+    catalogued = setups.of(()).known
+    testable = {c.effect.slug for c in catalogued.catalogue.candidates} if catalogued else set()
     known = set(effects)
     return [
         k
@@ -130,23 +140,20 @@ def _with_look_alikes(setups: Setups, kinds: Sequence[Kind]) -> list[Kind]:
 
 
 def _two(setups: Setups, kinds: Sequence[Kind], rng: np.random.Generator) -> Draft | None:
-    """Two effects at different places, each clear even when the other may have any size."""
+    """Two effects at different places, each of any size: one may be at its limit and the other vast."""
     for kind in _shuffled(kinds, rng):
         others = [k for k in kinds if k.slug != kind.slug]
         if not others:
             return None
         other = others[int(rng.integers(len(others)))]
         setup = setups.of([kind, other])
-        pair = [_sized(setup, k, rng, CLEAR) for k in (kind, other)]
+        pair = [_sized(setup, k, rng, SMALLEST, VAST) for k in (kind, other)]
         if pair[0] is None or pair[1] is None:
             continue
         a, b = pair[0][0], pair[1][0]
-        if set(a.imperfection.place) & set(b.imperfection.place):
-            continue
-        clear = CLEAR * 5.0
-        if min(setup.bench.snr(a.change, [b.change]), setup.bench.snr(b.change, [a.change])) >= clear:
+        if not set(a.imperfection.place) & set(b.imperfection.place):
             return Draft(setup, (kind, other), (a, b))
     return None
 
 
-__all__ = ["Draft", "UndrawnError", "draft"]
+__all__ = ["Draft", "UndrawnError", "draft", "nameable", "usual"]

@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,11 +20,22 @@ from truepose.commands.common import (
     finish,
     reported,
 )
+from truepose.errors import InputError
 
 if TYPE_CHECKING:
     from truepose.challenge.score_table import Table
 
-CountOption = Annotated[int, typer.Option("-n", "--cases", metavar="N", min=1, help="How many cases.")]
+CountOption = Annotated[
+    int | None,
+    typer.Option(
+        "-n",
+        "--cases",
+        metavar="N",
+        min=1,
+        help="How many cases: 400, or all that were drawn.",
+        show_default=False,
+    ),
+]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed that all cases follow from.")]
 JobsOption = Annotated[
     int, typer.Option("--jobs", metavar="J", min=0, help="Processes; 0: one for each core.")
@@ -37,7 +49,7 @@ StrataOption = Annotated[
     typer.Option(
         "--strata",
         metavar="X,Y,...",
-        help="Only these strata: null, single, concealed, look-alike, two, out-of-library.",
+        help="Only these strata: null, single, concealed, look-alike, two, out-of-library, real-like.",
         show_default=False,
     ),
 ]
@@ -45,16 +57,30 @@ AgainOption = Annotated[bool, typer.Option("--again", help="Diagnose cases anew 
 TimeoutOption = Annotated[
     float, typer.Option("--timeout", metavar="S", min=1.0, help="Seconds after which a diagnosis has failed.")
 ]
+DrawOption = Annotated[
+    bool, typer.Option("--draw", help="Write cases and answers only; no case is sat and no table written.")
+]
+CasesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--drawn",
+        metavar="DIR",
+        help="Sit the cases of this directory, drawn before, with results in the other one.",
+        show_default=False,
+    ),
+]
 _Hear = Callable[[int, int, str], None]
 
 
 def challenge(
     output: DirectoryOption,
-    n: CountOption = 200,
+    n: CountOption = None,
     seed: SeedOption = 1,
     jobs: JobsOption = 0,
     machines: MachinesOption = "",
     strata: StrataOption = "",
+    draw: DrawOption = False,
+    drawn: CasesOption = None,
     again: AgainOption = False,
     timeout: TimeoutOption = 900.0,
     as_json: JsonOption = False,
@@ -62,45 +88,55 @@ def challenge(
 ) -> None:
     """The blind examination of the diagnosis engine, and its table.
 
-    Simulated machines, which share nothing with the catalogue, make recordings with a known imperfection or none;
-    the engine sees machine and recording only. Writes cases/, answers/, results/, table.md and table.json.
-    A directory that holds results is continued.
+    Simulated machines, whose physics is computed another way than the catalogue's, make recordings with nothing missing,
+    known imperfections, or many at once; the engine sees machine and recording only. Writes cases/, answers/, results/,
+    table.md and table.json. A directory that holds results is continued.
 
     Example: truepose challenge -n 12 -o examination
+    Drawn once, sat by two engines: truepose challenge --draw -o drawn; truepose challenge --drawn drawn -o first
     """
     with reported(plugin):
+        from truepose.challenge.examine import CASES, run, sitting
         from truepose.challenge.examine import challenge as asked
-        from truepose.challenge.examine import run
 
         check_directory(output)
-        wanted = asked(
-            output,
-            n,
-            seed=seed,
-            only_machines=_names(machines),
-            strata=_names(strata),
-            timeout=timeout,
-            plugins=plugin or (),
-        )
-        with _bar("examining") as hear:
-            run(wanted, jobs=jobs or os.cpu_count() or 1, again=again, progress=hear)
-        found = _tabled(output, [seat.name for seat in wanted.seats])
-        _finish(found, output, as_json)
+        plugins = tuple(p.resolve() for p in plugin or ())
+        if drawn is None:
+            named = {"only_machines": _names(machines), "strata": _names(strata)}
+            wanted = asked(output, n or CASES, seed=seed, timeout=timeout, plugins=plugins, **named)
+        else:
+            _alone(draw or bool(machines or strata))
+            wanted = replace(sitting(drawn, output, n, timeout), plugins=plugins)
+        with _bar("drawing" if draw else "examining") as hear:
+            seats = run(wanted, jobs=jobs or os.cpu_count() or 1, again=again, draw_only=draw, progress=hear)
+        names = [seat.name for seat in wanted.seats]
+        if draw:
+            summary = {"command": "challenge", "drawn": len(seats)}
+            finish(summary, [f"{len(seats)} of {len(names)} cases drawn: {output}"], [], as_json=as_json)
+        else:
+            _finish(_tabled(output, names, wanted.drawn), output, as_json)
+
+
+def _alone(beside: bool) -> None:
+    """Cases that were drawn are what they are. Raises InputError."""
+    if beside:
+        raise InputError("challenge: found --drawn beside --draw, --machines or --strata, expected it alone")
 
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _tabled(output: Path, cases: list[str]) -> Table:
+def _tabled(output: Path, cases: list[str], drawn: Path | None) -> Table:
     """Score the cases and write the table's files."""
     from truepose.challenge.report import tabled
 
-    return tabled(output, cases)
+    return tabled(output, cases, drawn)
 
 
 def _finish(found: Table, output: Path, as_json: bool) -> None:
-    from truepose.challenge.score_table import document, lines
+    from truepose.challenge.score_table import lines
+    from truepose.challenge.table_document import document
 
     files = [str(output / name) for name in ("table.md", "table.json")]
     whole = document(found)
