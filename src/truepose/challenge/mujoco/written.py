@@ -12,6 +12,7 @@ import pandas as pd
 
 from truepose.challenge import solutions
 from truepose.challenge.cases import Case, draw_case
+from truepose.challenge.examine import SETTINGS, UNDRAWN
 from truepose.challenge.examinee import HELD_OUT, MACHINE, RECORDING
 from truepose.challenge.mujoco.arms import MujocoArm, machines
 from truepose.challenge.schedule import CONCEALED, SHARES, Seat, schedule
@@ -19,7 +20,6 @@ from truepose.challenge.strata import UndrawnError
 from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_write_text
 
-SETTINGS = "challenge.json"
 STRATA = tuple(stratum for stratum in SHARES if stratum != CONCEALED)
 """Nothing that these arms can have is hidden by their geometry."""
 STRAIGHT = 3
@@ -65,11 +65,18 @@ def write(asked: Asked, progress: Progress = lambda _: None) -> tuple[str, ...]:
     for seat in asked.seats:
         key = asked.folder / "answers" / f"{seat.name}.json"
         if not key.is_file():
+            note = asked.folder / "cases" / f"{seat.name}.{UNDRAWN}"
             try:
                 case = drawn(seat, asked.names, asked.seed)
-            except UndrawnError as exc:
+            except (
+                UndrawnError,
+                ValueError,
+            ) as exc:  # nothing for the stratum, or nothing that comes to rest
+                note.parent.mkdir(exist_ok=True)
+                atomic_write_text(note, f"{exc}\n")
                 progress(f"{seat.name}: {exc}")
                 continue
+            note.unlink(missing_ok=True)
             _files(asked.folder / "cases" / seat.name, case)
             key.parent.mkdir(exist_ok=True)
             atomic_write_text(key, solutions.to_text(case.solution))
