@@ -14,8 +14,9 @@ import pytest
 SHARED = Path(__file__).parents[3] / "shared"
 NOTHING_BESIDE = "no recordings by others beside the checkout (they are no part of the project)"
 NO_AVX2 = "this processor has no AVX2"
-MAY_BE_SKIPPED = frozenset({NOTHING_BESIDE, NO_AVX2})
-"""What no package can install."""
+NO_MUJOCO = "the extra 'mujoco' is not installed (a simulator and its arms: half a gigabyte)"
+MAY_BE_SKIPPED = frozenset({NOTHING_BESIDE, NO_AVX2, NO_MUJOCO})
+"""What no package can install, or what is too large to be asked of everybody."""
 
 
 def reason_of(report: pytest.TestReport | pytest.CollectReport) -> str:
