@@ -90,7 +90,7 @@ def diagnose(
     progress(f"weighing {len(cat.candidates)} explanations")
     signatures = Signatures(machine, recording, cat.candidates)
     found = search(signatures, cat, fits.before, fits.outliers, fits.rms)
-    again = outliers.outlying_rows(found.fit, ~recording.validation)
+    again = outliers.outlying_rows(found.fit, recording, ~recording.validation)
     if not np.array_equal(again, fits.outliers):
         fits = _refit_null(machine, recording, fits, again)
         found = search(signatures, cat, fits.before, fits.outliers, fits.rms)
@@ -103,7 +103,7 @@ def _null_fits(machine: Machine, recording: Recording) -> _Fits:
     predictor = Predictor(machine, recording, known, visits=FIT)
     start = aligned_start(predictor)
     rough = estimate(machine, recording, known, start=start, loss="huber", predictor=predictor)
-    far = outliers.outlying_rows(rough, ~recording.validation)
+    far = outliers.outlying_rows(rough, recording, ~recording.validation)
     before = estimate(machine, recording, known, start=rough.p, exclude=far, predictor=predictor)
     free = _free(machine, recording, before, far, before.p)
     return _Fits(free, before, far)

@@ -9,10 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.spatial import cKDTree
+from scipy.stats import binom, chi2
 
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.distance import Distance
@@ -20,6 +22,10 @@ from truepose.models.sensors.distance import Distance
 Array = NDArray[np.float64]
 LIMIT = 0.05
 """Beyond this share of the rows, far residuals are no outliers but a model that is wrong."""
+FEWEST, NEIGHBOURS, TOGETHER = 4, 4, 0.3
+"""Rows below which nothing can be said of where they lie, neighbours that are asked, and their share that must be far too."""
+CHANCE = 1e-3
+"""Probability below which far rows that lie together are no chance."""
 NEAR = 3.0
 """A whole number fits when what it leaves is within so many predictive sigma."""
 BY_CHANCE = 0.2
@@ -35,12 +41,12 @@ def row_scale(residual: Array) -> tuple[Array, float]:
 
 
 def outlying_rows(
-    fit: Estimate, candidates: NDArray[np.bool_], *, significance: float = 1e-3
+    fit: Estimate, recording: Recording, candidates: NDArray[np.bool_], *, significance: float = 1e-3
 ) -> NDArray[np.bool_]:
     """(n,) rows among ``candidates`` whose residual chance would not make once in 1/significance recordings.
 
     The noise scale is the larger of the stated one and the rows' own median, so that a model that is wrong
-    everywhere flags nothing.
+    everywhere flags nothing. Rows that lie together, in poses, load or time, are physics and no outliers.
     """
     out = np.zeros(len(fit.residual), dtype=bool)
     rows = np.flatnonzero(candidates & np.isfinite(fit.residual).all(axis=1))
@@ -51,10 +57,43 @@ def outlying_rows(
     scale = max(typical, 1.0)
     # heavy tails are common: the Gaussian limit, and half as much again
     limit = 1.5 * scale * np.sqrt(chi2.isf(significance / len(rows), m) / m)
-    far = rows[size > limit]
-    if len(far) <= LIMIT * len(rows):
-        out[far] = True
+    far = size > limit
+    if np.sum(far) <= LIMIT * len(rows) and not clustered(recording_coordinates(recording, rows), far):
+        out[rows[far]] = True
     return out
+
+
+def recording_coordinates(recording: Recording, rows: NDArray[np.intp]) -> Array:
+    """(k, d) where rows lie: joints, order of acquisition and all that was logged, in standard deviations."""
+    order = np.argsort(order_in_time(recording.time, recording.source_file, recording.source_row)).astype(
+        float
+    )
+    logged = [recording.driver(name) for name in recording.logged]
+    columns = [*recording.q.T, order, *(np.asarray(v, dtype=float) for v in logged if v is not None)]
+    picked = np.column_stack([c[rows] for c in columns])
+    spread = picked.std(axis=0)
+    return np.asarray((picked[:, spread > 0] - picked.mean(axis=0)[spread > 0]) / spread[spread > 0])
+
+
+def clustered(at: Array, far: NDArray[np.bool_]) -> bool:
+    """Whether rows that are ``far`` (k,) lie together: what chance spoils lies anywhere, physics in poses, loads or time.
+
+    ``at`` (k, d) are coordinates of all rows. Joints together, and every other coordinate alone, are looked at: the
+    neighbours of far rows are far more often than chance makes them.
+    """
+    count = int(far.sum())
+    if count < FEWEST or not at.size:
+        return False
+    share = (count - 1) / (len(far) - 1)
+    worst = 1.0
+    views = [at, *(at[:, [k]] for k in range(at.shape[1]))]
+    for view in views:
+        _, near = cKDTree(view).query(view[far], k=min(NEIGHBOURS + 1, len(far)))
+        own = np.flatnonzero(far)[:, None]
+        hits, tries = int(np.sum(far[near] & (near != own))), int(np.sum(near != own))
+        if hits > TOGETHER * tries:
+            worst = min(worst, float(binom.sf(hits - 1, tries, share)))
+    return worst * len(views) < CHANCE
 
 
 def fringes_by_row(fit: Estimate, recording: Recording, rows: Sequence[int]) -> dict[int, int]:

@@ -16,6 +16,8 @@ UNNAMED_SHARE = 0.2
 """Probability that something that is there has no name in the catalogue."""
 FAMILY_SHARE = 0.2
 """Probability that an effect which is there acts at all its places, where it has three or more."""
+SEVERAL_FORMS = 1.0
+"""How likely all forms without a name of one place are at once, in terms of one of them alone."""
 IN_FAMILY = 0.8
 """Probability that a place of a family that is there has the effect, before its own amplitude is seen."""
 FURTHER = 0.5

@@ -57,7 +57,7 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
         state = moved
     for left in reversed(range(ROUNDS)):
         posterior = sample(state.problem.weighing, prior.RICHNESS, known=state.known)
-        best = mode(state.problem.weighing, prior.RICHNESS, posterior)
+        best = mode(posterior, state.problem.weighing)
         moved = state.moved(best) if left else None
         if moved is None:
             break

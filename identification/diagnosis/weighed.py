@@ -23,6 +23,8 @@ from truepose.identification.selection.tolerance_classes import PartClass, infla
 Array = NDArray[np.float64]
 WIDE = 100.0
 """1-sigma of the coefficients of what the machine file states already, in scales."""
+FAINT = 0.05
+"""Information, in units of its prior's, below which a direction of the errors of form is left out."""
 FLAT = 1e-2
 """Variance that a direction of the remainder adds to all readings, at a remainder of one sigma, below which it is left out."""
 
@@ -83,6 +85,12 @@ def _remainder(lin: Linearisation, cat: Catalogue, nameless: NDArray[np.intp]) -
     return np.asarray(scale[:, None] * vectors[:, values > FLAT])
 
 
+def _seen(gram: Array) -> Array:
+    """(f, d) turns coefficients N(0, 1) into the directions that readings see of them."""
+    values, vectors = np.linalg.eigh(gram) if len(gram) else (np.zeros(0), np.zeros((0, 0)))
+    return np.asarray(vectors[:, values > FAINT])
+
+
 def _design(
     lin: Linearisation, cat: Catalogue, classes: Sequence[PartClass], nameless: NDArray[np.intp], turn: Array
 ) -> Design:
@@ -90,18 +98,20 @@ def _design(
     n, width = lin.free, lin.columns[-1].stop if lin.columns else 0
     stated = n + np.array(lin.indices(cat.stated), dtype=np.intp)
     forms = n + width + np.arange(lin.forms)
-    fixed = np.concatenate([np.arange(n), stated, forms]).astype(np.intp)
-    mixed = np.zeros((len(lin.grams[0]), turn.shape[1] + 1))
-    mixed[n + nameless, :-1] = turn
+    bend = _seen(lin.gram[np.ix_(forms, forms)])
+    fixed = np.concatenate([np.arange(n), stated]).astype(np.intp)
+    mixed = np.zeros((len(lin.grams[0]), bend.shape[1] + turn.shape[1] + 1))
+    mixed[forms, : bend.shape[1]] = bend
+    mixed[n + nameless, bend.shape[1] : -1] = turn
     # e: the residual at the drawing values without effects, as a reading less its prediction
     mixed[:-1, -1], mixed[-1, -1] = lin.departure, -1.0
     picked = np.concatenate([fixed, n + np.arange(width)]).astype(np.intp)
     sigma = np.concatenate(
-        [_sigma(lin.weight), np.full(len(stated), WIDE), np.ones(lin.forms + turn.shape[1])]
+        [_sigma(lin.weight), np.full(len(stated), WIDE), np.ones(bend.shape[1] + turn.shape[1])]
     )
     numbers = [classes.index(part) for part in lin.parts]
     part = np.array([*numbers, *[-1] * (len(sigma) - n)], dtype=np.intp)
-    always = Always(sigma, part, np.arange(len(sigma)) >= len(fixed))
+    always = Always(sigma, part, np.arange(len(sigma)) >= len(fixed) + bend.shape[1])
     return Design(tuple(_turned(gram, picked, len(fixed), mixed) for gram in lin.grams), lin.counts, always)
 
 
@@ -152,6 +162,10 @@ def _terms(
         odds.append(float(logsumexp([alone[i] for i in family]) + np.log(prior.FAMILY_SHARE)))
         places = tuple(p for i in family for p in cat.candidates[i].place)
         found.append(Cause(cat.candidates[family[0]].effect.slug, places, family=True))
+    for forms in _forms_by_place(cat, free):
+        members.append(forms)
+        odds.append(float(logsumexp([odds[free.index(i)] for i in forms]) + np.log(prior.SEVERAL_FORMS)))
+        found.append(Cause(*cat.cause(forms[0])))
     names = tuple(dict.fromkeys(found))
     number = {name: k for k, name in enumerate(names)}
     of_cause: dict[Cause, list[float]] = {}
@@ -163,6 +177,15 @@ def _terms(
         for own, cause, log_prior in zip(members, found, odds, strict=True)
     )
     return tuple(tuple(m) for m in members), names, terms
+
+
+def _forms_by_place(cat: Catalogue, free: Sequence[int]) -> list[tuple[int, ...]]:
+    """All forms without a name of each place together: it errs smoothly with everything at once."""
+    places: dict[tuple[str, ...], list[int]] = {}
+    for i in free:
+        if not cat.named(i):
+            places.setdefault(cat.candidates[i].place, []).append(i)
+    return [tuple(forms) for forms in places.values() if len(forms) > 1]
 
 
 def _term(

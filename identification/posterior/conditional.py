@@ -14,6 +14,8 @@ from truepose.identification.posterior.terms import SameSize
 Array = NDArray[np.float64]
 BOUND_DOUBT = 0.2
 """1-sigma, in the log, of how far physical bounds are known: a driver is logged beside where it acts, a unit is wrong."""
+WIDE = 12
+"""Columns beyond which eigenvalues cost more than a factor for each size."""
 LARGEST_COST = 50.0
 """The most that a coefficient beyond its bound costs in the log."""
 
@@ -40,6 +42,8 @@ def log_gains(marginal: Marginal, sizes: Sizes, wanted: NDArray[np.bool_]) -> Ar
 
 def _gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array:
     """(s, c) of terms of one number of columns: blocks (c, k, k), scores (c, k), squared sizes (s,)."""
+    if score.shape[1] > WIDE and not group.bounded.any():
+        return _wide_gains(block, score, squared)
     if score.shape[1] == 1:  # a single coefficient needs no turning
         values, turned, vectors = np.maximum(block[:, :, 0], 0.0), score, None
     else:
@@ -57,6 +61,16 @@ def _gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array
             mean = np.einsum("ckl,scl->sck", own, mean)
             variance = np.einsum("ckl,scl->sck", own**2, variance)
         out[:, some] += plausibility(mean, np.sqrt(variance), group.lower[some], group.upper[some])
+    return out
+
+
+def _wide_gains(block: Array, score: Array, squared: Array) -> Array:
+    """(s, c) as ``_gains``, without bounds, by triangular factors: quicker than eigenvalues of large blocks."""
+    root = np.sqrt(squared)[:, None, None]
+    factor = np.linalg.cholesky(np.eye(block.shape[1]) + squared[:, None, None, None] * block)
+    turned = np.linalg.solve(factor, (root * score)[..., None])[..., 0]
+    logs = np.log(np.diagonal(factor, axis1=2, axis2=3))
+    out: Array = 0.5 * np.sum(turned**2, axis=2) - np.sum(logs, axis=2)
     return out
 
 

@@ -15,8 +15,9 @@ from truepose.identification.posterior.weighing import Member, Members, Weighing
 Array = NDArray[np.float64]
 CLIMBS = 30
 """Most rounds of a climb: each adds one term at most."""
-STEPS = (8, 4, 2, 1)
-"""Steps on the axis of noise that are tried, in turn."""
+STEPS = (4, 1)
+"""Steps on the axes of noise and remainder that are repeated while they gain, in turn."""
+PASSES = 3
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Climb:
         current = list(members)
         for _ in range(CLIMBS):
             before, here = set(current), point
-            point = self._best_point(point, current)
+            point = self._best_point(point, current, thorough=False)
             grown = [*current, *self._best(point, current)]
             if len(grown) > len(current):
                 current = grown
@@ -48,6 +49,7 @@ class Climb:
             for member in sorted(current, key=lambda m: self._weighing.sizes.values[m[1]]):
                 rest = [m for m in current if m != member]
                 current = [*rest, *self._best(point, rest)]
+            point = self._best_point(point, current)
             if set(current) == before and point == here:
                 break
         found = tuple(sorted(current))
@@ -86,28 +88,37 @@ class Climb:
         term = int(np.argmax(np.where(cause == best, own, -np.inf)))
         return [(term, int(np.argmax(odds[:, term])))]
 
-    def _best_point(self, point: Point, members: Sequence[Member]) -> Point:
-        """Coordinates in turn: noise of all kinds and of each, tolerances, remainder."""
-        best = point
-        value = self._weighing.log_evidence(best, members)
-        for _ in range(3):
+    def _best_point(self, point: Point, members: Sequence[Member], *, thorough: bool = True) -> Point:
+        """Coordinates in turn, until none gains: noise and remainder; if ``thorough`` each kind's noise and tolerances, too."""
+        shape = self._weighing.unknowns.shape
+        kinds = len(shape) - 2
+        axes = [tuple(range(kinds)), (kinds + 1,)]
+        if thorough and kinds > 1:
+            axes += [(k,) for k in range(kinds)]
+        best, value = point, self._weighing.log_evidence(point, members)
+
+        def tried(other: Point) -> bool:
+            nonlocal best, value
+            if not all(0 <= k < n for k, n in zip(other, shape, strict=True)):
+                return False
+            new = self._weighing.log_evidence(other, members)
+            better = new > value
+            if better:
+                best, value = other, new
+            return better
+
+        for _ in range(PASSES if thorough else 1):
             first = best
-            for other in self._moves(best):
-                new = self._weighing.log_evidence(other, members)
-                if new > value:
-                    best, value = other, new
+            for axis in axes:
+                for step in STEPS:
+                    while tried(_moved(best, axis, -step)) or tried(_moved(best, axis, step)):
+                        pass
+            if thorough:
+                for k in range(shape[kinds]):
+                    tried((*best[:kinds], k, best[-1]))
             if best == first:
                 break
         return best
-
-    def _moves(self, point: Point) -> list[Point]:
-        shape = self._weighing.unknowns.shape
-        kinds = len(shape) - 2
-        axes = [tuple(range(kinds)), *((k,) for k in range(kinds if kinds > 1 else 0))]
-        out = [_moved(point, axis, sign * step) for axis in axes for step in STEPS for sign in (-1, 1)]
-        out += [(*point[:kinds], k, point[-1]) for k in range(shape[kinds])]
-        out += [(*point[:-1], k) for k in {0, point[-1] - 1, point[-1] + 1, shape[-1] // 2}]
-        return [p for p in out if all(0 <= k < n for k, n in zip(p, shape, strict=True)) and p != point]
 
 
 def _moved(point: Point, axes: Sequence[int], step: int) -> Point:

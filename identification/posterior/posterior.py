@@ -20,6 +20,12 @@ AGREED = 0.02
 """Largest difference of a cause's probability between two chains that is none."""
 BURN, ROUND, ROUNDS = 25, 40, 3
 """Sweeps of a chain before it counts, sweeps of each round, most rounds."""
+LONG, HOPELESS_LONG = 16, -3.5
+"""Columns from which on a term costs much, and the log probability below which it is left out."""
+RARE = 0.2
+"""Probability up to which a cause is mostly not there."""
+CLASS, CLEAR = 5, 0.8
+"""Most causes of a class, and probability that these hold a slot together for it to be one."""
 HOPELESS, OVERLOOKED = -6.0, -3.0
 """Log probability in a slot below which a term is left out of the chains, and above which leaving it out was wrong."""
 LOOKS, TYPICAL = 3, 3
@@ -67,15 +73,17 @@ class _Tally:
     def __init__(self, weighing: Weighing) -> None:
         self._cause, self.sweeps = weighing.terms.cause, 0
         self.terms, self.number = np.zeros(len(weighing.terms)), weighing.terms.n_causes
-        self.beside = np.zeros((self.number, self.number))
+        self.beside, self.there = np.zeros((self.number, self.number)), np.zeros(self.number)
         self.seen: Counter[tuple[Members, Point]] = Counter()
 
     def add(self, sweep: Sweep) -> None:
         self.sweeps += 1
         for visit in sweep.visits:
             self.terms += visit.slots * visit.terms
-            if visit.filled:
-                own = self._by_cause(visit.terms)
+            own = self._by_cause(visit.terms) if visit.filled or visit.first else None
+            if own is not None and visit.filled:
+                self.there += own / own.sum()
+            if own is not None and visit.first:
                 some = np.flatnonzero(own > 1e-4)
                 self.beside[np.ix_(some, some)] += np.outer(own[some], own[some])
         self.seen[tuple(sorted(sweep.members)), sweep.point] += 1
@@ -86,8 +94,13 @@ class _Tally:
 
     @property
     def causes(self) -> Array:
-        """(n,) probability of each cause."""
-        return np.asarray(np.minimum(self._by_cause(self.terms) / self.sweeps, 1.0))
+        """(n,) probability of each cause.
+
+        What is mostly there by how often slots hold it, shared among what they may hold; what is mostly not there by how
+        probable every slot has it: each has the smaller variance in its place.
+        """
+        there, everywhere = self.there / self.sweeps, self._by_cause(self.terms) / self.sweeps
+        return np.asarray(np.minimum(np.where(there > RARE, there, everywhere), 1.0))
 
 
 def sample(
@@ -104,8 +117,9 @@ def sample(
     top = max(tops, key=lambda state: state.log_posterior)
     for state in tops:
         climb.look(state.point, state.members)
+    limit = np.where([len(c) > LONG for c in weighing.terms.columns], HOPELESS_LONG, HOPELESS)
     for _ in range(LOOKS):
-        wanted = climb.interest > HOPELESS
+        wanted = climb.interest > limit
         part, index = weighing.restricted(wanted)
         found = _sampled(part, index, richness, seed, top, start)
         for state in found.typical(TYPICAL):
@@ -198,10 +212,25 @@ def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ())
     return max(tops, key=lambda state: state.log_posterior)
 
 
-def mode(weighing: Weighing, richness: Richness, posterior: Posterior) -> State:
-    """The likeliest set, climbed from the state visited most and from the likeliest one visited."""
-    climb = Climb(weighing, richness)
-    best = max((state for state, _ in posterior.states), key=lambda s: s.log_posterior)
-    starts = {state.members: state for state in (posterior.states[0][0], best)}
-    tops = (climb.from_(state.point, state.members) for state in starts.values())
-    return max(tops, key=lambda s: s.log_posterior)
+def mode(posterior: Posterior, weighing: Weighing) -> State:
+    """The visited state that agrees best with the probabilities: it holds what is likelier there than not, and no more.
+
+    A cause counts with its class where few causes stand in for each other.
+    """
+    weight = np.array(
+        [max(posterior.causes[k], class_probability(posterior, k)) for k in range(len(posterior.causes))]
+    )
+
+    def agreement(state: State) -> float:
+        causes = {int(weighing.terms.cause[term]) for term, _ in state.members}
+        return float(sum(weight[k] - 0.5 for k in causes))
+
+    return max(
+        (state for state, _ in posterior.states), key=lambda s: (round(agreement(s), 3), s.log_posterior)
+    )
+
+
+def class_probability(posterior: Posterior, cause: int) -> float:
+    """Probability that a slot of a cause holds it or one of a few that stand in for it; 0 where it may be anything."""
+    row = np.sort(posterior.beside[cause])[::-1][:CLASS]
+    return float(row.sum()) if row.sum() > CLEAR and posterior.causes[cause] > RARE / 2 else 0.0

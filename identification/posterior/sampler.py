@@ -26,7 +26,7 @@ CALM, REVISITED = 4.0, 0.3
 REVIEWED = 2
 """Settled terms that are drawn anew in each sweep."""
 PAIRS = 1
-STEPS = 4
+STEPS = 2
 """Exchanges of two slots, and steps on the grid, in each sweep."""
 LONG = 150
 """Columns of all members beyond which one step on the grid a sweep has to do: each costs their factor."""
@@ -53,11 +53,15 @@ class Richness:
 
 @dataclass(frozen=True)
 class Visit:
-    """A slot's full conditional: probability (c,) of each term, that of nothing being the rest; for so many ``slots``."""
+    """A slot's full conditional: probability (c,) of each term, that of nothing being the rest; for so many ``slots``.
+
+    ``filled``: whether something was drawn; ``first``: whether the slot held something before.
+    """
 
     terms: Array
     slots: int
     filled: bool
+    first: bool
 
 
 @dataclass(frozen=True)
@@ -113,13 +117,14 @@ class Chain:
             if moving[k] not in left:
                 yield self._redraw(moving[k])
         for member in (*self._settled, *left):
-            yield Visit(_one(len(self._weighing.terms), member[0]), 1, True)
+            yield Visit(_one(len(self._weighing.terms), member[0]), 1, True, True)
         for k in range(empty):
             conditional = self._conditional(self.members)
-            if k == 0:
-                yield Visit(conditional.terms(self._slot), empty, False)
             drawn = conditional.draw(self._slot, self._rng)
+            if k == 0:
+                yield Visit(conditional.terms(self._slot), empty, False, False)
             if drawn is not None:
+                yield Visit(conditional.terms(self._slot), 0, True, False)
                 self.members = [*self.members, drawn]
 
     def _redraw(self, member: Member) -> Visit:
@@ -132,7 +137,7 @@ class Chain:
         )
         drawn = conditional.draw(self._slot, self._rng)
         self.members = rest if drawn is None else [*rest, drawn]
-        return Visit(terms, 1, True)
+        return Visit(terms, 1, drawn is not None, True)
 
     @property
     def _slot(self) -> float:
