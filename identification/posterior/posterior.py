@@ -127,6 +127,7 @@ def _sampled(
     chains[1].heat = 1.0
     for chain in chains:
         _run(chain, BURN)
+        chain.tuned = True
     tallies = [_Tally(part) for _ in chains]
     for _ in range(ROUNDS):
         for chain, tally in zip(chains, tallies, strict=True):
@@ -199,9 +200,9 @@ def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ())
 
 
 def mode(weighing: Weighing, richness: Richness, posterior: Posterior) -> State:
-    """The likeliest set, climbed from the state visited most and from the likeliest one visited."""
+    """The likeliest state visited, or one that climbs from there or from the state visited most reach."""
     climb = Climb(weighing, richness)
     best = max((state for state, _ in posterior.states), key=lambda s: s.log_posterior)
     starts = {state.members: state for state in (posterior.states[0][0], best)}
     tops = (climb.from_(state.point, state.members) for state in starts.values())
-    return max(tops, key=lambda s: s.log_posterior)
+    return max((best, *tops), key=lambda s: s.log_posterior)
