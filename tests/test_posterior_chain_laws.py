@@ -203,4 +203,4 @@ def test_what_stands_in_for_a_term_is_told_beside_it(long: None) -> None:
         assert 0.2 < found.beside[one, other] / found.beside[one, one] < 5.0
         assert found.beside[one, other] > 0.2
     assert np.all(found.beside.sum(axis=1) <= 1.0 + 1e-9)
-    assert found.causes[0] + found.causes[1] == pytest.approx(1.0, abs=0.15)
+    assert 0.9 < found.causes[0] + found.causes[1] < 1.3  # both may be there
