@@ -16,6 +16,7 @@ from truepose.identification.report.pages import (
     calibration_html,
     report_html,
 )
+from truepose.identification.report.results import diagnosis_json
 from truepose.models.machine import Machine
 
 SECTIONS = ("verdict", "fit", "places", "residuals", "parameters", "limits", "truth")
@@ -123,6 +124,45 @@ def test_doubts_are_said(machine: Machine) -> None:
         "not recognised",
     ):
         assert doubt in " ".join(said.split())
+
+
+def test_sets_and_what_each_effect_is_worth_are_in_tables(page: str) -> None:
+    said = " ".join(own_markup(page).split())
+    assert "transmission-error at q1; empirical at q2" in said and "nothing missing" in said
+    assert said.index("transmission-error at q1; empirical at q2") < said.index("nothing missing")
+    assert "whatever else is; in all sets together" in said
+
+
+def test_the_document_has_sets_and_inclusion_families_and_halves(machine: Machine) -> None:
+    """Keys of diagnosis.json, with what has no name called empirical."""
+    one = replace(gear_finding(), family="transmission-error")
+    left = Remainder(("q2",), "q2", Form("curve"), 2.1, {"position": 0.004})
+    found = diagnosis_json(synthetic(machine, findings=(one,), remainder=left))
+    assert found["sets"] == [
+        {"effects": [["transmission-error", ["q1"]]], "probability": 0.6},
+        {"effects": [["transmission-error", ["q1"]], ["empirical", ["q2"]]], "probability": 0.3},
+        {"effects": [], "probability": 0.01},
+    ]
+    assert found["inclusion"] == [
+        {"effect": "transmission-error", "place": ["q1"], "probability": 0.93},
+        {"effect": "empirical", "place": ["q2"], "probability": 0.3},
+    ]
+    first, *rows = found["findings"]
+    assert first["family"] == "transmission-error"
+    assert first["replication"] == {"halves": [0.97, 0.9], "agree": True}
+    assert [f["family"] for f in rows] == [f["replication"] for f in rows] == [None]
+    assert found["remainder"]["gain"] == {"position": {"value": 0.004, "unit": "mm"}}
+    assert (found["disagreement"], found["noise"]) == (0.01, 1.0)
+    plain = replace(gear_finding(), replication=None)
+    bare = diagnosis_json(synthetic(machine, findings=(plain,), remainder=replace(left, gain={})))
+    assert bare["findings"][0]["family"] is bare["findings"][0]["replication"] is None
+    assert bare["remainder"]["gain"] is None
+
+
+def test_a_gain_of_the_remainder_is_told(machine: Machine) -> None:
+    left = Remainder(("q2",), "q2", Form("curve"), 2.1, {"position": 0.004})
+    page = " ".join(own_markup(report_html(synthetic(machine, remainder=left))).split())
+    assert "Modelling it lowers the rms of held-out rows by 4.00 µm (position)." in page
 
 
 def test_truth_page_only_with_truth(diagnosis: Diagnosis) -> None:

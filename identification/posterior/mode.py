@@ -81,6 +81,8 @@ class Climb:
         odds = self._weighing.conditional(point, rest).log_odds
         own = np.logaddexp.reduce(odds, axis=0)
         cause, top = self._weighing.terms.cause, float(own.max(initial=-np.inf))
+        if not np.isfinite(top):
+            return []  # nothing may stand beside the rest
         weight = np.bincount(cause, weights=np.exp(own - top))
         best = int(np.argmax(weight))
         if float(np.log(weight[best])) + top + slot_odds(self._richness, len(rest)) < 0.0:

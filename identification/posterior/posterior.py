@@ -73,17 +73,15 @@ class _Tally:
     def __init__(self, weighing: Weighing) -> None:
         self._cause, self.sweeps = weighing.terms.cause, 0
         self.terms, self.number = np.zeros(len(weighing.terms)), weighing.terms.n_causes
-        self.beside, self.there = np.zeros((self.number, self.number)), np.zeros(self.number)
+        self.beside = np.zeros((self.number, self.number))
         self.seen: Counter[tuple[Members, Point]] = Counter()
 
     def add(self, sweep: Sweep) -> None:
         self.sweeps += 1
         for visit in sweep.visits:
-            self.terms += visit.slots * visit.terms
-            own = self._by_cause(visit.terms) if visit.filled or visit.first else None
-            if own is not None and visit.filled:
-                self.there += own / own.sum()
-            if own is not None and visit.first:
+            self.terms += visit.terms
+            if visit.filled:
+                own = self._by_cause(visit.terms)
                 some = np.flatnonzero(own > 1e-4)
                 self.beside[np.ix_(some, some)] += np.outer(own[some], own[some])
         self.seen[tuple(sorted(sweep.members)), sweep.point] += 1
@@ -94,13 +92,8 @@ class _Tally:
 
     @property
     def causes(self) -> Array:
-        """(n,) probability of each cause.
-
-        What is mostly there by how often slots hold it, shared among what they may hold; what is mostly not there by how
-        probable every slot has it: each has the smaller variance in its place.
-        """
-        there, everywhere = self.there / self.sweeps, self._by_cause(self.terms) / self.sweeps
-        return np.asarray(np.minimum(np.where(there > RARE, there, everywhere), 1.0))
+        """(n,) probability of each cause."""
+        return np.asarray(np.minimum(self._by_cause(self.terms) / self.sweeps, 1.0))
 
 
 def sample(
@@ -141,6 +134,7 @@ def _sampled(
     chains[1].heat = 1.0
     for chain in chains:
         _run(chain, BURN)
+        chain.tuned = True
     tallies = [_Tally(part) for _ in chains]
     for _ in range(ROUNDS):
         for chain, tally in zip(chains, tallies, strict=True):

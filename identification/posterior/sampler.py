@@ -2,8 +2,8 @@
 
 One slot at a time is emptied and drawn anew from its full conditional over all terms at all sizes; two at a time are
 exchanged, so that a pair may become another pair; then the point of the grid (noise, tolerances, remainder) and the richness
-(how many effects such machines have) are drawn. Terms that would hardly ever leave stay for
-some sweeps: they are taken in once.
+(how many effects such machines have) are drawn. Terms that would hardly ever leave are left alone in
+some sweeps, there or not: they are taken in once.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from truepose.identification.posterior.weighing import Conditional, Member, Memb
 
 Array = NDArray[np.float64]
 SETTLED = 20.0
-"""Log odds of staying above which a term is drawn anew only now and then."""
+"""Log odds of staying above which a term may change only now and then."""
 CALM, REVISITED = 4.0, 0.3
-"""Log odds of staying above which a term is drawn anew in so many of the sweeps: what is beside it changes faster."""
+"""Log odds of staying above which a term may change in so many of the sweeps only: what is beside it changes faster."""
 REVIEWED = 2
-"""Settled terms that are drawn anew in each sweep."""
+"""Settled terms that may change in each sweep."""
 PAIRS = 1
 STEPS = 2
 """Exchanges of two slots, and steps on the grid, in each sweep."""
@@ -53,15 +53,10 @@ class Richness:
 
 @dataclass(frozen=True)
 class Visit:
-    """A slot's full conditional: probability (c,) of each term, that of nothing being the rest; for so many ``slots``.
-
-    ``filled``: whether something was drawn; ``first``: whether the slot held something before.
-    """
+    """A slot's full conditional: probability (c,) of each term, nothing being the rest; ``filled``: whether it held one."""
 
     terms: Array
-    slots: int
     filled: bool
-    first: bool
 
 
 @dataclass(frozen=True)
@@ -74,17 +69,23 @@ class Sweep:
 
 
 class Chain:
-    """One chain from a start; ``heat`` above 1 flattens all odds while it lasts."""
+    """One chain from a start; ``heat`` above 1 flattens all odds while it lasts.
+
+    Until ``tuned`` is set a chain learns which terms hardly ever leave; after that it keeps to what it has learnt, for what is
+    drawn must not depend on where the chain happens to be.
+    """
 
     def __init__(
         self, weighing: Weighing, richness: Richness, point: Point, members: Sequence[Member], seed: int
     ) -> None:
         self._weighing, self._richness = weighing, richness
         self.point, self.members, self._level = point, list(members), 0
-        self.heat = 1.0
+        self.heat, self.tuned = 1.0, False
         self._rng = np.random.default_rng(seed)
         self._staying: dict[int, float] = {}
+        self._firm, self._calm = list[int](), list[int]()
         self._settled: Members = ()
+        self._kept = np.zeros(len(weighing.terms), dtype=bool)
 
     def sweeps(self, number: int) -> Iterator[Sweep]:
         """So many sweeps."""
@@ -102,42 +103,46 @@ class Chain:
             yield Sweep(tuple(self.members), self.point, visits)
 
     def _settle(self) -> None:
-        """Choose the members that stay for this sweep."""
-        stay = [m for m in self.members if self._staying.get(m[0], 0.0) > SETTLED]
-        kept = [stay[k] for k in self._rng.permutation(len(stay))[REVIEWED:]] if self.heat == 1.0 else []
-        self._settled = tuple(sorted(kept))
+        """Choose the terms that neither leave nor enter in this sweep, wherever the chain stands."""
+        if not self.tuned:
+            self._firm = sorted(t for t, odds in self._staying.items() if odds > SETTLED)
+            self._calm = sorted(t for t, odds in self._staying.items() if CALM < odds <= SETTLED)
+        self._kept[:] = False
+        self._settled = ()
+        if self.heat != 1.0:
+            return
+        firm = [self._firm[k] for k in self._rng.permutation(len(self._firm))[REVIEWED:]]
+        self._kept[firm] = True
+        self._kept[self._calm] = self._rng.random() > REVISITED
+        self._settled = tuple(sorted(m for m in self.members if m[0] in firm))
 
     def _slots(self) -> Iterator[Visit]:
-        """Every slot drawn anew but the settled ones."""
-        empty = self._richness.slots - len(self.members)
-        moving = [m for m in self.members if m not in self._settled]
-        calm = [m for m in moving if self._staying.get(m[0], 0.0) > CALM and self.heat == 1.0]
-        left = [m for m in calm if self._rng.random() > REVISITED]
-        for k in self._rng.permutation(len(moving)):
-            if moving[k] not in left:
-                yield self._redraw(moving[k])
-        for member in (*self._settled, *left):
-            yield Visit(_one(len(self._weighing.terms), member[0]), 1, True, True)
-        for k in range(empty):
-            conditional = self._conditional(self.members)
-            drawn = conditional.draw(self._slot, self._rng)
-            if k == 0:
-                yield Visit(conditional.terms(self._slot), empty, False, False)
-            if drawn is not None:
-                yield Visit(conditional.terms(self._slot), 0, True, False)
-                self.members = [*self.members, drawn]
+        """Every slot drawn anew, full or empty, in an order that does not depend on what they hold."""
+        slots: list[Member | None] = [*self.members, *[None] * (self._richness.slots - len(self.members))]
+        for k in self._rng.permutation(len(slots)):
+            member = slots[k]
+            if member is not None and self._kept[member[0]]:
+                yield Visit(_one(len(self._weighing.terms), member[0]), True)
+            else:
+                yield self._redraw(member)
 
-    def _redraw(self, member: Member) -> Visit:
+    def _redraw(self, member: Member | None) -> Visit:
+        """Draw a slot from its full conditional; one that would take a kept term stays as it is."""
         rest = [m for m in self.members if m != member]
         conditional = self._conditional(rest)
         terms = conditional.terms(self._slot)
-        left = max(1.0 - float(terms[member[0]]), 1e-300)
-        self._staying[member[0]] = (
-            -float(np.log(left)) if left > 1e-12 else conditional.lead(member[0], self._slot)
-        )
+        if member is not None:
+            left = max(1.0 - float(terms[member[0]]), 1e-300)
+            self._staying[member[0]] = (
+                -float(np.log(left)) if left > 1e-12 else conditional.lead(member[0], self._slot)
+            )
         drawn = conditional.draw(self._slot, self._rng)
-        self.members = rest if drawn is None else [*rest, drawn]
-        return Visit(terms, 1, drawn is not None, True)
+        if drawn is None or not self._kept[drawn[0]]:
+            self.members = rest if drawn is None else [*rest, drawn]
+        if self._kept.any():
+            free = max(1.0 - float(terms[self._kept].sum()), 1e-12)
+            terms = np.where(self._kept, 0.0, terms / free)
+        return Visit(terms, member is not None)
 
     @property
     def _slot(self) -> float:
@@ -148,19 +153,23 @@ class Chain:
         return self._weighing.conditional(self.point, members, self._settled, self.heat)
 
     def _exchange(self) -> None:
-        """Two slots emptied and drawn anew one after the other, accepted as Metropolis and Hastings say."""
-        moving = [m for m in self.members if m not in self._settled]
+        """Two full slots emptied and filled one after the other, accepted as Metropolis and Hastings say."""
+        moving = [m for m in self.members if not self._kept[m[0]]]
         if len(moving) < 2:
             return
         first, second = (moving[k] for k in self._rng.choice(len(moving), 2, replace=False))
         rest = [m for m in self.members if m not in (first, second)]
         new = self._conditional(rest).draw(self._slot, self._rng)
-        between = rest if new is None else [*rest, new]
+        if new is None or self._kept[new[0]]:
+            return
+        between = [*rest, new]
         forward = self._conditional(between)
         last = forward.draw(self._slot, self._rng)
+        if last is None or self._kept[last[0]]:
+            return  # from fewer members the way back would not be as likely
         backward = self._conditional([*rest, first])
         if np.log(self._rng.random()) < forward.log_total(self._slot) - backward.log_total(self._slot):
-            self.members = between if last is None else [*between, last]
+            self.members = [*between, last]
 
     def _step(self) -> None:
         """A step on the grid."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from truepose.identification.diagnosis.naming import CERTAIN
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
 from truepose.identification.report.document import Tone
+from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import known, percent, significant
 from truepose.models.effects.base import Effect, effects
 from truepose.models.effects.of_rows import OF_ROWS
@@ -51,6 +52,11 @@ def named(item: Finding | Alternative) -> str:
     return f"{effect_title(item.effect)} {place_words(item.place)}".strip()
 
 
+def set_words(effects: Sequence[tuple[str, tuple[str, ...]]]) -> str:
+    """Effects of a set with their places; that nothing is missing for the empty one."""
+    return "; ".join(f"{slug} {place_words(place)}".strip() for slug, place in effects) or "nothing missing"
+
+
 def several(count: int, one: str, many: str = "") -> str:
     """``1 finding``, ``2 findings``."""
     return f"{count} {one if count == 1 else many or one + 's'}"
@@ -59,15 +65,16 @@ def several(count: int, one: str, many: str = "") -> str:
 def headline(diagnosis: Diagnosis) -> tuple[str, Tone]:
     """The verdict in one sentence, and its tone."""
     model = f"The model of {diagnosis.machine.name}"
+    misfit = misfit_clause(diagnosis)
     if diagnosis.verdict == "missing-physics" and diagnosis.findings:
-        return f"{model} {joined(_faults(diagnosis.findings))}.", "warn"
+        return f"{model} {joined(_faults(diagnosis.findings))}{misfit}.", "warn"
     if diagnosis.verdict == "unknown":
         left = diagnosis.remainder
         where = f" What is left seems to {follows(left)}." if left is not None else ""
-        return f"{model} lacks something that no effect of the catalogue explains.{where}", "warn"
+        return f"{model} lacks something that no effect of the catalogue explains{misfit}.{where}", "warn"
     beside = [named(f) for f in diagnosis.findings]
     rest = f" Apart from {joined(beside)}, these" if beside else " These"
-    return f"{model} is adequate.{rest} readings show nothing that it leaves out.", "good"
+    return f"{model} is adequate{misfit}.{rest} readings show nothing that it leaves out.", "good"
 
 
 def _faults(findings: Sequence[Finding]) -> list[str]:
@@ -124,14 +131,18 @@ def explanation(finding: Finding) -> str:
         said.append(
             "It was found at all such places together, under one size; this place stands out by itself."
         )
+    return " ".join([*said, *against_words(finding)])
+
+
+def against_words(finding: Finding) -> list[str]:
+    """What the halves of the recording say against a name; nothing where both have it."""
     halves = finding.replication
     if halves is not None and not halves.agree:
-        said.append("The halves of the recording do not agree on its amplitude: something else varies there.")
-    elif halves is not None and min(halves.halves) < DOUBTFUL:
-        said.append(
-            f"One half of the recording alone would not name it (probability {percent(min(halves.halves))})."
-        )
-    return " ".join(said)
+        return ["The halves of the recording do not agree on its amplitude: something else varies there."]
+    if halves is not None and min(halves.halves) < DOUBTFUL:
+        alone = percent(min(halves.halves))
+        return [f"One half of the recording alone would not name it (probability {alone})."]
+    return []
 
 
 def separating_experiment(finding: Finding) -> str:

@@ -9,7 +9,14 @@ import numpy as np
 
 from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.outliers import fringes_by_row
-from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Quantity
+from truepose.identification.diagnosis.result import (
+    Alternative,
+    Diagnosis,
+    Finding,
+    Quantity,
+    Remainder,
+    Replication,
+)
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
@@ -40,13 +47,17 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "alarms": {name: _alarm(a) for name, a in diagnosis.alarms.items()},
         "alarms_after": {name: _alarm(a) for name, a in diagnosis.alarms_after.items()},
         "findings": [*(_finding(f) for f in diagnosis.findings), *_outliers(diagnosis)],
-        "remainder": left
-        and {
-            "place": list(left.place),
-            "driver": left.driver,
-            "form": form_words(left),
-            "size_sigma": left.size_sigma,
-        },
+        "sets": [
+            {"effects": [[slug, list(place)] for slug, place in s.effects], "probability": s.probability}
+            for s in diagnosis.sets
+        ],
+        "inclusion": [
+            {"effect": i.effect, "place": list(i.place), "probability": i.probability}
+            for i in diagnosis.inclusion
+        ],
+        "disagreement": diagnosis.disagreement,
+        "noise": diagnosis.noise,
+        "remainder": left and _remainder(left, units),
         "candidates": [_alternative(c) for c in diagnosis.candidates],
         "evidence_map": dict(diagnosis.evidence_map),
         "untestable": [{"effect": u.effect, "why": u.why} for u in diagnosis.untestable],
@@ -175,6 +186,8 @@ def _finding(finding: Finding) -> Json:
         "settings": [dict(s) for s in finding.settings],
         "prior_dependent": finding.prior_dependent,
         "flip_lambda": finding.flip_lambda,
+        "family": finding.family or None,
+        "replication": finding.replication and _replication(finding.replication),
         "explanation": explanation(finding),
         "separating_experiment": separating_experiment(finding),
     }
@@ -208,8 +221,25 @@ def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str
         "settings": [],
         "prior_dependent": False,
         "flip_lambda": None,
+        "family": None,
+        "replication": None,
         "explanation": effect.explain(diagnosis.machine, place) + more,
         "separating_experiment": effect.experiment,
+    }
+
+
+def _replication(halves: Replication) -> Json:
+    return {"halves": list(halves.halves), "agree": halves.agree}
+
+
+def _remainder(left: Remainder, units: Mapping[str, str]) -> Json:
+    """``gain``: by how much modelling it lowers the rms of held-out rows, null where that is not known."""
+    return {
+        "place": list(left.place),
+        "driver": left.driver,
+        "form": form_words(left),
+        "size_sigma": left.size_sigma,
+        "gain": _rms(left.gain or None, units),
     }
 
 

@@ -8,17 +8,20 @@ from typing import Any
 
 from truepose.identification.diagnosis.result import Alternative, Diagnosis
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.report.diagnosis_words import explanation, form_words
+from truepose.identification.report.diagnosis_words import explanation, form_words, set_words
+from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.results import diagnosis_json
+from truepose.identification.report.verdict_reasons import doubts
 
-SHOWN = 6
+SHOWN, SETS = 6, 3
 
 
 def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict[str, object]:
     """What ``--json`` prints of a diagnosis: its document's main parts, and the files."""
     whole = diagnosis_json(result)
     kept = {
-        key: whole[key] for key in ("verdict", "concealed", "alarms", "findings", "remainder", "fit", "proof")
+        key: whole[key]
+        for key in ("verdict", "concealed", "alarms", "findings", "sets", "remainder", "fit", "proof")
     }
     return {"command": command, **kept, "files": files}
 
@@ -31,7 +34,7 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
         "unknown": "something is missing, unnamed",
     }
     hidden = ", though the ordinary fit looked good" if result.concealed else ""
-    lines = [f"{result.machine.name}: {words[result.verdict]}{hidden}"]
+    lines = [f"{result.machine.name}: {words[result.verdict]}{hidden}{misfit_clause(result)}"]
     for finding in result.findings:
         who = f"{finding.effect} at {', '.join(finding.place)}"
         lines.append(f"  {who} (probability {_percent(finding.probability)}): {explanation(finding)}")
@@ -45,6 +48,10 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
             lines.append("    could also be: " + "; ".join(_alternative(e) for e in finding.equivalents[:4]))
     if result.remainder is not None:
         lines.append(f"  remainder follows {result.remainder.driver}: {form_words(result.remainder)}")
+    lines += [f"  speaks against it: {said}" for said in doubts(result)]
+    if result.sets:
+        told = [f"{set_words(s.effects)} ({_percent(s.probability)})" for s in result.sets[:SETS]]
+        lines.append(f"  likeliest sets: {' | '.join(told)}")
     if result.outlier_rows:
         lines.append(f"  rows left out as outliers: {', '.join(map(str, result.outlier_rows))}")
     fits = ", ".join(f"{name} {fit.chi2_per_dof:.3g}" for name, fit in result.fits.items())

@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 from truepose.identification.diagnosis.alone import NOTABLE
-from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.report.diagnosis_words import alarm_name, named, place_words, several
+from truepose.identification.diagnosis.result import Diagnosis, Proof
+from truepose.identification.posterior.posterior import AGREED
+from truepose.identification.report.diagnosis_words import (
+    against_words,
+    alarm_name,
+    named,
+    place_words,
+    several,
+)
+from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import known, p_value, percent, significant, times
 from truepose.models.effects.of_rows import OF_ROWS
 from truepose.wording import joined
@@ -29,6 +37,7 @@ def reasons(diagnosis: Diagnosis) -> list[str]:
             f" without effects and {significant(after.chi2_per_dof)} with them; 1 is noise alone."
         )
         out.append(_worst(diagnosis))
+    out += _noise(diagnosis)
     out += _held_out(diagnosis)
     raised = [name for name, alarm in diagnosis.alarms.items() if alarm.raised]
     if raised:
@@ -46,6 +55,7 @@ def _reasons_adequate(diagnosis: Diagnosis) -> list[str]:
         f"With parameters held to their tolerances, misfit chi2/dof is {significant(before.chi2_per_dof)}; 1"
         " is noise alone."
     ]
+    out += _noise(diagnosis)
     if quiet:
         out.append(f"Quiet: {joined(quiet)}.")
     best = max(
@@ -60,6 +70,13 @@ def _reasons_adequate(diagnosis: Diagnosis) -> list[str]:
             " probability, too little for a name."
         )
     return out
+
+
+def _noise(diagnosis: Diagnosis) -> list[str]:
+    """How large the noise is, where the misfit does not go without saying."""
+    if not misfit_clause(diagnosis):
+        return []
+    return [f"Beside all effects, noise of {significant(diagnosis.noise)} stated sigmas is likeliest."]
 
 
 def _worst(diagnosis: Diagnosis) -> str:
@@ -114,6 +131,12 @@ def doubts(diagnosis: Diagnosis) -> list[str]:
         for f in diagnosis.findings
         if f.parameters and not any(abs(q.value) > 2.0 * q.std for q in f.parameters.values())
     ]
+    out += [f"{named(f)}: {said}" for f in diagnosis.findings for said in against_words(f)]
+    if diagnosis.disagreement > AGREED:
+        out.append(
+            f"Probabilities are known to {percent(diagnosis.disagreement)} only: so far do the chains differ that"
+            " they were drawn from."
+        )
     if diagnosis.findings and diagnosis.structure.alarm.raised:
         out.append(
             f"Residuals still follow {diagnosis.structure.driver} (p ="
@@ -121,6 +144,7 @@ def doubts(diagnosis: Diagnosis) -> list[str]:
             " something smaller is left."
         )
     if proof is not None:
+        out += _worse_blocks(proof)
         out += _proof_doubts(
             proof.ratio,
             proof.ratio_interval[1],
@@ -129,6 +153,16 @@ def doubts(diagnosis: Diagnosis) -> list[str]:
             proof.injected_recovered,
         )
     return out
+
+
+def _worse_blocks(proof: Proof) -> list[str]:
+    """Rows held out together on which the model found does worse than the one without effects."""
+    return [
+        f"Held out, the {b.name} ({several(b.rows, 'row')}) get worse: rms rises to {significant(b.ratio)} of what"
+        " it was."
+        for b in proof.blocks
+        if known(b.ratio) and b.ratio > 1.0
+    ]
 
 
 def _proof_doubts(

@@ -17,6 +17,8 @@ from truepose.identification.diagnosis.result import (
     Finding,
     Proof,
     Quantity,
+    Replication,
+    SetOfEffects,
 )
 from truepose.identification.fit.estimate import Estimate, prior_of
 from truepose.identification.fit.leastsquares import Solution, Status
@@ -117,6 +119,7 @@ def gear_finding() -> Finding:
         flip_lambda=3.0,
         explanation="The gear of joint q1 turns unevenly.",
         experiment="sweep q1 alone",
+        replication=Replication((0.97, 0.9), agree=True),
     )
 
 
@@ -159,6 +162,16 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
         outlier_rows=(7, 19),
         noise=1.0,
         inflation={},
+        sets=(
+            SetOfEffects((("transmission-error", ("q1",)),), 0.6),
+            SetOfEffects((("transmission-error", ("q1",)), ("empirical", ("q2",))), 0.3),
+            SetOfEffects((), 0.01),
+        ),
+        inclusion=(
+            Alternative("transmission-error", ("q1",), 0.93, 0.0),
+            Alternative("empirical", ("q2",), 0.3, 0.0),
+        ),
+        disagreement=0.01,
     )
     return replace(found, **changes)
 

@@ -1,0 +1,29 @@
+"""The posterior in two short tables: the likeliest sets of effects, and how probable each effect is at each place."""
+
+from __future__ import annotations
+
+from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.report import diagnosis_words as words
+from truepose.identification.report.document import Table
+from truepose.identification.report.numbers import percent
+
+SETS, EFFECTS = 5, 10
+
+
+def posterior_tables(diagnosis: Diagnosis) -> list[Table]:
+    """The likeliest sets, then effects one by one; none where nothing was sampled."""
+    out = []
+    if diagnosis.sets:
+        rows = [[words.set_words(one.effects), percent(one.probability)] for one in diagnosis.sets[:SETS]]
+        caption = (
+            "The likeliest sets: these effects are there and no others. What has no name in the catalogue is called"
+            " empirical."
+        )
+        out.append(Table(["set of effects", "probability"], rows, caption))
+    if diagnosis.inclusion:
+        rows = [[i.effect, ", ".join(i.place), percent(i.probability)] for i in diagnosis.inclusion[:EFFECTS]]
+        hidden = len(diagnosis.inclusion) - EFFECTS
+        caption = "Probability that an effect is there, whatever else is; in all sets together."
+        caption += f" {words.several(hidden, 'less probable one')} left out." if hidden > 0 else ""
+        out.append(Table(["effect", "place", "probability"], rows, caption, text_columns=2))
+    return out

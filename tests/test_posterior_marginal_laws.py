@@ -1,0 +1,288 @@
+"""Laws of the linear algebra of a posterior, against covariances of all readings written out in full."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from support.linear_problems import RICHNESS, SIZES, Dense, catalogue_problem, random_problem, single
+from truepose.identification.posterior.conditional import (
+    BOUND_DOUBT,
+    LARGEST_COST,
+    Sizes,
+    log_gains,
+    plausibility,
+)
+from truepose.identification.posterior.design import Point
+from truepose.identification.posterior.marginal import Marginal, marginal
+from truepose.identification.posterior.mode import log_posterior, slot_odds
+from truepose.identification.posterior.terms import Term, Terms
+from truepose.identification.posterior.weighing import Weighing
+
+Array = NDArray[np.float64]
+TERMS = single(1, 2, 1, 3)
+WIDTH = 7
+POINTS: Sequence[Point] = ((1, 0, 0, 0), (0, 1, 1, 2), (2, 1, 2, 1))
+AT = pytest.mark.parametrize("point", POINTS)
+seeds = given(st.integers(0, 10**6))
+
+
+def start(dense: Dense, point: Point, terms: Terms = TERMS) -> Marginal:
+    return marginal(dense.design, dense.unknowns, terms, point)
+
+
+def every(dense: Dense, found: Marginal) -> tuple[Array, Array]:
+    """t (w,) and M (w, w), asked for in all the ways that there are."""
+    columns = np.arange(dense.g.shape[1])
+    rows = found.rows(columns)
+    np.testing.assert_allclose(found.among(columns), rows, atol=1e-8)
+    np.testing.assert_allclose(found.scores(columns), found.score, atol=1e-8)
+    return found.score, rows
+
+
+# -- marginals ------------------------------------------------------------------------------------------------
+
+
+@AT
+@seeds
+@hypothesis_settings(max_examples=10, deadline=None)
+def test_scores_and_products_are_those_of_the_whole_covariance(point: Point, seed: int) -> None:
+    """Two kinds of channels, geometry in widened tolerances, a column without a prior, a remainder of some size."""
+    dense = random_problem(seed)
+    inverse = dense.precision(point)
+    score, rows = every(dense, start(dense, point))
+    np.testing.assert_allclose(score, dense.g.T @ inverse @ dense.e, atol=1e-7)
+    np.testing.assert_allclose(rows, dense.g.T @ inverse @ dense.g, atol=1e-7)
+
+
+@seeds
+@hypothesis_settings(max_examples=10, deadline=None)
+def test_log_evidence_of_two_points_differs_as_their_densities(seed: int) -> None:
+    dense = random_problem(seed)
+    found = [start(dense, point).log_evidence for point in POINTS]
+    exact = [dense.log_evidence(point) for point in POINTS]
+    np.testing.assert_allclose(np.diff(found), np.diff(exact), atol=1e-6)
+    # what is left of both, whatever the point, is a constant of the readings
+    assert found[0] - exact[0] == pytest.approx(found[2] - exact[2], abs=1e-6)
+
+
+@AT
+@seeds
+@hypothesis_settings(max_examples=10, deadline=None)
+def test_what_is_taken_in_is_marginalised(point: Point, seed: int) -> None:
+    """At once or one after the other, its log Bayes factor, and all that is left of the other columns."""
+    dense = random_problem(seed)
+    columns, sizes = [1, 2, 5], [0.7, 0.7, 2.0]
+    root = start(dense, point)
+    once = root.including(np.array(columns), np.array(sizes))
+    twice = root.including(np.array(columns[:2]), np.array(sizes[:2])).including(
+        np.array(columns[2:]), np.array(sizes[2:])
+    )
+    inverse = dense.precision(point, columns, sizes)
+    gain = dense.log_evidence(point, columns, sizes) - dense.log_evidence(point)
+    assert root.gain(np.array(columns), np.array(sizes)) == pytest.approx(gain, abs=1e-6)
+    for found in (once, twice):
+        score, rows = every(dense, found)
+        np.testing.assert_allclose(score, dense.g.T @ inverse @ dense.e, atol=1e-6)
+        np.testing.assert_allclose(rows, dense.g.T @ inverse @ dense.g, atol=1e-6)
+        assert found.log_evidence - root.log_evidence == pytest.approx(gain, abs=1e-6)
+
+
+@AT
+@seeds
+@hypothesis_settings(max_examples=10, deadline=None)
+def test_coefficients_are_those_of_conditioned_gaussians(point: Point, seed: int) -> None:
+    dense = random_problem(seed)
+    columns, sizes = np.array([0, 3, 4]), np.array([0.5, 1.5, 1.5])
+    inside = dense.g[:, columns]
+    inverse = dense.precision(point)
+    covariance = np.linalg.inv(inside.T @ inverse @ inside + np.diag(sizes**-2.0))
+    mean, found = start(dense, point).posterior(columns, sizes)
+    np.testing.assert_allclose(found, covariance, atol=1e-8)
+    np.testing.assert_allclose(mean, covariance @ inside.T @ inverse @ dense.e, atol=1e-7)
+
+
+@AT
+@pytest.mark.parametrize("add", [10.0, -1e4])
+def test_what_has_no_prior_may_be_anything(point: Point, add: float) -> None:
+    """A constant along a column without tolerance changes no score, no evidence and no gain."""
+    dense = random_problem(3, flat=2)
+    flat = np.flatnonzero(~np.isfinite(dense.always.sigma))
+    moved = replace(dense, e=dense.e + add * dense.a[:, flat[0]] - 0.3 * add * dense.a[:, flat[1]])
+    one, other = start(dense, point), start(moved, point)
+    np.testing.assert_allclose(other.score, one.score, atol=1e-9 * abs(add) + 1e-8)
+    assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-10 * add**2 + 1e-6)
+    gains = [log_gains(m, SIZES, np.ones(len(TERMS), dtype=bool)) for m in (one, other)]
+    np.testing.assert_allclose(gains[1], gains[0], atol=1e-8 * abs(add) + 1e-7)
+
+
+def test_a_term_that_is_a_column_without_a_prior_is_never_seen() -> None:
+    dense = random_problem(4)
+    flat = int(np.flatnonzero(~np.isfinite(dense.always.sigma))[0])
+    g = dense.g.copy()
+    g[:, 0] = 7.0 * dense.a[:, flat]
+    hidden = replace(dense, g=g)
+    assert hidden.design.seen.tolist() == [False] + [True] * (WIDTH - 1)
+    found = log_gains(start(hidden, POINTS[0]), SIZES, np.ones(len(TERMS), dtype=bool))
+    np.testing.assert_allclose(found[:, 0], SIZES.log_prior, atol=1e-9)  # as likely with it as without
+
+
+# -- gains of terms ---------------------------------------------------------------------------------------------
+
+
+@AT
+@seeds
+@hypothesis_settings(max_examples=10, deadline=None)
+def test_gains_are_the_log_bayes_factors_of_terms_of_any_width(point: Point, seed: int) -> None:
+    """Columns that fill a term up to a common width count for nothing; sizes bring their prior."""
+    dense = random_problem(seed)
+    found = log_gains(start(dense, point), SIZES, np.ones(len(TERMS), dtype=bool))
+    null = dense.log_evidence(point)
+    for k, own in enumerate(TERMS.columns):
+        for s, size in enumerate(SIZES.values):
+            gain = dense.log_evidence(point, own.tolist(), [float(size)] * len(own)) - null
+            assert found[s, k] == pytest.approx(gain + SIZES.log_prior[s], abs=1e-6)
+
+
+def test_terms_that_are_not_asked_for_weigh_nothing() -> None:
+    dense = random_problem(1)
+    root = start(dense, POINTS[0])
+    whole = log_gains(root, SIZES, np.ones(len(TERMS), dtype=bool))
+    wanted = np.array([True, False, False, True])
+    some = log_gains(start(dense, POINTS[0]), SIZES, wanted)
+    np.testing.assert_allclose(some[:, wanted], whole[:, wanted])
+    assert np.all(some[:, ~wanted] == -np.inf)
+
+
+@seeds
+@hypothesis_settings(max_examples=20, deadline=None)
+def test_a_sign_is_worth_its_chance_and_at_most_a_factor_of_two(seed: int) -> None:
+    dense = random_problem(seed)
+    free = Term((0,), 0, -1.0, -1.0, (-np.inf,), (np.inf,))
+    terms = Terms(
+        [free, replace(free, cause=1, lower=(0.0,)), replace(free, cause=2, lower=(0.0,), upper=(1e-6,))]
+    )
+    sizes = Sizes(np.array([0.3, 1.0]), np.log([0.5, 0.5]))
+    root = start(dense, POINTS[0], terms)
+    found = log_gains(root, sizes, np.ones(3, dtype=bool))
+    worth = found[:, 1] - found[:, 0]
+    assert np.all(worth <= np.log(2.0) + 1e-9)
+    for s, size in enumerate(sizes.values):
+        mean, covariance = root.posterior(np.array([0]), np.array([size]))
+        expected = np.log(2.0) + norm.logcdf(mean[0] / np.sqrt(covariance[0, 0]))
+        assert worth[s] == pytest.approx(expected, abs=1e-6)
+    assert np.all(found[:, 2] <= found[:, 1] + 1e-12)
+    assert np.all(found[:, 2] >= found[:, 1] - LARGEST_COST - 1e-9)
+
+
+@given(st.floats(1.0, 40.0), st.floats(1.0, 1.5))
+def test_the_further_beyond_its_bound_the_more_a_coefficient_costs(times: float, more: float) -> None:
+    """The square of the log of the excess in units of a fifth, halved, and never more than a limit; either way."""
+
+    def cost(value: float) -> float:
+        one = np.ones((1, 1))
+        return float(plausibility(value * one[None], 0.0 * one[None], -one, one)[0, 0])
+
+    here, beyond = cost(times), cost(times * more)
+    assert 0.0 >= here >= beyond >= -LARGEST_COST
+    assert here == pytest.approx(max(-0.5 * (np.log(times) / BOUND_DOUBT) ** 2, -LARGEST_COST))
+    assert cost(-times) == here
+
+
+@given(st.floats(-1.0, 1.0), st.floats(0.0, 3.0))
+def test_within_its_bounds_or_not_surely_beyond_a_coefficient_costs_nothing(value: float, std: float) -> None:
+    one = np.ones((1, 1))
+    assert plausibility(value * one[None], std * one[None], -one, one)[0, 0] == 0.0
+    far = (1.0 + 2.9 * std) * one[None]
+    assert plausibility(far, std * one[None], -one, one)[0, 0] == 0.0
+
+
+# -- sets ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_part_of_the_terms_has_the_same_odds(seed: int) -> None:
+    """Beside members or none, at any point; columns are numbered anew and causes are not."""
+    dense = catalogue_problem(seed)
+    whole = Weighing(dense.design, dense.unknowns, single(*[1] * 6, causes=[0, 0, 1, 2, 3, 3]), SIZES)
+    wanted = np.array([True, True, False, True, False, True])
+    part, index = whole.restricted(wanted)
+    place = {int(term): k for k, term in enumerate(index)}
+    assert index.tolist() == [0, 1, 3, 5]
+    for point in ((0, 0, 0), (2, 1, 1)):
+        for members in ((), ((3, 1),), ((0, 0), (5, 1))):
+            own = tuple((place[term], size) for term, size in members)
+            np.testing.assert_allclose(
+                part.log_odds(point, own), whole.log_odds(point, members)[:, wanted], atol=1e-8
+            )
+            assert part.log_evidence(point, own) == pytest.approx(
+                whole.log_evidence(point, members), abs=1e-8
+            )
+            assert part.log_prior(own) == pytest.approx(whole.log_prior(members))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_odds_of_one_more_are_the_ratio_of_two_posteriors(seed: int) -> None:
+    """Whatever is settled first; the number of slots and how full they are, in both."""
+    dense = catalogue_problem(seed)
+    problem = Weighing(
+        dense.design, dense.unknowns, single(*[1] * 6, causes=[0, 0, 1, 2, 3, 3], alone=False), SIZES
+    )
+    point, members = (1, 0, 1), ((0, 1), (3, 0))
+    here = log_posterior(problem, RICHNESS, members, point)
+    for settled in ((), ((3, 0),), members):
+        found = problem.log_odds(point, members, settled) + slot_odds(RICHNESS, 2)
+        for term in (1, 2, 4, 5):
+            for size in range(2):
+                more = log_posterior(problem, RICHNESS, (*members, (term, size)), point)
+                assert found[size, term] == pytest.approx(more - here, abs=1e-7)
+        assert np.all(found[:, [0, 3]] == -np.inf)
+
+
+def test_a_conditional_is_its_odds_and_nothing() -> None:
+    dense = catalogue_problem(0)
+    problem = Weighing(dense.design, dense.unknowns, single(*[1] * 6), SIZES)
+    conditional = problem.conditional((1, 0, 0), ((2, 1),))
+    slot = -1.3
+    odds = np.exp(problem.log_odds((1, 0, 0), ((2, 1),)) + slot)
+    np.testing.assert_allclose(conditional.terms(slot), odds.sum(axis=0) / (1.0 + odds.sum()), atol=1e-12)
+    assert conditional.log_total(slot) == pytest.approx(np.log1p(odds.sum()))
+    rest = 1.0 + odds.sum() - odds[:, 4].sum()
+    assert conditional.lead(4, slot) == pytest.approx(np.log(odds[:, 4].sum() / rest))
+    rng = np.random.default_rng(1)
+    drawn = [conditional.draw(slot, rng) for _ in range(20_000)]
+    for term in range(6):
+        for size in range(2):
+            share = odds[size, term] / (1.0 + odds.sum())
+            assert drawn.count((term, size)) / 20_000 == pytest.approx(share, abs=0.015)
+
+
+def test_a_second_term_of_a_cause_has_paid_for_it() -> None:
+    terms = single(1, 1, 1, causes=[0, 0, 1], alone=False)
+    first, further = terms.all[0].log_prior, terms.all[0].log_further
+    assert terms.log_prior([]).tolist() == [first] * 3
+    assert terms.log_prior([0]).tolist() == [-np.inf, further, first]
+    assert terms.log_prior_of([0, 1]) == terms.log_prior_of([1, 0]) == first + further
+    assert terms.log_prior_of([0, 2]) == 2.0 * first
+    alone = single(1, 1, 1, causes=[0, 0, 1])
+    assert alone.log_prior([0]).tolist() == [-np.inf, -np.inf, first]
+
+
+@given(st.integers(0, 23))
+def test_richness_is_marginalised_over_its_levels(number: int) -> None:
+    """Odds of one more: each level's chance of filled slots, weighted, times the slots that are left."""
+    filled, prior, slots = np.array(RICHNESS.filled), np.exp(RICHNESS.log_prior), 24
+    rich = replace(RICHNESS, slots=slots)
+    weight = [float(np.sum(prior * filled**k * (1.0 - filled) ** (slots - k))) for k in (number, number + 1)]
+    expected = np.log(weight[1] / weight[0] * (slots - number))
+    assert slot_odds(rich, number) == pytest.approx(expected)
+    assert logsumexp(rich.log_weights(number)) == pytest.approx(np.log(weight[0]))
