@@ -135,7 +135,12 @@ def _outcome(fits: _Fits, found: Found) -> _Outcome:
     raised = judged(fits.free, fits.before, found.linearisation_before, inflation, found.signatures.recording)
     accepted = dict.fromkeys(cat.stated, WIDE) | chosen(found.weighed, found.mode)
     after = fitted(found, accepted, shapes, fits.outliers) if accepted or shapes else fits.before
+    if after is None:  # the fit of the last expansion point stands, and what it holds
+        after, shapes, accepted = found.fit, (), dict(found.accepted)
+        names = tuple(n for n in names if set(n.candidates) <= set(accepted))
+    held = {e.label for e in after.effects}
     nameless = (*(i for i in accepted if not cat.named(i)), *(s.candidate for s in shapes))
+    nameless = tuple(i for i in nameless if cat.candidates[i].label in held)
     main = next((i for n in names for i in n.candidates), next(iter(nameless), None))
     proof = prove(fits.before, after, found, main, fits.outliers) if main is not None else None
     verdict = "missing-physics" if names else _without_names(found, raised, proof)

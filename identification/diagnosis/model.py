@@ -87,11 +87,24 @@ def _directions(problem: Weighed, mode: State) -> Array:
     return np.asarray(solved[: design.n][design.always.remainder])
 
 
-def fitted(found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask) -> Estimate:
+def fitted(
+    found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask
+) -> Estimate | None:
     """The nonlinear fit with candidates (index to spread) and forms of the remainder, tolerances as wide as the mode's.
 
-    Where no minimum is found with them, the fit of the search.
+    Where no minimum is found with both, the candidates alone are tried; None where they have none either.
     """
+    for forms in (shapes, ()) if shapes else ((),):
+        try:
+            return _fitted(found, accepted, forms, exclude)
+        except ConvergenceError:
+            continue
+    return None
+
+
+def _fitted(
+    found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask
+) -> Estimate:
     machine, recording, cat = found.signatures.machine, found.signatures.recording, found.catalogue
     terms = [replace(cat.candidates[i], spread=spread) for i, spread in accepted.items()]
     extra = [s for s in shapes if s.candidate not in accepted]
@@ -104,10 +117,7 @@ def fitted(found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...
             *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms],
         ]
     )
-    try:
-        return estimate(machine, recording, terms, start=start, exclude=exclude, prior=prior)
-    except ConvergenceError:
-        return found.fit
+    return estimate(machine, recording, terms, start=start, exclude=exclude, prior=prior)
 
 
 def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shape]) -> Prior:

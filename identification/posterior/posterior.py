@@ -22,13 +22,15 @@ BURN, ROUND, ROUNDS = 25, 40, 3
 """Sweeps of a chain before it counts, sweeps of each round, most rounds."""
 LONG, HOPELESS_LONG = 16, -3.5
 """Columns from which on a term costs much, and the log probability below which it is left out."""
+ALIKE = 0.05
+"""Share of a slot from which on two causes stand in for each other."""
 RARE = 0.2
 """Probability up to which a cause is mostly not there."""
 CLASS, CLEAR = 5, 0.8
 """Most causes of a class, and probability that these hold a slot together for it to be one."""
 HOPELESS, OVERLOOKED = -6.0, -3.0
 """Log probability in a slot below which a term is left out of the chains, and above which leaving it out was wrong."""
-LOOKS, TYPICAL = 3, 3
+LOOKS, TYPICAL = 2, 3
 """Most times that the chains are run with more terms, and sets that are looked at after each."""
 HOT, HEAT = 8, 3.0
 """Sweeps of the second chain's start with odds flattened by so much: it comes from elsewhere."""
@@ -211,13 +213,14 @@ def mode(posterior: Posterior, weighing: Weighing) -> State:
 
     A cause counts with its class where few causes stand in for each other.
     """
-    weight = np.array(
-        [max(posterior.causes[k], class_probability(posterior, k)) for k in range(len(posterior.causes))]
-    )
+    own = posterior.causes
+    whole = np.array([max(own[k], class_probability(posterior, k)) for k in range(len(own))])
 
     def agreement(state: State) -> float:
-        causes = {int(weighing.terms.cause[term]) for term, _ in state.members}
-        return float(sum(weight[k] - 0.5 for k in causes))
+        causes = sorted({int(weighing.terms.cause[term]) for term, _ in state.members}, key=lambda k: -own[k])
+        # a second member of a class stands for itself alone
+        alone = [any(posterior.beside[k, j] > ALIKE for j in causes[:i]) for i, k in enumerate(causes)]
+        return float(sum((own[k] if one else whole[k]) - 0.5 for k, one in zip(causes, alone, strict=True)))
 
     return max(
         (state for state, _ in posterior.states), key=lambda s: (round(agreement(s), 3), s.log_posterior)
