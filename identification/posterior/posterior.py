@@ -200,9 +200,9 @@ def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ())
 
 
 def mode(weighing: Weighing, richness: Richness, posterior: Posterior) -> State:
-    """The likeliest state visited, or one that climbs from there or from the state visited most reach."""
+    """The likeliest set, climbed from the state visited most and from the likeliest one visited."""
     climb = Climb(weighing, richness)
     best = max((state for state, _ in posterior.states), key=lambda s: s.log_posterior)
     starts = {state.members: state for state in (posterior.states[0][0], best)}
     tops = (climb.from_(state.point, state.members) for state in starts.values())
-    return max((best, *tops), key=lambda s: s.log_posterior)
+    return max(tops, key=lambda s: s.log_posterior)
