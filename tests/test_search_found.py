@@ -21,6 +21,7 @@ from truepose.identification.diagnosis.replication import replications
 from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior.mode import slot_odds
 from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.load import load_recording
@@ -192,14 +193,18 @@ def test_an_effect_that_is_there_throughout_is_in_both_halves(both: tuple[Case, 
     assert replications(found, (), case.rms) == ()
 
 
-def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path) -> None:
-    """It is what the whole recording calls it; the halves disagree on how large."""
+def test_an_effect_in_one_half_only_is_not_in_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The halves disagree on how large it is, or one of them does not know it. Chains are short: the mode is enough."""
+    for name, number in (("BURN", 2), ("ROUND", 4), ("ROUNDS", 1), ("HOT", 1), ("LOOKS", 1)):
+        monkeypatch.setattr(chains, name, number)
     case = Case.of(tmp_path, "actuator-scale@q1:s=4e-4", only_from=ROWS // 2)
     found = case.found()
     told = [n for n in named(found, inclusion(found.weighed, found.posterior)) if n.cause.place == ("q1",)]
     assert told
-    halves = replications(found, told, case.rms)
-    assert not all(half is not None and half.agree for half in halves)
+    halves = [half for half in replications(found, told, case.rms) if half is not None]
+    assert any(not half.agree or min(half.halves) < 0.5 for half in halves)
 
 
 def test_play_is_no_matter_of_tolerances(tmp_path: Path) -> None:
