@@ -93,8 +93,8 @@ def test_rivals_stand_beside_a_finding_with_their_shares_and_what_has_no_name_as
 
 
 def test_twins_share_a_name_by_how_likely_they_are(arm: Machine) -> None:
-    """One wave a turn is an eccentric disc as well as a gear's: no reading tells."""
-    wave = with_effect(arm, "transmission-error", ("q1",), {"order": 1.0})
+    """A series of waves a turn may come from the gear or from the encoder: no reading tells."""
+    wave = with_effect(arm, "transmission-error", ("q1",), {"orders": 3.0})
     likely = wave.effect.twins(wave.settings_map)
     assert likely
     cat = Catalogue((wave,), (-2.0,), ())
