@@ -30,10 +30,11 @@ def linear(rng: np.random.Generator, *, noise: float = 1.0, departure: float = 1
     e = jacobian @ rng.normal(scale=departure, size=FREE) + noise * rng.normal(size=READINGS)
     rows = np.column_stack([jacobian, e])
     return Linearisation(
-        gram=rows.T @ rows,
+        grams=(rows.T @ rows,),
+        counts=(READINGS,),
         free=FREE,
         columns=(),
-        n_observations=READINGS,
+        forms=0,
         departure=np.zeros(FREE),
         weight=np.ones(FREE),
         parts=(PartClass("length"),) * FREE,
@@ -79,7 +80,7 @@ def test_parameters_without_tolerance_are_projected_out() -> None:
     far[FREE, FREE] = lin.gram[FREE, FREE] + 2e3 * lin.gram[0, FREE] + 1e6 * lin.gram[0, 0]
     found = [
         conflict_with_tolerances(
-            Linearisation(gram, FREE, (), READINGS, np.zeros(FREE), weight, lin.parts, ()), 1.0
+            Linearisation((gram,), (READINGS,), FREE, (), 0, np.zeros(FREE), weight, lin.parts, ()), 1.0
         )
         for gram in (lin.gram, far)
     ]
@@ -98,7 +99,9 @@ def test_far_beyond_what_is_drawn_p_is_twice_the_smaller_one_of_two_chi2(
     open_ = 3  # without a tolerance
     rows = np.column_stack([sensitivity, e + sensitivity @ away])
     weight = np.where(np.arange(FREE) == open_, 0.0, 1.0 / tolerance)
-    lin = Linearisation(rows.T @ rows, FREE, (), READINGS, away, weight, (PartClass("length"),) * FREE, ())
+    lin = Linearisation(
+        (rows.T @ rows,), (READINGS,), FREE, (), 0, away, weight, (PartClass("length"),) * FREE, ()
+    )
     # readings freed of the open parameter; geometry in tolerances
     keep = null_space(sensitivity[:, [open_]].T)
     j, seen = keep.T @ np.delete(sensitivity * tolerance, open_, axis=1), keep.T @ e

@@ -1,4 +1,4 @@
-"""Figures that docs/diagnosis.md promises: noise, its prior, alarms, outlying rows, extrapolations, exchanges of terms."""
+"""Figures that docs/diagnosis.md promises: noise, its prior, alarms, outlying rows, extrapolations."""
 
 from __future__ import annotations
 
@@ -10,15 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from support.effect_machines import read_machines
-from support.effects import with_effect
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import effect_selection as selection
 from truepose.identification.diagnosis.alarms import Alarm, replicate_noise
-from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.outliers import outlying_rows
-from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.scales import Grid
@@ -144,57 +139,3 @@ def test_extrapolations_are_farther_heavier_and_warmer_than_what_they_are_predic
         assert 0.1 * n < held.sum() < 0.25 * n
         assert score[held].min() > score[left & ~held].max()
         left &= ~held
-
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> Catalogue:
-    """Two shifts of one joint's zero, as likely as each other."""
-    arm = read_machines(tmp_path_factory.getbasetemp() / "diagnosis_laws")["arm"]
-    shifts = tuple(with_effect(arm, "zero-shift", ("q2",), {"session": float(k)}) for k in (1, 2))
-    return Catalogue(shifts, (-2.0, -2.0), ())
-
-
-def seen(size: float, turn: float) -> Linearisation:
-    """Two candidates that show nearly alike, and readings of ``size`` between them (``turn`` 0 to 1)."""
-    rng, n = np.random.default_rng(5), 40
-    axes = np.linalg.qr(rng.standard_normal((n, 4)))[0].T
-    columns = [100.0 * (np.cos(a) * axes[0] + np.sin(a) * axes[1]) for a in (0.0, 0.5)]
-    along = np.cos(0.5 * turn) * axes[0] + np.sin(0.5 * turn) * axes[1]
-    stacked = np.column_stack([axes[2], *columns, -size * along + np.sqrt(n) * axes[3]])
-    return Linearisation(
-        stacked.T @ stacked,
-        1,
-        (slice(0, 1), slice(1, 2)),
-        n,
-        np.zeros(3),
-        np.ones(1),
-        (PartClass("length"),),
-        (),
-    )
-
-
-def test_a_term_gives_way_to_one_that_is_better_by_more_than_one(pair: Catalogue) -> None:
-    """In log odds; among terms that are nearly as good the one found first stays."""
-    grid = Grid((1.0,), ((1.0,),), (PartClass("length"),))
-    kept: list[float] = []
-    changed: list[float] = []
-    for turn in np.linspace(0.0, 1.0, 41):
-        lin = seen(8.0, float(turn))
-        odds = selection.rank(lin, pair, grid, {}, [0, 1]).odds
-        assert odds.min() > selection.THRESHOLD
-        for term in (0, 1):
-            better = float(odds[1 - term] - odds[term])
-            (found,) = selection._swap_and_drop(lin, pair, grid, {term: selection.WIDE}, set())
-            (kept if found == term else changed).append(better)
-    assert max(kept) <= 1.0 < min(changed)
-    assert max(kept) > 0.5 and min(changed) < 1.5  # the cases come near enough to the limit to tell
-
-
-@pytest.mark.parametrize(("size", "asked_for"), [(0.0, False), (12.0, True)])
-def test_a_term_stays_only_as_long_as_it_is_asked_for(pair: Catalogue, size: float, asked_for: bool) -> None:
-    """Log odds of 3, that is a probability of 0.95."""
-    grid = Grid((1.0,), ((1.0,),), (PartClass("length"),))
-    lin = seen(size, 0.0)
-    odds = selection.rank(lin, pair, grid, {}, [0, 1]).odds
-    assert bool(1.0 / (1.0 + np.exp(-odds.max())) > 0.95) is asked_for
-    assert bool(selection._swap_and_drop(lin, pair, grid, {0: selection.WIDE}, set())) is asked_for

@@ -1,4 +1,4 @@
-"""Laws of a diagnosis' parts: alarms on residuals of a known make, what is left and its form, signs and bounds."""
+"""Laws of a diagnosis' parts: alarms on residuals of a known make, what is left and its form."""
 
 from __future__ import annotations
 
@@ -10,25 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import norm
-from truepose.identification.diagnosis.effect_evidence import grid_for
 
-from support.effect_machines import read_machines
-from support.effects import with_effect
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import classes
-from truepose.identification.diagnosis import effect_selection as selection
 from truepose.identification.diagnosis.alarms import residual_alarm, structure_alarm
-from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.judgement import explained
 from truepose.identification.diagnosis.remainder import describe
-from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.scales import Grid
-from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.models.sensors.base import Channel
 
 Array = NDArray[np.float64]
@@ -160,19 +149,6 @@ def test_a_driver_of_few_values_makes_steps(case: Case) -> None:
     assert told.form.kind == "steps" and told.place == ("q1",)
 
 
-def test_the_share_explained_is_of_the_misfit_beyond_noise(case: Case) -> None:
-    fit, _ = case
-    dof = fit.n_observations - fit.effective_parameters
-    unit = noise(case, 10)
-    unit *= np.sqrt(dof / np.sum(unit**2))
-    fits = {chi2: left(case, np.sqrt(chi2) * unit) for chi2 in (0.9, 1.0, 3.0, 5.0, 9.0)}
-    assert explained(fits[9.0], fits[5.0]) == pytest.approx(0.5)
-    assert explained(fits[5.0], fits[3.0]) == pytest.approx(0.5)
-    assert explained(fits[5.0], fits[1.0]) == pytest.approx(1.0)
-    assert explained(fits[5.0], fits[9.0]) == 0.0 and explained(fits[5.0], fits[0.9]) == 1.0
-    assert explained(fits[0.9], fits[0.9]) == 1.0
-
-
 # -- figures and notes ---------------------------------------------------------------------------------
 
 
@@ -189,90 +165,3 @@ def test_rms_is_of_the_norm_of_each_kind() -> None:
         {"position": float(points), "rotation": float(np.sqrt(np.mean(np.sum(error[:, 6:] ** 2, axis=1))))}
     )
     assert np.isnan(rms_by_kind(np.full((2, 9), np.nan), channels)["position"])
-
-
-@pytest.fixture(scope="module")
-def compliant(tmp_path_factory: pytest.TempPathFactory) -> Catalogue:
-    """A coefficient that must be positive, one that may have any sign, and one with a bound."""
-    arm = read_machines(tmp_path_factory.getbasetemp() / "parts_laws")["arm"]
-    yields = with_effect(arm, "joint-compliance", ("q2",))
-    shifts = with_effect(arm, "zero-shift", ("q2",), {"session": 1.0})
-    assert yields.coefficients[0].lower == 0.0
-    grows = with_effect(arm, "thermal-expansion", ("link1",))
-    return Catalogue((yields, shifts, grows), (-2.0, -2.0, -2.0), ())
-
-
-def seen(amplitude: tuple[float, float], noise_scale: float = 1.0) -> Linearisation:
-    """Two candidates that show apart, of these amplitudes (in scales), beside one part of unit tolerance."""
-    rng, n = np.random.default_rng(12), 200
-    axes = np.linalg.qr(rng.standard_normal((n, 3)))[0]
-    error = noise_scale * rng.standard_normal(n)
-    stacked = np.column_stack([30.0 * axes, -30.0 * axes[:, 1:] @ np.array(amplitude) + error])
-    slices = (slice(0, 1), slice(1, 2))
-    return Linearisation(
-        stacked.T @ stacked, 1, slices, n, np.zeros(3), np.ones(1), (PartClass("length"),), ()
-    )
-
-
-def test_signs_count_as_their_chance_and_bounds_as_a_fifth(compliant: Catalogue) -> None:
-    """docs/diagnosis.md: 2 P(c > 0 | data), and (ln(c / bound) / 0.2)^2 / 2 of what lies 3 sigma beyond, at most 50."""
-    one = np.ones(1)
-    for mean, std in ((0.3, 0.2), (0.0, 0.5), (-0.2, 0.2)):
-        expected = float(np.log(2.0 * norm.cdf(mean / std)))
-        assert selection.log_plausibility(compliant, 0, mean * one, std * one) == pytest.approx(expected)
-    assert selection.log_plausibility(compliant, 1, -0.5 * one, 0.1 * one) == 0.0
-    (grows,) = compliant.candidates[2].coefficients
-    limit = grows.upper / grows.scale
-    assert np.isfinite(limit)
-    for factor in (1.2, 1.5):
-        cost = 0.5 * (np.log(factor) / 0.2) ** 2
-        found = selection.log_plausibility(compliant, 2, (factor * limit + 3e-3) * one, 1e-3 * one)
-        assert found == pytest.approx(np.log(2.0) - cost, rel=1e-6)
-    assert selection.log_plausibility(compliant, 2, 1e9 * limit * one, 1e-3 * one) == pytest.approx(
-        np.log(2) - 50.0
-    )
-
-
-@pytest.mark.parametrize("noise", [0.7, 1.0, 1.5, 6.0])
-def test_the_grid_reaches_the_noise_and_finds_it(compliant: Catalogue, noise: float) -> None:
-    lin = seen((0.0, 0.0), noise)
-    grid = grid_for(lin, noise)
-    assert min(grid.noise) < 1.0 and 1.0 in grid.noise and max(grid.noise) >= max(1.7, 1.2 * noise) - 1e-9
-    assert selection.rank(lin, compliant, grid, {}, [0, 1]).evidence.noise == pytest.approx(noise, rel=0.2)
-
-
-def test_a_name_needs_its_evidence_until_tolerances_are_wide_enough(compliant: Catalogue) -> None:
-    """The widening given is the first at which the term is not asked for; without one that does, there is none."""
-    rng, n = np.random.default_rng(13), 60
-    axes = np.linalg.qr(rng.standard_normal((n, 2)))[0]
-    along = (
-        np.cos(0.2) * axes[:, 0] + np.sin(0.2) * axes[:, 1]
-    )  # a part can stand in for it, off by its tolerance
-    grid = Grid((1.0,), ((1.0,),), (PartClass("length"),))
-    flips = []
-    for size in (6.0, 12.0, 30.0):
-        stacked = np.column_stack([2.0 * axes[:, 0], 50.0 * along, -size * along])
-        lin = Linearisation(
-            stacked.T @ stacked,
-            1,
-            (slice(0, 1), slice(1, 2)),
-            n,
-            np.zeros(3),
-            np.ones(1),
-            (PartClass("length"),),
-            (),
-        )
-        lin = replace(lin, gram=np.insert(np.insert(lin.gram, 2, 0.0, axis=0), 2, 0.0, axis=1))
-        found = classes.flip_inflation(lin, compliant, grid, {}, 0, selection.THRESHOLD)
-        odds = [
-            float(
-                selection.rank(lin, compliant, Grid((1.0,), ((w,),), (PartClass("length"),)), {}, [0]).odds[0]
-            )
-            for w in classes.WIDENINGS
-        ]
-        first = next(
-            (w for w, o in zip(classes.WIDENINGS, odds, strict=True) if o < selection.THRESHOLD), None
-        )
-        assert found == first
-        flips.append(found)
-    assert len(set(flips)) > 1  # the sizes tell

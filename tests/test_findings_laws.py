@@ -1,8 +1,7 @@
-"""Laws of classes and findings: which explanations are one, what a finding of several terms says, maps and lists."""
+"""Laws of findings: what one of several terms says, rivals and twins, maps and lists, the form of what is left."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -10,39 +9,19 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from truepose.identification.diagnosis.classes import (
-    INDISTINCT,
-    Member,
-    Named,
-    _credible,
-    _indistinct,
-    _settings_doubt,
-    _tempered,
-)
-from truepose.identification.diagnosis.effect_evidence import Evidence
-from truepose.identification.diagnosis.effect_selection import Ranking
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.findings import evidence_map, merge_findings, ranked_alternatives
+from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
+from truepose.identification.diagnosis.naming import Member, Named
 from truepose.identification.diagnosis.remainder import _form
+from truepose.identification.diagnosis.result import UNNAMED, Replication
+from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.fit.estimate import Estimate
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-
-
-def ranking(
-    odds: Array | list[float], gain: list[float] | None = None, sizes: Array | None = None
-) -> Ranking:
-    """Candidates of one coefficient each, of these log odds; gains are the same unless said."""
-    n = len(odds)
-    amplitude = tuple(np.array([v]) for v in (np.zeros(n) if sizes is None else sizes))
-    gains = np.array(odds if gain is None else gain, dtype=float)
-    std = tuple(np.ones(1) for _ in range(n))
-    found = Evidence(0.0, gains, amplitude, std, np.ones(n), 1.0, (1.0,), np.ones(n))
-    return Ranking(tuple(range(n)), np.array(odds, dtype=float), gains, found)
 
 
 @pytest.fixture(scope="module")
@@ -61,64 +40,6 @@ def cat(arm: Machine) -> Catalogue:
     return Catalogue((*shifts, with_effect(arm, "joint-compliance", ("q2",))), (-2.0,) * 4, ())
 
 
-# -- classes ---------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("missed", "gains", "one"),
-    [
-        (0.0, (40.0, 39.0), True),  # says the same, and data prefer neither
-        (49.0, (40.0, 39.0), True),  # says more than half
-        (51.0, (40.0, 39.0), False),  # says less than half of it
-        (49.0, (40.0, 36.0), False),  # data prefer one by more than 3
-        (49.0, (40.0, 44.0), False),
-        (49.0, (5.5, 2.6), False),  # worth less than half as much
-        (49.0, (5.0, 2.6), True),
-        (0.0, (40.0, 32.0), True),  # says exactly the same: what tells them apart is not the signature
-        (0.0, (40.0, 30.5), False),
-        (0.0, (-3.0, -4.0), False),  # worth nothing
-    ],
-)
-def test_explanations_are_one_where_they_say_the_same_and_data_prefer_neither(
-    missed: float, gains: tuple[float, float], one: bool
-) -> None:
-    weighed = ranking(list(gains))
-    assert _indistinct(weighed, 100.0, np.array([0.0, missed]), 0, 1, INDISTINCT) is one
-    wider = _indistinct(weighed, 100.0, np.array([0.0, missed]), 0, 1, 3.0 * INDISTINCT)
-    assert wider >= one
-
-
-def test_a_class_grows_by_the_likeliest_until_it_is_certain(cat: Catalogue) -> None:
-    """Shares of those that say much the same, and of nothing more at all; 0.95 is enough."""
-    odds = np.log([60.0, 20.0, 16.0, 3.0])
-    weighed = ranking(odds)
-    for rivals, expected in (([], [1, 2]), ([3], [3, 1, 2])):
-        members, certainty = _credible(cat, weighed, 0, rivals, [0, 1, 2, 3])
-        assert members == expected
-        assert certainty == pytest.approx(sum(np.exp(odds[[0, *expected]])) / 100.0)
-    alone, certainty = _credible(cat, weighed, 0, [], [0])
-    assert alone == [] and certainty == pytest.approx(60.0 / 61.0)
-
-
-def test_shares_are_tempered_between_causes_and_not_between_settings(cat: Catalogue) -> None:
-    weighed = ranking(np.log([8.0, 1.0, 3.0, 4.0]))
-    for power in (1.0, 0.5):
-        share = _tempered(cat, weighed, [0, 1, 2, 3], power)
-        causes = np.array([9.0, 3.0, 4.0]) ** power
-        expected = np.append(causes[0] * np.array([8.0, 1.0]) / 9.0, causes[1:]) / causes.sum()
-        np.testing.assert_allclose(share, expected)
-
-
-def test_settings_that_data_do_not_choose_are_a_doubt_of_the_coefficients(cat: Catalogue) -> None:
-    """Rms distance by the odds of the settings, in the coefficient's unit; of another place, or of a series, none."""
-    weighed = ranking(np.log([3.0, 1.0, 50.0, 50.0]), sizes=np.array([1.0, 3.0, 9.0, 9.0]))
-    (coefficient,) = cat.candidates[0].coefficients
-    summed = cat.candidates[0].effect.settings_add
-    expected = 0.0 if summed else np.sqrt(0.25 * 2.0**2) * coefficient.scale
-    assert list(_settings_doubt(cat, weighed, 0)) == pytest.approx([expected])
-    assert _settings_doubt(cat, weighed, 2) == _settings_doubt(cat, weighed, 3) == (0.0,)
-
-
 # -- findings --------------------------------------------------------------------------------------------
 
 
@@ -130,52 +51,72 @@ def fitted(cat: Catalogue, std: float = 0.1) -> Estimate:
     )
 
 
-def named(index: int, gain: float, members: tuple[Member, ...] = (), certainty: float = 0.9) -> Named:
-    return Named(index, 0.6, certainty, gain, members, (0.0,))
+RIVALS = (
+    Member(Cause("zero-shift", ("q3",)), 0.2, 14.0),
+    Member(Cause("joint-compliance", ("q2",)), 0.15, 13.0),
+    Member(Cause("empirical", ("q2",)), 0.05, 12.0),
+)
 
 
 def test_terms_of_one_cause_are_one_finding(arm: Machine, cat: Catalogue) -> None:
-    """Gains add up; it goes when tolerances are wide enough for all its terms, and not before."""
-    terms = [named(0, 20.0), named(2, 50.0), named(1, 10.0)]
-    other, both = merge_findings(arm, cat, fitted(cat), terms, [3.0, None, 8.0])
-    assert (both.effect, both.place, both.log_bayes_factor) == ("zero-shift", ("q2",), 30.0)
-    assert (both.flip_lambda, both.prior_dependent) == (8.0, True)
-    assert (other.place, other.flip_lambda, other.prior_dependent) == (("q3",), None, False)
-    assert both.settings == ({"session": 1.0}, {"session": 2.0})
-    assert sorted(q.value for q in both.parameters.values()) == [1.0, 2.0]
-    (kept,) = merge_findings(arm, cat, fitted(cat), terms[::2], [3.0, None])
-    assert kept.flip_lambda is None and not kept.prior_dependent
-    single = merge_findings(arm, cat, fitted(cat), [replace(terms[0], doubt=(0.24,))], [None])[0]
-    assert [q.std for q in single.parameters.values()] == [pytest.approx(0.26)]  # root of 0.1^2 + 0.24^2
+    """With the amplitudes of all its candidates; what the posterior says of it is said as it is."""
+    one = Named(Cause("zero-shift", ("q2",)), (0, 1), 0.6, 0.95, 30.0, RIVALS)
+    half = Replication((0.9, 0.8), agree=True)
+    found = finding(arm, cat, fitted(cat), one, 8.0, half)
+    assert (found.effect, found.place, found.log_bayes_factor) == ("zero-shift", ("q2",), 30.0)
+    assert (found.flip_lambda, found.prior_dependent, found.replication) == (8.0, True, half)
+    assert found.settings == ({"session": 1.0}, {"session": 2.0})
+    assert sorted((q.value, q.std) for q in found.parameters.values()) == [(1.0, 0.1), (2.0, 0.1)]
+    assert found.certainty == 0.95 and found.family == ""
+    free = finding(arm, cat, fitted(cat), one, None, None)
+    assert free.flip_lambda is None and not free.prior_dependent and free.replication is None
 
 
-def test_rivals_of_a_finding_add_up_over_settings_and_share_its_certainty(
+def test_rivals_stand_beside_a_finding_with_their_shares_and_what_has_no_name_as_such(
     arm: Machine, cat: Catalogue
 ) -> None:
-    rivals = (Member(2, 0.1, 15.0), Member(3, 0.1, 12.0), Member(1, 0.05, 11.0))
-    first, second = named(0, 20.0, rivals), named(1, 10.0, (Member(3, 0.15, 14.0),))
-    (found,) = merge_findings(arm, cat, fitted(cat), [first, second], [None, None])
-    others = {
-        (o.effect, o.place): o for o in found.equivalents if o.effect in ("zero-shift", "joint-compliance")
-    }
-    assert set(others) == {("zero-shift", ("q3",)), ("joint-compliance", ("q2",))}
-    soft, shift = others["joint-compliance", ("q2",)], others["zero-shift", ("q3",)]
-    assert soft.probability == pytest.approx(2.5 * shift.probability) and soft.log_bayes_factor == 14.0
+    one = Named(Cause("zero-shift", ("q2",)), (0,), 0.6, 0.95, 30.0, RIVALS)
+    found = finding(arm, cat, fitted(cat), one, None, None)
+    told = [(o.effect, o.place, o.log_bayes_factor) for o in found.equivalents if o.log_bayes_factor < 30.0]
+    assert told == [
+        ("zero-shift", ("q3",), 14.0),
+        ("joint-compliance", ("q2",), 13.0),
+        (UNNAMED, ("q2",), 12.0),
+    ]
+    assert found.equivalents[-1].nameless and not found.equivalents[0].nameless
     assert [o.probability for o in found.equivalents] == sorted(
         (o.probability for o in found.equivalents), reverse=True
     )
-    assert found.certainty == 0.9
-    assert found.probability + sum(o.probability for o in found.equivalents) == pytest.approx(0.9)
-    assert found.probability > soft.probability
+    # what is the same function shares the probability of the name: nothing is added or lost
+    total = found.probability + sum(o.probability for o in found.equivalents)
+    assert total == pytest.approx(0.6 + sum(m.probability for m in RIVALS))
+
+
+def test_twins_share_a_name_by_how_likely_they_are(arm: Machine) -> None:
+    """A series of waves a turn may come from the gear or from the encoder: no reading tells."""
+    wave = with_effect(arm, "transmission-error", ("q1",), {"orders": 3.0})
+    likely = wave.effect.twins(wave.settings_map)
+    assert likely
+    cat = Catalogue((wave,), (-2.0,), ())
+    one = Named(Cause("transmission-error", ("q1",)), (0,), 0.8, 0.8, 30.0, (), family="transmission-error")
+    found = finding(arm, cat, fitted(cat), one, None, None)
+    assert {o.effect for o in found.equivalents} == set(likely)
+    for other in found.equivalents:
+        assert other.probability / found.probability == pytest.approx(likely[other.effect])
+    assert found.probability + sum(o.probability for o in found.equivalents) == pytest.approx(0.8)
+    assert found.family == "transmission-error"
 
 
 def test_the_map_has_the_best_of_each_part_and_the_list_everything(cat: Catalogue) -> None:
-    weighed = ranking([2.0, 7.0, 4.0, -5.0], gain=[3.0, 9.0, 5.0, -4.0])
-    assert list(evidence_map(cat, weighed).items()) == [("q2", 9.0), ("q3", 5.0)]
-    found = ranked_alternatives(cat, weighed)
+    """What was not weighed is in neither."""
+    gain = np.array([3.0, 9.0, 5.0, -4.0])
+    assert list(evidence_map(cat, gain).items()) == [("q2", 9.0), ("q3", 5.0)]
+    found = ranked_alternatives(cat, gain)
     assert [o.log_bayes_factor for o in found] == [9.0, 5.0, 3.0, -4.0]
-    odds = np.exp([7.0, 4.0, 2.0, -5.0])
+    odds = np.exp(np.array([9.0, 5.0, 3.0, -4.0]) - 2.0)
     np.testing.assert_allclose([o.probability for o in found], odds / (1.0 + odds.sum()))
+    gain[2] = -np.inf
+    assert list(evidence_map(cat, gain)) == ["q2"] and len(ranked_alternatives(cat, gain)) == 3
 
 
 # -- the form of what is left ----------------------------------------------------------------------------

@@ -10,7 +10,6 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from truepose.identification.diagnosis.unnamed import Unnamed
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
@@ -18,13 +17,18 @@ from support.sensor_bench import Bench
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.proof import _black_box, _injected, _linear_test
-from truepose.identification.diagnosis.signatures import Linearisation, Signatures
+from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.signatures import Linearisation
+from truepose.identification.diagnosis.weighed import weighed
 from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.posterior.mode import State
+from truepose.identification.recording.empirical_forms import empirical_forms
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import _tolerance_notes
 from truepose.identification.selection.scales import noise_scales
 from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.empirical import Empirical
 
 Array = NDArray[np.float64]
 Case = tuple[Estimate, Recording]
@@ -107,36 +111,29 @@ ROWS = 400
 
 
 def injected(
-    fit: Estimate,
-    placed: Sequence[PlacedEffect],
-    columns: Array,
-    size: float,
-    priors: Sequence[float],
-    noise: float = 1.0,
+    placed: Sequence[PlacedEffect], columns: Array, size: float, priors: Sequence[float], noise: float = 1.0
 ) -> bool:
     """Whether the first of these candidates, of this size in scales, is found again; columns (ROWS, 1 + C)."""
     stacked = np.column_stack([columns, np.zeros(ROWS)])
     slices = tuple(slice(k, k + 1) for k in range(len(placed)))
+    parts, departure = (PartClass("length"),), np.zeros(len(placed) + 1)
     lin = Linearisation(
-        stacked.T @ stacked,
-        1,
-        slices,
-        ROWS,
-        np.zeros(len(placed) + 1),
-        np.ones(1),
-        (PartClass("length"),),
-        tuple(placed),
+        (stacked.T @ stacked,), (ROWS,), 1, slices, 0, departure, np.ones(1), parts, tuple(placed)
     )
     (coefficient,) = placed[0].coefficients
     fitted = placed[0].with_values([size * coefficient.scale])
-    after = SimpleNamespace(fitted_effects=lambda: (fitted,), chi2_per_dof=noise**2)
-    signatures = SimpleNamespace(linearise=lambda _: lin)
+    after = SimpleNamespace(fitted_effects=lambda: (fitted,))
     cat = Catalogue(tuple(placed), tuple(priors), ())
-    return _injected(fit, cast(Estimate, after), cast(Signatures, signatures), cat, (PartClass("length"),), 0)
+    problem = weighed(lin, cat, max(noise, 1.0))
+    at = int(np.argmin(np.abs(np.log(np.array(problem.weighing.unknowns.noise[0].values) / noise))))
+    found = SimpleNamespace(
+        weighed=problem, catalogue=cat, linearisation=lin, mode=State((), (at, 0, 0), 0.0)
+    )
+    return _injected(cast(Estimate, after), cast(Found, found), 0)
 
 
 def test_an_injected_effect_is_found_again_where_nothing_else_says_the_same(
-    case: Case, tmp_path_factory: pytest.TempPathFactory
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     """It, at any of its settings, is as good as the best; another place of the same effect is another effect."""
     arm = read_machines(tmp_path_factory.getbasetemp() / "proof_laws")["arm"]
@@ -146,18 +143,18 @@ def test_an_injected_effect_is_found_again_where_nothing_else_says_the_same(
     apart = axes[:, :3] * [1.0, 50.0, 50.0]
     same = np.column_stack([axes[:, 0], 50.0 * axes[:, 1], 50.0 * axes[:, 1]])
     for size in (1.0, -1.0):
-        assert injected(case[0], (q2, q3), apart, size, (-2.0, -2.0))
+        assert injected((q2, q3), apart, size, (-2.0, -2.0))
     # what shows alike and is likelier from the start is named instead, unless it is the same cause
-    assert not injected(case[0], (q2, q3), same, 1.0, (-9.0, -2.0))
-    assert injected(case[0], (q2, q3), same, 1.0, (-4.0, -2.0))  # the data prefer neither
-    assert injected(case[0], (q2, again), same, 1.0, (-9.0, -2.0))
+    assert not injected((q2, q3), same, 1.0, (-12.0, -2.0))
+    assert injected((q2, q3), same, 1.0, (-4.0, -2.0))  # the data prefer neither
+    assert injected((q2, again), same, 1.0, (-12.0, -2.0))
     # what can only give way is found as it gives way
     yields = with_effect(arm, "joint-compliance", ("q2",))
     assert yields.coefficients[0].lower == 0.0
-    assert injected(case[0], (yields, q3), apart, 1.0, (-2.0, -2.0))
+    assert injected((yields, q3), apart, 1.0, (-2.0, -2.0))
     # what the noise after the fit hides is not found against a likelier rival
-    assert injected(case[0], (q2, q3), apart, 0.3, (-9.0, -2.0))
-    assert not injected(case[0], (q2, q3), apart, 0.3, (-9.0, -2.0), noise=30.0)
+    assert injected((q2, q3), apart, 0.3, (-12.0, -2.0))
+    assert not injected((q2, q3), apart, 0.3, (-12.0, -2.0), noise=30.0)
 
 
 # -- rows held out, and intervals --------------------------------------------------------------------------
@@ -240,10 +237,11 @@ def test_tolerances_that_look_too_small_are_named_or_all_at_once() -> None:
 
 def test_what_has_no_name_is_told_by_its_sources(case: Case) -> None:
     fit, recording = case
-    unnamed = Unnamed(fit.machine, recording)
-    own = [unnamed.settings(fit.machine, place, recording) for place in unnamed.places(fit.machine)]
-    told = [unnamed.describe(settings) for settings in own[0]]
+    told = []
+    for form in empirical_forms(fit.machine, recording):
+        assert isinstance(form.effect, Empirical)
+        told.append((form.place, form.effect.describe(form.settings_map)))
     first, second = recording.joints[:2]
-    assert told[:2] == [(first, "curve"), (second, "curve")]
-    assert (f"{first} and {second}", "product") in told
-    assert unnamed.describe(own[-1][0]) == ("position", "warp")
+    assert told[:2] == [((first,), (first, "curve")), ((first,), (second, "curve"))]
+    assert ((first,), (f"{first} and {second}", "product")) in told
+    assert told[-1][1] == ("position", "warp")

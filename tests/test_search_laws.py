@@ -1,32 +1,15 @@
-"""Laws of the search for missing physics: its steps, its grids and their prior, what settles names against no name."""
+"""Laws of a search by steps, and of how tolerances may be misstated: their classes, their widenings, what each costs."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from truepose.identification.diagnosis.effect_evidence import AMPLITUDES, MANY_OBSERVATIONS, grid_for
-from truepose.identification.diagnosis.effect_selection import MANY_TERMS, Selection, select
 
-from support.effect_machines import read_machines
-from support.effects import with_effect
-from truepose.identification.diagnosis import effect_selection as selection
-from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.refine import _setting
-from truepose.identification.diagnosis.signatures import Linearisation, Signatures
-from truepose.identification.fit.estimate import Estimate
 from truepose.identification.selection.forward import MAX_TERMS, Accepted, select_forward
 from truepose.identification.selection.scales import Grid
 from truepose.identification.selection.tolerance_classes import FEW, PartClass, inflations, part_classes
-from truepose.models.effects.base import Effect
-from truepose.models.machine import Machine
 
 # -- steps ---------------------------------------------------------------------------------------------------
 
@@ -141,119 +124,3 @@ def test_so_many_parameters_make_a_class_of_their_own(count: int) -> None:
     own = PartClass("length", "leg.a") if count == 4 else PartClass("length")
     found = part_classes(names, kinds)
     assert found == ((own,) * count + (PartClass("length"), PartClass("frame"), PartClass("frame")))
-
-
-def linear(readings: int) -> Linearisation:
-    """So many readings of two lengths and an angle."""
-    parts = (*LENGTHS[:2], PartClass("angle"))
-    return Linearisation(np.eye(4), 3, (), readings, np.zeros(3), np.ones(3), parts, ())
-
-
-@pytest.mark.parametrize("rms", [0.5, 2.0, 40.0])
-def test_of_many_readings_tolerances_are_as_stated_and_the_noise_is_searched_as_far(rms: float) -> None:
-    few, many = (grid_for(linear(MANY_OBSERVATIONS + more), rms) for more in (0, 1))
-    assert many.classes == few.classes and len(few.inflation) > 1
-    assert many.inflation == ((1.0, 1.0, 1.0),)
-    assert many.noise[0] == 1.0 and many.noise[-1] == pytest.approx(few.noise[-1])
-    gaps = np.diff(np.log(many.noise))
-    assert len(gaps) >= 2
-    np.testing.assert_allclose(gaps, gaps[0])
-    assert gaps[0] <= 0.55 and (len(gaps) == 2 or gaps[0] * len(gaps) / (len(gaps) - 1) > 0.55)
-
-
-def test_amplitudes_reach_from_nothing_to_ten_times_the_largest_expected() -> None:
-    """docs/diagnosis.md: 21 values from 1e-4 to 10, four a decade."""
-    np.testing.assert_allclose(np.log10(AMPLITUDES), np.linspace(-4.0, 1.0, 21), atol=1e-12)
-
-
-# -- settings and names --------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    folder: Path = tmp_path_factory.getbasetemp() / "search_laws"
-    return read_machines(folder)["arm"]
-
-
-LAGS = (0.0, 300.0, 900.0, 2700.0, 8100.0)
-
-
-@pytest.mark.parametrize("own", range(len(LAGS)))
-@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4), (4, 2, 0, 3, 1)])
-def test_a_setting_is_sought_between_its_neighbours_on_the_grid(
-    arm: Machine, own: int, order: Sequence[int]
-) -> None:
-    """At an end of the grid on one side; other places have grids of their own."""
-    at = [with_effect(arm, "thermal-expansion", ("link1",), {"lag": LAGS[k]}) for k in order]
-    elsewhere = [with_effect(arm, "thermal-expansion", ("link2",), {"lag": v + 1.0}) for v in LAGS]
-    cat = Catalogue((*elsewhere, *at), (-2.0,) * 10, ())
-    found = _setting(cat, 5 + list(order).index(own), "lag")
-    assert found is not None
-    assert (found.low, found.high) == (LAGS[max(own - 1, 0)], LAGS[min(own + 1, 4)])
-    alone = Catalogue((*elsewhere, at[0]), (-2.0,) * 6, ())
-    assert _setting(alone, 5, "lag") is None
-
-
-TRIALS: list[tuple[Mapping[str, float], int, str]] = [
-    ({"found": 1.0, "names": 3.0, "again": 2.0}, 1, "names"),
-    ({"found": 3.0, "names": 2.0, "again": 1.0}, 1, "found"),
-    ({"found": 1.0, "names": 2.0, "again": 3.0}, 1, "found"),
-    ({"found": 2.0, "names": 1.0, "again": 3.0}, 1, "found"),
-    ({"found": 1.0, "names": 3.0, "again": 2.0}, MANY_TERMS, "names"),
-    ({"found": 1.0, "names": 3.0, "again": 2.0}, MANY_TERMS + 1, "found"),  # takes too long to tell
-]
-
-
-@pytest.mark.parametrize(("posterior", "count", "kept"), TRIALS)
-def test_names_that_leave_something_unnamed_stay_where_their_posterior_is_the_highest(
-    arm: Machine,
-    monkeypatch: pytest.MonkeyPatch,
-    posterior: Mapping[str, float],
-    count: int,
-    kept: str,
-) -> None:
-    """Each in its own fit: what was found first with something unnamed, names alone, and the search from there."""
-    found, end = _second_trial(arm, monkeypatch, posterior, count, unnamed_again=True)
-    assert found is end[kept]
-
-
-def test_names_that_leave_nothing_unnamed_are_kept_whatever_the_posterior(
-    arm: Machine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    low = {"found": 3.0, "names": 2.0, "again": 1.0}
-    found, end = _second_trial(arm, monkeypatch, low, 2, unnamed_again=False)
-    assert found is end["again"]
-    nothing, end = _second_trial(arm, monkeypatch, low, 0, unnamed_again=True)
-    assert nothing is end["found"]
-
-
-def _second_trial(
-    arm: Machine,
-    monkeypatch: pytest.MonkeyPatch,
-    posterior: Mapping[str, float],
-    count: int,
-    *,
-    unnamed_again: bool,
-) -> tuple[Selection, dict[str, Selection]]:
-    """What ``select`` ends at where searches and posteriors are these; ``count`` names are found without the unnamed."""
-    scale = with_effect(arm, "actuator-scale", ("q1",))
-    nameless = replace(scale, effect=cast(Effect, SimpleNamespace(slug="unknown")))
-    cat = Catalogue((scale,) * (MANY_TERMS + 2) + (nameless,), (-2.0,) * (MANY_TERMS + 3), ())
-    last = len(cat.candidates) - 1
-    signatures = cast(Signatures, SimpleNamespace(linearise=lambda _: linear(60)))
-    fit = cast(Estimate, SimpleNamespace())
-    empty = Selection({}, fit, linear(60), grid_for(linear(60), 1.0), signatures, cat)
-    names = dict.fromkeys(range(count), 1.0)
-    end = {
-        "found": replace(empty, accepted={last: 1.0}),
-        "names": replace(empty, accepted=names),
-        "again": replace(empty, accepted=names | ({last: 1.0} if unnamed_again else {})),
-    }
-    order = iter(("found", "names", "again"))
-    monkeypatch.setattr(selection, "_settle", lambda *_: end[next(order)])
-    monkeypatch.setattr(selection, "_sharpened", lambda found, *_: found)
-    monkeypatch.setattr(selection, "restricted", lambda *_: empty)
-    weight = {id(end[name]): value for name, value in posterior.items()}
-    monkeypatch.setattr(selection, "log_posterior", lambda found: weight[id(found)])
-    exclude: NDArray[np.bool_] = np.zeros(60, dtype=bool)
-    return select(signatures, cat, fit, exclude, 1.0), end

@@ -1,0 +1,220 @@
+"""The search on a small arm: what is there is found, from wherever one starts, and nothing else is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from truepose.errors import ConvergenceError
+from truepose.identification.diagnosis import prior
+from truepose.identification.diagnosis import search as searching
+from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
+from truepose.identification.diagnosis.candidates import Catalogue, catalogue
+from truepose.identification.diagnosis.inclusion import inclusion
+from truepose.identification.diagnosis.naming import Named, named
+from truepose.identification.diagnosis.replication import replications
+from truepose.identification.diagnosis.search import Found, search
+from truepose.identification.diagnosis.signatures import Signatures
+from truepose.identification.diagnosis.weighed import weighed
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.posterior.mode import State, slot_odds
+from truepose.identification.posterior.posterior import Posterior
+from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.recording.load import load_recording
+from truepose.models.load import load_machine
+
+ARM = """
+schema: truepose/machine/1
+name: arm
+tolerances: {length: 0.1, angle: 0.05}
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 400, range: [-170, 170]}
+    - {name: q2, kind: revolute, alpha: 90, d: 50, range: [-100, 100]}
+frames: {tool: {in: flange, xyz: [300, 0, 40], tolerance: {xyz: 0.5, rpy: 0}}}
+sensor: {type: position, sigma: {xyz: 0.01}}
+"""
+ROWS = 40
+PLAY, SCALE = "backlash@q2:b=0.05[deg]", "actuator-scale@q1:s=2e-3"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A small arm with something simulated in it, its candidates, and the fit without them."""
+
+    cat: Catalogue
+    signatures: Signatures
+    null: Estimate
+
+    @classmethod
+    def of(cls, folder: Path, *truth: str, only_from: int = 0) -> Case:
+        """``only_from``: earlier rows are read from the machine without what is missing."""
+        (folder / "arm.yaml").write_text(ARM)
+        machine, rng = load_machine(folder / "arm.yaml"), np.random.default_rng(12)
+        table = pd.DataFrame(rng.uniform(-1, 1, (ROWS, 2)) * [160, 95], columns=["q1 [deg]", "q2 [deg]"])
+        table["approach.q1"], table["approach.q2"] = rng.choice([-1.0, 1.0], (2, ROWS))
+        table.to_csv(folder / "poses.csv", index=False)
+        poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
+        read = simulate(machine, poses, [parse_effect(text, machine) for text in truth], seed=3)
+        if only_from:
+            read.iloc[:only_from] = simulate(machine, poses, [], seed=3).iloc[:only_from]
+        pd.concat([table, read], axis=1).to_csv(folder / "rows.csv", index=False)
+        recording = load_recording(machine, [folder / "rows.csv"])
+        cat = catalogue(machine, recording)
+        return cls(cat, Signatures(machine, recording, cat.candidates), estimate(machine, recording))
+
+    @property
+    def exclude(self) -> NDArray[np.bool_]:
+        return np.zeros(ROWS, dtype=np.bool_)
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt(self.null.chi2_per_dof))
+
+    def found(self, exclude: NDArray[np.bool_] | None = None) -> Found:
+        left_out = self.exclude if exclude is None else exclude
+        return search(self.signatures, self.cat, self.null, left_out, self.rms)
+
+
+def names(found: Found) -> set[tuple[str, tuple[str, ...]]]:
+    """What the mode holds."""
+    return {found.catalogue.cause(i) for i in found.accepted}
+
+
+TRUE = {("backlash", ("q2",)), ("actuator-scale", ("q1",))}
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, Found]:
+    case = Case.of(tmp_path_factory.mktemp("both"), PLAY, SCALE)
+    return case, case.found()
+
+
+def test_what_is_there_is_found_and_nothing_else(both: tuple[Case, Found]) -> None:
+    """Each member of the mode is likelier than an empty slot, and none that is not there is."""
+    _, found = both
+    assert names(found) == TRUE
+    said = inclusion(found.weighed, found.posterior)
+    weighing, members = found.weighed.weighing, found.mode.members
+    for member in members:
+        rest = [m for m in members if m != member]
+        odds = weighing.log_odds(found.mode.point, rest)[:, member[0]]
+        assert np.logaddexp.reduce(odds) + slot_odds(prior.RICHNESS, len(rest)) > 0.0
+    more = weighing.log_odds(found.mode.point, members) + slot_odds(prior.RICHNESS, len(members))
+    assert np.max(np.logaddexp.reduce(more, axis=0)) < 0.0
+    assert all(said.places[place] > 0.9 for place in TRUE)
+    assert sum(said.places.get(cause, 0.0) > 0.5 for cause in said.places) == len(TRUE)
+    (likeliest, share), *_ = said.sets
+    assert {(c.effect, c.place) for c in likeliest} == TRUE and share > 0.1
+
+
+def test_a_few_rows_less_end_at_the_same_set(both: tuple[Case, Found]) -> None:
+    case, first = both
+    some = case.exclude
+    some[::10] = True
+    again = case.found(some)
+    assert names(again) == names(first)
+    assert not again.fit.used[some].any()
+
+
+def test_what_is_not_there_is_not_found(tmp_path: Path) -> None:
+    case = Case.of(tmp_path)
+    found = case.found()
+    assert not found.accepted and not found.mode.members
+    said = inclusion(found.weighed, found.posterior)
+    assert named(found, said) == ()
+    assert all(p < 0.5 for p in said.places.values())
+
+
+def test_play_of_the_wrong_sign_is_no_play(tmp_path: Path) -> None:
+    """Physics that only goes one way is not named where readings go the other."""
+    found = Case.of(tmp_path, "backlash@q2:b=-0.05[deg]", SCALE).found()
+    assert ("backlash", ("q2",)) not in names(found)
+    assert ("actuator-scale", ("q1",)) in names(found)
+
+
+def test_without_a_minimum_the_search_stays_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = Case.of(tmp_path, SCALE)
+
+    def fails(*_: object, **__: object) -> Estimate:
+        raise ConvergenceError("no minimum")
+
+    monkeypatch.setattr(searching, "estimate", fails)
+    found = case.found()
+    assert found.fit is case.null and not found.accepted
+    assert {
+        found.weighed.causes[found.weighed.weighing.terms.cause[t]][:2] for t, _ in found.mode.members
+    } == {("actuator-scale", ("q1",))}
+
+
+# -- names --------------------------------------------------------------------------------------------------
+
+
+def test_names_have_the_probability_of_their_slot_and_what_else_may_be_there(
+    both: tuple[Case, Found],
+) -> None:
+    _, found = both
+    said = inclusion(found.weighed, found.posterior)
+    told = named(found, said)
+    assert {(n.cause.effect, n.cause.place) for n in told} == TRUE
+    assert [n.gain for n in told] == sorted((n.gain for n in told), reverse=True)
+    for one in told:
+        assert 0.9 < one.probability <= one.certainty <= 1.0
+        assert one.probability + sum(m.probability for m in one.equivalents) <= 1.0 + 1e-9
+        assert one.gain > 10.0 and one.family == ""
+        assert {found.catalogue.cause(i) for i in one.candidates} == {(one.cause.effect, one.cause.place)}
+
+
+# -- alone, and by halves -------------------------------------------------------------------------------------
+
+
+def test_every_candidate_is_weighed_alone(both: tuple[Case, Found]) -> None:
+    """The best is a true one; the log Bayes factor of each is that of the evidence with it and without."""
+    case, found = both
+    alone = weighed_alone(found.first, len(found.catalogue.candidates))
+    assert found.catalogue.cause(int(np.argmax(alone))) in TRUE
+    assert np.isfinite(alone).sum() == len([own for own in found.first.candidates if len(own) == 1])
+    assert len(alone) >= len(case.cat.candidates)
+
+
+def test_an_effect_that_is_there_throughout_is_in_both_halves(both: tuple[Case, Found]) -> None:
+    case, found = both
+    told = named(found, inclusion(found.weighed, found.posterior))
+    for half in replications(found, told, case.rms):
+        assert half is not None and half.agree
+        assert min(half.halves) > 0.5
+    assert replications(found, (), case.rms) == ()
+
+
+@pytest.mark.parametrize(("first_row", "agree"), [(0, True), (ROWS // 2, False)])
+def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_row: int, agree: bool) -> None:
+    """A scale that is there from some row on, with a model that holds nothing but it."""
+    case = Case.of(tmp_path, "actuator-scale@q1:s=2e-3", only_from=first_row)
+    lin = case.signatures.linearise(case.null)
+    problem = weighed(lin, case.cat, case.rms)
+    at = next(i for i in range(len(case.cat.candidates)) if case.cat.cause(i) == ("actuator-scale", ("q1",)))
+    term = problem.candidates.index((at,))
+    noise = int(np.argmin(np.abs(np.log(problem.weighing.unknowns.noise[0].values))))
+    state = State(((term, 4),), (noise, 0, 0), 0.0)
+    nothing = cast(Posterior, None)
+    found = Found(problem, nothing, state, {}, case.null, lin, case.signatures, case.cat, problem, lin)
+    name = Named(problem.causes[int(problem.weighing.terms.cause[term])], (at,), 1.0, 1.0, 9.0, ())
+    (half,) = replications(found, [name], case.rms)
+    assert half is not None and half.agree is agree
+    assert (min(half.halves) > 0.9) is agree and max(half.halves) > 0.9
+
+
+def test_play_is_no_matter_of_tolerances(tmp_path: Path) -> None:
+    """Play is no geometry: no widening makes it go."""
+    found = Case.of(tmp_path, PLAY).found()
+    (play,) = named(found, inclusion(found.weighed, found.posterior))
+    assert flip_inflation(found, play) is None
