@@ -57,6 +57,11 @@ def rows(
     )
 
 
+def anywhere(n: int) -> Recording:
+    """A recording of n poses that have nothing to do with the order of rows."""
+    return rows(np.random.default_rng(9).uniform(-1.0, 1.0, (n, 3)))
+
+
 @pytest.mark.parametrize("repeats", [(2,), (2, 3, 7), (5, 1, 1)])
 def test_the_variance_of_replicates_is_unbiased(fit: Estimate, repeats: tuple[int, ...]) -> None:
     """Whatever the model leaves out of a pose: its repeats share it, and each pose costs one mean a channel."""
@@ -104,17 +109,36 @@ def test_a_row_is_outlying_beyond_one_and_a_half_gaussian_limits(
     for share, outlying in ((1.45, False), (1.55, True)):
         residual = noise * quiet
         residual[row] = share * limit
-        found = np.flatnonzero(outlying_rows(leaving(fit, residual), np.ones(n, dtype=bool)))
+        found = np.flatnonzero(outlying_rows(leaving(fit, residual), anywhere(n), np.ones(n, dtype=bool)))
         assert found.tolist() == ([row] if outlying else [])
 
 
 def test_many_far_rows_are_a_wrong_model_and_no_outliers(fit: Estimate) -> None:
     rng, n = np.random.default_rng(3), 200
+    order = rng.permutation(n)
     for far, marked in ((10, 10), (11, 0)):  # one in twenty is the most
         residual = np.clip(rng.standard_normal((n, 2)), -2.0, 2.0)
-        residual[:far] = 50.0
-        found = outlying_rows(leaving(fit, residual), np.ones(n, dtype=bool))
-        assert found.sum() == found[:far].sum() == marked
+        residual[order[:far]] = 50.0
+        found = outlying_rows(leaving(fit, residual), anywhere(n), np.ones(n, dtype=bool))
+        assert found.sum() == found[order[:far]].sum() == marked
+
+
+@pytest.mark.parametrize("where", ["time", "pose", "payload"])
+def test_far_rows_that_lie_together_are_physics_and_no_outliers(fit: Estimate, where: str) -> None:
+    """The heaviest loads, folded poses, a stretch of time: what is far there has a cause, and is kept."""
+    rng, n = np.random.default_rng(5), 300
+    order = rng.permutation(n)
+    recording = rows(rng.uniform(-1.0, 1.0, (n, 3)), {"payload": rng.uniform(0.0, 12.0, n)})
+    score = {
+        "time": np.arange(n, dtype=float),
+        "pose": recording.q @ np.ones(3),
+        "payload": np.asarray(recording.drivers["payload"]),
+    }[where]
+    for far, kept in ((np.argsort(score)[-12:], True), (order[:12], False)):
+        residual = np.clip(rng.standard_normal((n, 2)), -2.0, 2.0)
+        residual[far] = 50.0
+        found = outlying_rows(leaving(fit, residual), recording, np.ones(n, dtype=bool))
+        assert found.sum() == (0 if kept else 12)
 
 
 def test_extrapolations_are_farther_heavier_and_warmer_than_what_they_are_predicted_from() -> None:
