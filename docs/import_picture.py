@@ -47,7 +47,7 @@ FLOORS = (
         "identification.photogrammetry",
         "identification.compensation",
     ),
-    ("identification.selection",),
+    ("identification.selection", "identification.posterior"),
     ("identification.diagnosis",),
     ("identification.drift",),
     ("identification.planning",),

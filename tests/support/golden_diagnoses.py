@@ -109,7 +109,9 @@ def _finding(finding: Json) -> dict[str, Any]:
 
 
 def _replication(halves: Json | None) -> dict[str, Any] | None:
-    return halves and {"halves": [_short(p) for p in halves["halves"]], "agree": halves["agree"]}
+    if halves is None:
+        return None
+    return {"halves": [_short(p) for p in halves["halves"]], "agree": halves["agree"]}
 
 
 def _digits(value: float) -> float:
