@@ -1,7 +1,7 @@
 """What a diagnosis says, in short, and what of it has changed.
 
-Kept are verdict, alarms, names, places, classes, probabilities, fitted sizes and the proof. Texts are not kept, nor
-anything that another processor may round to something else.
+Kept are verdict, alarms, names, places, classes, families, halves, sets, probabilities, fitted sizes and the proof. Texts
+are not kept, nor anything that another processor may round to something else.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ RATIO = 0.05
 SETTING = 0.1
 """How far a setting (a lag, a period) may move, as a share of it."""
 LEAST = 0.02
-"""Candidates that are less probable are not kept."""
+"""Candidates, sets and effects of the posterior that are less probable are not kept."""
 
 
 def summary(document: Json) -> dict[str, Any]:
@@ -30,6 +30,8 @@ def summary(document: Json) -> dict[str, Any]:
         "concealed": document["concealed"],
         "alarms": {name: _alarm(alarm) for name, alarm in document["alarms"].items()},
         "findings": {_name(f): _finding(f) for f in sorted(document["findings"], key=_name)},
+        "sets": {name: p for name, p in _sets(document["sets"]).items() if p >= LEAST},
+        "inclusion": {k: p for k, p in _probabilities(document["inclusion"]).items() if p >= LEAST},
         "remainder": _remainder(document["remainder"]),
         "candidates": {k: p for k, p in _probabilities(document["candidates"]).items() if p >= LEAST},
         "untestable": sorted({u["effect"] for u in document["untestable"]}),
@@ -53,7 +55,8 @@ def changes(old: Json, new: Json) -> list[str]:
     out += _names("finding", old["findings"], new["findings"])
     for name in sorted(old["findings"].keys() & new["findings"].keys()):
         out += [f"{name}: {said}" for said in _finding_changes(old["findings"][name], new["findings"][name])]
-    out += [f"candidate {said}" for said in _moved(old["candidates"], new["candidates"])]
+    for key, what in (("sets", "set"), ("inclusion", "effect"), ("candidates", "candidate")):
+        out += [f"{what} {said}" for said in _moved(old.get(key, {}), new[key])]
     out += _names("untestable effect", old["untestable"], new["untestable"])
     return [*out, *_proof_changes(old["proof"], new["proof"])]
 
@@ -70,6 +73,17 @@ def _probabilities(entries: Sequence[Json]) -> dict[str, float]:
     return {name: _short(total[name]) for name in sorted(total)}
 
 
+def _sets(entries: Sequence[Json]) -> dict[str, float]:
+    """Probability of each set of names, whatever the order of its names."""
+    total: dict[str, float] = {}
+    for entry in entries:
+        name = (
+            " & ".join(sorted(f"{slug}@{'+'.join(place)}" for slug, place in entry["effects"])) or "nothing"
+        )
+        total[name] = total.get(name, 0.0) + float(entry["probability"])
+    return {name: _short(total[name]) for name in sorted(total)}
+
+
 def _short(value: float) -> float:
     return round(float(value), 3)
 
@@ -83,6 +97,8 @@ def _finding(finding: Json) -> dict[str, Any]:
         "probability": _short(finding["probability"]),
         "certainty": _short(finding["certainty"]),
         "prior_dependent": finding["prior_dependent"],
+        "family": finding["family"],
+        "replication": _replication(finding["replication"]),
         "equivalents": _probabilities(finding["equivalents"]),
         "settings": [{k: _digits(v) for k, v in sorted(one.items())} for one in finding["settings"]],
         "parameters": {
@@ -90,6 +106,12 @@ def _finding(finding: Json) -> dict[str, Any]:
             for name, q in sorted(finding["parameters"].items())
         },
     }
+
+
+def _replication(halves: Json | None) -> dict[str, Any] | None:
+    if halves is None:
+        return None
+    return {"halves": [_short(p) for p in halves["halves"]], "agree": halves["agree"]}
 
 
 def _digits(value: float) -> float:
@@ -144,8 +166,11 @@ def _finding_changes(old: Json, new: Json) -> Iterator[str]:
     for key in ("probability", "certainty"):
         if abs(old[key] - new[key]) > PROBABILITY:
             yield f"the {key} was {old[key]:.3f} and is {new[key]:.3f}"
-    if old["prior_dependent"] != new["prior_dependent"]:
-        yield f"prior_dependent was {_told(old['prior_dependent'])} and is {_told(new['prior_dependent'])}"
+    for key in ("prior_dependent", "family"):
+        if old.get(key) != new[key]:
+            yield f"{key} was {_told(old.get(key))} and is {_told(new[key])}"
+    if not _same_halves(old.get("replication"), new["replication"]):
+        yield f"the halves said {_told(old.get('replication'))} and say {_told(new['replication'])}"
     yield from _names("equivalent", old["equivalents"], new["equivalents"])
     yield from (f"equivalent {said}" for said in _moved(old["equivalents"], new["equivalents"]))
     if not _same_settings(old["settings"], new["settings"]):
@@ -155,6 +180,13 @@ def _finding_changes(old: Json, new: Json) -> Iterator[str]:
         a, b = old["parameters"][name], new["parameters"][name]
         if a["unit"] != b["unit"] or abs(a["value"] - b["value"]) > SIZE * a["std"]:
             yield f"{name} was {a['value']:g} +- {a['std']:g} {a['unit']} and is {b['value']:g} {b['unit']}"
+
+
+def _same_halves(old: Json | None, new: Json | None) -> bool:
+    if old is None or new is None:
+        return old is new
+    apart = [abs(a - b) for a, b in zip(old["halves"], new["halves"], strict=True)]
+    return bool(old["agree"] == new["agree"]) and max(apart) <= PROBABILITY
 
 
 def _same_settings(old: Sequence[Mapping[str, float]], new: Sequence[Mapping[str, float]]) -> bool:
