@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CLIMBS, ROUNDS = 4, 3
 """Most expansion points that are climbed to, and most at which the posterior is drawn."""
+ROUGH = 1e-2
+"""What a fit may leave to gain of half its sum of squares where it is an expansion point only."""
 REFINED = 2
 """How often continuous settings are refined."""
 
@@ -133,4 +135,4 @@ def refitted(here: _Expansion, wanted: Mapping[int, float]) -> Estimate:
             *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms],
         ]
     )
-    return estimate(machine, recording, terms, start=start, exclude=here.exclude)
+    return estimate(machine, recording, terms, start=start, exclude=here.exclude, tolerance=ROUGH)
