@@ -1,6 +1,6 @@
 """Prior numbers of a diagnosis: how many effects machines have, of which kind and size, and how far sigma is off.
 
-One table for all machines. The numbers were fitted on simulated machines (docs/prior.md), never on the examination.
+One table for all machines. The numbers were chosen before anything was examined with them, and never on the examination.
 """
 
 from __future__ import annotations

@@ -32,6 +32,8 @@ HOPELESS, OVERLOOKED = -6.0, -3.0
 """Log probability in a slot below which a term is left out of the chains, and above which leaving it out was wrong."""
 LOOKS, TYPICAL = 2, 3
 """Most times that the chains are run with more terms, and sets that are looked at after each."""
+LONG_SET = 150
+"""Columns of a set beyond which finding it from nothing takes too long."""
 HOT, HEAT = 8, 3.0
 """Sweeps of the second chain's start with odds flattened by so much: it comes from elsewhere."""
 
@@ -130,10 +132,10 @@ def _sampled(
     """Chains over the terms ``index`` of the whole problem; the result is in the whole problem's numbers."""
     back = {int(term): k for k, term in enumerate(index)}
     members = tuple((back[term], size) for term, size in top.members)
-    chains = [Chain(part, richness, top.point, members, seed), Chain(part, richness, start, (), seed + 1)]
-    chains[1].heat = HEAT
-    _run(chains[1], HOT)
-    chains[1].heat = 1.0
+    chains = [
+        Chain(part, richness, top.point, members, seed),
+        _other(part, richness, start, top.point, members, seed),
+    ]
     for chain in chains:
         _run(chain, BURN)
         chain.tuned = True
@@ -145,6 +147,19 @@ def _sampled(
         if _disagreement(tallies) <= AGREED:
             break
     return _gathered(part, index, richness, tallies)
+
+
+def _other(
+    part: Weighing, richness: Richness, start: Point, point: Point, members: Members, seed: int
+) -> Chain:
+    """A chain that comes from elsewhere: from nothing through flattened odds, or, where that takes long, from half of a set."""
+    if len(part.columns(members)[0]) > LONG_SET:
+        return Chain(part, richness, point, members[::2], seed + 1)
+    chain = Chain(part, richness, start, (), seed + 1)
+    chain.heat = HEAT
+    _run(chain, HOT)
+    chain.heat = 1.0
+    return chain
 
 
 def _run(chain: Chain, number: int) -> None:

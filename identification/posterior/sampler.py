@@ -23,13 +23,13 @@ SETTLED = 20.0
 """Log odds of staying above which a term may change only now and then."""
 CALM, REVISITED = 4.0, 0.3
 """Log odds of staying above which a term may change in so many of the sweeps only: what is beside it changes faster."""
-REVIEWED = 2
-"""Settled terms that may change in each sweep."""
+REVIEWS, REVIEWED = 0.25, 4
+"""Share of the sweeps in which some settled terms may change, and how many of them: each time the others are taken in anew."""
 PAIRS = 1
 STEPS = 2
 """Exchanges of two slots, and steps on the grid, in each sweep."""
-LONG = 150
-"""Columns of all members beyond which one step on the grid a sweep has to do: each costs their factor."""
+LONG, LONG_STEPS = 150, 0.4
+"""Columns of all members beyond which fewer steps a sweep have to do: each costs their factor."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,9 @@ class Chain:
                 self._exchange()
             self._settled = ()
             long = len(self._weighing.columns(self.members)[0]) > LONG
-            for _ in range(1 if long else STEPS):
-                self._step()
+            for _ in range(STEPS):
+                if not long or self._rng.random() < LONG_STEPS / STEPS:
+                    self._step()
             weights = self._richness.log_weights(len(self.members))
             self._level = int(self._rng.choice(len(weights), p=np.exp(weights - logsumexp(weights))))
             yield Sweep(tuple(self.members), self.point, visits)
@@ -111,7 +112,8 @@ class Chain:
         self._settled = ()
         if self.heat != 1.0:
             return
-        firm = [self._firm[k] for k in self._rng.permutation(len(self._firm))[REVIEWED:]]
+        review = REVIEWED if self._rng.random() < REVIEWS else 0
+        firm = [self._firm[k] for k in self._rng.permutation(len(self._firm))[review:]]
         self._kept[firm] = True
         self._kept[self._calm] = self._rng.random() > REVISITED
         self._settled = tuple(sorted(m for m in self.members if m[0] in firm))
