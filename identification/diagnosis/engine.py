@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,7 @@ class _Outcome:
     left: Judgement
     said: Inclusion
     inflation: dict[PartClass, float]
+    gain: Mapping[str, float]
 
 
 def diagnose(
@@ -128,11 +129,12 @@ def _refit_null(machine: Machine, recording: Recording, fits: _Fits, far: Mask) 
 
 def _outcome(fits: _Fits, found: Found) -> _Outcome:
     """Names, what has none, and the verdict."""
+    recording = found.signatures.recording
     said = inclusion(found.weighed, found.posterior)
     names = named(found, said)
     shapes, cat = remainder_shapes(found), found.catalogue
     inflation = _inflation(found)
-    raised = judged(fits.free, fits.before, found.linearisation_before, inflation, found.signatures.recording)
+    raised = judged(fits.free, fits.before, found.linearisation_before, inflation, recording)
     accepted = dict.fromkeys(cat.stated, WIDE) | chosen(found.weighed, found.mode)
     after = fitted(found, accepted, shapes, fits.outliers) if accepted or shapes else fits.before
     if after is None:  # the fit of the last expansion point stands, and what it holds
@@ -146,10 +148,17 @@ def _outcome(fits: _Fits, found: Found) -> _Outcome:
     verdict = "missing-physics" if names else _without_names(found, raised, proof)
     if verdict == "adequate":
         after, proof, nameless = fits.before, None, ()
-    left = (
-        judged(after, after, found.linearisation, inflation, found.signatures.recording) if names else raised
-    )
-    return _Outcome(names, nameless, after, proof if names else None, verdict, raised, left, said, inflation)
+    left = judged(after, after, found.linearisation, inflation, recording) if names else raised
+    gain = {} if proof is None or not nameless else _gain(fits.before, recording, proof)
+    told = proof if names else None
+    return _Outcome(names, nameless, after, told, verdict, raised, left, said, inflation, gain)
+
+
+def _gain(before: Estimate, recording: Recording, proof: Proof) -> Mapping[str, float]:
+    """By how much the model lowers the rms of held-out rows, by kind of reading (mm, rad)."""
+    summary = summarise(before, recording.validation)
+    rms = summary.validation_rms or summary.rms
+    return {kind: (1.0 - proof.ratio) * value for kind, value in rms.items()}
 
 
 def _without_names(found: Found, raised: Judgement, proof: Proof | None) -> str:
@@ -241,7 +250,7 @@ def _remainder(found: Found, outcome: _Outcome) -> Remainder | None:
         return None
     fit, recording = outcome.after, found.signatures.recording
     if outcome.nameless:
-        return remainder.of_form(found.catalogue, outcome.nameless[0], fit)
+        return replace(remainder.of_form(found.catalogue, outcome.nameless[0], fit), gain=outcome.gain)
     left = outcome.left.structure
     told = outcome.verdict == "unknown" or left.alarm.raised
     return remainder.describe(fit, recording, left) if told else None

@@ -77,7 +77,7 @@ class _Tally:
     def __init__(self, weighing: Weighing) -> None:
         self._cause, self.sweeps = weighing.terms.cause, 0
         self.terms, self.number = np.zeros(len(weighing.terms)), weighing.terms.n_causes
-        self.beside = np.zeros((self.number, self.number))
+        self.beside, self.held = np.zeros((self.number, self.number)), np.zeros(self.number)
         self.seen: Counter[tuple[Members, Point]] = Counter()
 
     def add(self, sweep: Sweep) -> None:
@@ -88,6 +88,7 @@ class _Tally:
                 own = self._by_cause(visit.terms)
                 some = np.flatnonzero(own > 1e-4)
                 self.beside[np.ix_(some, some)] += np.outer(own[some], own[some])
+                self.held += own
         self.seen[tuple(sorted(sweep.members)), sweep.point] += 1
 
     def _by_cause(self, terms: Array) -> Array:
@@ -195,7 +196,7 @@ def _gathered(
         whole = tuple(sorted((int(index[term]), size) for term, size in members))
         states.append((State(whole, point, log_posterior(part, richness, members, point)), count / sweeps))
     beside = np.sum([t.beside for t in tallies], axis=0)
-    own = np.sum(beside, axis=1, keepdims=True)
+    held = np.sum([t.held for t in tallies], axis=0)[:, None]
     points: Counter[Point] = Counter()
     for (_, point), count in seen.items():
         points[point] += count
@@ -208,7 +209,7 @@ def _gathered(
             )
         ),
         causes=np.mean([t.causes for t in tallies], axis=0),
-        beside=beside / np.where(own > 0.0, own, 1.0),
+        beside=beside / np.where(held > 0.0, held, 1.0),
         states=tuple(states),
         points=tuple((p, c / sweeps) for p, c in points.most_common()),
         disagreement=_disagreement(tallies),

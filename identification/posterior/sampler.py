@@ -26,7 +26,7 @@ CALM, REVISITED = 4.0, 0.3
 REVIEWS, REVIEWED = 0.25, 4
 """Share of the sweeps in which some settled terms may change, and how many of them: each time the others are taken in anew."""
 PAIRS = 1
-STEPS = 2
+STEPS = 4
 """Exchanges of two slots, and steps on the grid, in each sweep."""
 LONG, LONG_STEPS = 150, 0.4
 """Columns of all members beyond which fewer steps a sweep have to do: each costs their factor."""
