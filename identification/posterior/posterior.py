@@ -22,6 +22,8 @@ BURN, ROUND, ROUNDS = 25, 40, 3
 """Sweeps of a chain before it counts, sweeps of each round, most rounds."""
 LONG, HOPELESS_LONG = 16, -3.5
 """Columns from which on a term costs much, and the log probability below which it is left out."""
+FOR_CLASS = 0.9
+"""How much a member counts for its class; the rest for itself, so that the likeliest of a class stands for it."""
 ALIKE = 0.05
 """Share of a slot from which on two causes stand in for each other."""
 RARE = 0.2
@@ -32,8 +34,8 @@ HOPELESS, OVERLOOKED = -6.0, -3.0
 """Log probability in a slot below which a term is left out of the chains, and above which leaving it out was wrong."""
 LOOKS, TYPICAL = 2, 3
 """Most times that the chains are run with more terms, and sets that are looked at after each."""
-LONG_SET = 150
-"""Columns of a set beyond which finding it from nothing takes too long."""
+LONG_SET, SHORTER = 150, 3
+"""Columns of a set beyond which finding it from nothing takes too long, and chains are so many times shorter, of one round."""
 HOT, HEAT = 8, 3.0
 """Sweeps of the second chain's start with odds flattened by so much: it comes from elsewhere."""
 
@@ -137,15 +139,16 @@ def _sampled(
         Chain(part, richness, top.point, members, seed),
         _other(part, richness, start, top.point, members, seed),
     ]
+    shorter = SHORTER if len(part.columns(members)[0]) > LONG_SET else 1
     for chain in chains:
-        _run(chain, BURN)
+        _run(chain, BURN // shorter)
         chain.tuned = True
     tallies = [_Tally(part) for _ in chains]
     for _ in range(ROUNDS):
         for chain, tally in zip(chains, tallies, strict=True):
-            for sweep in chain.sweeps(ROUND):
+            for sweep in chain.sweeps(ROUND // shorter):
                 tally.add(sweep)
-        if _disagreement(tallies) <= AGREED:
+        if _disagreement(tallies) <= AGREED or shorter > 1:
             break
     return _gathered(part, index, richness, tallies)
 
@@ -236,7 +239,11 @@ def mode(posterior: Posterior, weighing: Weighing) -> State:
         causes = sorted({int(weighing.terms.cause[term]) for term, _ in state.members}, key=lambda k: -own[k])
         # a second member of a class stands for itself alone
         alone = [any(posterior.beside[k, j] > ALIKE for j in causes[:i]) for i, k in enumerate(causes)]
-        return float(sum((own[k] if one else whole[k]) - 0.5 for k, one in zip(causes, alone, strict=True)))
+        member = [
+            own[k] if one else FOR_CLASS * whole[k] + (1.0 - FOR_CLASS) * own[k]
+            for k, one in zip(causes, alone, strict=True)
+        ]
+        return float(sum(member) - 0.5 * len(member))
 
     return max(
         (state for state, _ in posterior.states), key=lambda s: (round(agreement(s), 3), s.log_posterior)
