@@ -97,8 +97,10 @@ def _explanation(machine: Machine, cat: Catalogue, after: Estimate, one: Named) 
 
 def _twins(cat: Catalogue, one: Named) -> list[Alternative]:
     """Effects whose signature is the same function: nothing measured this way can tell them apart."""
-    placed = cat.candidates[one.candidates[0]]
-    likely = placed.effect.twins(placed.settings_map)
+    likely: dict[str, float] = {}
+    for placed in (cat.candidates[i] for i in one.candidates):
+        for slug, ratio in placed.effect.twins(placed.settings_map).items():
+            likely.setdefault(slug, ratio)
     total = 1.0 + sum(likely.values())
     return [
         Alternative(
