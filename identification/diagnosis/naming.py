@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,7 +61,26 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
                 if problem.causes[number].family
                 else _single(found, said, number)
             )
-    return tuple(sorted(out, key=lambda n: -n.gain))
+    return tuple(sorted(_merged(out), key=lambda n: -n.gain))
+
+
+def _merged(names: Sequence[Named]) -> list[Named]:
+    """One name for each cause: terms of a family at a place stand with those that are there by themselves."""
+    out: dict[Cause, Named] = {}
+    for one in names:
+        first = out.get(one.cause)
+        if first is None:
+            out[one.cause] = one
+            continue
+        surer = max(first, one, key=lambda n: n.certainty)
+        out[one.cause] = replace(
+            surer,
+            candidates=(*first.candidates, *(i for i in one.candidates if i not in first.candidates)),
+            probability=max(first.probability, one.probability),
+            gain=first.gain + one.gain,
+            family=first.family or one.family,
+        )
+    return list(out.values())
 
 
 def _single(found: Found, said: Inclusion, number: int) -> list[Named]:
