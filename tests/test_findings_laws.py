@@ -60,7 +60,7 @@ RIVALS = (
 
 def test_terms_of_one_cause_are_one_finding(arm: Machine, cat: Catalogue) -> None:
     """With the amplitudes of all its candidates; what the posterior says of it is said as it is."""
-    one = Named(Cause("zero-shift", ("q2",)), (0, 1), 0.6, 0.95, 30.0, RIVALS)
+    one = Named(Cause("zero-shift", ("q2",)), (0, 1), 0.6, 0.95, RIVALS, 30.0)
     half = Replication((0.9, 0.8), agree=True)
     found = finding(arm, cat, fitted(cat), one, 8.0, half)
     assert (found.effect, found.place, found.log_bayes_factor) == ("zero-shift", ("q2",), 30.0)
@@ -75,7 +75,7 @@ def test_terms_of_one_cause_are_one_finding(arm: Machine, cat: Catalogue) -> Non
 def test_rivals_stand_beside_a_finding_with_their_shares_and_what_has_no_name_as_such(
     arm: Machine, cat: Catalogue
 ) -> None:
-    one = Named(Cause("zero-shift", ("q2",)), (0,), 0.6, 0.95, 30.0, RIVALS)
+    one = Named(Cause("zero-shift", ("q2",)), (0,), 0.6, 0.95, RIVALS, 30.0)
     found = finding(arm, cat, fitted(cat), one, None, None)
     told = [(o.effect, o.place, o.log_bayes_factor) for o in found.equivalents if o.log_bayes_factor < 30.0]
     assert told == [
@@ -98,7 +98,7 @@ def test_twins_share_a_name_by_how_likely_they_are(arm: Machine) -> None:
     likely = wave.effect.twins(wave.settings_map)
     assert likely
     cat = Catalogue((wave,), (-2.0,), ())
-    one = Named(Cause("transmission-error", ("q1",)), (0,), 0.8, 0.8, 30.0, (), family="transmission-error")
+    one = Named(Cause("transmission-error", ("q1",)), (0,), 0.8, 0.8, (), 30.0, family="transmission-error")
     found = finding(arm, cat, fitted(cat), one, None, None)
     assert {o.effect for o in found.equivalents} == set(likely)
     for other in found.equivalents:

@@ -100,6 +100,27 @@ def test_what_is_taken_in_is_marginalised(point: Point, seed: int) -> None:
 @AT
 @seeds
 @hypothesis_settings(max_examples=10, deadline=None)
+def test_what_is_left_out_again_was_never_there(point: Point, seed: int) -> None:
+    """Scores, rows, blocks, evidence, and what is taken in afterwards."""
+    dense = random_problem(seed)
+    columns, sizes = np.array([1, 2, 5, 6]), np.array([0.7, 0.7, 2.0, 300.0])
+    root = start(dense, point)
+    out = np.array([1, 3])
+    kept = np.delete(np.arange(4), out)
+    found = root.including(columns, sizes).without(out)
+    exact = root.including(columns[kept], sizes[kept])
+    for one, other in zip(every(dense, found), every(dense, exact), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-6)
+    assert found.log_evidence == pytest.approx(exact.log_evidence, abs=1e-6)
+    gains = [log_gains(m, SIZES, np.ones(len(TERMS), dtype=bool)) for m in (found, exact)]
+    np.testing.assert_allclose(gains[0], gains[1], atol=1e-5)
+    more = [m.including(columns[out], sizes[out]).log_evidence for m in (found, exact)]
+    assert more[0] == pytest.approx(more[1], abs=1e-6)
+
+
+@AT
+@seeds
+@hypothesis_settings(max_examples=10, deadline=None)
 def test_coefficients_are_those_of_conditioned_gaussians(point: Point, seed: int) -> None:
     dense = random_problem(seed)
     columns, sizes = np.array([0, 3, 4]), np.array([0.5, 1.5, 1.5])

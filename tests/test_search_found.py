@@ -207,7 +207,7 @@ def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_ro
     state = State(((term, 4),), (noise, 0, 0), 0.0)
     nothing = cast(Posterior, None)
     found = Found(problem, nothing, state, {}, case.null, lin, case.signatures, case.cat, problem, lin)
-    name = Named(problem.causes[int(problem.weighing.terms.cause[term])], (at,), 1.0, 1.0, 9.0, ())
+    name = Named(problem.causes[int(problem.weighing.terms.cause[term])], (at,), 1.0, 1.0, (), 9.0)
     (half,) = replications(found, [name], case.rms)
     assert half is not None and half.agree is agree
     assert (min(half.halves) > 0.9) is agree and max(half.halves) > 0.9

@@ -353,7 +353,7 @@ def test_a_name_falls_where_tolerances_are_wide_enough_to_stand_in_for_it(
         problem = weighed(lin, catalogue_of(shifts[:1]), 1.5)
         values = problem.weighing.sizes.values
         state = State(((0, int(np.argmin(np.abs(np.log(values / (size / 50.0)))))),), unit(problem), 0.0)
-        name = Named(problem.causes[0], (0,), 1.0, 1.0, 9.0, ())
+        name = Named(problem.causes[0], (0,), 1.0, 1.0, (), 9.0)
         flip = flip_inflation(cast(Found, SimpleNamespace(weighed=problem, mode=state)), name)
         worth = [_odds(problem, state, axes[:, 0], along, size, w) for w in WIDENINGS]
         needed = [odds > 0.0 for odds in worth]

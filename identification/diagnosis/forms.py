@@ -18,6 +18,9 @@ from truepose.models.driver import Driver
 Array = NDArray[np.float64]
 ERROR = 0.1
 """1-sigma of a formula's deviation, as a share of its signal."""
+MOST = 30
+"""Signals, the largest, that have errors of form of their own: those of small ones drown in the noise."""
+Signal = tuple[slice, Array]
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Forms:
     """Modulations (n, u) of every row, and the signals that are modulated: columns of G with the fitted coefficients."""
 
     modulations: Array
-    signals: tuple[tuple[slice, Array], ...]
+    signals: tuple[Signal, ...]
 
     @classmethod
     def none(cls) -> Forms:
@@ -33,9 +36,7 @@ class Forms:
         return cls(np.zeros((0, 0)), ())
 
     @classmethod
-    def of(
-        cls, recording: Recording, used: NDArray[np.bool_], signals: Sequence[tuple[slice, Array]]
-    ) -> Forms:
+    def of(cls, recording: Recording, used: NDArray[np.bool_], signals: Sequence[Signal]) -> Forms:
         """Of the signals, over the ranges of the rows ``used`` (n,)."""
         if not signals:
             return cls.none()
@@ -61,6 +62,13 @@ class Forms:
             for at, amplitude in self.signals
         ]
         return np.concatenate(out, axis=2) if out else np.zeros((*signature.shape[:2], 0))
+
+
+def largest(signals: Sequence[Signal], squares: Sequence[float], noise: float) -> list[Signal]:
+    """Those whose error may be seen; ``squares``: sum of squares of each in the readings, ``noise``: their variance."""
+    seen = [k for k, value in enumerate(squares) if ERROR**2 * value > noise]
+    kept = sorted(sorted(seen, key=lambda k: -squares[k])[:MOST])
+    return [signals[k] for k in kept]
 
 
 def _chebyshev(values: Array, used: NDArray[np.bool_]) -> list[Array]:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.inclusion import Inclusion
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause
-from truepose.identification.posterior.mode import Climb
+from truepose.identification.posterior.mode import supports
 from truepose.models.effects.empirical import Empirical
 
 NAMED = 0.5
@@ -44,8 +44,8 @@ class Named:
     candidates: tuple[int, ...]
     probability: float
     certainty: float
-    gain: float
     equivalents: tuple[Member, ...]
+    gain: float = 0.0
     family: str = ""
 
 
@@ -61,7 +61,19 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
                 if problem.causes[number].family
                 else _single(found, said, number)
             )
-    return tuple(sorted(_merged(out), key=lambda n: -n.gain))
+    return tuple(sorted(_supported(found, _merged(out)), key=lambda n: -n.gain))
+
+
+def _supported(found: Found, names: Sequence[Named]) -> list[Named]:
+    """With the log Bayes factor of each name, and of its class."""
+    parts = [_places(found, name.candidates) for name in names]
+    gains = supports(found.weighed.weighing, found.mode, parts) if names else []
+    return [
+        replace(
+            one, gain=gain, equivalents=tuple(replace(m, gain=gain + m.gain) for m in one.equivalents)
+        )
+        for one, gain in zip(names, gains, strict=True)
+    ]
 
 
 def _merged(names: Sequence[Named]) -> list[Named]:
@@ -77,7 +89,6 @@ def _merged(names: Sequence[Named]) -> list[Named]:
             surer,
             candidates=(*first.candidates, *(i for i in one.candidates if i not in first.candidates)),
             probability=max(first.probability, one.probability),
-            gain=first.gain + one.gain,
             family=first.family or one.family,
         )
     return list(out.values())
@@ -87,15 +98,12 @@ def _single(found: Found, said: Inclusion, number: int) -> list[Named]:
     problem, posterior = found.weighed, found.posterior
     cause = problem.causes[number]
     row = posterior.beside[number]
-    gain = _gain(found, [number])
     own = max(said.of(cause), float(posterior.causes[number]))
     rivals = [
         k for k in np.argsort(-row) if k != number and row[k] > SHOWN and not _same(problem.causes[k], cause)
     ]
     members = tuple(
-        Member(
-            problem.causes[k], float(min(row[k], 1.0)), gain + float(np.log(row[k] / max(row[number], 1e-9)))
-        )
+        Member(problem.causes[k], float(min(row[k], 1.0)), float(np.log(row[k] / max(row[number], 1e-9))))
         for k in rivals[:CLASS_LIMIT]
     )
     others = sum(m.probability for m in members)
@@ -111,7 +119,7 @@ def _single(found: Found, said: Inclusion, number: int) -> list[Named]:
         if int(problem.weighing.terms.cause[term]) == number
         for i in problem.candidates[term]
     )
-    return [Named(cause, held, min(own, 1.0), certainty, gain, shown)]
+    return [Named(cause, held, min(own, 1.0), certainty, shown)]
 
 
 def _same(other: Cause, cause: Cause) -> bool:
@@ -130,24 +138,14 @@ def _of_family(found: Found, said: Inclusion, number: int) -> list[Named]:
         probability = said.of(single)
         if probability > NAMED:
             held = tuple(problem.candidates[term][k] for term in terms)
-            gain = _gain(found, [number], held)
-            out.append(Named(single, held, probability, probability, gain, (), family=cause.effect))
+            out.append(Named(single, held, probability, probability, (), family=cause.effect))
     return out
 
 
-def _gain(found: Found, causes: Sequence[int], candidates: Sequence[int] = ()) -> float:
-    """Log Bayes factor of the mode against it without some causes, or without some candidates of these, noise adapting."""
-    problem, mode = found.weighed, found.mode
-    weighing = problem.weighing
-    kept = [m for m in mode.members if int(weighing.terms.cause[m[0]]) not in causes]
-    climb = Climb(weighing, prior.RICHNESS)
-    if candidates:
-        alone = {
-            problem.candidates[t]: t for t in range(len(weighing.terms)) if len(problem.candidates[t]) == 1
-        }
-        for term, size in mode.members:
-            if int(weighing.terms.cause[term]) in causes:
-                rest = [alone[(i,)] for i in problem.candidates[term] if i not in candidates]
-                kept += [(t, size) for t in rest]
-    without = climb.evidence_near(mode.point, kept)
-    return climb.evidence_near(mode.point, mode.members) - without
+def _places(found: Found, wanted: Collection[int]) -> NDArray[np.intp]:
+    """Places of the coefficients of some candidates among the columns of the mode's members."""
+    problem, owner = found.weighed, list[int]()
+    for term, _ in found.mode.members:
+        for i in problem.candidates[term]:
+            owner += [i] * len(found.catalogue.candidates[i].coefficients)
+    return np.flatnonzero(np.isin(owner, list(wanted)))

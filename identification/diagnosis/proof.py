@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 INDISTINCT = 3.0
 """Log odds between explanations that are as good as each other."""
+LIFT = 1e-9
+"""Added to a unit diagonal: columns may depend on each other."""
 
 
 def prove(before: Estimate, after: Estimate, found: Found, main: int, outliers: Mask) -> Proof:
@@ -93,8 +95,9 @@ def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequenc
     for gram, count, noise in zip(design.grams, design.counts, noises, strict=True):
         own = gram[:-1, :-1]
         # the projection of white noise on the columns has their Gram matrix as covariance
-        values, vectors = np.linalg.eigh(own)
-        projected = noise * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(own))))
+        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
+        lifted = own / scale[:, None] / scale + LIFT * np.eye(len(own))
+        projected = noise * scale * (np.linalg.cholesky(lifted) @ rng.standard_normal(len(own)))
         new = gram.copy()
         new[:-1, -1] = new[-1, :-1] = own[:, at] @ amplitude + projected
         square = amplitude @ own[np.ix_(at, at)] @ amplitude + 2.0 * amplitude @ projected[at]

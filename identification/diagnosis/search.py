@@ -16,7 +16,7 @@ from truepose.identification.diagnosis.signatures import Linearisation, Signatur
 from truepose.identification.diagnosis.weighed import WIDE, Weighed, weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
-from truepose.identification.posterior.posterior import Posterior, climbed, mode, sample
+from truepose.identification.posterior.posterior import LONG_SET, Posterior, climbed, mode, sample
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -52,12 +52,14 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
     """From the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary whitened residual."""
     state = _Expansion(signatures, cat, null, dict.fromkeys(cat.stated, WIDE), exclude, rms)
     first = state.problem, state.linearisation
-    for _ in range(CLIMBS):
+    for k in range(CLIMBS):
+        if k and not state.short:
+            break  # near enough: every further fit would take long
         moved = state.moved(climbed(state.problem.weighing, prior.RICHNESS, state.known))
         if moved is None:
             break
         state = moved
-    for left in reversed(range(ROUNDS)):
+    for left in reversed(range(ROUNDS if state.short else 1)):
         posterior = sample(state.problem.weighing, prior.RICHNESS, known=state.known)
         best = mode(posterior, state.problem.weighing)
         moved = state.moved(best) if left else None
@@ -89,6 +91,11 @@ class _Expansion:
         self.problem = weighed(self.linearisation, cat, rms)
         self.known = [] if before is None else _renumbered(*before, self.problem)
         self.exclude, self._rms, self._refined = exclude, rms, refined
+
+    @property
+    def short(self) -> bool:
+        """Whether its set has few columns, so that all is quick."""
+        return sum(len(self.catalogue.candidates[i].coefficients) for i in self.accepted) <= LONG_SET
 
     def moved(self, best: State) -> _Expansion | None:
         """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.identification.diagnosis.forms import Forms
+from truepose.identification.diagnosis.forms import Forms, largest
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
@@ -116,7 +116,8 @@ class Signatures:
 
     def _forms(self, fit: Estimate) -> Forms:
         """Errors of form of the fit's effects."""
-        return Forms.of(self.recording, fit.used, [(at, _amplitudes(e)) for e, at in self._present(fit)])
+        signals = [(at, _amplitudes(e)) for e, at in self._present(fit)]
+        return Forms.of(self.recording, fit.used, largest(signals, _squares(fit), max(fit.chi2_per_dof, 1.0)))
 
     def _geometry(self, fit: Estimate) -> NDArray[np.intp]:
         """Indices of the free parameters, without effect coefficients."""
@@ -180,6 +181,20 @@ class Signatures:
             )
             out[:, :, columns] = jacobian[:, :, where] @ local
         return out
+
+
+def _squares(fit: Estimate) -> list[float]:
+    """Sum of squares of the whitened signal of each of the fit's effects."""
+    place = {int(k): i for i, k in enumerate(fit.prior.free)}
+    at, out = len(fit.machine.parameters), []
+    for effect in fit.fitted_effects():
+        size = len(effect.coefficients)
+        columns = [place.get(k) for k in range(at, at + size)]
+        own = [(c, a) for c, a in zip(columns, _amplitudes(effect), strict=True) if c is not None]
+        signal = sum((fit.factor[:, c] * a for c, a in own), np.zeros(len(fit.factor)))
+        out.append(float(signal @ signal))
+        at += size
+    return out
 
 
 def _amplitudes(effect: PlacedEffect) -> Array:

@@ -23,9 +23,9 @@ from truepose.identification.selection.tolerance_classes import PartClass, infla
 Array = NDArray[np.float64]
 WIDE = 100.0
 """1-sigma of the coefficients of what the machine file states already, in scales."""
-FAINT = 0.05
+FAINT = 0.3
 """Information, in units of its prior's, below which a direction of the errors of form is left out."""
-FLAT = 1e-2
+FLAT = 0.1
 """Variance that a direction of the remainder adds to all readings, at a remainder of one sigma, below which it is left out."""
 
 
@@ -98,7 +98,8 @@ def _design(
     n, width = lin.free, lin.columns[-1].stop if lin.columns else 0
     stated = n + np.array(lin.indices(cat.stated), dtype=np.intp)
     forms = n + width + np.arange(lin.forms)
-    bend = _seen(lin.gram[np.ix_(forms, forms)])
+    noise = max(float(lin.gram[-1, -1]) / lin.n_observations, 1.0)
+    bend = _seen(lin.gram[np.ix_(forms, forms)] / noise)
     fixed = np.concatenate([np.arange(n), stated]).astype(np.intp)
     mixed = np.zeros((len(lin.grams[0]), bend.shape[1] + turn.shape[1] + 1))
     mixed[forms, : bend.shape[1]] = bend

@@ -5,7 +5,12 @@ a set S of terms with sizes q has the log Bayes factor
 
     ln B(S) = 1/2 t' Q (I + Q M Q)^-1 Q t - 1/2 ln |I + Q M Q|,   Q = diag(q)
 
-M itself is never formed: its rows and diagonal blocks follow from G'G and one triangular solve.
+M itself is never formed: its rows and diagonal blocks follow from G'G and one triangular solve. Members that were
+taken in are left out again one by one by
+
+    M_without = M + P' C^-1 P,   C: their part of (I + Q M Q)^-1,   P: their rows of (I + Q M Q)^-1 Q M
+
+which costs no more than the member is wide.
 """
 
 from __future__ import annotations
@@ -77,6 +82,28 @@ class Halves:
         out: Array = solve_triangular(self._factor, self._rows, lower=True, check_finite=False)
         return out
 
+    @cached_property
+    def _turned_back(self) -> tuple[Array, Array]:
+        """(r, w) and (r,): (I + Q M Q)^-1 times the rows, and times the scores."""
+        both = np.column_stack([self.all, self.turned])
+        solved = solve_triangular(self._factor, both, lower=True, trans=1, check_finite=False)
+        return solved[:, :-1], solved[:, -1]
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """(r, r) (I + Q M Q)^-1."""
+        unit = np.eye(len(self._factor))
+        root = solve_triangular(self._factor, unit, lower=True, check_finite=False)
+        return np.asarray(root.T @ root)
+
+    def without(self, at: Index) -> tuple[Halves, float]:
+        """What the rows ``at`` (k,) alone add to the others, and their log Bayes factor beside them."""
+        rows, scores = self._turned_back
+        factor = cholesky(self._inverse[np.ix_(at, at)], lower=True, check_finite=False)
+        turned = solve_triangular(factor, scores[at], lower=True, check_finite=False)
+        gain = 0.5 * float(turned @ turned) + float(np.sum(np.log(np.diag(factor))))
+        return Halves(factor, rows[at], turned), gain
+
     def of(self, columns: Index) -> Array:
         """(r, k) of some columns."""
         if "all" in self.__dict__:
@@ -89,25 +116,28 @@ class Halves:
 class Marginal:
     """Scores t (w,), log evidence, and rows and blocks of M with everything taken in so far marginalised.
 
-    M is what ``above`` has (G'G, or another marginal) less half' half; ``half`` (r, w) is worked out for the columns that
-    are asked for, or for all at once.
+    M is what ``above`` has (G'G, or another marginal) less half' half, or, where something is left out again, and half' half
+    (``sign`` 1); ``half`` (r, w) is worked out for the columns that are asked for, or for all at once.
     """
 
-    def __init__(self, terms: Terms, above: Own | Marginal, beside: Halves, log_evidence: float) -> None:
+    def __init__(
+        self, terms: Terms, above: Own | Marginal, beside: Halves, log_evidence: float, sign: float = -1.0
+    ) -> None:
         self.terms, self.log_evidence = terms, log_evidence
-        self._above, self._beside = above, beside
+        self._above, self._beside, self._sign = above, beside, sign
         self._rows: dict[int, Array] = {}
         self._blocks: dict[tuple[int, bytes], Array] = {}
 
     @cached_property
     def score(self) -> Array:
         """(w,) scores t."""
-        out: Array = self._above.score - self._beside.all.T @ self._beside.turned
+        out: Array = self._above.score + self._sign * (self._beside.all.T @ self._beside.turned)
         return out
 
     def scores(self, columns: Index) -> Array:
         """(k,) scores of some columns."""
-        out: Array = self._above.scores(columns) - self._beside.of(columns).T @ self._beside.turned
+        half = self._beside.of(columns)
+        out: Array = self._above.scores(columns) + self._sign * (half.T @ self._beside.turned)
         return out
 
     def rows(self, columns: Index) -> Array:
@@ -115,7 +145,7 @@ class Marginal:
         new = [int(c) for c in columns if int(c) not in self._rows]
         if new:
             at = np.array(new)
-            made = self._above.rows(at) - self._beside.of(at).T @ self._beside.all
+            made = self._above.rows(at) + self._sign * (self._beside.of(at).T @ self._beside.all)
             self._rows.update(zip(new, made, strict=True))
         return np.array([self._rows[int(c)] for c in columns])
 
@@ -131,9 +161,9 @@ class Marginal:
         size = columns.shape[1]
         part = half[:, columns.ravel()].reshape(len(half), -1, size)
         if size == 1:
-            return np.asarray(above - np.sum(part**2, axis=0)[:, :, None])
+            return np.asarray(above + self._sign * np.sum(part**2, axis=0)[:, :, None])
         turned = part.transpose(1, 2, 0) * group.there[chosen][:, :, None]
-        return np.asarray(above - turned @ turned.transpose(0, 2, 1))
+        return np.asarray(above + self._sign * (turned @ turned.transpose(0, 2, 1)))
 
     def including(self, columns: Index, sizes: Array) -> Marginal:
         """With columns (k,) taken in, N(0, size^2) each."""
@@ -141,6 +171,11 @@ class Marginal:
         factor, turned = self._factor(columns, sizes)
         gain = 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(factor))))
         return Marginal(self.terms, self, Halves(factor, rows, turned), self.log_evidence + gain)
+
+    def without(self, at: Index) -> Marginal:
+        """Without some of the columns that were taken in last: their places ``at`` (k,) among these."""
+        half, gain = self._beside.without(at)
+        return Marginal(self.terms, self, half, self.log_evidence - gain, sign=1.0)
 
     def gain(self, columns: Index, sizes: Array) -> float:
         """Log Bayes factor of columns (k,) together, N(0, size^2) each."""
@@ -163,7 +198,7 @@ class Marginal:
     def among(self, columns: Index) -> Array:
         """(k, k) entries of M."""
         part = self._beside.of(columns)
-        out: Array = self._above.among(columns) - part.T @ part
+        out: Array = self._above.among(columns) + self._sign * (part.T @ part)
         return out
 
 

@@ -18,6 +18,8 @@ CLIMBS = 30
 STEPS = (4, 1)
 """Steps on the axes of noise and remainder that are repeated while they gain, in turn."""
 PASSES = 3
+LADDER = (-1, 0, 1, 2, 4, 8, 14)
+"""Steps of the noise at which a state is looked at without some of its members."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Climb:
                 continue
             for member in sorted(current, key=lambda m: self._weighing.sizes.values[m[1]]):
                 rest = [m for m in current if m != member]
-                current = [*rest, *self._best(point, rest)]
+                current = [*rest, *self._best(point, rest, (member,))]
             point = self._best_point(point, current)
             if set(current) == before and point == here:
                 break
@@ -61,24 +63,21 @@ class Climb:
             at = (*point[:-1], size)
             self._note(at, members)
             for member in members:
-                self._note(at, [m for m in members if m != member])
+                self._note(at, [m for m in members if m != member], (member,))
 
     def point_near(self, point: Point, members: Sequence[Member]) -> Point:
         """The likeliest point near one."""
         return self._best_point(point, members)
 
-    def evidence_near(self, point: Point, members: Sequence[Member]) -> float:
-        """Log evidence of a set at the likeliest point near."""
-        return self._weighing.log_evidence(self._best_point(point, members), members)
-
-    def _note(self, point: Point, rest: Sequence[Member]) -> None:
-        conditional, slot = self._weighing.conditional(point, rest), slot_odds(self._richness, len(rest))
+    def _note(self, point: Point, rest: Sequence[Member], leaving: Members = ()) -> None:
+        conditional = self._weighing.conditional(point, rest, leaving=leaving)
+        slot = slot_odds(self._richness, len(rest))
         own = np.log(np.maximum(conditional.terms(slot), 1e-300))
         np.maximum(self.interest, own, out=self.interest)
 
-    def _best(self, point: Point, rest: Sequence[Member]) -> list[Member]:
+    def _best(self, point: Point, rest: Sequence[Member], leaving: Members = ()) -> list[Member]:
         """The likeliest term of the likeliest cause in a slot, at its likeliest size; none where nothing is likelier."""
-        odds = self._weighing.conditional(point, rest).log_odds
+        odds = self._weighing.conditional(point, rest, leaving=leaving).log_odds
         own = np.logaddexp.reduce(odds, axis=0)
         cause, top = self._weighing.terms.cause, float(own.max(initial=-np.inf))
         if not np.isfinite(top):
@@ -125,6 +124,24 @@ class Climb:
 
 def _moved(point: Point, axes: Sequence[int], step: int) -> Point:
     return tuple(k + step if axis in axes else k for axis, k in enumerate(point))
+
+
+def supports(weighing: Weighing, state: State, parts: Sequence[NDArray[np.intp]]) -> list[float]:
+    """Log Bayes factor of a state against it without some of its columns, noise adapting: for each of ``parts``.
+
+    parts: places (k,) among the columns of all members. Without them the noise can only be larger.
+    """
+    kinds, (columns, sizes) = len(weighing.unknowns.shape) - 2, weighing.columns(state.members)
+    whole, without = -np.inf, np.full(len(parts), -np.inf)
+    for step in LADDER:
+        point = _moved(state.point, range(kinds), step)
+        if not all(0 <= k < n for k, n in zip(point, weighing.unknowns.shape, strict=True)):
+            continue
+        there = weighing.root(point).including(columns, sizes)
+        whole = max(whole, there.log_evidence)
+        left = [there.without(part).log_evidence for part in parts]
+        without = np.maximum(without, left)
+    return [float(whole - value) for value in without]
 
 
 def slot_odds(richness: Richness, number: int) -> float:

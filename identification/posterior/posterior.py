@@ -111,9 +111,8 @@ def sample(
     Climbs from nothing and from ``known`` states come first; terms that were hopeless in all of them are left out of the
     chains, and looked at again at the sets that these visit most.
     """
-    climb = Climb(weighing, richness)
-    start = best_point(weighing)
-    tops = [climb.from_(start, ()), *(climb.from_(state.point, state.members) for state in known)]
+    climb, start = Climb(weighing, richness), best_point(weighing)
+    tops = _tops(climb, weighing, start, known)
     top = max(tops, key=lambda state: state.log_posterior)
     for state in tops:
         climb.look(state.point, state.members)
@@ -222,9 +221,15 @@ def _gathered(
 
 def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ()) -> State:
     """The likeliest state that climbs from nothing and from ``known`` states reach."""
-    climb = Climb(weighing, richness)
-    tops = [climb.from_(best_point(weighing), ()), *(climb.from_(s.point, s.members) for s in known)]
+    tops = _tops(Climb(weighing, richness), weighing, best_point(weighing), known)
     return max(tops, key=lambda state: state.log_posterior)
+
+
+def _tops(climb: Climb, weighing: Weighing, start: Point, known: Sequence[State]) -> list[State]:
+    """Where climbs from known states lead, and the one from nothing, which takes long where these are large."""
+    large = any(len(weighing.columns(state.members)[0]) > LONG_SET for state in known)
+    first = [] if large else [climb.from_(start, ())]
+    return [*first, *(climb.from_(state.point, state.members) for state in known)]
 
 
 def mode(posterior: Posterior, weighing: Weighing) -> State:

@@ -131,7 +131,7 @@ class Chain:
     def _redraw(self, member: Member | None) -> Visit:
         """Draw a slot from its full conditional; one that would take a kept term stays as it is."""
         rest = [m for m in self.members if m != member]
-        conditional = self._conditional(rest)
+        conditional = self._conditional(rest, () if member is None else (member,))
         terms = conditional.terms(self._slot)
         if member is not None:
             left = max(1.0 - float(terms[member[0]]), 1e-300)
@@ -151,8 +151,8 @@ class Chain:
         """Log odds of a slot being filled."""
         return self._richness.log_odds(self._level) / self.heat
 
-    def _conditional(self, members: Sequence[Member]) -> Conditional:
-        return self._weighing.conditional(self.point, members, self._settled, self.heat)
+    def _conditional(self, members: Sequence[Member], leaving: Members = ()) -> Conditional:
+        return self._weighing.conditional(self.point, members, self._settled, leaving, self.heat)
 
     def _exchange(self) -> None:
         """Two full slots emptied and filled one after the other, accepted as Metropolis and Hastings say."""
@@ -161,7 +161,7 @@ class Chain:
             return
         first, second = (moving[k] for k in self._rng.choice(len(moving), 2, replace=False))
         rest = [m for m in self.members if m not in (first, second)]
-        new = self._conditional(rest).draw(self._slot, self._rng)
+        new = self._conditional(rest, (first, second)).draw(self._slot, self._rng)
         if new is None or self._kept[new[0]]:
             return
         between = [*rest, new]
@@ -169,7 +169,7 @@ class Chain:
         last = forward.draw(self._slot, self._rng)
         if last is None or self._kept[last[0]]:
             return  # from fewer members the way back would not be as likely
-        backward = self._conditional([*rest, first])
+        backward = self._conditional([*rest, first], (second,))
         if np.log(self._rng.random()) < forward.log_total(self._slot) - backward.log_total(self._slot):
             self.members = [*between, last]
 

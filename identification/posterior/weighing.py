@@ -129,23 +129,39 @@ class Weighing:
         sizes = [np.full(len(c), self.sizes.values[s]) for c, (_, s) in zip(own, members, strict=True)]
         return np.concatenate(own), np.concatenate(sizes)
 
-    def log_odds(self, point: Point, members: Sequence[Member], settled: Members = ()) -> Array:
-        """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
+    def beside(
+        self, point: Point, members: Sequence[Member], settled: Members = (), leaving: Members = ()
+    ) -> Marginal:
+        """With members taken in. ``leaving`` were there a moment ago: as long as each leaves a set in turn, that is cheap."""
         base = self.base(point, settled)
-        others = [m for m in members if m not in settled]
-        beside = base.including(*self.columns(others)) if others else base
+        others = sorted(m for m in (*members, *leaving) if m not in settled)
+        if not others:
+            return base
+        key = (point, settled, tuple(others))
+        whole = self._taken.get_or(key, lambda: base.including(*self.columns(others)))
+        if not leaving:
+            return whole
+        owner = np.repeat(np.arange(len(others)), [len(self.terms.columns[term]) for term, _ in others])
+        return whole.without(np.flatnonzero(np.isin(owner, [others.index(m) for m in leaving])))
+
+    def log_odds(
+        self, point: Point, members: Sequence[Member], settled: Members = (), leaving: Members = ()
+    ) -> Array:
+        """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
+        beside = self.beside(point, members, settled, leaving)
         prior = self.terms.log_prior([term for term, _ in members])
         return log_gains(beside, self.sizes, np.isfinite(prior)) + np.where(
             np.isfinite(prior), prior, -np.inf
         )
 
     def conditional(
-        self, point: Point, members: Sequence[Member], settled: Members = (), heat: float = 1.0
-    ) -> Conditional:
-        """What a further slot may hold; ``heat`` above 1 flattens the odds."""
+        self, point: Point, members: Sequence[Member], settled: Members = (), leaving: Members = (),
+        heat: float = 1.0,
+    ) -> Conditional:  # fmt: skip
+        """What a further slot may hold; ``heat`` above 1 flattens the odds; others as in ``beside``."""
         key = (point, tuple(sorted(members)), heat)
         return self._conditionals.get_or(
-            key, lambda: Conditional.of(self.log_odds(point, members, settled) / heat)
+            key, lambda: Conditional.of(self.log_odds(point, members, settled, leaving) / heat)
         )
 
     def log_evidence(self, point: Point, members: Sequence[Member]) -> float:
