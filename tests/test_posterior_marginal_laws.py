@@ -258,9 +258,10 @@ def test_odds_of_one_more_are_the_ratio_of_two_posteriors(seed: int) -> None:
     problem = Weighing(
         dense.design, dense.unknowns, single(*[1] * 6, causes=[0, 0, 1, 2, 3, 3], alone=False), SIZES
     )
-    point, members = (1, 0, 1), ((0, 1), (3, 0))
+    point, members = (1, 0, 1), ((0, 1), (3, 1))
     here = log_posterior(problem, RICHNESS, members, point)
-    for settled in ((), ((3, 0),), members):
+    assert np.isfinite(here) and not problem.noticeable.all()
+    for settled in ((), ((3, 1),), members):
         found = problem.log_odds(point, members, settled) + slot_odds(RICHNESS, 2)
         for term in (1, 2, 4, 5):
             for size in range(2):

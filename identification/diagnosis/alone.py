@@ -31,6 +31,9 @@ def weighed_alone(problem: Weighed, count: int) -> Array:
     null = np.array([weighing.root(p).log_evidence for p in points])
     terms = np.array([np.logaddexp.reduce(weighing.log_odds(p, ()), axis=0) for p in points])
     terms -= weighing.terms.log_prior(())
+    # at a size that nobody would notice it says neither for nor against
+    unnoticed = np.where(weighing.noticeable, 0.0, np.exp(weighing.sizes.log_prior)[:, None]).sum(axis=0)
+    terms = np.logaddexp(terms, np.log(np.maximum(unnoticed, 1e-300)))
     total = np.logaddexp.reduce(terms + null[:, None], axis=0) - np.logaddexp.reduce(null)
     out = np.full(count, -np.inf)
     for own, gain in zip(problem.candidates, total, strict=True):

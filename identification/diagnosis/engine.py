@@ -19,7 +19,7 @@ from truepose.identification.diagnosis.findings import evidence_map, finding, ra
 from truepose.identification.diagnosis.inclusion import Inclusion, inclusion
 from truepose.identification.diagnosis.judgement import Judgement, judged
 from truepose.identification.diagnosis.model import fitted, remainder_shapes
-from truepose.identification.diagnosis.naming import Named, named
+from truepose.identification.diagnosis.naming import NAMED, Named, named
 from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.replication import replications
 from truepose.identification.diagnosis.result import (
@@ -131,7 +131,7 @@ def _outcome(fits: _Fits, found: Found) -> _Outcome:
     """Names, what has none, and the verdict."""
     recording = found.signatures.recording
     said = inclusion(found.weighed, found.posterior)
-    names = named(found, said)
+    every = named(found, said)
     shapes, cat = remainder_shapes(found), found.catalogue
     inflation = _inflation(found)
     raised = judged(fits.free, fits.before, found.linearisation_before, inflation, recording)
@@ -139,13 +139,15 @@ def _outcome(fits: _Fits, found: Found) -> _Outcome:
     after = fitted(found, accepted, shapes, fits.outliers) if accepted or shapes else fits.before
     if after is None:  # the fit of the last expansion point stands, and what it holds
         after, shapes, accepted = found.fit, (), dict(found.accepted)
-        names = tuple(n for n in names if set(n.candidates) <= set(accepted))
+        every = tuple(n for n in every if set(n.candidates) <= set(accepted))
     held = {e.label for e in after.effects}
     nameless = (*(i for i in accepted if not cat.named(i)), *(s.candidate for s in shapes))
     nameless = tuple(i for i in nameless if cat.candidates[i].label in held)
-    main = next((i for n in names for i in n.candidates), next(iter(nameless), None))
+    main = next((i for n in every for i in n.candidates), next(iter(nameless), None))
     proof = prove(fits.before, after, found, main, fits.outliers) if main is not None else None
-    verdict = "missing-physics" if names else _without_names(found, raised, proof)
+    names = tuple(n for n in every if n.certainty >= NAMED)
+    sure = nameless_probability(found) > SURE or any(n.present > SURE for n in every)
+    verdict = "missing-physics" if names else _without_names(raised, proof, sure=sure)
     if verdict == "adequate":
         after, proof, nameless = fits.before, None, ()
     left = judged(after, after, found.linearisation, inflation, recording) if names else raised
@@ -161,10 +163,10 @@ def _gain(before: Estimate, recording: Recording, proof: Proof) -> Mapping[str, 
     return {kind: (1.0 - proof.ratio) * value for kind, value in rms.items()}
 
 
-def _without_names(found: Found, raised: Judgement, proof: Proof | None) -> str:
-    """``unknown`` where something nameless is sure and worth something, or where noise alone is no explanation."""
+def _without_names(raised: Judgement, proof: Proof | None, *, sure: bool) -> str:
+    """``unknown`` where something is ``sure`` to be there and worth something, or where noise alone is no explanation."""
     worth = proof is not None and proof.ratio < 1.0
-    return "unknown" if (nameless_probability(found) > SURE and worth) or raised.misfits else "adequate"
+    return "unknown" if (sure and worth) or raised.misfits else "adequate"
 
 
 def nameless_probability(found: Found) -> float:

@@ -64,10 +64,9 @@ class Forms:
         return np.concatenate(out, axis=2) if out else np.zeros((*signature.shape[:2], 0))
 
 
-def largest(signals: Sequence[Signal], squares: Sequence[float], noise: float) -> list[Signal]:
-    """Those whose error may be seen; ``squares``: sum of squares of each in the readings, ``noise``: their variance."""
-    seen = [k for k, value in enumerate(squares) if ERROR**2 * value > noise]
-    kept = sorted(sorted(seen, key=lambda k: -squares[k])[:MOST])
+def largest(signals: Sequence[Signal], squares: Sequence[float]) -> list[Signal]:
+    """Those with the largest sums of squares in the readings."""
+    kept = sorted(sorted(range(len(signals)), key=lambda k: -squares[k])[:MOST])
     return [signals[k] for k in kept]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.inclusion import Inclusion
+from truepose.identification.diagnosis.likeness import forms_hold
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.posterior.mode import supports
@@ -48,9 +49,18 @@ class Named:
     gain: float = 0.0
     family: str = ""
 
+    @property
+    def present(self) -> float:
+        """Probability that it is there or something like it, with a name or without."""
+        alike = [m.probability for m in self.equivalents if m.cause.effect == Empirical.slug]
+        return min(1.0, self.certainty + sum(alike))
+
 
 def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
-    """Causes of the mode whose class is more probable than not, the best supported first; families place by place."""
+    """Causes of the mode whose class is more probable than not, the best supported first; families place by place.
+
+    Some may turn out to be only like their name: their certainty is below ``NAMED`` then.
+    """
     problem = found.weighed
     causes = dict.fromkeys(int(problem.weighing.terms.cause[term]) for term, _ in found.mode.members)
     out: list[Named] = []
@@ -61,19 +71,33 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
                 if problem.causes[number].family
                 else _single(found, said, number)
             )
-    return tuple(sorted(_supported(found, _merged(out)), key=lambda n: -n.gain))
+    return tuple(sorted(_weighed(found, _merged(out)), key=lambda n: -n.gain))
 
 
-def _supported(found: Found, names: Sequence[Named]) -> list[Named]:
-    """With the log Bayes factor of each name, and of its class."""
+def _weighed(found: Found, names: Sequence[Named]) -> list[Named]:
+    """With the log Bayes factor of each name and of its class, and with what is only like it."""
     parts = [_places(found, name.candidates) for name in names]
     gains = supports(found.weighed.weighing, found.mode, parts) if names else []
-    return [
-        replace(
-            one, gain=gain, equivalents=tuple(replace(m, gain=gain + m.gain) for m in one.equivalents)
-        )
-        for one, gain in zip(names, gains, strict=True)
+    held = forms_hold(found, [name.candidates for name in names])
+    return [_beside_alike(*each) for each in zip(names, gains, held, strict=True)]
+
+
+def _beside_alike(one: Named, gain: float, held: float) -> Named:
+    """A name with its log Bayes factor, where it is the thing itself with a probability ``held``."""
+    members = [
+        replace(m, probability=held * m.probability, gain=gain + m.gain) for m in one.equivalents
     ]
+    alike = (1.0 - held) * one.probability
+    if alike > SHOWN:
+        cause = Cause(Empirical.slug, one.cause.place)
+        members.append(Member(cause, alike, gain + float(np.log((1.0 - held) / held))))
+    return replace(
+        one,
+        probability=held * one.probability,
+        certainty=held * one.certainty,
+        gain=gain,
+        equivalents=tuple(sorted(members, key=lambda m: -m.probability)),
+    )
 
 
 def _merged(names: Sequence[Named]) -> list[Named]:

@@ -49,6 +49,8 @@ class Linearisation:
     weight: Array
     parts: tuple[PartClass, ...]
     candidates: tuple[PlacedEffect, ...]
+    bent: tuple[int, ...] = ()
+    """Candidates whose signals the errors of form bend, in their order; each has as many columns of F."""
 
     @cached_property
     def gram(self) -> Array:
@@ -106,7 +108,7 @@ class Signatures:
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
             tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n], parts,
-            self.candidates,
+            self.candidates, tuple(self.columns.index(at) for at, _ in forms.signals),
         )  # fmt: skip
 
     def _present(self, fit: Estimate) -> list[tuple[PlacedEffect, slice]]:
@@ -117,7 +119,7 @@ class Signatures:
     def _forms(self, fit: Estimate) -> Forms:
         """Errors of form of the fit's effects."""
         signals = [(at, _amplitudes(e)) for e, at in self._present(fit)]
-        return Forms.of(self.recording, fit.used, largest(signals, _squares(fit), max(fit.chi2_per_dof, 1.0)))
+        return Forms.of(self.recording, fit.used, largest(signals, _squares(fit)))
 
     def _geometry(self, fit: Estimate) -> NDArray[np.intp]:
         """Indices of the free parameters, without effect coefficients."""

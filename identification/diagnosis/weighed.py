@@ -91,10 +91,19 @@ def _seen(gram: Array) -> Array:
     return np.asarray(vectors[:, values > FAINT])
 
 
+def design_with_forms(lin: Linearisation, cat: Catalogue, problem: Weighed) -> Design:
+    """The design of a problem, with the errors of form as columns of G beside those of the candidates."""
+    return _design(lin, cat, problem.classes, problem.nameless, problem.remainder, lin.forms)
+
+
 def _design(
-    lin: Linearisation, cat: Catalogue, classes: Sequence[PartClass], nameless: NDArray[np.intp], turn: Array
-) -> Design:
-    """Columns of every model (geometry, what the file states, errors of form, remainder), of terms, and the residual."""
+    lin: Linearisation, cat: Catalogue, classes: Sequence[PartClass], nameless: NDArray[np.intp], turn: Array,
+    bent: int = 0,
+) -> Design:  # fmt: skip
+    """Columns of every model (geometry, what the file states, errors of form, remainder), of terms, and the residual.
+
+    ``bent``: how many columns of errors of form stand among those of terms, too.
+    """
     n, width = lin.free, lin.columns[-1].stop if lin.columns else 0
     stated = n + np.array(lin.indices(cat.stated), dtype=np.intp)
     forms = n + width + np.arange(lin.forms)
@@ -106,7 +115,7 @@ def _design(
     mixed[n + nameless, bend.shape[1] : -1] = turn
     # e: the residual at the drawing values without effects, as a reading less its prediction
     mixed[:-1, -1], mixed[-1, -1] = lin.departure, -1.0
-    picked = np.concatenate([fixed, n + np.arange(width)]).astype(np.intp)
+    picked = np.concatenate([fixed, n + np.arange(width + bent)]).astype(np.intp)
     sigma = np.concatenate(
         [_sigma(lin.weight), np.full(len(stated), WIDE), np.ones(bend.shape[1] + turn.shape[1])]
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -22,6 +23,8 @@ Member = tuple[int, int]
 Members = tuple[Member, ...]
 REMEMBERED = 150_000_000
 """Bytes of marginals, and as many of conditionals, that are kept."""
+NOTICED = 4.0
+"""Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
 SETS = 200_000
 """Evidences that are kept."""
 Value = TypeVar("Value")
@@ -114,6 +117,18 @@ class Weighing:
         """Without any term, at a point."""
         return self._roots.get_or(point, lambda: marginal(self.design, self.unknowns, self.terms, point))
 
+    @cached_property
+    def noticeable(self) -> NDArray[np.bool_]:
+        """(s, c) which terms would be noticed at which size, at the stated noise; what nobody would notice is nothing."""
+        unknowns = self.unknowns
+        stated = [int(np.argmin(np.abs(np.log(axis.values)))) for axis in unknowns.noise]
+        root = self.root((*stated, 0, 0))
+        information = np.zeros(len(self.terms))
+        for group in self.terms.by_size:
+            every = np.arange(len(group.terms))
+            information[group.terms] = np.trace(root.block(group, every), axis1=1, axis2=2)
+        return np.asarray(self.sizes.values[:, None] ** 2 * information > NOTICED)
+
     def base(self, point: Point, settled: Members) -> Marginal:
         """With members that stay for long taken in."""
         root = self.root(point)
@@ -150,9 +165,8 @@ class Weighing:
         """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
         beside = self.beside(point, members, settled, leaving)
         prior = self.terms.log_prior([term for term, _ in members])
-        return log_gains(beside, self.sizes, np.isfinite(prior)) + np.where(
-            np.isfinite(prior), prior, -np.inf
-        )
+        gains = log_gains(beside, self.sizes, np.isfinite(prior))
+        return np.where(self.noticeable & np.isfinite(prior), gains + prior, -np.inf)
 
     def conditional(
         self, point: Point, members: Sequence[Member], settled: Members = (), leaving: Members = (),
@@ -176,4 +190,6 @@ class Weighing:
     def log_prior(self, members: Sequence[Member]) -> float:
         """Log prior of members and their sizes, without that of their number."""
         terms = [term for term, _ in members]
+        if not all(self.noticeable[size, term] for term, size in members):
+            return -np.inf
         return self.terms.log_prior_of(terms) + float(sum(self.sizes.log_prior[size] for _, size in members))

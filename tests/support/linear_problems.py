@@ -15,7 +15,7 @@ from truepose.identification.posterior.conditional import Sizes
 from truepose.identification.posterior.design import Always, Axis, Design, Point, Unknowns
 from truepose.identification.posterior.sampler import Richness
 from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.weighing import Members, Weighing
+from truepose.identification.posterior.weighing import NOTICED, Members, Weighing
 
 Array = NDArray[np.float64]
 
@@ -154,6 +154,7 @@ def enumerated(weighing: Weighing, richness: Richness, dense: Dense) -> Enumerat
     """Every set of terms at every size at every point, by dense densities and the prior written out."""
     terms, sizes = weighing.terms, weighing.sizes
     weights: dict[tuple[Members, Point], float] = {}
+    noticed = _noticed(weighing, dense)
     for count in range(len(terms) + 1):
         number = float(logsumexp(richness.log_weights(count)))
         number += lgamma(richness.slots + 1) - lgamma(richness.slots - count + 1)
@@ -162,6 +163,8 @@ def enumerated(weighing: Weighing, richness: Richness, dense: Dense) -> Enumerat
                 continue
             columns = [int(c) for k in chosen for c in terms.columns[k]]
             for own in product(range(len(sizes.values)), repeat=count):
+                if not all(noticed[s, k] for k, s in zip(chosen, own, strict=True)):
+                    continue
                 spread = [sizes.values[s] for k, s in zip(chosen, own, strict=True) for _ in terms.columns[k]]
                 prior = number + _first_pays(terms, chosen) + float(np.sum(sizes.log_prior[list(own)]))
                 for point in points(weighing.unknowns):
@@ -177,6 +180,14 @@ def enumerated(weighing: Weighing, richness: Richness, dense: Dense) -> Enumerat
         sets[chosen] = sets.get(chosen, 0.0) + share
         grid[point] = grid.get(point, 0.0) + share
     return Enumerated(inclusion, sets, grid)
+
+
+def _noticed(weighing: Weighing, dense: Dense) -> NDArray[np.bool_]:
+    """(s, c) which terms make a signal of more than two sigma at which size, at the noise nearest to that stated."""
+    stated = [int(np.argmin([abs(np.log(v)) for v in axis.values])) for axis in weighing.unknowns.noise]
+    seen = dense.g.T @ dense.precision((*stated, 0, 0)) @ dense.g
+    signal = [sum(seen[c, c] for c in columns) for columns in weighing.terms.columns]
+    return np.asarray(np.outer(weighing.sizes.values**2, signal) > NOTICED)
 
 
 def _first_pays(terms: Terms, chosen: Sequence[int]) -> float:
