@@ -10,7 +10,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.driver import TIME, Driver
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
-from truepose.models.effects.empirical import CURVE, MOUNT_CURVE, WIDTH, Empirical, seen_over
+from truepose.models.effects.empirical import CURVE, FROM, LINE, MOUNT_CURVE, WIDTH, Empirical, seen_over
 from truepose.models.effects.sights import XYZ, point_names
 from truepose.models.machine import FRAMES, PAYLOAD, Machine
 
@@ -18,8 +18,8 @@ from truepose.models.machine import FRAMES, PAYLOAD, Machine
 def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffect, ...]:
     """Every form over the ranges that the calibration rows saw, all coefficients 0.
 
-    Each joint as a curve in each source (joints, payload, time, thermometers) and as a product of two joints; each
-    mount as a curve in each source that is no joint (in a joint, six motions would be a black box for anything);
+    Each joint as a line and as a curve in each source (joints, payload, time, thermometers) and as a product of two
+    joints; each mount as a curve in each source that is no joint (in a joint, six motions would be a black box for anything);
     each sensor of points with a volume that bends.
     """
     seen = _seen(machine, recording)
@@ -27,13 +27,15 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     others = [name for name in seen if name not in joints]
     curves: list[Settings] = [seen_over({name: seen[name]}, CURVE) for name in seen]
     curves += [seen_over({a: seen[a], b: seen[b]}) for a, b in itertools.combinations(joints, 2)]
+    lines: list[Settings] = [seen_over({name: seen[name]}, LINE) for name in seen]
     mounts: list[Settings] = [seen_over({name: seen[name]}, MOUNT_CURVE) for name in others]
     effect, out = Empirical(), []
     for (name,) in effect.places(machine):
         if name in sensor_names(machine):
             forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
         else:
-            forms = mounts if name in FRAMES else curves
+            own = [line for line in lines if f"{FROM}{name}" not in line]
+            forms = mounts if name in FRAMES else [*own, *curves]
         out += [PlacedEffect.at(effect, machine, (name,), settings) for settings in forms]
     return tuple(out)
 

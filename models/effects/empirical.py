@@ -21,8 +21,10 @@ from truepose.wording import joined
 
 Array = NDArray[np.float64]
 LARGEST = {"mm": 1.0, "rad": 0.01}
-CURVE = 4
+CURVE, LINE = 4, 1
 MOUNT_CURVE = 2
+LINES = 0.5
+"""How likely a line is beside a curve."""
 REACH = 1000.0
 TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
 """Half of a joint's travel where its file states no range."""
@@ -120,6 +122,10 @@ class Empirical(Effect):
         degrees = range(first, max(_degree(settings, CURVE), first) + 1)
         return tuple(Coefficient(f"c{k}", unit, LARGEST[unit] / k) for k in degrees)
 
+    def weight(self, settings: Settings) -> float:
+        """Lines are what effects with a name are, too."""
+        return LINES if settings.get(DEGREE) == LINE else 1.0
+
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
         """The sources that are no joints."""
         if place[0] in sensor_names(machine):
@@ -159,15 +165,18 @@ class Empirical(Effect):
         return np.asarray(np.max([_outside(at[name] / reach) for name in names], axis=0))
 
     def told(self, settings: Settings) -> str:
-        """The sources alone: ranges are long, and terms of one place and source are one term."""
-        return "".join(f",{key.removeprefix(FROM)}" for key in sorted(settings) if key.startswith(FROM))
+        """The sources, and whether it is a line in them: ranges are long, and terms of one place and source are one term."""
+        line = ",line" if settings.get(DEGREE) == LINE else ""
+        return "".join(f",{key.removeprefix(FROM)}" for key in sorted(settings) if key.startswith(FROM)) + line
 
     def describe(self, settings: Settings) -> tuple[str, str]:
         """Driver (``q1 and q2`` for two) and kind of form: curve, product or warp."""
         names = [key.removeprefix(FROM) for key in settings if key.startswith(FROM)]
         if not names:
             return "position", "warp"
-        return joined(names), "product" if len(names) == 2 else "curve"
+        if len(names) == 2:
+            return joined(names), "product"
+        return joined(names), "line" if settings.get(DEGREE) == LINE else "curve"
 
     def explain(self, machine: Machine, place: Place) -> str:
         return f"Something at {place[0]} errs smoothly with what is recorded; no physics with a name was found for it."
@@ -248,4 +257,4 @@ def _outside(scaled: Array) -> Array:
     return np.maximum(np.abs(scaled) - 1.0, 0.0)
 
 
-__all__ = ["CURVE", "MOUNT_CURVE", "Empirical", "seen_over"]
+__all__ = ["CURVE", "LINE", "MOUNT_CURVE", "Empirical", "seen_over"]
