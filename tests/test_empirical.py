@@ -88,7 +88,7 @@ def read(
 
 
 def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine, tmp_path: Path) -> None:
-    """Joints as curves in each source and as products of two joints, mounts in each driver, the sensor's volume."""
+    """Joints as lines and curves in each source and as products of two joints, mounts in each driver, the sensor's volume."""
     held = np.where(np.arange(60) >= 50, 2.0, 0.0)
     poses = rows(arm, tmp_path, role=np.where(held, "validation", "calibration"))
     recording = read(arm, replace(poses, q=poses.q + held[:, None]), (), seed=None)
@@ -96,10 +96,11 @@ def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine, tmp_pat
     told = {(*form.place, *Empirical().describe(form.settings_map)) for form in forms}
     sources = (*JOINTS, "payload", "temperature.air")
     curves = {(joint, source, "curve") for joint in JOINTS for source in sources}
+    lines = {(joint, source, "line") for joint in JOINTS for source in sources if joint != source}
     pairs = [f"{a} and {b}" for k, a in enumerate(JOINTS) for b in JOINTS[k + 1 :]]
     products = {(joint, pair, "product") for joint in JOINTS for pair in pairs}
     mounts = {(mount, driver, "curve") for mount in ("base", "tool") for driver in sources[6:]}
-    assert told == curves | products | mounts | {("sensor", "position", "warp")}
+    assert told == lines | curves | products | mounts | {("sensor", "position", "warp")}
     assert len(forms) == len(told) == len({form.label for form in forms})
     low, high = (f(recording.q[~recording.validation, 2]) for f in (np.min, np.max))
     of_q3 = next(form.settings_map for form in forms if form.label == "empirical@q1,q3")

@@ -1,0 +1,76 @@
+"""A small arm with something simulated in it, as the search sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from truepose.identification.diagnosis.candidates import Catalogue, catalogue
+from truepose.identification.diagnosis.search import Found, search
+from truepose.identification.diagnosis.signatures import Signatures
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+ARM = """
+schema: truepose/machine/1
+name: arm
+tolerances: {length: 0.1, angle: 0.05}
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 400, range: [-170, 170]}
+    - {name: q2, kind: revolute, alpha: 90, d: 50, range: [-100, 100]}
+frames: {tool: {in: flange, xyz: [300, 0, 40], tolerance: {xyz: 0.5, rpy: 0}}}
+sensor: {type: position, sigma: {xyz: 0.01}}
+"""
+ROWS = 40
+PLAY, SCALE = "backlash@q2:b=0.05[deg]", "actuator-scale@q1:s=2e-3"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A small arm with something simulated in it, its candidates, and the fit without them."""
+
+    cat: Catalogue
+    signatures: Signatures
+    null: Estimate
+
+    @classmethod
+    def of(cls, folder: Path, *truth: str, only_from: int = 0) -> Case:
+        """``only_from``: earlier rows are read from the machine without what is missing."""
+        (folder / "arm.yaml").write_text(ARM)
+        machine, rng = load_machine(folder / "arm.yaml"), np.random.default_rng(12)
+        table = pd.DataFrame(rng.uniform(-1, 1, (ROWS, 2)) * [160, 95], columns=["q1 [deg]", "q2 [deg]"])
+        table["approach.q1"], table["approach.q2"] = rng.choice([-1.0, 1.0], (2, ROWS))
+        table.to_csv(folder / "poses.csv", index=False)
+        poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
+        read = simulate(machine, poses, [parse_effect(text, machine) for text in truth], seed=3)
+        if only_from:
+            read.iloc[:only_from] = simulate(machine, poses, [], seed=3).iloc[:only_from]
+        pd.concat([table, read], axis=1).to_csv(folder / "rows.csv", index=False)
+        return cls.on(machine, load_recording(machine, [folder / "rows.csv"]))
+
+    @classmethod
+    def on(cls, machine: Machine, recording: Recording) -> Case:
+        cat = catalogue(machine, recording)
+        return cls(cat, Signatures(machine, recording, cat.candidates), estimate(machine, recording))
+
+    @property
+    def exclude(self) -> NDArray[np.bool_]:
+        return np.zeros(ROWS, dtype=np.bool_)
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt(self.null.chi2_per_dof))
+
+    def found(self, exclude: NDArray[np.bool_] | None = None) -> Found:
+        left_out = self.exclude if exclude is None else exclude
+        return search(self.signatures, self.cat, self.null, left_out, self.rms)

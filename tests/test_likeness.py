@@ -1,0 +1,68 @@
+"""A name and what is only like it: the thing itself, its signal modulated by a joint, and what nobody tested."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from test_search_found import PLAY, SCALE, Case
+from truepose.identification.diagnosis import prior
+from truepose.identification.diagnosis.likeness import forms_hold
+from truepose.identification.diagnosis.search import Found
+from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.recording.load import load_recording
+from truepose.models.load import load_machine
+
+UNTESTED = 1.0 / (1.0 + prior.ONLY_ALIKE)
+
+
+def held(found: Found, slug: str) -> float:
+    """Probability that the name in the mode is the thing itself."""
+    name = [i for i in found.accepted if found.catalogue.cause(i)[0] == slug]
+    assert name
+    (probability,) = forms_hold(found, [name])
+    return probability
+
+
+@pytest.mark.parametrize("truth", [(PLAY,), (SCALE,), (PLAY, SCALE)])
+def test_the_thing_itself_is_told_from_what_is_like_it(tmp_path: Path, truth: tuple[str, ...]) -> None:
+    found = Case.of(tmp_path, *truth).found()
+    for text in truth:
+        assert held(found, text.partition("@")[0]) > 0.97
+
+
+@pytest.mark.parametrize(("share", "is_held"), [(0.05, True), (0.9, False)])
+def test_play_that_differs_along_another_joint_is_only_like_play(
+    tmp_path: Path, share: float, is_held: bool
+) -> None:
+    """Five percent is an error of form; ninety is no play of one size."""
+    case = modulated(tmp_path, share)
+    assert (held(case.found(), "backlash") > 0.9) is is_held
+
+
+def test_what_the_fit_does_not_hold_was_not_tested(tmp_path: Path) -> None:
+    found = Case.of(tmp_path, PLAY).found()
+    untouched = replace(
+        found, linearisation=replace(found.linearisation, bent=(-1,) * len(found.linearisation.bent))
+    )
+    name = list(found.accepted)
+    assert forms_hold(untouched, [name]) == [pytest.approx(UNTESTED)]
+    assert forms_hold(found, []) == []
+
+
+def modulated(folder: Path, share: float) -> Case:
+    """Play at q2 that grows and shrinks by ``share`` as q1 turns."""
+    case = Case.of(folder, PLAY)
+    machine = load_machine(folder / "arm.yaml")
+    table = pd.read_csv(folder / "rows.csv")
+    plain = simulate(machine, case.signatures.recording, [], seed=None)
+    full = simulate(machine, case.signatures.recording, [parse_effect(PLAY, machine)], seed=None)
+    t = table["q1 [deg]"].to_numpy() / 160.0
+    for name in plain.columns:
+        table[name] += share * t * (full[name] - plain[name]).to_numpy()
+    table.to_csv(folder / "rows.csv", index=False)
+    recording = load_recording(machine, [folder / "rows.csv"])
+    return Case.on(machine, recording)
