@@ -25,9 +25,9 @@ from truepose.models.load import load_machine
 LOW_ORDERS = 3
 
 
-def mark_held_out(data: Path, work: Path) -> None:
-    """Copies of both files in ``work`` with a column ``role``."""
-    for name in FILES:
+def mark_held_out(data: Path, work: Path, names: Sequence[str] = FILES) -> None:
+    """Copies of files in ``work`` with a column ``role``."""
+    for name in names:
         table = pd.read_csv(data / "ur10-laser-tracker" / f"{name}.csv")
         table["role"] = np.where(np.isin(table["goal"] % 10, HELD_OUT), "validation", "calibration")
         table.to_csv(work / f"{name}.csv", index=False)
