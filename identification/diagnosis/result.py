@@ -81,8 +81,8 @@ class Form:
     """How a remainder goes with its driver, as a hypothesis.
 
     kind: ``order`` of rows, ``steps``, ``linear``, ``quadratic`` or ``periodic`` (``cycles`` over the driver's range),
-    all with the share of the remainder that it explains; or what something without a name does: ``curve``, ``product``
-    or ``warp``.
+    all with the share of the remainder that it explains; or what something without a name does: ``line``,
+    ``curve``, ``product`` or ``warp``.
     """
 
     kind: str

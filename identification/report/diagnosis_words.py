@@ -116,6 +116,7 @@ def form_words(left: Remainder) -> str:
         "linear": f"linear in {driver}",
         "quadratic": f"bent (quadratic) in {driver}",
         "periodic": f"periodic in {driver}, about {form.cycles} periods over its range",
+        "line": f"{where} errs in proportion to {driver}",
         "curve": f"{where} errs as a smooth curve in {driver}",
         "product": f"{where} errs as the product of {driver}",
         "warp": f"{where} errs as a volume warped quadratically by where the point is",
