@@ -75,16 +75,14 @@ def test_mounts_are_rivals_as_curves_of_drivers_only_and_the_volume_once(
 QUIET = Alarm(1.0, 0.5)
 
 
-def judgement(*, residual: Alarm = QUIET, stated: float = 0.5, stubborn: float = 0.5) -> Judgement:
+def judgement(*, residual: Alarm = QUIET, stated: float = 0.5) -> Judgement:
     alarms = {"residual": residual, "prior_conflict": Alarm(9.0, stated), "structure": QUIET}
-    return Judgement(alarms, Structure(QUIET, "time", 0.3, 0.0), stubborn)
+    return Judgement(alarms, Structure(QUIET, "time", 0.3, 0.0))
 
 
 def test_a_model_fails_by_what_misstated_tolerances_and_sigmas_do_not_explain() -> None:
-    assert not judgement(stated=1e-20).leaves  # likely tolerances explain it
-    assert judgement(stated=1e-20, stubborn=1e-6).leaves
+    assert not judgement(stated=1e-20).misfits  # tolerances may be stated too small
     misfit = judgement(residual=Alarm(2.0, 1e-6, "stated sigma"))
-    assert misfit.leaves
     assert not misfit.misfits  # a sigma that is wrong by less than three
     assert judgement(residual=Alarm(2.0, 1e-6, "replicates")).misfits
     assert judgement(residual=Alarm(10.0, 1e-6, "stated sigma")).misfits

@@ -19,7 +19,6 @@ from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 RAISED = 0.01
@@ -79,14 +78,9 @@ def residual_alarm(free: Estimate, recording: Recording) -> Alarm:
     return Alarm(ratio, float(chi2.sf(free.chi2, dof)), "stated sigma")
 
 
-def prior_conflict(
-    lin: Linearisation, noise: float, inflation: Mapping[PartClass, float] | None = None
-) -> Alarm:
-    """Conflict of identifiable combinations, and of the readings at the drawing, with tolerances.
-
-    ``noise`` scales sigma; ``inflation`` widens tolerances by class of part.
-    """
-    found = conflict_with_tolerances(lin, noise, inflation)
+def prior_conflict(lin: Linearisation, noise: float) -> Alarm:
+    """Conflict of identifiable combinations, and of the readings at the drawing, with tolerances; ``noise`` scales sigma."""
+    found = conflict_with_tolerances(lin, noise)
     return Alarm(found.statistic, found.p, "tolerances")
 
 

@@ -9,7 +9,6 @@ the noise, and both go through the same steps.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +17,6 @@ from scipy.stats import chi2
 
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import FREE_WIDENING
-from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 DRAWS = 999
@@ -50,10 +48,9 @@ class _Seen:
     vectors: Array
 
     @classmethod
-    def of(cls, lin: Linearisation, inflation: Mapping[PartClass, float]) -> _Seen:
-        """Of geometry whose tolerances are ``inflation`` times as wide, by class of part."""
-        n = lin.free
-        weight = lin.weight / np.array([inflation.get(part, 1.0) for part in lin.parts])
+    def of(cls, lin: Linearisation) -> _Seen:
+        """Of free geometry."""
+        n, weight = lin.free, lin.weight
         known, unknown = np.flatnonzero(weight > 0), np.flatnonzero(weight == 0)
         h, across = lin.gram[:n, :n], lin.gram[np.ix_(known, unknown)]
         solve = np.linalg.pinv(h[np.ix_(unknown, unknown)], rcond=1e-12, hermitian=True)
@@ -103,15 +100,13 @@ class _Seen:
         return conflict, np.minimum(first, second)
 
 
-def conflict_with_tolerances(
-    lin: Linearisation, noise: float, inflation: Mapping[PartClass, float] | None = None
-) -> Conflict:
-    """The smaller p of two tests, against machines drawn from their tolerances (widened by class of part).
+def conflict_with_tolerances(lin: Linearisation, noise: float) -> Conflict:
+    """The smaller p of two tests, against machines drawn from their tolerances.
 
     The tests: identifiable combinations against their tolerances, and the prior-predictive e' V^-1 e. ``noise``
     (at least 1) scales sigma. Beyond the draws p is twice the smaller one of chi2.
     """
-    seen = _Seen.of(lin, inflation or {})
+    seen = _Seen.of(lin)
     n, last = lin.free, len(lin.gram) - 1
     # effects of the fit stay in the model: only geometry is taken back to the drawing
     shift = np.append(np.where(np.arange(last) < n, lin.departure, 0.0), 0.0)

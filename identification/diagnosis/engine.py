@@ -74,7 +74,6 @@ class _Outcome:
     raised: Judgement
     left: Judgement
     said: Inclusion
-    inflation: dict[PartClass, float]
     gain: Mapping[str, float]
 
 
@@ -133,8 +132,7 @@ def _outcome(fits: _Fits, found: Found) -> _Outcome:
     said = inclusion(found.weighed, found.posterior)
     every = named(found, said)
     shapes, cat = remainder_shapes(found), found.catalogue
-    inflation = _inflation(found)
-    raised = judged(fits.free, fits.before, found.linearisation_before, inflation, recording)
+    raised = judged(fits.free, fits.before, found.linearisation_before, recording)
     accepted = dict.fromkeys(cat.stated, WIDE) | chosen(found.weighed, found.mode)
     after = fitted(found, accepted, shapes, fits.outliers) if accepted or shapes else fits.before
     if after is None:  # the fit of the last expansion point stands, and what it holds
@@ -150,10 +148,10 @@ def _outcome(fits: _Fits, found: Found) -> _Outcome:
     verdict = "missing-physics" if names else _without_names(raised, proof, sure=sure)
     if verdict == "adequate":
         after, proof, nameless = fits.before, None, ()
-    left = judged(after, after, found.linearisation, inflation, recording) if names else raised
+    left = judged(after, after, found.linearisation, recording) if names else raised
     gain = {} if proof is None or not nameless else _gain(fits.before, recording, proof)
     told = proof if names else None
-    return _Outcome(names, nameless, after, told, verdict, raised, left, said, inflation, gain)
+    return _Outcome(names, nameless, after, told, verdict, raised, left, said, gain)
 
 
 def _gain(before: Estimate, recording: Recording, proof: Proof) -> Mapping[str, float]:
@@ -224,7 +222,7 @@ def _conclude(fits: _Fits, found: Found, outcome: _Outcome) -> Diagnosis:
         terms=outcome.after.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
         noise=_noise(found),
-        inflation=outcome.inflation,
+        inflation=_inflation(found),
         sets=_sets(outcome.said),
         inclusion=tuple(Alternative(slug, place, p, 0.0) for (slug, place), p in outcome.said.places.items()),
         disagreement=found.posterior.disagreement,

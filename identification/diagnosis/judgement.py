@@ -17,7 +17,6 @@ from truepose.identification.diagnosis.alarms import (
 from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.tolerance_classes import PartClass
 
 CLEAR_P = 1e-3
 """An alarm below this p is no chance: the model fails."""
@@ -26,20 +25,10 @@ SIGMA_OFF = 3.0
 
 @dataclass(frozen=True)
 class Judgement:
-    """The three alarms of a model on a recording, and its conflict with tolerances once those may be misstated.
-
-    ``stubborn``: p of the conflict with tolerances as wide as the readings make likely. Tolerances that somebody
-    stated too small are no missing physics.
-    """
+    """The three alarms of a model on a recording, and what its residuals depend on most."""
 
     alarms: Mapping[str, Alarm]
     structure: Structure
-    stubborn: float
-
-    @property
-    def leaves(self) -> bool:
-        """Whether the model clearly leaves something: lack of fit, structure, or a conflict beyond misstated tolerances."""
-        return self._beyond_noise or self.alarms["residual"].p < CLEAR_P
 
     @property
     def misfits(self) -> bool:
@@ -47,18 +36,8 @@ class Judgement:
         lack = self.alarms["residual"]
         return lack.p < CLEAR_P and (lack.about == "replicates" or lack.statistic > SIGMA_OFF**2)
 
-    @property
-    def _beyond_noise(self) -> bool:
-        return self.stubborn < CLEAR_P or self.structure.alarm.p < CLEAR_P
 
-
-def judged(
-    ordinary: Estimate,
-    fit: Estimate,
-    lin: Linearisation,
-    inflation: Mapping[PartClass, float],
-    recording: Recording,
-) -> Judgement:
+def judged(ordinary: Estimate, fit: Estimate, lin: Linearisation, recording: Recording) -> Judgement:
     """Of ``fit``, with ``lin`` there; ``ordinary`` is the fit whose misfit counts, and says how large the noise is."""
     noise = max(float(np.sqrt(max(ordinary.chi2_per_dof, 1e-300))), 1.0)
     structure = structure_alarm(fit, recording)
@@ -67,5 +46,4 @@ def judged(
         "prior_conflict": prior_conflict(lin, noise),
         "structure": structure.alarm,
     }
-    widened = {part: max(value, 1.0) for part, value in inflation.items()}
-    return Judgement(alarms, structure, prior_conflict(lin, noise, widened).p)
+    return Judgement(alarms, structure)
