@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from support.calibrated_machines import calibrated, path_file
 from support.generated_c import needs_compiler
-from test_compensation import calibrated, path_file
 from truepose.cli import app
 from truepose.codegen.c import generate
 from truepose.codegen.evaluation import compiled

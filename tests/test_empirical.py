@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
+from support.calibrated_machines import SIX_AXES
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.path_table import load_path
@@ -32,25 +33,7 @@ from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-SIX_AXES = """
-schema: truepose/machine/1
-name: arm
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: revolute, r: 400, range: [-170, 170]}
-    - {name: q2, kind: revolute, alpha: -90, d: 25, theta: -90, range: [-120, 60]}
-    - {name: q3, kind: revolute, d: 455, range: [-100, 120]}
-    - {name: q4, kind: revolute, alpha: -90, d: 35, r: 420, range: [-180, 180]}
-    - {name: q5, kind: revolute, alpha: 90, range: [-120, 120]}
-    - {name: q6, kind: revolute, alpha: -90, r: 80, range: [-350, 350]}
-frames:
-  base: {xyz: [100, 20, 5], rpy: [1, 2, 40], tolerance: {xyz: 5, rpy: 1}}
-  tool: {in: flange, xyz: [10, 0, 120], rpy: [0, 20, 0], tolerance: {xyz: 1, rpy: 0.5}}
-sensor: {type: pose, sigma: {xyz: 0.01, rot: 0.001}}
-tolerances: {length: 0.2, angle: 0.05}
-drivers: [payload, temperature.air]
-"""
+DRIVEN = SIX_AXES + "drivers: [payload, temperature.air]\n"
 JOINTS = tuple(f"q{k}" for k in range(1, 7))
 SEEN = 0.8
 """Joints move by so many rad to either side in the recordings of these tests."""
@@ -65,7 +48,7 @@ TRUE = (
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
     path = tmp_path_factory.mktemp("empirical") / "arm.yaml"
-    path.write_text(SIX_AXES)
+    path.write_text(DRIVEN)
     return load_machine(path)
 
 
@@ -176,7 +159,7 @@ def test_beyond_its_range_a_form_stays_where_it_ended(arm: Machine, tmp_path: Pa
 )
 def test_what_cannot_be_meant_is_refused(tmp_path: Path, entry: str, message: str) -> None:
     path = tmp_path / "arm.yaml"
-    path.write_text(SIX_AXES + f"effects: [{{effect: empirical, {entry}}}]\n")
+    path.write_text(DRIVEN + f"effects: [{{effect: empirical, {entry}}}]\n")
     with pytest.raises(InputError, match=message):
         load_machine(path)
 

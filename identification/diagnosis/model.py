@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.search import Found, start_from
 from truepose.identification.diagnosis.weighed import Weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
@@ -110,13 +110,7 @@ def _fitted(
     extra = [s for s in shapes if s.candidate not in accepted]
     terms += [cat.candidates[s.candidate] for s in extra]
     prior = _prior(found, terms, len(accepted), extra)
-    known = {e.label: e.amplitudes for e in found.fit.fitted_effects()}
-    start = np.concatenate(
-        [
-            found.fit.p[: len(machine.parameters)],
-            *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms],
-        ]
-    )
+    start = start_from(found.fit, terms)
     return estimate(machine, recording, terms, start=start, exclude=exclude, prior=prior)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from truepose.identification.diagnosis.weighed import WIDE, Weighed, weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
 from truepose.identification.posterior.posterior import LONG_SET, Posterior, climbed, mode, sample
+from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -135,11 +136,12 @@ def refitted(here: _Expansion, wanted: Mapping[int, float]) -> Estimate:
     """The nonlinear fit with other candidates, from the present one."""
     machine, recording = here.signatures.machine, here.signatures.recording
     terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
-    known = {e.label: e.amplitudes for e in here.fit.fitted_effects()}
-    start = np.concatenate(
-        [
-            here.fit.p[: len(machine.parameters)],
-            *[known.get(t.label, np.zeros(len(t.coefficients))) for t in terms],
-        ]
-    )
+    start = start_from(here.fit, terms)
     return estimate(machine, recording, terms, start=start, exclude=here.exclude, tolerance=ROUGH)
+
+
+def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:
+    """Start of a fit with these effects: parameters and amplitudes of another fit, zero for effects that it has not."""
+    known = {e.label: e.amplitudes for e in fit.fitted_effects()}
+    amplitudes = [known.get(t.label, np.zeros(len(t.coefficients))) for t in terms]
+    return np.concatenate([fit.p[: len(fit.machine.parameters)], *amplitudes])
