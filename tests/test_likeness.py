@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from test_search_found import PLAY, SCALE, Case
+from support.searched_arm import PLAY, SCALE, Case
 from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.likeness import forms_hold
 from truepose.identification.diagnosis.search import Found

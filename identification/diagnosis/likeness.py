@@ -53,7 +53,12 @@ def forms_hold(found: Found, names: Sequence[Sequence[int]]) -> list[float]:
         noise = [k + step for k in found.mode.point[:-2]]
         if min(noise) < 0:
             continue
-        root = marginal(part, found.weighed.weighing.unknowns, found.weighed.weighing.terms, (*noise, *found.mode.point[-2:]))
+        root = marginal(
+            part,
+            found.weighed.weighing.unknowns,
+            found.weighed.weighing.terms,
+            (*noise, *found.mode.point[-2:]),
+        )
         there = root.including(inside, sizes)
         plain = max(plain, there.log_evidence)
         for n, own in enumerate(wanted):

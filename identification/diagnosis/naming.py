@@ -84,9 +84,7 @@ def _weighed(found: Found, names: Sequence[Named]) -> list[Named]:
 
 def _beside_alike(one: Named, gain: float, held: float) -> Named:
     """A name with its log Bayes factor, where it is the thing itself with a probability ``held``."""
-    members = [
-        replace(m, probability=held * m.probability, gain=gain + m.gain) for m in one.equivalents
-    ]
+    members = [replace(m, probability=held * m.probability, gain=gain + m.gain) for m in one.equivalents]
     alike = (1.0 - held) * one.probability
     if alike > SHOWN:
         cause = Cause(Empirical.slug, one.cause.place)

@@ -167,7 +167,9 @@ class Empirical(Effect):
     def told(self, settings: Settings) -> str:
         """The sources, and whether it is a line in them: ranges are long, and terms of one place and source are one term."""
         line = ",line" if settings.get(DEGREE) == LINE else ""
-        return "".join(f",{key.removeprefix(FROM)}" for key in sorted(settings) if key.startswith(FROM)) + line
+        return (
+            "".join(f",{key.removeprefix(FROM)}" for key in sorted(settings) if key.startswith(FROM)) + line
+        )
 
     def describe(self, settings: Settings) -> tuple[str, str]:
         """Driver (``q1 and q2`` for two) and kind of form: curve, product or warp."""
