@@ -23,7 +23,7 @@ def held(found: Found, slug: str) -> float:
     """Probability that the name in the mode is the thing itself."""
     name = [i for i in found.accepted if found.catalogue.cause(i)[0] == slug]
     assert name
-    (probability,) = forms_hold(found, [name])
+    (probability,) = forms_hold(found, 0.0, [name])
     return probability
 
 
@@ -49,8 +49,8 @@ def test_what_the_fit_does_not_hold_was_not_tested(tmp_path: Path) -> None:
         found, linearisation=replace(found.linearisation, bent=(-1,) * len(found.linearisation.bent))
     )
     name = list(found.accepted)
-    assert forms_hold(untouched, [name]) == [pytest.approx(UNTESTED)]
-    assert forms_hold(found, []) == []
+    assert forms_hold(untouched, 0.0, [name]) == [pytest.approx(UNTESTED)]
+    assert forms_hold(found, 0.0, []) == []
 
 
 def modulated(folder: Path, share: float) -> Case:

@@ -39,7 +39,6 @@ from truepose.identification.fit.summary import summarise
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
-from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -144,7 +143,7 @@ def _outcome(fits: _Fits, found: Found) -> _Outcome:
     main = next((i for n in every for i in n.candidates), next(iter(nameless), None))
     proof = prove(fits.before, after, found, main, fits.outliers) if main is not None else None
     names = tuple(n for n in every if n.certainty >= NAMED)
-    sure = nameless_probability(found) > SURE or any(n.present > SURE for n in every)
+    sure = said.nameless > SURE or any(n.present > SURE for n in every)
     verdict = "missing-physics" if names else _without_names(raised, proof, sure=sure)
     if verdict == "adequate":
         after, proof, nameless = fits.before, None, ()
@@ -165,20 +164,6 @@ def _without_names(raised: Judgement, proof: Proof | None, *, sure: bool) -> str
     """``unknown`` where something is ``sure`` to be there and worth something, or where noise alone is no explanation."""
     worth = proof is not None and proof.ratio < 1.0
     return "unknown" if (sure and worth) or raised.misfits else "adequate"
-
-
-def nameless_probability(found: Found) -> float:
-    """That something without a name is there: a form in a slot, or the smooth remainder."""
-    problem = found.weighed
-    return sum(
-        share
-        for state, share in found.posterior.states
-        if state.point[-1] > 0
-        or any(
-            problem.causes[int(problem.weighing.terms.cause[t])].effect == Empirical.slug
-            for t, _ in state.members
-        )
-    )
 
 
 def _inflation(found: Found) -> dict[PartClass, float]:

@@ -11,6 +11,7 @@ from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.weighed import Cause, Weighed
 from truepose.identification.posterior.mode import State
 from truepose.identification.posterior.posterior import Posterior
+from truepose.models.effects.empirical import Empirical
 
 Place = tuple[str, tuple[str, ...]]
 """Slug of an effect and its place."""
@@ -24,11 +25,13 @@ TYPICAL = 6
 @dataclass(frozen=True)
 class Inclusion:
     """places: probability of each effect at each place, alone or in a family; families: share of each place of a family
-    (by its cause), given that the family is there; sets: the likeliest sets of causes."""
+    (by its cause), given that the family is there; sets: the likeliest sets of causes; nameless: that something without a
+    name is there, a form in a slot or the smooth remainder."""
 
     places: Mapping[Place, float]
     families: Mapping[Cause, Mapping[Place, float]]
     sets: tuple[tuple[tuple[Cause, ...], float], ...]
+    nameless: float
 
     def of(self, cause: Cause) -> float:
         """Probability of an effect at its place."""
@@ -59,7 +62,17 @@ def inclusion(problem: Weighed, posterior: Posterior) -> Inclusion:
     ranked = sorted(places.items(), key=lambda item: -item[1])
     listed = {place: min(p, 1.0) for place, p in ranked if p > REPORTED}
     likeliest = sorted(sets.items(), key=lambda item: -item[1])[:LIKELIEST]
-    return Inclusion(listed, families, tuple(likeliest))
+    return Inclusion(listed, families, tuple(likeliest), _nameless(problem, posterior))
+
+
+def _nameless(problem: Weighed, posterior: Posterior) -> float:
+    cause, causes = problem.weighing.terms.cause, problem.causes
+    return sum(
+        share
+        for state, share in posterior.states
+        if state.point[-1] > 0
+        or any(causes[int(cause[term])].effect == Empirical.slug for term, _ in state.members)
+    )
 
 
 def _place_shares(problem: Weighed, posterior: Posterior, number: int) -> Mapping[Place, float]:

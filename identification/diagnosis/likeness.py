@@ -27,8 +27,11 @@ PAIR = 2
 """Modulations of a source: its first two polynomials."""
 
 
-def forms_hold(found: Found, names: Sequence[Sequence[int]]) -> list[float]:
-    """Probability that each name (its candidates), if something like it is there, is the thing itself."""
+def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) -> list[float]:
+    """Probability that each name (its candidates), if something like it is there, is the thing itself.
+
+    ``nameless``: that something without a name is there anyway; what resembles a name is then likelier a part of it.
+    """
     if not names:
         return []
     bent, width = found.linearisation.bent, found.linearisation.forms
@@ -66,13 +69,14 @@ def forms_hold(found: Found, names: Sequence[Sequence[int]]) -> list[float]:
                 if len(at):
                     gains = [there.gain(at, np.full(len(at), size)) for size in scale]
                     best[n, s] = np.maximum(best[n, s], there.log_evidence + np.array(gains))
-    return [_held(best[n] - plain) for n in range(len(names))]
+    odds = (1.0 - nameless) * prior.ONLY_ALIKE + nameless * prior.PART_OF_IT
+    return [_held(best[n] - plain, odds) for n in range(len(names))]
 
 
-def _held(gains: Array) -> float:
-    """From log Bayes factors (sources, sizes) of the modulated form: all are as likely; without any nothing was tested."""
+def _held(gains: Array, odds: float) -> float:
+    """From prior odds of the rival and log Bayes factors (sources, sizes): all are as likely; without any nothing was tested."""
     tested = gains[np.isfinite(gains)]
-    log_odds = np.log(prior.ONLY_ALIKE)
+    log_odds = np.log(odds)
     if len(tested):
         log_odds += np.logaddexp.reduce(tested) - np.log(len(tested))
     return float(1.0 / (1.0 + np.exp(np.clip(log_odds, -700.0, 700.0))))

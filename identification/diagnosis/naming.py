@@ -71,14 +71,14 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
                 if problem.causes[number].family
                 else _single(found, said, number)
             )
-    return tuple(sorted(_weighed(found, _merged(out)), key=lambda n: -n.gain))
+    return tuple(sorted(_weighed(found, said, _merged(out)), key=lambda n: -n.gain))
 
 
-def _weighed(found: Found, names: Sequence[Named]) -> list[Named]:
+def _weighed(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Named]:
     """With the log Bayes factor of each name and of its class, and with what is only like it."""
     parts = [_places(found, name.candidates) for name in names]
     gains = supports(found.weighed.weighing, found.mode, parts) if names else []
-    held = forms_hold(found, [name.candidates for name in names])
+    held = forms_hold(found, said.nameless, [name.candidates for name in names])
     return [_beside_alike(*each) for each in zip(names, gains, held, strict=True)]
 
 
