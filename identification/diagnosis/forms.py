@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.prediction.spread import FORM_ERROR
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import Driver
 
 Array = NDArray[np.float64]
-ERROR = 0.1
-"""1-sigma of a formula's deviation, as a share of its signal."""
+ERROR = FORM_ERROR
 MOST = 30
 """Signals, the largest, that have errors of form of their own: those of small ones drown in the noise."""
 Signal = tuple[slice, Array]

@@ -74,7 +74,7 @@ def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) ->
 
 
 def _held(gains: Array, odds: float) -> float:
-    """From prior odds of the rival and log Bayes factors (sources, sizes): all are as likely; without any nothing was tested."""
+    """From prior odds of the rival and its log Bayes factors (sources, sizes), all as likely; without any, untested."""
     tested = gains[np.isfinite(gains)]
     log_odds = np.log(odds)
     if len(tested):

@@ -14,6 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
@@ -55,7 +57,7 @@ def calibrated_document(estimate: Estimate, recording: Recording) -> dict[str, A
         document.pop(key, None)
     if estimate.effects:
         document["effects"] = _effect_entries(estimate)
-    document["covariance"] = covariance_of(estimate).document()
+    document["covariance"] = replace(covariance_of(estimate), seen=_seen(estimate, recording)).document()
     drawing = machine.file.nominal
     document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
     document["sessions"] = list(recording.sessions)
@@ -71,6 +73,19 @@ def covariance_of(estimate: Estimate) -> Covariance:
     known = Covariance.of(names, scale, estimate.root, estimate.known.unknown)
     own = unexplained(estimate.machine, estimate.residual[estimate.used], estimate.effective_parameters)
     return replace(known, unexplained=own)
+
+
+def _seen(estimate: Estimate, recording: Recording) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value in the fitted rows of joints and of what effects depend on; none without effects."""
+    if not estimate.effects:
+        return {}
+    columns = dict(zip(recording.joints, recording.q.T, strict=True))
+    for name in dict.fromkeys(d for effect in estimate.effects for d in effect.drivers):
+        values = recording.driver(name)
+        if values is not None:
+            columns[name] = values
+    used = {name: values[estimate.used] for name, values in columns.items()}
+    return {name: (float(np.min(values)), float(np.max(values))) for name, values in used.items()}
 
 
 def _expand(document: dict[str, Any], machine: Machine) -> None:

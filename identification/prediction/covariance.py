@@ -28,13 +28,15 @@ class Covariance:
     """Names of n estimates, a factor (n, n) F of their covariance F F', and directions (k, n) that are unknown.
 
     ``unexplained``: the model's own 1-sigma beside the sensors' (mm, rad), by sensor and kind of reading
-    (``sensor.position``), where a fit left more than its sensors' noise.
+    (``sensor.position``), where a fit left more than its sensors' noise. ``seen``: lowest and highest value of each joint
+    (mm, rad) and driver of the effects in the fitted rows.
     """
 
     names: tuple[str, ...]
     factor: Array
     unknown: Array
     unexplained: Mapping[str, Quantity] = field(default_factory=dict)
+    seen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, names: Sequence[str], scale: Array, root: Array, unknown: Array) -> Covariance:
@@ -61,6 +63,7 @@ class Covariance:
                 factor[k, : k + 1] = row
             unknown = np.array([str(row).split() for row in section.get("unknown", [])], dtype=float)
             own = {name: _quantity(item) for name, item in section.get("unexplained", {}).items()}
+            seen = {str(name): _range(item) for name, item in section.get("seen", {}).items()}
         except (AttributeError, KeyError, TypeError, ValueError, IndexError) as exc:
             raise InputError(
                 f"{where}: found a covariance that cannot be read ({exc!r}), expected names and factor"
@@ -74,7 +77,7 @@ class Covariance:
                 raise InputError(
                     f"{where}.unexplained.{name}: found {value} {unit}, expected a number from 0 on in mm or rad"
                 )
-        return cls(names, factor, unknown.reshape(-1, len(names)), own)
+        return cls(names, factor, unknown.reshape(-1, len(names)), own, seen)
 
     def document(self) -> dict[str, Any]:
         """Names, rows of the lower triangle as text, unknown directions as text."""
@@ -105,6 +108,13 @@ class Covariance:
 
 def _quantity(item: Mapping[str, Any]) -> Quantity:
     return float(item["value"]), str(item["unit"])
+
+
+def _range(item: Sequence[float]) -> tuple[float, float]:
+    low, high = (float(value) for value in item)
+    if not -np.inf < low <= high < np.inf:
+        raise ValueError(f"{low} to {high} is no range")
+    return low, high
 
 
 def _text(row: Array) -> str:

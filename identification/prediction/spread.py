@@ -1,12 +1,14 @@
 """How far the model may be off, column by column: parameters, what no parameter explains, and rows that were never seen.
 
 The variance of a column is J C J', C from the file's ``covariance:`` for what it names and from tolerances for the
-rest; plus the square of what the fit left ``unexplained`` in that kind of reading; plus, where a form without a name
-(``empirical``) is asked outside of what it was fitted to, what it may be there. What is unexplained of rotations is that
-of a small turn; a column of a rotation vector near half a turn moves more than that.
+rest; plus the square of what the fit left ``unexplained`` in that kind of reading; plus, outside of what was seen, what
+forms without a name (``empirical``) and the errors of form of named effects may be there. What is unexplained of
+rotations is that of a small turn; a column of a rotation vector near half a turn moves more than that.
 """
 
 from __future__ import annotations
+
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,10 @@ from truepose.models.machine import Machine
 from truepose.models.sensors.base import Sensor
 
 Array = NDArray[np.float64]
+FORM_ERROR = 0.1
+"""1-sigma of a formula's deviation, as a share of its signal."""
+LEAST_RANGE = 1e-6
+"""Half of a range that is taken for a driver that was never varied."""
 
 
 def column_std(predictor: Predictor, values: Array, jacobian: Array) -> Array:
@@ -70,11 +76,12 @@ def _kinds(sensor: Sensor) -> dict[str, str]:
 
 
 def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
-    """(n, k) variance that forms without a name have where they were not seen.
+    """(n, k) variance that effects have where they were not seen.
 
-    Held at the end of its range, a term of amplitude c is off by the change of a random curve of that size since
-    there: variance 2 c^2 (1 - exp(-o)), o the overshoot in halves of the range. It grows like a random walk at once
-    and ends at that of two values that know nothing of each other.
+    Held at the end of its range, a form without a name of amplitude c is off by the change of a random curve of that
+    size since there: variance 2 c^2 (1 - exp(-o)), o the overshoot in halves of the range. It grows like a random walk at
+    once and ends at that of two values that know nothing of each other. So does the error of form of a named effect, a
+    tenth of its signal, of which the fitted rows know nothing out there.
     """
     machine, model = predictor.machine, predictor.model
     at = dict(zip(model.readings, predictor.q.T, strict=True))
@@ -82,13 +89,31 @@ def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
     columns = [name for sensor in machine.sensors for name in sensor.columns]
     at |= dict(zip(columns, values.T, strict=True))
     out, first = np.zeros(values.shape), len(machine.parameters)
+    known = _covariance(machine)
+    seen = {} if known is None else known.seen
     for effect in machine.effects:
         own = slice(first, first + len(effect.coefficients))
         first = own.stop
         over = effect.effect.overshoot(machine, effect.place, effect.settings_map, at)
         if over is not None:
             moved = np.sum((jacobian[..., own] * effect.amplitudes) ** 2, axis=2)
-            out += -2.0 * np.expm1(-over)[:, None] * moved
+        else:
+            over = _outside(seen, at, {*model.readings, *effect.drivers})
+            moved = (FORM_ERROR * (jacobian[..., own] @ np.array(effect.amplitudes))) ** 2
+        out += -2.0 * np.expm1(-over)[:, None] * moved
+    return out
+
+
+def _outside(
+    seen: Mapping[str, tuple[float, float]], at: Mapping[str, Array], sources: Collection[str]
+) -> Array:
+    """(n,) how far values of sources lie outside of what was seen, in halves of each range; 0 where nothing is known."""
+    out = np.zeros(len(next(iter(at.values()))))
+    for name in sources:
+        if name in seen and name in at:
+            low, high = seen[name]
+            half = max((high - low) / 2, LEAST_RANGE)
+            out += np.maximum(np.abs(at[name] - (low + high) / 2) / half - 1.0, 0.0)
     return out
 
 
