@@ -18,6 +18,8 @@ from truepose.models.driver import Driver
 
 Array = NDArray[np.float64]
 ERROR = FORM_ERROR
+PAIR = 2
+"""Modulations of a source: its first two polynomials."""
 MOST = 30
 """Signals, the largest, that have errors of form of their own: those of small ones drown in the noise."""
 Signal = tuple[slice, Array]
@@ -25,10 +27,12 @@ Signal = tuple[slice, Array]
 
 @dataclass(frozen=True)
 class Forms:
-    """Modulations (n, u) of every row, and the signals that are modulated: columns of G with the fitted coefficients."""
+    """Modulations (n, u) of every row, the signals that are modulated: columns of G with the fitted coefficients; and the
+    joints and drivers that modulate, with ``PAIR`` modulations each."""
 
     modulations: Array
     signals: tuple[Signal, ...]
+    sources: tuple[str, ...] = ()
 
     @classmethod
     def none(cls) -> Forms:
@@ -40,15 +44,16 @@ class Forms:
         """Of the signals, over the ranges of the rows ``used`` (n,)."""
         if not signals:
             return cls.none()
-        sources = [recording.q[:, k] for k in range(recording.q.shape[1])]
+        columns = dict(zip(recording.joints, recording.q.T, strict=True))
         for name in recording.logged:
             values = recording.driver(name)
             if values is not None and (name in ("payload", "time") or Driver.of(name).thermal):
-                sources.append(values)
-        columns = [c for values in sources for c in _chebyshev(values, used)]
-        phi = np.column_stack(columns) if columns else np.zeros((len(used), 0))
-        total = np.sqrt(max(float(np.mean(np.sum(phi[used] ** 2, axis=1))), 1e-300)) if columns else 1.0
-        return cls(ERROR * phi / total, tuple(signals))
+                columns[name] = values
+        varied = {name: values for name, values in columns.items() if np.ptp(values[used]) > 0}
+        pairs = [_chebyshev(values, used) for values in varied.values()]
+        phi = np.column_stack(pairs) if pairs else np.zeros((len(used), 0))
+        total = np.sqrt(max(float(np.mean(np.sum(phi[used] ** 2, axis=1))), 1e-300)) if pairs else 1.0
+        return cls(ERROR * phi / total, tuple(signals), tuple(varied))
 
     @property
     def width(self) -> int:
@@ -70,10 +75,8 @@ def largest(signals: Sequence[Signal], squares: Sequence[float]) -> list[Signal]
     return [signals[k] for k in kept]
 
 
-def _chebyshev(values: Array, used: NDArray[np.bool_]) -> list[Array]:
-    """The first two polynomials over the range of the used rows; none of what does not vary."""
+def _chebyshev(values: Array, used: NDArray[np.bool_]) -> Array:
+    """(n, PAIR) the first two polynomials over the range of the used rows."""
     low, high = float(values[used].min()), float(values[used].max())
-    if high <= low:
-        return []
     t = np.clip(2.0 * (values - low) / (high - low) - 1.0, -1.0, 1.0)
-    return [t, 2.0 * t**2 - 1.0]
+    return np.column_stack([t, 2.0 * t**2 - 1.0])

@@ -12,19 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis import prior
-from truepose.identification.diagnosis.forms import ERROR
+from truepose.identification.diagnosis.forms import ERROR, PAIR
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import design_with_forms
 from truepose.identification.posterior.marginal import marginal
+from truepose.models.parameters import element_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 SHARES = (0.25, 0.5, 1.0)
-"""How far the signal of something that is only alike is modulated by one source, as shares of it."""
+"""How far a signal is modulated by one source, as shares of it: the first is a formula that is poor, the others no such thing."""
+POOR = 0.3
+"""Prior probability that the formula of a thing that is there is poor."""
 FINER = (0, -2, -4, -8)
-"""Steps of the noise at which both are weighed: with more freedom it can only be smaller."""
-PAIR = 2
-"""Modulations of a source: its first two polynomials."""
+"""Steps of the noise at which all is weighed: with more freedom it can only be smaller."""
 
 
 def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) -> list[float]:
@@ -32,51 +33,50 @@ def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) ->
 
     ``nameless``: that something without a name is there anyway; what resembles a name is then likelier a part of it.
     """
-    if not names:
-        return []
-    bent, width = found.linearisation.bent, found.linearisation.forms
-    modulations = width // max(len(bent), 1)
-    columns, sizes = found.weighed.weighing.columns(found.mode.members)
-    design = design_with_forms(found.linearisation, found.catalogue, found.weighed)
-    forms = np.arange(design.width - width, design.width)
-    part = design.restricted(np.concatenate([columns, forms]).astype(np.intp))
-    inside, first = np.arange(len(columns)), len(columns)
-    sources = range(modulations // PAIR)
-    wanted = [
-        [
-            np.array([first + k * modulations + PAIR * source + i for k in own for i in range(PAIR)])
-            for source in sources
-        ]
-        for own in ([k for k, i in enumerate(bent) if i in name] for name in names)
-    ]
-    scale = np.array(SHARES) * np.sqrt(len(sources)) / ERROR
-    best = np.full((len(names), len(sources), len(scale)), -np.inf)
-    plain = -np.inf
-    for step in FINER:
-        noise = [k + step for k in found.mode.point[:-2]]
-        if min(noise) < 0:
-            continue
-        root = marginal(
-            part,
-            found.weighed.weighing.unknowns,
-            found.weighed.weighing.terms,
-            (*noise, *found.mode.point[-2:]),
-        )
-        there = root.including(inside, sizes)
-        plain = max(plain, there.log_evidence)
-        for n, own in enumerate(wanted):
-            for s, at in enumerate(own):
-                if len(at):
-                    gains = [there.gain(at, np.full(len(at), size)) for size in scale]
-                    best[n, s] = np.maximum(best[n, s], there.log_evidence + np.array(gains))
     odds = (1.0 - nameless) * prior.ONLY_ALIKE + nameless * prior.PART_OF_IT
-    return [_held(best[n] - plain, odds) for n in range(len(names))]
+    return [_held(gains, odds) for gains in _gains(found, [_modulated(found, name) for name in names])]
+
+
+def _modulated(found: Found, name: Sequence[int]) -> list[Index]:
+    """Columns of F of a name's signals by each source; its own joint says how it works, not that it is another thing."""
+    lin, cat = found.linearisation, found.catalogue
+    own = {element_of(part) for i in name for part in cat.candidates[i].place}
+    signals = [k for k, i in enumerate(lin.bent) if i in name]
+    each = PAIR * len(lin.sources)
+    return [
+        np.array([k * each + PAIR * s + i for k in signals for i in range(PAIR)], dtype=np.intp)
+        for s, source in enumerate(lin.sources)
+        if signals and source not in own
+    ]
+
+
+def _gains(found: Found, wanted: Sequence[Sequence[Index]]) -> list[Array]:
+    """(sources, shares) for each name: log Bayes factors of its modulated signal beside the likeliest set."""
+    problem, lin = found.weighed, found.linearisation
+    columns, sizes = problem.weighing.columns(found.mode.members)
+    design = design_with_forms(lin, found.catalogue, problem)
+    forms = np.arange(design.width - lin.forms, design.width)
+    part = design.restricted(np.concatenate([columns, forms]).astype(np.intp))
+    first, scale = len(columns), np.array(SHARES) * np.sqrt(len(lin.sources)) / ERROR
+    plain, best = -np.inf, [np.full((len(own), len(SHARES)), -np.inf) for own in wanted]
+    *noise, widening, remainder = found.mode.point
+    for step in (step for step in FINER if min(noise) + step >= 0):
+        point = (*(k + step for k in noise), widening, remainder)
+        root = marginal(part, problem.weighing.unknowns, problem.weighing.terms, point)
+        there = root.including(np.arange(first), sizes)
+        plain = max(plain, there.log_evidence)
+        for gains, own in zip(best, wanted, strict=True):
+            new = [[there.gain(first + at, np.full(len(at), size)) for size in scale] for at in own]
+            if new:
+                gains[:] = np.maximum(gains, there.log_evidence + np.array(new))
+    return [gains - plain for gains in best]
 
 
 def _held(gains: Array, odds: float) -> float:
-    """From prior odds of the rival and its log Bayes factors (sources, sizes), all as likely; without any, untested."""
-    tested = gains[np.isfinite(gains)]
-    log_odds = np.log(odds)
-    if len(tested):
-        log_odds += np.logaddexp.reduce(tested) - np.log(len(tested))
-    return float(1.0 / (1.0 + np.exp(np.clip(log_odds, -700.0, 700.0))))
+    """From prior odds of the rival and log Bayes factors (sources, shares), sources all as likely; without any, untested."""
+    if not len(gains):
+        return 1.0 / (1.0 + odds)
+    by_share = np.logaddexp.reduce(gains, axis=0) - np.log(len(gains))
+    itself = np.logaddexp(np.log(1.0 - POOR), np.log(POOR) + by_share[0])
+    other = np.logaddexp.reduce(by_share[1:]) - np.log(len(by_share) - 1)
+    return float(1.0 / (1.0 + odds * np.exp(np.clip(other - itself, -700.0, 700.0))))

@@ -51,6 +51,8 @@ class Linearisation:
     candidates: tuple[PlacedEffect, ...]
     bent: tuple[int, ...] = ()
     """Candidates whose signals the errors of form bend, in their order; each has as many columns of F."""
+    sources: tuple[str, ...] = ()
+    """Joints and drivers that bend them, ``PAIR`` columns each."""
 
     @cached_property
     def gram(self) -> Array:
@@ -108,7 +110,7 @@ class Signatures:
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
             tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n], parts,
-            self.candidates, tuple(self.columns.index(at) for at, _ in forms.signals),
+            self.candidates, tuple(self.columns.index(at) for at, _ in forms.signals), forms.sources,
         )  # fmt: skip
 
     def _present(self, fit: Estimate) -> list[tuple[PlacedEffect, slice]]:
