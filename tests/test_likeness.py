@@ -43,6 +43,11 @@ def test_play_that_differs_along_another_joint_is_only_like_play(
     assert (held(case.found(), "backlash") > 0.9) is is_held
 
 
+def test_play_that_differs_along_its_own_joint_is_play(tmp_path: Path) -> None:
+    """How play is spread over the joint's travel is a matter of the joint."""
+    assert held(modulated(tmp_path, 0.9, along="q2", reach=95.0).found(), "backlash") > 0.9
+
+
 def test_what_the_fit_does_not_hold_was_not_tested(tmp_path: Path) -> None:
     found = Case.of(tmp_path, PLAY).found()
     untouched = replace(
@@ -53,14 +58,14 @@ def test_what_the_fit_does_not_hold_was_not_tested(tmp_path: Path) -> None:
     assert forms_hold(found, 0.0, []) == []
 
 
-def modulated(folder: Path, share: float) -> Case:
-    """Play at q2 that grows and shrinks by ``share`` as q1 turns."""
+def modulated(folder: Path, share: float, along: str = "q1", reach: float = 160.0) -> Case:
+    """Play at q2 that grows and shrinks by ``share`` over a joint's ``reach`` (deg)."""
     case = Case.of(folder, PLAY)
     machine = load_machine(folder / "arm.yaml")
     table = pd.read_csv(folder / "rows.csv")
     plain = simulate(machine, case.signatures.recording, [], seed=None)
     full = simulate(machine, case.signatures.recording, [parse_effect(PLAY, machine)], seed=None)
-    t = table["q1 [deg]"].to_numpy() / 160.0
+    t = table[f"{along} [deg]"].to_numpy() / reach
     for name in plain.columns:
         table[name] += share * t * (full[name] - plain[name]).to_numpy()
     table.to_csv(folder / "rows.csv", index=False)

@@ -21,7 +21,7 @@ from truepose.models.parameters import element_of
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 SHARES = (0.25, 0.5, 1.0)
-"""How far a signal is modulated by one source, as shares of it: the first is a formula that is poor, the others no such thing."""
+"""How far a signal is modulated by one source, as shares of it: the first makes a poor formula, the others another thing."""
 POOR = 0.3
 """Prior probability that the formula of a thing that is there is poor."""
 FINER = (0, -2, -4, -8)

@@ -90,6 +90,8 @@ class Covariance:
             out["unknown"] = [_text(row) for row in self.unknown]
         if self.unexplained:
             out["unexplained"] = {n: {"value": v, "unit": unit} for n, (v, unit) in self.unexplained.items()}
+        if self.seen:
+            out["seen"] = {name: [low, high] for name, (low, high) in self.seen.items()}
         return out
 
     def std(self, jacobian: Array, scale: Array) -> Array:
