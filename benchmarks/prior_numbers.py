@@ -31,7 +31,7 @@ ROWS = "outliers"
 
 @dataclass(frozen=True)
 class Said:
-    """A name: whether it is true, its probability if nothing were only alike, the Bayes factor of that; whether beside a rest."""
+    """A name: whether it is true, its probability if nothing were only alike, its Bayes factor; whether beside a rest."""
 
     right: bool
     own: float

@@ -156,10 +156,15 @@ class Empirical(Effect):
         return {site.port(place): _sum(c * powers[int(name[1:])] for name, c in site.c.items())}
 
     def overshoot(self, machine: Machine, place: Place, settings: Settings, at: Mapping[str, Array]) -> Array:
-        """(n,) how far rows lie outside of what was seen: halves of a source's range, or shares of the reach."""
+        """(n,) how far rows lie outside of what was seen: halves of a source's range, or shares of the reach.
+
+        A polynomial of degree k leaves its range k^2 times as steeply as a line.
+        """
         if place[0] not in sensor_names(machine):
             sources = _sources(machine, place, settings)
-            return np.asarray(np.sum([s.overshoot(at[s.name]) for s in sources], axis=0))
+            usual = MOUNT_CURVE if place[0] in FRAMES else CURVE
+            steep = _degree(settings, usual) ** 2 if len(sources) == 1 else 1
+            return np.asarray(steep * np.sum([s.overshoot(at[s.name]) for s in sources], axis=0))
         names = [f"{p}{a}" for p in point_names(sensor_at(machine, place[0])) for a in XYZ]
         reach = settings.get(WIDTH, REACH)
         return np.asarray(np.max([_outside(at[name] / reach) for name in names], axis=0))
