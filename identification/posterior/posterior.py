@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 
 from truepose.identification.posterior.design import Point
 from truepose.identification.posterior.mode import Climb, State, log_posterior
-from truepose.identification.posterior.sampler import Chain, Richness, Sweep
+from truepose.identification.posterior.sampler import Chain, Passage, Richness, Sweep
 from truepose.identification.posterior.weighing import Members, Weighing
 
 Array = NDArray[np.float64]
 AGREED = 0.02
 """Largest difference of a cause's probability between two chains that is none."""
-BURN, ROUND, ROUNDS = 25, 40, 3
-"""Sweeps of a chain before it counts, sweeps of each round, most rounds."""
+BURN, ROUND, ROUNDS, LEARNING = 25, 40, 5, 2
+"""Sweeps of a chain before it counts, sweeps of each round, most rounds, and after how many of them passages are laid."""
+VISITED = 3
+"""States of each chain, the most visited, between which passages are laid."""
 LONG, HOPELESS_LONG = 16, -3.5
 """Columns from which on a term costs much, and the log probability below which it is left out."""
 FOR_CLASS = 0.9
@@ -142,14 +144,37 @@ def _sampled(
     for chain in chains:
         _run(chain, BURN // shorter)
         chain.tuned = True
-    tallies = [_Tally(part) for _ in chains]
-    for _ in range(ROUNDS):
+    return _gathered(
+        part, index, richness, _counted(chains, part, ROUND // shorter, 1 if shorter > 1 else ROUNDS)
+    )
+
+
+def _counted(chains: Sequence[Chain], part: Weighing, sweeps: int, rounds: int) -> list[_Tally]:
+    """Rounds of so many sweeps, until the chains agree.
+
+    Each may be caught in sets of its own. After the first rounds they learn of each other's, and count anew.
+    """
+    tallies = list[_Tally]()
+    for k in range(rounds):
+        if k <= LEARNING:
+            tallies = [_Tally(part) for _ in chains]
         for chain, tally in zip(chains, tallies, strict=True):
-            for sweep in chain.sweeps(ROUND // shorter):
+            for sweep in chain.sweeps(sweeps):
                 tally.add(sweep)
-        if _disagreement(tallies) <= AGREED or shorter > 1:
+        if _disagreement(tallies) <= AGREED:
             break
-    return _gathered(part, index, richness, tallies)
+        if k < LEARNING:
+            ways = _passages(*tallies)
+            for chain in chains:
+                chain.passages = tuple(dict.fromkeys((*chain.passages, *ways)))
+    return tallies
+
+
+def _passages(one: _Tally, other: _Tally) -> tuple[Passage, ...]:
+    """Ways between the states that two chains visited most."""
+    often = [[state for state, _ in tally.seen.most_common(VISITED)] for tally in (one, other)]
+    ways = [Passage.between(a, b) for a in often[0] for b in often[1] if a[0] != b[0]]
+    return tuple(dict.fromkeys(ways))
 
 
 def _other(

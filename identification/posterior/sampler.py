@@ -1,15 +1,16 @@
 """A Gibbs sampler over sets of terms: slots that are empty or hold one term with its size.
 
 One slot at a time is emptied and drawn anew from its full conditional over all terms at all sizes; two at a time are
-exchanged, so that a pair may become another pair; then the point of the grid (noise, tolerances, remainder) and the richness
-(how many effects such machines have) are drawn. Terms that would hardly ever leave are left alone in
-some sweeps, there or not: they are taken in once.
+exchanged, so that a pair may become another pair; passages lead to sets that lie far apart; then the point of the grid
+(noise, tolerances, remainder) and the richness (how many effects such machines have) are drawn. Terms that would hardly
+ever leave are left alone in some sweeps, there or not: they are taken in once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,30 @@ class Sweep:
     visits: tuple[Visit, ...]
 
 
+@dataclass(frozen=True)
+class Passage:
+    """A way between two sets that lie far apart: members that leave, members that enter, and the steps on the grid's axes."""
+
+    leave: Members
+    enter: Members
+    steps: Point
+
+    @classmethod
+    def between(cls, here: tuple[Members, Point], there: tuple[Members, Point]) -> Passage:
+        """What tells two states apart."""
+        (own, point), (other, away) = here, there
+        return cls(
+            tuple(m for m in own if m not in other),
+            tuple(m for m in other if m not in own),
+            tuple(b - a for a, b in zip(point, away, strict=True)),
+        )
+
+    @property
+    def back(self) -> Passage:
+        """The way back."""
+        return Passage(self.enter, self.leave, tuple(-k for k in self.steps))
+
+
 class Chain:
     """One chain from a start; ``heat`` above 1 flattens all odds while it lasts.
 
@@ -81,6 +106,7 @@ class Chain:
         self._weighing, self._richness = weighing, richness
         self.point, self.members, self._level = point, list(members), 0
         self.heat, self.tuned = 1.0, False
+        self.passages: tuple[Passage, ...] = ()
         self._rng = np.random.default_rng(seed)
         self._staying: dict[int, float] = {}
         self._firm, self._calm = list[int](), list[int]()
@@ -94,14 +120,21 @@ class Chain:
             visits = tuple(self._slots())
             for _ in range(PAIRS):
                 self._exchange()
+            for passage in self.passages:
+                self._pass(passage)
+            self._draw_level()
             self._settled = ()
             long = len(self._weighing.columns(self.members)[0]) > LONG
             for _ in range(STEPS):
                 if not long or self._rng.random() < LONG_STEPS / STEPS:
                     self._step()
-            weights = self._richness.log_weights(len(self.members))
-            self._level = int(self._rng.choice(len(weights), p=np.exp(weights - logsumexp(weights))))
+            self._draw_level()
             yield Sweep(tuple(self.members), self.point, visits)
+
+    def _draw_level(self) -> None:
+        """The richness, given how many members there are."""
+        weights = self._richness.log_weights(len(self.members))
+        self._level = int(self._rng.choice(len(weights), p=np.exp(weights - logsumexp(weights))))
 
     def _settle(self) -> None:
         """Choose the terms that neither leave nor enter in this sweep, wherever the chain stands."""
@@ -172,6 +205,36 @@ class Chain:
         backward = self._conditional([*rest, first], (second,))
         if np.log(self._rng.random()) < forward.log_total(self._slot) - backward.log_total(self._slot):
             self.members = [*between, last]
+
+    def _pass(self, passage: Passage) -> None:
+        """Take a passage, or its way back, as Metropolis says: each leads to one state only, and from there back.
+
+        Whatever the richness, which is drawn anew right after.
+        """
+        for way in (passage, passage.back):
+            if not set(way.leave) <= set(self.members):
+                continue
+            there = [*(m for m in self.members if m not in way.leave), *way.enter]
+            point = tuple(a + b for a, b in zip(self.point, way.steps, strict=True))
+            if not self._possible(there, point):
+                continue
+            gain = self._log_weight(there, point) - self._log_weight(self.members, self.point)
+            if np.log(self._rng.random()) < gain:
+                self.members, self.point = there, point
+            return
+
+    def _possible(self, members: Sequence[Member], point: Point) -> bool:
+        """Whether terms may stand together, and the point is on the grid."""
+        terms = [term for term, _ in members]
+        alone = not self._weighing.terms.excludes[np.ix_(terms, terms)][~np.eye(len(terms), dtype=bool)].any()
+        inside = all(0 <= k < n for k, n in zip(point, self._weighing.unknowns.shape, strict=True))
+        return alone and inside and len(set(terms)) == len(terms) <= self._richness.slots
+
+    def _log_weight(self, members: Sequence[Member], point: Point) -> float:
+        """Log posterior of a set at a point, whichever slots it takes."""
+        number, slots = len(members), self._richness.slots
+        ways = float(logsumexp(self._richness.log_weights(number))) - lgamma(slots - number + 1)
+        return self._weighing.log_evidence(point, members) + self._weighing.log_prior(members) + ways
 
     def _step(self) -> None:
         """A step on the grid."""
