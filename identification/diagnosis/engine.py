@@ -143,8 +143,12 @@ def _outcome(fits: _Fits, found: Found) -> _Outcome:
     main = next((i for n in every for i in n.candidates), next(iter(nameless), None))
     proof = prove(fits.before, after, found, main, fits.outliers) if main is not None else None
     names = tuple(n for n in every if n.certainty >= NAMED)
-    sure = said.nameless > SURE or any(n.present > SURE for n in every)
-    verdict = "missing-physics" if names else _without_names(raised, proof, sure=sure)
+    if names:
+        verdict = "missing-physics"
+    elif any(n.present >= NAMED for n in every):
+        verdict = "unknown"  # it is there, and its name is doubtful
+    else:
+        verdict = _without_names(raised, proof, sure=said.nameless > SURE)
     if verdict == "adequate":
         after, proof, nameless = fits.before, None, ()
     left = judged(after, after, found.linearisation, recording) if names else raised
