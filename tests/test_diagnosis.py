@@ -20,7 +20,7 @@ from support.moving_machines import written
 from support.telescope_legs import FLEXURED
 from truepose.identification.diagnosis import alarms
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.result import Diagnosis, Finding
+from truepose.identification.diagnosis.result import UNNAMED, Diagnosis, Finding
 from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import FREE_WIDENING, estimate, prior_of
 from truepose.identification.prediction.predictor import Predictor
@@ -121,15 +121,20 @@ def clock(rows: int, step: float = 60.0) -> Array:
 
 
 def the_only(diagnosis: Diagnosis, effect: str, *place: str, alike: tuple[str, ...] = ()) -> Finding:
-    """The one finding; ``alike``: effects that such a recording cannot tell from it."""
+    """The one finding; ``alike``: effects that such a recording cannot tell from it.
+
+    What is only like it, and has no name, takes less than a third beside it, whatever the form of the effect.
+    """
     assert diagnosis.verdict == "missing-physics"
     names = [(f.effect, f.place) for f in diagnosis.findings]
     assert names == [(effect, place)]
     (finding,) = diagnosis.findings
     rivals = {other.effect: other.probability for other in finding.equivalents}
+    only_alike = rivals.pop(UNNAMED, 0.0)
     assert set(rivals) <= set(alike)
-    assert finding.probability > (0.5 if rivals else 0.9)
-    assert finding.probability + sum(rivals.values()) > 0.9
+    assert only_alike < 1 / 3
+    assert finding.probability > (0.5 if rivals else 0.9 - only_alike)
+    assert finding.probability + sum(rivals.values()) + only_alike > 0.9
     assert finding.explanation
     assert finding.experiment
     return finding
