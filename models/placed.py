@@ -91,6 +91,10 @@ class Physics(ABC):
         """How likely settings are among those of a place, relative to each other."""
         return 1.0
 
+    def within(self, place: Place, settings: Settings, seen: Mapping[str, tuple[float, float]]) -> Settings:
+        """Settings for a recording that saw joints over ranges ``seen`` (mm, rad): a form that says nothing beyond them."""
+        return settings
+
     def twins(self, settings: Settings) -> Mapping[str, float]:
         """Effects whose signature is the same function here, with how likely each is relative to this one."""
         return {}

@@ -10,7 +10,8 @@ import pytest
 from support.effect_machines import READINGS, read_machines
 from support.effects import Campaign, position, shift_slopes, with_effect
 from truepose.errors import InputError
-from truepose.models.effects.base import effects
+from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.effects.common import FADE
 from truepose.models.machine import Machine
 
 
@@ -60,6 +61,31 @@ def test_orders_are_those_that_the_range_can_show(machines: Mapping[str, Machine
         200.0,
     ]  # a quarter period in 6 deg
     assert together == {"orders": 60.0}
+
+
+def test_a_series_says_nothing_beyond_the_arc_that_was_seen(machines: Mapping[str, Machine]) -> None:
+    """On the arc it is itself, whole turns away too; beyond its ends it fades smoothly, half of it is gone after 2 deg."""
+    arm, effect = machines["arm"], effects.get("transmission-error", "test")()
+    values = {f"{letter}{k}": 1e-3 / k for k in range(1, 61) for letter in "ab"}
+    arc = effect.within(("q1",), {"orders": 60.0}, {"q1": (-1.0, 0.5)})
+    assert arc == {"orders": 60.0, "from": -1.0, "to": 0.5}
+    whole = with_effect(arm, "transmission-error", ("q1",), {"orders": 60.0}, **values)
+    seen = with_effect(arm, "transmission-error", ("q1",), arc, **values)
+    assert seen.label == whole.label
+
+    def turned(angle: float, which: PlacedEffect) -> float:
+        """Angle by which q1 is off."""
+        at, off = position(arm, [angle, 0.2, 0.1]), position(arm, [angle, 0.2, 0.1], which)
+        return float(np.arctan2(off[1], off[0]) - np.arctan2(at[1], at[0]))
+
+    for angle in (-1.0, -0.3, 0.5, 0.1 - 2 * np.pi, 0.1 + 2 * np.pi):
+        assert turned(angle, seen) == pytest.approx(turned(angle, whole), abs=1e-12)
+    for beyond, share in ((0.0, 1.0), (FADE, 0.5), (3 * FADE, 0.1), (1.0, 1 / (1 + (1.0 / FADE) ** 2))):
+        assert turned(0.5 + beyond, seen) == pytest.approx(share * turned(0.5 + beyond, whole), abs=1e-7)
+        assert turned(-1.0 - beyond, seen) == pytest.approx(share * turned(-1.0 - beyond, whole), abs=1e-7)
+    all_round = {"q1": (-3.5, 3.0)}
+    assert effect.within(("q1",), {"orders": 60.0}, all_round) == {"orders": 60.0}
+    assert effect.within(("q1",), {"order": 3.0}, {"q1": (-1.0, 0.5)}) == {"order": 3.0}
 
 
 def test_a_series_is_the_sum_of_its_orders(machines: Mapping[str, Machine]) -> None:

@@ -242,8 +242,8 @@ def test_what_has_no_name_is_told_by_its_sources(case: Case) -> None:
         assert isinstance(form.effect, Empirical)
         told.append((form.place, form.effect.describe(form.settings_map)))
     first, second = recording.joints[:2]
-    for form in ((second, "line"), (first, "curve"), (second, "curve")):
-        assert ((first,), form) in told
+    for kind in ((second, "line"), (first, "curve"), (second, "curve")):
+        assert ((first,), kind) in told
     assert ((first,), (first, "line")) not in told  # a line in its own reading is a scale, which has a name
     assert ((first,), (f"{first} and {second}", "product")) in told
     assert told[-1][1] == ("position", "warp")

@@ -66,7 +66,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
     found: list[PlacedEffect] = []
     missing: list[Untestable] = []
-    kinds = [effects.get(slug, "catalogue")() for slug in effects]
+    kinds, seen = [effects.get(slug, "catalogue")() for slug in effects], _seen(recording)
     for effect in kinds:
         slug = effect.slug
         places = [tuple(place) for place in effect.places(machine) if effect.screened(machine, tuple(place))]
@@ -81,7 +81,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
                 )
                 reasons.append(effect.unvaried or usual)
             for settings in variants:
-                placed = PlacedEffect.at(effect, machine, place, settings)
+                placed = PlacedEffect.at(effect, machine, place, effect.within(place, settings, seen))
                 reason = _untestable(placed, recording)
                 if reason is None:
                     found.append(placed)
@@ -94,6 +94,12 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     labels = {e.label for e in machine.effects}
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
     return Catalogue(tuple(found), _log_prior(found), tuple(missing), stated)
+
+
+def _seen(recording: Recording) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value of each joint in the calibration rows."""
+    rows = recording.q[~recording.validation]
+    return {name: (float(q.min()), float(q.max())) for name, q in zip(recording.joints, rows.T, strict=True)}
 
 
 def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:

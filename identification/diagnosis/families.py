@@ -16,11 +16,11 @@ SINGLE = frozenset({"wrong-constant", "target-offset", "frame-shift", "mount-dri
 
 def families(candidates: Sequence[PlacedEffect], indices: Sequence[int]) -> tuple[tuple[int, ...], ...]:
     """Candidates (among ``indices``) of one effect with one setting, at single places, three or more."""
-    groups: dict[tuple[str, object], list[int]] = {}
+    groups: dict[tuple[str, str], list[int]] = {}
     for i in indices:
         placed = candidates[i]
         if len(placed.place) == 1 and placed.effect.slug not in SINGLE:
-            groups.setdefault((placed.effect.slug, placed.settings), []).append(i)
+            groups.setdefault((placed.effect.slug, placed.effect.told(placed.settings_map)), []).append(i)
     return tuple(
         tuple(members)
         for members in groups.values()

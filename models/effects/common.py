@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -139,12 +139,37 @@ def series_coefficients(
 
 
 def series(site: Site, angle: ca.SX) -> ca.SX:
-    """sum a_k sin(k angle) + b_k cos(k angle) over the coefficients of a site."""
+    """sum a_k sin(k angle) + b_k cos(k angle) over the coefficients of a site, where its angle was seen."""
     total = ca.SX(0)
     for name, c in site.c.items():
         wave = ca.sin if name[0] == "a" else ca.cos
         total += c * wave(int(name[1:]) * angle)
-    return total
+    return total * _seen_share(site, angle)
+
+
+FADE = 0.035
+"""Angle in which a series of many orders fades beyond what was seen, rad: it knows nothing of the next few degrees."""
+SEEN = ("from", "to")
+"""Settings of a series: the ends of the arc over which it was fitted, rad."""
+
+
+def _seen_share(site: Site, angle: ca.SX) -> ca.SX:
+    """1 on the arc that was seen and whole turns from it, falling off beyond its ends; 1 where no arc is stated."""
+    if not all(end in site.settings for end in SEEN):
+        return ca.SX(1)
+    low, high = (site.settings[end] for end in SEEN)
+    middle, half = (low + high) / 2, (high - low) / 2
+    turned = angle - middle
+    away = ca.fabs(ca.atan2(ca.sin(turned), ca.cos(turned)))  # whole turns do not count
+    return 1.0 / (1.0 + (ca.fmax(0.0, away - half) / FADE) ** 2)
+
+
+def over_arc(place: Place, settings: Settings, seen: Mapping[str, tuple[float, float]]) -> Settings:
+    """Settings of a series with the arc over which its joint was seen, where that is less than a turn."""
+    low, high = seen.get(place[0], (0.0, 2 * np.pi))
+    if "orders" not in settings or high - low >= 2 * np.pi:
+        return settings
+    return {**settings, **{end: float(f"{value:.6g}") for end, value in zip(SEEN, (low, high), strict=True)}}
 
 
 def twist_coefficients(mm: float, rad: float, per: str = "") -> tuple[Coefficient, ...]:

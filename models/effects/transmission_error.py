@@ -8,7 +8,9 @@ from math import hypot, pi, sqrt
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     ARCSEC,
+    SEEN,
     actuator_at,
+    over_arc,
     series,
     series_coefficients,
     sine_coefficients,
@@ -31,7 +33,10 @@ class TransmissionError(Effect):
 
     slug = "transmission-error"
     title = "Transmission error of a geared joint"
-    formula = "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60"
+    formula = (
+        "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60, "
+        "which fades beyond the arc from ... to that was seen"
+    )
     size = "strain wave gears 0.5 to 2 arcmin (1.5e-4 to 6e-4 rad)"
     look_alikes = ("encoder-eccentricity", "axis-wobble", "actuator-scale")
     experiment = (
@@ -69,6 +74,14 @@ class TransmissionError(Effect):
 
     def weight(self, settings: Settings) -> float:
         return 10.0 if "orders" in settings else 1.0
+
+    def within(self, place: Place, settings: Settings, seen: Mapping[str, tuple[float, float]]) -> Settings:
+        """A series says nothing beyond the arc that was seen."""
+        return over_arc(place, settings, seen)
+
+    def told(self, settings: Settings) -> str:
+        """Without the arc: terms of one place and as many orders are one term."""
+        return super().told({name: value for name, value in settings.items() if name not in SEEN})
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         """The strongest orders with their amplitudes; low ones trade with geometry: their std judges them."""
