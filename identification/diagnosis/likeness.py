@@ -33,6 +33,8 @@ def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) ->
 
     ``nameless``: that something without a name is there anyway; what resembles a name is then likelier a part of it.
     """
+    if not names:
+        return []
     odds = (1.0 - nameless) * prior.ONLY_ALIKE + nameless * prior.PART_OF_IT
     return [_held(gains, odds) for gains in _gains(found, [_modulated(found, name) for name in names])]
 
