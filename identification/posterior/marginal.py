@@ -116,8 +116,8 @@ class Halves:
 class Marginal:
     """Scores t (w,), log evidence, and rows and blocks of M with everything taken in so far marginalised.
 
-    M is what ``above`` has (G'G, or another marginal) less half' half, or, where something is left out again, and half' half
-    (``sign`` 1); ``half`` (r, w) is worked out for the columns that are asked for, or for all at once.
+    M is what ``above`` has (G'G, or another marginal) less half' half. Where something is left out again, half' half is
+    added instead (``sign`` 1). ``half`` (r, w) is worked out for the columns that are asked for, or for all at once.
     """
 
     def __init__(
