@@ -10,7 +10,7 @@ import pytest
 from support.effect_machines import READINGS, read_machines
 from support.effects import Campaign, position, shift_slopes, with_effect
 from truepose.errors import InputError
-from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.effects.base import effects
 from truepose.models.effects.common import FADE
 from truepose.models.machine import Machine
 
@@ -64,7 +64,7 @@ def test_orders_are_those_that_the_range_can_show(machines: Mapping[str, Machine
 
 
 def test_a_series_says_nothing_beyond_the_arc_that_was_seen(machines: Mapping[str, Machine]) -> None:
-    """On the arc it is itself, whole turns away too; beyond its ends it fades smoothly, half of it is gone after 2 deg."""
+    """On the arc it is itself less its mean there, whole turns away too; beyond its ends it fades, by half after 2 deg."""
     arm, effect = machines["arm"], effects.get("transmission-error", "test")()
     values = {f"{letter}{k}": 1e-3 / k for k in range(1, 61) for letter in "ab"}
     arc = effect.within(("q1",), {"orders": 60.0}, {"q1": (-1.0, 0.5)})
@@ -73,16 +73,20 @@ def test_a_series_says_nothing_beyond_the_arc_that_was_seen(machines: Mapping[st
     seen = with_effect(arm, "transmission-error", ("q1",), arc, **values)
     assert seen.label == whole.label
 
-    def turned(angle: float, which: PlacedEffect) -> float:
-        """Angle by which q1 is off."""
-        at, off = position(arm, [angle, 0.2, 0.1]), position(arm, [angle, 0.2, 0.1], which)
-        return float(np.arctan2(off[1], off[0]) - np.arctan2(at[1], at[0]))
+    def wave(angle: float) -> float:
+        return sum(v * (np.sin if n[0] == "a" else np.cos)(int(n[1:]) * angle) for n, v in values.items())
 
-    for angle in (-1.0, -0.3, 0.5, 0.1 - 2 * np.pi, 0.1 + 2 * np.pi):
-        assert turned(angle, seen) == pytest.approx(turned(angle, whole), abs=1e-12)
-    for beyond, share in ((0.0, 1.0), (FADE, 0.5), (3 * FADE, 0.1), (1.0, 1 / (1 + (1.0 / FADE) ** 2))):
-        assert turned(0.5 + beyond, seen) == pytest.approx(share * turned(0.5 + beyond, whole), abs=1e-7)
-        assert turned(-1.0 - beyond, seen) == pytest.approx(share * turned(-1.0 - beyond, whole), abs=1e-7)
+    nodes, weights = np.polynomial.legendre.leggauss(90)  # half of the arc is 45 rad of the highest wave
+    mean = float(weights @ np.array([wave(0.75 * t - 0.25) for t in nodes])) / 2
+    assert abs(mean) > 1e-4
+    inside = [(angle, 1.0) for angle in (-1.0, -0.3, 0.5, 0.1 - 2 * np.pi, 0.1 + 2 * np.pi)]
+    fading = [(FADE, 0.5), (3 * FADE, 0.1), (1.0, 1 / (1 + (1.0 / FADE) ** 2))]
+    outside = [(end, share) for beyond, share in fading for end in (0.5 + beyond, -1.0 - beyond)]
+    for angle, share in inside + outside:
+        off = share * (wave(angle) - mean)
+        expected = position(arm, [angle + off, 0.2, 0.1])
+        assert np.linalg.norm(expected - position(arm, [angle, 0.2, 0.1])) > 1e-3 * share
+        np.testing.assert_allclose(position(arm, [angle, 0.2, 0.1], seen), expected, rtol=0.0, atol=1e-9)
     all_round = {"q1": (-3.5, 3.0)}
     assert effect.within(("q1",), {"orders": 60.0}, all_round) == {"orders": 60.0}
     assert effect.within(("q1",), {"order": 3.0}, {"q1": (-1.0, 0.5)}) == {"order": 3.0}

@@ -139,12 +139,32 @@ def series_coefficients(
 
 
 def series(site: Site, angle: ca.SX) -> ca.SX:
-    """sum a_k sin(k angle) + b_k cos(k angle) over the coefficients of a site, where its angle was seen."""
-    total = ca.SX(0)
+    """sum a_k sin(k angle) + b_k cos(k angle) over the coefficients of a site, less its mean over the arc that was seen.
+
+    Beyond that arc it fades. Without its mean it takes nothing from the joint's zero, which holds there, too.
+    """
+    total, arc = ca.SX(0), _arc(site)
     for name, c in site.c.items():
-        wave = ca.sin if name[0] == "a" else ca.cos
-        total += c * wave(int(name[1:]) * angle)
-    return total * _seen_share(site, angle)
+        k = int(name[1:])
+        total += c * ((ca.sin if name[0] == "a" else ca.cos)(k * angle) - _mean(name[0], k, arc))
+    return total if arc is None else total * _seen_share(angle, *arc)
+
+
+def _arc(site: Site) -> tuple[float, float] | None:
+    """Ends of the arc that was seen, rad; None where none is stated."""
+    if not all(end in site.settings for end in SEEN):
+        return None
+    low, high = (site.settings[end] for end in SEEN)
+    return low, high
+
+
+def _mean(wave: str, k: int, arc: tuple[float, float] | None) -> float:
+    """Of sin(k q) (``a``) or cos(k q) (``b``) over an arc; zero over whole turns."""
+    if arc is None or arc[0] == arc[1]:
+        return 0.0
+    low, high = (k * end for end in arc)
+    area = np.cos(low) - np.cos(high) if wave == "a" else np.sin(high) - np.sin(low)
+    return float(area / (high - low))
 
 
 FADE = 0.035
@@ -153,11 +173,8 @@ SEEN = ("from", "to")
 """Settings of a series: the ends of the arc over which it was fitted, rad."""
 
 
-def _seen_share(site: Site, angle: ca.SX) -> ca.SX:
-    """1 on the arc that was seen and whole turns from it, falling off beyond its ends; 1 where no arc is stated."""
-    if not all(end in site.settings for end in SEEN):
-        return ca.SX(1)
-    low, high = (site.settings[end] for end in SEEN)
+def _seen_share(angle: ca.SX, low: float, high: float) -> ca.SX:
+    """1 on the arc that was seen and whole turns from it, falling off beyond its ends."""
     middle, half = (low + high) / 2, (high - low) / 2
     turned = angle - middle
     away = ca.fabs(ca.atan2(ca.sin(turned), ca.cos(turned)))  # whole turns do not count

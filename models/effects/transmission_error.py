@@ -35,7 +35,7 @@ class TransmissionError(Effect):
     title = "Transmission error of a geared joint"
     formula = (
         "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60, "
-        "which fades beyond the arc from ... to that was seen"
+        "less its mean over the arc from ... to that was seen, beyond which it fades"
     )
     size = "strain wave gears 0.5 to 2 arcmin (1.5e-4 to 6e-4 rad)"
     look_alikes = ("encoder-eccentricity", "axis-wobble", "actuator-scale")
