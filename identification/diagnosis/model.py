@@ -130,4 +130,6 @@ def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shap
     for shape in extra:
         sigma[at : at + len(shape.sigma)] = shape.sigma * prior.scale[at : at + len(shape.sigma)]
         at += len(shape.sigma)
-    return prior.with_sigma(sigma)
+    # steps of amplitudes in their own 1-sigma: sizes apart by orders of magnitude must not pass for rounding
+    scale = np.where((np.arange(len(sigma)) >= count) & (sigma > 0.0), sigma, prior.scale)
+    return replace(prior, sigma=sigma, scale=scale)

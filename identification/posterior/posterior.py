@@ -121,6 +121,7 @@ def sample(
     limit = np.where([len(c) > LONG for c in weighing.terms.columns], HOPELESS_LONG, HOPELESS)
     for _ in range(LOOKS):
         wanted = climb.interest > limit
+        wanted[[term for term, _ in top.members]] = True
         part, index = weighing.restricted(wanted)
         found = _sampled(part, index, richness, seed, top, start)
         for state in found.typical(TYPICAL):
@@ -262,8 +263,7 @@ def mode(posterior: Posterior, weighing: Weighing) -> State:
 
     A cause counts with its class where few causes stand in for each other.
     """
-    own = posterior.causes
-    whole = np.array([max(own[k], class_probability(posterior, k)) for k in range(len(own))])
+    own, whole = posterior.causes, _with_classes(posterior)
 
     def agreement(state: State) -> float:
         causes = sorted({int(weighing.terms.cause[term]) for term, _ in state.members}, key=lambda k: -own[k])
@@ -278,6 +278,19 @@ def mode(posterior: Posterior, weighing: Weighing) -> State:
     return max(
         (state for state, _ in posterior.states), key=lambda s: (round(agreement(s), 3), s.log_posterior)
     )
+
+
+def _with_classes(posterior: Posterior) -> Array:
+    """(n,) probability of each cause, or that of the likeliest class that holds it."""
+    out = posterior.causes.copy()
+    for k in range(len(out)):
+        probability = class_probability(posterior, k)
+        if probability > 0.0:
+            row = posterior.beside[k]
+            held = np.argsort(-row)[:CLASS]
+            held = np.append(held[row[held] > ALIKE], k)
+            out[held] = np.maximum(out[held], probability)
+    return np.asarray(out)
 
 
 def class_probability(posterior: Posterior, cause: int) -> float:
