@@ -19,9 +19,11 @@ from real_recordings.ur10 import mark_held_out
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.noise import channel_groups, unexplained
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict
+from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
@@ -86,12 +88,27 @@ def _held_out(name: str, found: Diagnosis, work: Path) -> None:
                 continue
             std = np.hypot(frame[f"{column}.std"].to_numpy(), sigma.get(column, sensor.channels[0].sigma))
             z.append(((read - frame[column].to_numpy()) / std)[rows])
-    if z:
-        every = np.concatenate(z)
-        every = every[np.isfinite(every)]
-        inside = float(np.mean(np.abs(every) < 1.96))
-        told += f"; z rms {rms(every):.2f}, {100 * inside:.0f} % inside 1.96"
-    say(f"  held out: {told}")
+    every = np.concatenate(z) if z else _channel_scores(found.after, found.recording)
+    every = every[np.isfinite(every)]
+    inside = float(np.mean(np.abs(every) < 1.96))
+    say(f"  held out: {told}; z rms {rms(every):.2f}, {100 * inside:.0f} % inside 1.96")
+
+
+def _channel_scores(fit: Estimate, recording: Recording) -> np.ndarray:
+    """The same from whitened residuals, for sensors that compare rows and have no column of length (a ball in sockets)."""
+    predictor = Predictor(fit.machine, recording, fit.effects)
+    own = unexplained(fit.machine, fit.residual[fit.used], fit.effective_parameters)
+    noise = np.ones(fit.residual.shape[1])
+    for name, at in channel_groups(fit.machine).items():
+        for k in at:
+            noise[k] += (own.get(name, (0.0, ""))[0] / fit.machine.channels[k].sigma) ** 2
+    free, out = fit.prior.free, []
+    for block in predictor.blocks(fit.p, fit.x, fit.used * 1.0):
+        rows = recording.validation[block.rows]
+        moved = (block.jacobian[rows][:, :, free] * fit.prior.scale[free]) @ fit.root
+        out.append((block.residual[rows] / np.sqrt(noise + np.sum(moved**2, axis=2))).ravel())
+    scores = np.concatenate(out)
+    return np.asarray(scores[scores != 0.0])  # a row that refers to itself says nothing
 
 
 def _carry(fit: Estimate, target: Recording, label: str) -> None:
