@@ -74,7 +74,8 @@ def test_a_series_says_nothing_beyond_the_arc_that_was_seen(machines: Mapping[st
     assert seen.label == whole.label
 
     def wave(angle: float) -> float:
-        return sum(v * (np.sin if n[0] == "a" else np.cos)(int(n[1:]) * angle) for n, v in values.items())
+        terms = [v * (np.sin if n[0] == "a" else np.cos)(int(n[1:]) * angle) for n, v in values.items()]
+        return float(np.sum(terms))
 
     nodes, weights = np.polynomial.legendre.leggauss(90)  # half of the arc is 45 rad of the highest wave
     mean = float(weights @ np.array([wave(0.75 * t - 0.25) for t in nodes])) / 2

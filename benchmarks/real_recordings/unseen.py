@@ -103,7 +103,7 @@ def _channel_scores(fit: Estimate, recording: Recording) -> np.ndarray:
         for k in at:
             noise[k] += (own.get(name, (0.0, ""))[0] / fit.machine.channels[k].sigma) ** 2
     free, out = fit.prior.free, []
-    for block in predictor.blocks(fit.p, fit.x, fit.used * 1.0):
+    for block in predictor.blocks(fit.p, fit.x, fit.used):
         rows = recording.validation[block.rows]
         moved = (block.jacobian[rows][:, :, free] * fit.prior.scale[free]) @ fit.root
         out.append((block.residual[rows] / np.sqrt(noise + np.sum(moved**2, axis=2))).ravel())
