@@ -6,6 +6,8 @@ Where a probability is compared with the exact one, both chains are 1,400 sweeps
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -24,7 +26,7 @@ from support.linear_problems import (
 )
 from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior import sampler
-from truepose.identification.posterior.mode import log_posterior
+from truepose.identification.posterior.mode import State, log_posterior
 from truepose.identification.posterior.posterior import Posterior, class_probability, mode, sample
 from truepose.identification.posterior.sampler import Chain, Passage, Richness
 from truepose.identification.posterior.terms import Term, Terms
@@ -240,6 +242,26 @@ def test_of_two_that_stand_in_for_each_other_the_mode_holds_one() -> None:
     first, second = sorted(found.causes[:2])[::-1]
     assert second < 0.5 and first < 0.9 < class_probability(found, int(np.argmax(found.causes)))
     assert len({0, 1} & {int(problem.terms.cause[t]) for t, _ in mode(found, problem).members}) == 1
+
+
+def test_a_known_state_may_hold_what_is_hopeless_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Terms that are hopeless are left out of the chains, but for those of the state that these start from."""
+    problem = weighing(catalogue_problem(1))
+    monkeypatch.setattr(chains, "HOPELESS", 0.0)
+    monkeypatch.setattr(chains, "ROUNDS", 1)
+    point = chains.best_point(problem)
+    known = State(((0, int(np.argmax(problem.noticeable[:, 0]))),), point, 0.0)
+    monkeypatch.setattr(chains, "_tops", lambda *_: [known])
+    assert set(sample(problem, RICHNESS).terms) == {0}
+
+
+def test_the_likeliest_of_a_class_stands_for_it_whoever_leads_there() -> None:
+    """The slot of the less likely one holds both for certain; that of the likelier one may hold other things as well."""
+    states = tuple((State(((term, 0),), (0,), 0.0), share) for term, share in ((0, 0.6), (1, 0.4)))
+    beside = np.array([[0.54, 0.2], [0.1, 0.9]])
+    found = Posterior({}, np.array([0.79, 0.47]), beside, states, (), 0.0, 1)
+    problem = cast(Weighing, SimpleNamespace(terms=SimpleNamespace(cause=np.arange(2))))
+    assert [term for term, _ in mode(found, problem).members] == [0]
 
 
 def test_what_stands_in_for_a_term_is_told_beside_it(long: None) -> None:

@@ -14,6 +14,7 @@ from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis import search as searching
 from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
 from truepose.identification.diagnosis.inclusion import inclusion
+from truepose.identification.diagnosis.model import fitted
 from truepose.identification.diagnosis.naming import Named, named
 from truepose.identification.diagnosis.replication import replications
 from truepose.identification.diagnosis.search import Found
@@ -158,3 +159,15 @@ def test_play_is_no_matter_of_tolerances(tmp_path: Path) -> None:
     found = Case.of(tmp_path, PLAY).found()
     (play,) = named(found, inclusion(found.weighed, found.posterior))
     assert flip_inflation(found, play) is None
+
+
+def test_amplitudes_of_any_size_are_stepped_in_their_own_spread(tmp_path: Path) -> None:
+    """Seven orders of magnitude between two priors are no rounding: nothing of the fit passes for unknown."""
+    case = Case.of(tmp_path, PLAY, SCALE)
+    found = case.found()
+    first, *rest = found.accepted
+    fit = fitted(found, {first: 1.0, **dict.fromkeys(rest, 1e-7)}, (), case.exclude)
+    assert fit is not None and rest
+    amplitudes = fit.prior.free >= len(fit.machine.parameters)
+    np.testing.assert_allclose(fit.prior_weight[amplitudes], 1.0, rtol=1e-12)
+    assert len(fit.known.unknown) == 0

@@ -13,7 +13,7 @@ from typing import Any
 Json = Mapping[str, Any]
 PROBABILITY = 0.05
 """How far a probability, or the p of an alarm, may move."""
-QUIET = 0.15
+QUIET = 0.1
 """How far the p of an alarm may move that neither raises: where the free fit ends in its flat valley differs by machine."""
 SIZE = 0.5
 """How far a fitted size may move, in its own 1-sigma."""
