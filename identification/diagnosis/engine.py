@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,23 +16,18 @@ from truepose.identification.diagnosis import outliers, remainder
 from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
 from truepose.identification.diagnosis.candidates import catalogue
 from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
-from truepose.identification.diagnosis.inclusion import Inclusion, inclusion
-from truepose.identification.diagnosis.judgement import Judgement, judged
-from truepose.identification.diagnosis.model import fitted, remainder_shapes
-from truepose.identification.diagnosis.naming import NAMED, Named, named
-from truepose.identification.diagnosis.proof import prove
+from truepose.identification.diagnosis.inclusion import Inclusion
+from truepose.identification.diagnosis.outcome import Fits, Outcome, concluded
 from truepose.identification.diagnosis.replication import replications
 from truepose.identification.diagnosis.result import (
     Alternative,
     Diagnosis,
     Finding,
-    Proof,
     Remainder,
     SetOfEffects,
 )
-from truepose.identification.diagnosis.search import Found, chosen, search
+from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.diagnosis.signatures import Signatures
-from truepose.identification.diagnosis.weighed import WIDE
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.summary import summarise
@@ -45,35 +40,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CONCEALED = 1.3
 """Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
-SURE = 0.9
-"""Probability from which on something without a name is said to be there."""
-
-
-@dataclass(frozen=True)
-class _Fits:
-    free: Estimate
-    before: Estimate
-    outliers: Mask
-
-    @property
-    def rms(self) -> float:
-        """Of the whitened residual of the worse of both."""
-        return float(np.sqrt(max(self.before.chi2_per_dof, self.free.chi2_per_dof)))
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    """What was named, what has no name, the fit with both, and the verdict."""
-
-    names: tuple[Named, ...]
-    nameless: tuple[int, ...]
-    after: Estimate
-    proof: Proof | None
-    verdict: str
-    raised: Judgement
-    left: Judgement
-    said: Inclusion
-    gain: Mapping[str, float]
 
 
 def diagnose(
@@ -94,10 +60,10 @@ def diagnose(
         fits = _refit_null(machine, recording, fits, again)
         found = search(signatures, cat, fits.before, fits.outliers, fits.rms)
     progress("naming and proving")
-    return _conclude(fits, found, _outcome(fits, found))
+    return _conclude(fits, found, concluded(fits, found))
 
 
-def _null_fits(machine: Machine, recording: Recording) -> _Fits:
+def _null_fits(machine: Machine, recording: Recording) -> Fits:
     known = machine.effects
     predictor = Predictor(machine, recording, known, visits=FIT)
     start = aligned_start(predictor)
@@ -105,7 +71,7 @@ def _null_fits(machine: Machine, recording: Recording) -> _Fits:
     far = outliers.outlying_rows(rough, recording, ~recording.validation)
     before = estimate(machine, recording, known, start=rough.p, exclude=far, predictor=predictor)
     free = _free(machine, recording, before, far, before.p)
-    return _Fits(free, before, far)
+    return Fits(free, before, far)
 
 
 def _free(machine: Machine, recording: Recording, before: Estimate, far: Mask, start: Array) -> Estimate:
@@ -118,56 +84,11 @@ def _free(machine: Machine, recording: Recording, before: Estimate, far: Mask, s
     return before
 
 
-def _refit_null(machine: Machine, recording: Recording, fits: _Fits, far: Mask) -> _Fits:
+def _refit_null(machine: Machine, recording: Recording, fits: Fits, far: Mask) -> Fits:
     known = machine.effects
     before = estimate(machine, recording, known, start=fits.before.p, exclude=far)
     free = _free(machine, recording, before, far, fits.free.p)
-    return _Fits(free, before, far)
-
-
-def _outcome(fits: _Fits, found: Found) -> _Outcome:
-    """Names, what has none, and the verdict."""
-    recording = found.signatures.recording
-    said = inclusion(found.weighed, found.posterior)
-    every = named(found, said)
-    shapes, cat = remainder_shapes(found), found.catalogue
-    raised = judged(fits.free, fits.before, found.linearisation_before, recording)
-    accepted = dict.fromkeys(cat.stated, WIDE) | chosen(found.weighed, found.mode)
-    after = fitted(found, accepted, shapes, fits.outliers) if accepted or shapes else fits.before
-    if after is None:  # the fit of the last expansion point stands, and what it holds
-        after, shapes, accepted = found.fit, (), dict(found.accepted)
-        every = tuple(n for n in every if set(n.candidates) <= set(accepted))
-    held = {e.label for e in after.effects}
-    nameless = (*(i for i in accepted if not cat.named(i)), *(s.candidate for s in shapes))
-    nameless = tuple(i for i in nameless if cat.candidates[i].label in held)
-    main = next((i for n in every for i in n.candidates), next(iter(nameless), None))
-    proof = prove(fits.before, after, found, main, fits.outliers) if main is not None else None
-    names = tuple(n for n in every if n.certainty >= NAMED)
-    if names:
-        verdict = "missing-physics"
-    elif any(n.present >= NAMED for n in every):
-        verdict = "unknown"  # it is there, and its name is doubtful
-    else:
-        verdict = _without_names(raised, proof, sure=said.nameless > SURE)
-    if verdict == "adequate":
-        after, proof, nameless = fits.before, None, ()
-    left = judged(after, after, found.linearisation, recording) if names else raised
-    gain = {} if proof is None or not nameless else _gain(fits.before, recording, proof)
-    told = proof if names else None
-    return _Outcome(names, nameless, after, told, verdict, raised, left, said, gain)
-
-
-def _gain(before: Estimate, recording: Recording, proof: Proof) -> Mapping[str, float]:
-    """By how much the model lowers the rms of held-out rows, by kind of reading (mm, rad)."""
-    summary = summarise(before, recording.validation)
-    rms = summary.validation_rms or summary.rms
-    return {kind: (1.0 - proof.ratio) * value for kind, value in rms.items()}
-
-
-def _without_names(raised: Judgement, proof: Proof | None, *, sure: bool) -> str:
-    """``unknown`` where something is ``sure`` to be there and worth something, or where noise alone is no explanation."""
-    worth = proof is not None and proof.ratio < 1.0
-    return "unknown" if (sure and worth) or raised.misfits else "adequate"
+    return Fits(free, before, far)
 
 
 def _inflation(found: Found) -> dict[PartClass, float]:
@@ -186,7 +107,7 @@ def _noise(found: Found) -> float:
     return float(np.exp(sum(share * np.log(values[point[0]]) for point, share in found.posterior.points)))
 
 
-def _conclude(fits: _Fits, found: Found, outcome: _Outcome) -> Diagnosis:
+def _conclude(fits: Fits, found: Found, outcome: Outcome) -> Diagnosis:
     cat, machine, recording = found.catalogue, found.signatures.machine, found.signatures.recording
     stages = {"free": fits.free, "before": fits.before, "after": outcome.after}
     alone = weighed_alone(found.first, len(cat.candidates))
@@ -224,16 +145,16 @@ def _sets(said: Inclusion) -> tuple[SetOfEffects, ...]:
     )
 
 
-def _findings(found: Found, outcome: _Outcome, rms: float) -> tuple[Finding, ...]:
+def _findings(found: Found, outcome: Outcome, rms: float) -> tuple[Finding, ...]:
     names, machine, cat = outcome.names, found.signatures.machine, found.catalogue
     halves = replications(found, names, rms)
     return tuple(
-        finding(machine, cat, outcome.after, one, flip_inflation(found, one), half)
+        finding(machine, cat, outcome.likeliest, one, flip_inflation(found, one), half)
         for one, half in zip(names, halves, strict=True)
     )
 
 
-def _remainder(found: Found, outcome: _Outcome) -> Remainder | None:
+def _remainder(found: Found, outcome: Outcome) -> Remainder | None:
     """What has no name: the form that carries most of it; else what the structure tests say of the residuals."""
     if outcome.verdict == "adequate":
         return None

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis.search import Found, start_from
-from truepose.identification.diagnosis.weighed import Weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
-from truepose.identification.posterior.mode import State
+from truepose.identification.posterior.moments import moments
 from truepose.identification.selection.tolerance_classes import part_classes
 from truepose.models.effects.base import PlacedEffect
 
@@ -40,8 +39,8 @@ def remainder_shapes(found: Found) -> tuple[Shape, ...]:
     tau = problem.weighing.unknowns.size.values[mode.point[-1]]
     if tau == 0.0 or not problem.remainder.size:
         return ()
-    directions = _directions(problem, mode)
-    coefficients = problem.remainder @ directions
+    known, always = moments(problem.weighing, mode), problem.weighing.design.always
+    coefficients = problem.remainder @ known.mean[: len(always.sigma)][always.remainder]
     sigma = tau * np.sqrt(np.sum(problem.remainder**2, axis=1))
     lin, cat, at, shapes = found.linearisation, found.catalogue, 0, list[Shape]()
     for i, placed in enumerate(cat.candidates):
@@ -64,27 +63,6 @@ def _largest(shapes: list[Shape]) -> tuple[Shape, ...]:
             break
         out.append(replace(shape, share=shape.share / total))
     return tuple(out)
-
-
-def _directions(problem: Weighed, mode: State) -> Array:
-    """(r,) posterior mean of the remainder's directions beside the mode's members, linear."""
-    weighing = problem.weighing
-    design, unknowns = weighing.design, weighing.unknowns
-    *noise, widening, size = mode.point
-    columns, sizes = weighing.columns(mode.members)
-    at = np.concatenate([np.arange(design.n), design.n + columns]).astype(np.intp)
-    factors = np.array([*unknowns.widening[widening], 1.0])
-    tau = unknowns.size.values[size]
-    sigma = design.always.sigma * np.where(design.always.remainder, tau, factors[design.always.part])
-    precision = np.concatenate([sigma, sizes]) ** -2.0
-    gram = np.diag(precision)
-    right = np.zeros(len(at))
-    for own, axis, k in zip(design.grams, unknowns.noise, noise, strict=True):
-        gram += own[np.ix_(at, at)] / axis.values[k] ** 2
-        right += own[at, -1] / axis.values[k] ** 2
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    solved = scale * np.linalg.lstsq(gram * scale[:, None] * scale, scale * right, rcond=1e-13)[0]
-    return np.asarray(solved[: design.n][design.always.remainder])
 
 
 def fitted(

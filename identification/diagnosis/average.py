@@ -1,0 +1,183 @@
+"""The model that predicts: the likeliest set's fit, moved to the mean over all sets, as uncertain as these are apart.
+
+Each visited state (a set with its sizes, noise, tolerances and remainder) gives a mean and a covariance of geometry and
+coefficients, linear at the likeliest set's fit. The mixture of them has
+
+    mean  m = sum w_s m_s,    covariance = sum w_s (C_s + (m_s - m) (m_s - m)')
+
+so that a candidate which is there with probability p has p times its amplitude, and the rest of it in its 1-sigma.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.diagnosis.search import Found, chosen, start_from
+from truepose.identification.fit.estimate import Estimate, result
+from truepose.identification.fit.problem import Prior, Problem, prior_of
+from truepose.identification.posterior.mode import State
+from truepose.identification.posterior.moments import moments, typical
+from truepose.identification.posterior.posterior import LONG_SET
+from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+OPEN = 0.05
+"""Probability from which on a candidate outside the likeliest set has a part in predictions."""
+FEW = 40
+"""Most of these."""
+STATES, STATES_OF_LONG = 100, 12
+"""States that the mixture is made of, and so many where a set has many columns."""
+PARTS = (1.0, 0.5, 0.25, 0.125, 0.0)
+"""Of the way to the mean, tried one after another."""
+WORSE = 0.1
+"""Share by which chi2 of the fitted rows may rise at the mean over sets; beyond it the linear mean is too far away."""
+
+
+@dataclass(frozen=True)
+class Averaged(Estimate):
+    """Parameters and amplitudes as means over sets; the covariance is the mixture's, ``own`` its root in steps."""
+
+    own: Array | None = None
+
+    @cached_property
+    def root(self) -> Array:
+        """(n_free, k) F: F F' is the covariance of what is determined, with sets that differ."""
+        assert self.own is not None
+        return self.own
+
+
+def averaged(found: Found, likeliest: Estimate) -> Estimate:
+    """Of all visited sets, from the fit of the likeliest one."""
+    number = {placed.label: i for i, placed in enumerate(found.catalogue.candidates)}
+    held = [number[effect.label] for effect in likeliest.effects]
+    further = _open(found, held)
+    candidates = found.catalogue.candidates
+    terms = (*likeliest.effects, *(replace(candidates[i], spread=spread) for i, spread in further.items()))
+    return _moved(found, likeliest, terms, _mixture(found, (*held, *further)))
+
+
+def _open(found: Found, held: Collection[int]) -> dict[int, float]:
+    """Candidates outside the likeliest set that may well be there, with their largest size; the likeliest ones."""
+    share, spread = defaultdict[int, float](float), defaultdict[int, float](float)
+    for state, weight in found.posterior.states:
+        for i, size in chosen(found.weighed, state).items():
+            share[i] += weight
+            spread[i] = max(spread[i], size)
+    wanted = sorted((i for i in share if i not in held and share[i] >= OPEN), key=lambda i: -share[i])
+    return {i: spread[i] for i in wanted[:FEW]}
+
+
+@dataclass(frozen=True)
+class _Mixture:
+    """Means (s, n) of states less that of the likeliest one, their shares (s,), and a root (n, k) of the covariance within
+    them that the likeliest one lacks. n: free geometry in its scale, then coefficients in theirs."""
+
+    means: Array
+    shares: Array
+    wider: Array
+
+    @property
+    def shift(self) -> Array:
+        """(n,) from the likeliest state to the mean."""
+        return np.asarray(self.shares @ self.means)
+
+    def around(self, at: Array) -> Array:
+        """(n, k) root of the covariance, about ``at`` (n,), that the likeliest state lacks."""
+        between = np.sqrt(self.shares)[:, None] * (self.means - at)
+        return np.hstack([between.T, self.wider])
+
+
+def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
+    weighing = found.weighed.weighing
+    turn = _turn(found, kept)
+    long = len(weighing.columns(found.mode.members)[0]) > LONG_SET
+    states = [(_kept(found, state, kept), share) for state, share in found.posterior.states]
+    means, shares = [], []
+    within = np.zeros((len(turn), len(turn)))
+    for state, share in typical(states, STATES_OF_LONG if long else STATES):
+        known = moments(weighing, state)
+        own = turn[:, known.at]
+        means.append(own @ known.mean)
+        shares.append(share)
+        within += share * (own @ known.covariance @ own.T)
+    mode = moments(weighing, _kept(found, found.mode, kept))
+    own = turn[:, mode.at]
+    wider = _positive_root(within - own @ mode.covariance @ own.T, np.sqrt(np.diag(within)))
+    return _Mixture(np.array(means) - own @ mode.mean, np.array(shares), wider)
+
+
+def _kept(found: Found, state: State, kept: Collection[int]) -> State:
+    """A state without the rare terms that predictions leave out, and without a remainder where the likeliest has none."""
+    candidates = found.weighed.candidates
+    members = tuple(m for m in state.members if all(i in kept for i in candidates[m[0]]))
+    point = state.point if found.mode.point[-1] else (*state.point[:-1], 0)
+    return State(members, point, state.log_posterior)
+
+
+def _turn(found: Found, kept: Sequence[int]) -> Array:
+    """(n, a + g) from the columns [A G] of the design to free geometry and the coefficients of candidates ``kept``."""
+    problem, lin = found.weighed, found.linearisation
+    design, columns = problem.weighing.design, lin.indices(kept)
+    out = np.zeros((lin.free + len(columns), design.n + design.width))
+    out[: lin.free, : lin.free] = np.eye(lin.free)
+    stated = {column: lin.free + k for k, column in enumerate(lin.indices(found.catalogue.stated))}
+    forms = {int(column): k for k, column in enumerate(problem.nameless)} if found.mode.point[-1] else {}
+    for row, column in enumerate(columns, start=lin.free):
+        out[row, stated.get(column, design.n + column)] = 1.0
+        if column in forms:
+            out[row, np.flatnonzero(design.always.remainder)] = problem.remainder[forms[column]]
+    return out
+
+
+def _positive_root(difference: Array, size: Array) -> Array:
+    """(n, k) root of the part of a difference of covariances that adds; ``size`` (n,) makes its entries comparable."""
+    scale = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(difference / scale[:, None] / scale)
+    more = values > 0.0
+    return np.asarray(scale[:, None] * vectors[:, more] * np.sqrt(values[more]))
+
+
+def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], mixture: _Mixture) -> Estimate:
+    """The fit at the mean, or as far towards it as readings agree, with the covariance of all about it."""
+    machine, recording = likeliest.machine, found.signatures.recording
+    predictor = Predictor(machine, recording, terms, visits=FIT)
+    prior, unit = _prior(likeliest, terms), prior_of(machine, terms).scale
+    at, start = prior.free, start_from(likeliest, terms)
+    lowest, highest = _bounds(machine, terms)
+    for part in PARTS:
+        p = start.copy()
+        p[at] += unit[at] * part * mixture.shift
+        # bounds are soft: what the fit has beyond them stays
+        p = np.clip(p, np.minimum(lowest, start), np.maximum(highest, start))
+        problem = Problem(predictor, prior, p, likeliest.used)
+        plain = result(problem, replace(likeliest.solution, t=np.zeros(len(at))), terms)
+        if plain.chi2 <= (1.0 + WORSE) * likeliest.chi2:
+            break
+    own = np.zeros((len(at), likeliest.root.shape[1]))
+    own[: len(likeliest.root)] = likeliest.root
+    further = (unit / prior.scale)[at][:, None] * mixture.around(part * mixture.shift)
+    known = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
+    return Averaged(**known, own=np.hstack([own, further]))
+
+
+def _prior(likeliest: Estimate, terms: Sequence[PlacedEffect]) -> Prior:
+    """The tolerances and steps of the likeliest set's fit; those of what is beside it are its spread."""
+    wide, first = prior_of(likeliest.machine, terms), likeliest.prior
+    further = wide.sigma[len(first.sigma) :]
+    sigma, scale = np.append(first.sigma, further), np.append(first.scale, further)
+    return replace(wide, sigma=sigma, scale=scale)
+
+
+def _bounds(machine: Machine, terms: Sequence[PlacedEffect]) -> tuple[Array, Array]:
+    """(np,) lowest and highest value of every parameter and coefficient."""
+    free = np.full(len(machine.parameters), np.inf)
+    coefficients = [c for t in terms for c in t.coefficients]
+    return np.append(-free, [c.lower for c in coefficients]), np.append(free, [c.upper for c in coefficients])

@@ -1,0 +1,147 @@
+"""Laws of predictions that average over sets: moments of one state, mixtures of several, and the fit that is moved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from support.linear_problems import SIZES, random_problem, single
+from support.searched_arm import PLAY, SCALE, Case
+from truepose.identification.diagnosis import average
+from truepose.identification.diagnosis.average import OPEN, WORSE, averaged
+from truepose.identification.diagnosis.model import fitted
+from truepose.identification.diagnosis.search import Found, chosen
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.posterior.design import Point
+from truepose.identification.posterior.mode import State
+from truepose.identification.posterior.moments import moments, typical
+from truepose.identification.posterior.weighing import Weighing
+
+Array = NDArray[np.float64]
+
+
+# -- moments of a state -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("point", [(1, 0, 0, 1), (0, 1, 1, 2), (2, 1, 2, 0)])
+@given(seed=st.integers(0, 10**6))
+@hypothesis_settings(max_examples=10, deadline=None)
+def test_moments_are_those_of_the_whole_covariance(point: Point, seed: int) -> None:
+    """Coefficients c of 1-sigma q given e ~ N(0, V): mean q^2 G'V^-1 e, covariance q^2 - q^2 G'V^-1 G q^2; geometry alike."""
+    dense = random_problem(seed)
+    weighing = Weighing(dense.design, dense.unknowns, single(1, 2, 1, 3), SIZES)
+    state = State(((1, 1), (3, 0)), point, 0.0)
+    found = moments(weighing, state)
+    columns, sizes = [1, 2, 4, 5, 6], SIZES.values[[1, 1, 0, 0, 0]].tolist()
+    precision = dense.precision(point, columns, sizes)
+    sigma = dense.sigma(point)
+    known = np.flatnonzero(np.isfinite(sigma) & (sigma > 0.0))
+    design = np.column_stack([dense.a[:, known], dense.g[:, columns]])
+    prior = np.concatenate([sigma[known], np.array(sizes)]) ** 2
+    at = np.searchsorted(found.at, np.concatenate([known, dense.design.n + np.array(columns)]))
+    assert not set(np.flatnonzero(sigma == 0.0)) & set(found.at.tolist()), (
+        "a remainder of no size has no columns"
+    )
+    np.testing.assert_allclose(found.mean[at], prior * (design.T @ precision @ dense.e), atol=1e-7)
+    covariance = np.diag(prior) - prior[:, None] * (design.T @ precision @ design) * prior
+    np.testing.assert_allclose(found.covariance[np.ix_(at, at)], covariance, atol=1e-7)
+
+
+def test_states_are_taken_evenly_along_their_shares() -> None:
+    states = [
+        (State(((k, 0),), (0,), 0.0), share) for k, share in enumerate([0.5, 0.25, 0.15, 0.06, 0.03, 0.01])
+    ]
+    few = typical(states, 4)
+    assert [(s.members[0][0], w) for s, w in few] == [(0, 0.5), (1, 0.25), (2, 0.25)]
+    many = {s.members[0][0]: w for s, w in typical(states, 100)}
+    assert many == pytest.approx({0: 0.5, 1: 0.25, 2: 0.15, 3: 0.06, 4: 0.03, 5: 0.01})
+    assert sum(w for _, w in typical(states[:1], 7)) == pytest.approx(1.0)
+
+
+# -- the fit that is moved --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
+    return Case.of(tmp_path_factory.mktemp("play"), PLAY, SCALE).found()
+
+
+@pytest.fixture(scope="module")
+def likeliest(found: Found) -> Estimate:
+    exclude = np.zeros(len(found.fit.used), dtype=np.bool_)
+    fit = fitted(found, chosen(found.weighed, found.mode), (), exclude)
+    assert fit is not None
+    return fit
+
+
+def holding(found: Found, *states: tuple[State, float]) -> Found:
+    return replace(found, posterior=replace(found.posterior, states=states))
+
+
+def without(state: State, term: int) -> State:
+    return replace(state, members=tuple(m for m in state.members if m[0] != term))
+
+
+def amplitudes(fit: Estimate) -> Array:
+    return np.concatenate([e.amplitudes for e in fit.fitted_effects()])
+
+
+def test_one_state_is_its_own_average(found: Found, likeliest: Estimate) -> None:
+    """The fit stays where it is, and knows what it knew."""
+    same = averaged(holding(found, (found.mode, 1.0)), likeliest)
+    np.testing.assert_allclose(same.p, likeliest.p, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(same.covariance, likeliest.covariance, rtol=1e-6, atol=1e-14)
+    np.testing.assert_allclose(same.residual, likeliest.residual, atol=1e-7)
+
+
+def test_what_is_open_has_its_share_of_the_amplitude_and_the_rest_in_its_sigma(
+    found: Found, likeliest: Estimate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mixture of two Gaussians, one at zero: mean p a, variance p s^2 + p (1 - p) a^2."""
+    term = found.mode.members[0][0]
+    label = found.catalogue.candidates[found.weighed.candidates[term][0]].label
+    p = 0.7
+    monkeypatch.setattr(
+        average, "WORSE", np.inf
+    )  # readings would contradict the mean: both states are far apart
+    sure = averaged(holding(found, (found.mode, 1.0)), likeliest)
+    mixed = averaged(holding(found, (found.mode, p), (without(found.mode, term), 1.0 - p)), likeliest)
+    at = next(k for k, name in enumerate(mixed.prior.names) if name.startswith(label))
+    size = sure.p[at]
+    assert mixed.p[at] == pytest.approx(p * size, rel=1e-3)
+    assert mixed.std[at] ** 2 == pytest.approx(p * sure.std[at] ** 2 + p * (1.0 - p) * size**2, rel=0.05)
+
+
+def test_rare_ones_have_no_part(found: Found, likeliest: Estimate) -> None:
+    """Below ``OPEN`` a candidate beside the likeliest set is left out, and geometry does not move for it."""
+    used = {term for term, _ in found.mode.members}
+    term = next(k for k in range(len(found.weighed.candidates)) if k not in used)
+    more = replace(found.mode, members=(*found.mode.members, (term, 0)))
+    rare = averaged(holding(found, (found.mode, 1.0 - OPEN / 2), (more, OPEN / 2)), likeliest)
+    np.testing.assert_allclose(rare.p, likeliest.p, rtol=0, atol=1e-12)
+    often = averaged(holding(found, (found.mode, 1.0 - 2 * OPEN), (more, 2 * OPEN)), likeliest)
+    assert len(often.effects) > len(rare.effects) == len(likeliest.effects)
+
+
+def test_a_mean_that_readings_contradict_is_not_used_but_widens(found: Found, likeliest: Estimate) -> None:
+    """Both effects are large: the mean of states with and without one fits nothing."""
+    term = found.mode.members[0][0]
+    mixed = averaged(holding(found, (found.mode, 0.5), (without(found.mode, term), 0.5)), likeliest)
+    assert mixed.chi2 <= (1.0 + WORSE) * likeliest.chi2
+    assert np.all(mixed.std >= likeliest.std * (1.0 - 1e-9))
+    assert np.max(mixed.std / np.maximum(likeliest.std, 1e-300)) > 5.0
+
+
+def test_in_a_diagnosis_sure_things_stay(found: Found, likeliest: Estimate, tmp_path: Path) -> None:
+    after = averaged(found, likeliest)
+    np.testing.assert_allclose(
+        amplitudes(after)[: len(amplitudes(likeliest))], amplitudes(likeliest), rtol=0.1
+    )
+    assert after.chi2 <= (1.0 + WORSE) * likeliest.chi2
