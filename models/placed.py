@@ -58,6 +58,8 @@ class Physics(ABC):
     needs_load: ClassVar[bool] = False
     settings_add: ClassVar[bool] = False
     """Whether terms of one place with different settings may stand together (orders) or exclude others."""
+    bends: ClassVar[tuple[str, ...]] = ()
+    """Settings of terms that bend the formula: what they carry is no other thing, but speaks for another form."""
     continuous: ClassVar[tuple[str, ...]] = ()
     """Settings that are points of a continuum (a lag): one that was found is refined between its neighbours on the grid."""
     unvaried: ClassVar[str] = ""
@@ -151,6 +153,11 @@ class PlacedEffect:
     def settings_map(self) -> Settings:
         """Settings by name."""
         return dict(self.settings)
+
+    @property
+    def bent(self) -> bool:
+        """Whether this term bends the formula of others at its place."""
+        return any(name in self.settings_map for name in self.effect.bends)
 
     @property
     def values(self) -> Mapping[str, float]:

@@ -307,6 +307,19 @@ def test_a_gear_that_stiffens_is_a_compliant_joint(bench: Callable[[str, int], B
     assert 5e-6 < c.value < 8e-6
 
 
+def test_slack_that_weight_takes_up_is_not_surely_a_compliant_joint(
+    bench: Callable[[str, int], Bench],
+) -> None:
+    """Bends of the compliance follow it, but they carry so much of it that the form is another."""
+    arm, rows = bench("arm", 8), 60
+    q, kg = arm.readings(rows), np.tile([0.0, 4.0, 8.0], rows // 3)
+    torque = -9.80665 * kg * 0.5 * np.cos(q[:, 1])
+    frame = arm.frame(q, q + np.outer(3e-4 * np.tanh(torque / 5.0), [0, 1]), payload=kg)
+    found = arm.diagnose(frame)
+    assert found.verdict != "adequate"
+    assert all(f.probability < 0.9 for f in found.findings if f.effect == "joint-compliance")
+
+
 def test_a_sigma_that_is_stated_too_small_takes_no_name_away(bench: Callable[[str, int], Bench]) -> None:
     """Most of the misfit is noise then, which no effect explains; it speaks against none."""
     arm, rows = bench("arm", 11), 240

@@ -19,7 +19,7 @@ from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.alone import WIDENINGS, flip_inflation, weighed_alone
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.families import FEWEST, LARGEST, families
-from truepose.identification.diagnosis.forms import ERROR, FULL, PAIR, Forms
+from truepose.identification.diagnosis.forms import ERROR, Forms
 from truepose.identification.diagnosis.inclusion import place_probabilities
 from truepose.identification.diagnosis.model import FEW, WORTH, remainder_shapes
 from truepose.identification.diagnosis.naming import Named
@@ -238,23 +238,19 @@ def test_errors_of_form_are_a_tenth_of_the_signal_that_they_modulate(
     used = ~recording.validation
     rng = np.random.default_rng(7)
     amplitude = np.array([0.4, -1.1])
-    forms = Forms.of(recording, used, [(slice(0, 2), amplitude, 1.0), (slice(3, 4), np.array([2.0]), 2.0)])
-    of_size = 0.5 * PAIR * forms.by_size**2  # of two polynomials of a size that is spread evenly
-    assert np.mean(np.sum(forms.modulations[used] ** 2, axis=1)) + of_size == pytest.approx(ERROR**2)
-    assert forms.width == 2 * (forms.modulations.shape[1] + PAIR)
+    forms = Forms.of(recording, used, [(slice(0, 2), amplitude), (slice(3, 4), np.array([2.0]))])
+    assert np.mean(np.sum(forms.modulations[used] ** 2, axis=1)) == pytest.approx(ERROR**2)
+    assert forms.width == 2 * forms.modulations.shape[1]
     rows = np.flatnonzero(used)
     signature = rng.standard_normal((len(rows), 3, 4))
     columns = forms.columns(signature, rows)
     assert columns.shape == (len(rows), 3, forms.width)
     half = forms.width // 2
     expected = (signature[:, :, :2] @ amplitude)[:, :, None] * forms.modulations[rows][:, None, :]
-    np.testing.assert_allclose(columns[:, :, : half - PAIR], expected)
+    np.testing.assert_allclose(columns[:, :, :half], expected)
     np.testing.assert_allclose(
-        columns[:, :, half:-PAIR], 2.0 * signature[:, :, 3:] * forms.modulations[rows][:, None, :]
+        columns[:, :, half:], 2.0 * signature[:, :, 3:] * forms.modulations[rows][:, None, :]
     )
-    t = np.minimum(np.linalg.norm(2.0 * signature[:, :, 3], axis=1) / 2.0, FULL) / FULL * 2.0 - 1.0
-    own = forms.by_size * np.column_stack([t, 2.0 * t**2 - 1.0])
-    np.testing.assert_allclose(columns[:, :, -PAIR:], 2.0 * signature[:, :, 3:] * own[:, None, :])
     assert Forms.of(recording, used, []).width == 0
     assert Forms.none().columns(signature, rows).shape == (len(rows), 3, 0)
 
@@ -263,7 +259,7 @@ def test_what_does_not_vary_modulates_nothing(recorded: tuple[Machine, Recording
     """A joint at rest has no range; a driver that is not thermal, a load or the time is no reason for an error of form."""
     _, recording = recorded
     used = ~recording.validation
-    signal = [(slice(0, 1), np.ones(1), 1.0)]
+    signal = [(slice(0, 1), np.ones(1))]
     whole = Forms.of(recording, used, signal).width
     q = recording.q.copy()
     q[:, 0] = 0.3

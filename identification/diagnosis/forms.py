@@ -1,7 +1,7 @@
 """Errors of form: a formula is right to some percent, so a large effect brings smooth deviations of its own.
 
-Its fitted signal is modulated by the first two Chebyshev polynomials of every joint and driver, and of its own size (a gear
-that stiffens). Without them a large effect of slightly other form needs small false names beside it.
+Its fitted signal is modulated by the first two Chebyshev polynomials of every joint and driver. Without them a large effect
+of slightly other form needs small false names beside it.
 """
 
 from __future__ import annotations
@@ -22,28 +22,22 @@ PAIR = 2
 """Modulations of a source: its first two polynomials."""
 MOST = 30
 """Signals, the largest, that have errors of form of their own: those of small ones drown in the noise."""
-OWN = "size"
-"""The source that is a signal's own size."""
-FULL = 2.0
-"""Size of a signal in a row, in its rms over all rows, at which its polynomials end."""
-Signal = tuple[slice, Array, float]
-"""Columns of G of an effect, its fitted coefficients, and the rms of what they do to a row."""
+Signal = tuple[slice, Array]
 
 
 @dataclass(frozen=True)
 class Forms:
-    """Modulations (n, u) of every row, the signals that are modulated, and the sources that modulate (joints, drivers, and
-    ``OWN`` last), with ``PAIR`` modulations each."""
+    """Modulations (n, u) of every row, the signals that are modulated: columns of G with the fitted coefficients; and the
+    joints and drivers that modulate, with ``PAIR`` modulations each."""
 
     modulations: Array
-    by_size: float
     signals: tuple[Signal, ...]
     sources: tuple[str, ...] = ()
 
     @classmethod
     def none(cls) -> Forms:
         """No errors of form."""
-        return cls(np.zeros((0, 0)), 0.0, ())
+        return cls(np.zeros((0, 0)), ())
 
     @classmethod
     def of(cls, recording: Recording, used: NDArray[np.bool_], signals: Sequence[Signal]) -> Forms:
@@ -58,39 +52,31 @@ class Forms:
         varied = {name: values for name, values in columns.items() if np.ptp(values[used]) > 0}
         pairs = [_chebyshev(values, used) for values in varied.values()]
         phi = np.column_stack(pairs) if pairs else np.zeros((len(used), 0))
-        # each source has about the same share: polynomials of a signal's size have a mean square of one half, too
-        total = np.sqrt(float(np.mean(np.sum(phi[used] ** 2, axis=1))) + 0.5 * PAIR)
-        return cls(ERROR * phi / total, ERROR / total, tuple(signals), (*varied, OWN))
+        total = np.sqrt(max(float(np.mean(np.sum(phi[used] ** 2, axis=1))), 1e-300)) if pairs else 1.0
+        return cls(ERROR * phi / total, tuple(signals), tuple(varied))
 
     @property
     def width(self) -> int:
         """Number of columns."""
-        return len(self.signals) * PAIR * len(self.sources)
+        return len(self.signals) * int(self.modulations.shape[1])
 
     def columns(self, signature: Array, rows: NDArray[np.intp]) -> Array:
         """(k, m, width) of rows (k,) with signatures (k, m, w), each N(0, 1)."""
-        out = list[Array]()
-        for at, amplitude, rms in self.signals:
-            signal = signature[:, :, at] @ amplitude
-            own = self.by_size * _pair(np.sqrt(np.sum(signal**2, axis=1)) / (0.5 * FULL * rms) - 1.0)
-            modulations = np.column_stack([self.modulations[rows], own])
-            out.append(signal[:, :, None] * modulations[:, None, :])
+        out = [
+            (signature[:, :, at] @ amplitude)[:, :, None] * self.modulations[rows][:, None, :]
+            for at, amplitude in self.signals
+        ]
         return np.concatenate(out, axis=2) if out else np.zeros((*signature.shape[:2], 0))
 
 
-def largest(signals: Sequence[tuple[slice, Array]], squares: Sequence[float], rows: int) -> list[Signal]:
-    """Those with the largest sums of squares over so many ``rows`` of readings."""
+def largest(signals: Sequence[Signal], squares: Sequence[float]) -> list[Signal]:
+    """Those with the largest sums of squares in the readings."""
     kept = sorted(sorted(range(len(signals)), key=lambda k: -squares[k])[:MOST])
-    return [(*signals[k], max(float(np.sqrt(squares[k] / rows)), 1e-300)) for k in kept]
+    return [signals[k] for k in kept]
 
 
 def _chebyshev(values: Array, used: NDArray[np.bool_]) -> Array:
     """(n, PAIR) the first two polynomials over the range of the used rows."""
     low, high = float(values[used].min()), float(values[used].max())
-    return _pair(2.0 * (values - low) / (high - low) - 1.0)
-
-
-def _pair(values: Array) -> Array:
-    """(n, PAIR) the first two polynomials of values that end at -1 and 1."""
-    t = np.clip(values, -1.0, 1.0)
+    t = np.clip(2.0 * (values - low) / (high - low) - 1.0, -1.0, 1.0)
     return np.column_stack([t, 2.0 * t**2 - 1.0])

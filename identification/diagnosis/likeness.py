@@ -2,6 +2,7 @@
 
 What the catalogue does not know often resembles something that it knows. Such a thing is the name's signal, modulated by a
 joint or driver far more than a formula is ever wrong. Both are weighed for every name, beside all others of the likeliest set.
+Where a formula has terms that bend it, what these carry is an error of form that was found.
 """
 
 from __future__ import annotations
@@ -36,7 +37,23 @@ def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) ->
     if not names:
         return []
     odds = (1.0 - nameless) * prior.ONLY_ALIKE + nameless * prior.PART_OF_IT
-    return [_held(gains, odds) for gains in _gains(found, [_modulated(found, name) for name in names])]
+    every = _gains(found, [_modulated(found, name) for name in names])
+    return [_held(gains, odds, _bent(found, name)) for gains, name in zip(every, names, strict=True)]
+
+
+def _bent(found: Found, name: Sequence[int]) -> float:
+    """Share of a name's fitted signal that its formula does not follow, only terms that bend it; 0 without any."""
+    lin, cat = found.linearisation, found.catalogue
+    if not any(cat.candidates[i].bent for i in name):
+        return 0.0
+    cause = cat.cause(name[0])
+    straight = [i for i, c in enumerate(cat.candidates) if cat.cause(i) == cause and not c.bent]
+    own, base = (lin.free + np.array(lin.indices(some), dtype=np.intp) for some in (name, straight))
+    amplitude = lin.departure[own]
+    whole = float(amplitude @ lin.gram[np.ix_(own, own)] @ amplitude)
+    across = lin.gram[np.ix_(base, own)] @ amplitude
+    followed = float(across @ np.linalg.lstsq(lin.gram[np.ix_(base, base)], across, rcond=None)[0])
+    return float(np.sqrt(max(1.0 - followed / whole, 0.0))) if whole > 0.0 else 0.0
 
 
 def _modulated(found: Found, name: Sequence[int]) -> list[Index]:
@@ -74,10 +91,17 @@ def _gains(found: Found, wanted: Sequence[Sequence[Index]]) -> list[Array]:
     return [gains - plain for gains in best]
 
 
-def _held(gains: Array, odds: float) -> float:
-    """From prior odds of the rival and log Bayes factors (sources, shares), sources all as likely; without any, untested."""
+def _held(gains: Array, odds: float, bent: float = 0.0) -> float:
+    """From prior odds of the rival and log Bayes factors (sources, shares), sources all as likely; without any, untested.
+
+    ``bent``: the share of the signal that bends the formula; it is a source of its own, already in the set.
+    """
     if not len(gains):
         return 1.0 / (1.0 + odds)
+    if bent > 0.0:
+        shares = np.array([ERROR, *SHARES])
+        likely = -0.5 * (bent / shares) ** 2 - np.log(shares)
+        gains = np.vstack([gains, likely[1:] - likely[0]])
     by_share = np.logaddexp.reduce(gains, axis=0) - np.log(len(gains))
     itself = np.logaddexp(np.log(1.0 - POOR), np.log(POOR) + by_share[0])
     other = np.logaddexp.reduce(by_share[1:]) - np.log(len(by_share) - 1)

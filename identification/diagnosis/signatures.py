@@ -110,7 +110,7 @@ class Signatures:
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
             tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n], parts,
-            self.candidates, tuple(self.columns.index(at) for at, *_ in forms.signals), forms.sources,
+            self.candidates, tuple(self.columns.index(at) for at, _ in forms.signals), forms.sources,
         )  # fmt: skip
 
     def _present(self, fit: Estimate) -> list[tuple[PlacedEffect, slice]]:
@@ -121,9 +121,7 @@ class Signatures:
     def _forms(self, fit: Estimate) -> Forms:
         """Errors of form of the fit's effects."""
         signals = [(at, _amplitudes(e)) for e, at in self._present(fit)]
-        return Forms.of(
-            self.recording, fit.used, largest(signals, _squares(fit), max(int(fit.used.sum()), 1))
-        )
+        return Forms.of(self.recording, fit.used, largest(signals, _squares(fit)))
 
     def _geometry(self, fit: Estimate) -> NDArray[np.intp]:
         """Indices of the free parameters, without effect coefficients."""

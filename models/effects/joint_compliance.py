@@ -38,6 +38,7 @@ class JointCompliance(Effect):
     source = "Dumas et al. 2011, Joint stiffness identification of six-revolute industrial serial robots"
     needs_load = True
     settings_add = True
+    bends = ("bend",)
 
     def places(self, machine: Machine) -> Sequence[Place]:
         if not machine.load_cases:
