@@ -49,7 +49,7 @@ def unseen(data: Path, work: Path, wanted: Sequence[str] = ()) -> None:
         if name == "configurations":
             random = load_recording(machine, [work / "random.csv"])
             for fit, what in ((found.before, "plain calibration"), (found.after, "diagnosed model")):
-                _carry(fit, random, f"{name} -> random, base and tool refitted, {what}")
+                carry(fit, random, f"{name} -> random, base and tool refitted, {what}")
         if len(recording) <= HALVED:
             _replication(name, machine, recording, found)
 
@@ -111,7 +111,7 @@ def _channel_scores(fit: Estimate, recording: Recording) -> np.ndarray:
     return np.asarray(scores[scores != 0.0])  # a row that refers to itself says nothing
 
 
-def _carry(fit: Estimate, target: Recording, label: str) -> None:
+def carry(fit: Estimate, target: Recording, label: str) -> None:
     """The model of a fit on another recording, all of it known but base and tool; position rms of its held-out rows."""
     machine, effects = fit.machine, tuple(replace(e, spread=0.0) for e in fit.fitted_effects())
     prior = prior_of(machine, effects)

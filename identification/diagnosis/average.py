@@ -29,10 +29,12 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-OPEN = 0.05
+OPEN = 0.1
 """Probability from which on a candidate outside the likeliest set has a part in predictions."""
 FEW = 40
 """Most of these."""
+ENOUGH = 0.1
+"""Share of the states without anything rare from which on these alone speak."""
 STATES, STATES_OF_LONG = 100, 12
 """States that the mixture is made of, and so many where a set has many columns."""
 PARTS = (1.0, 0.5, 0.25, 0.125, 0.0)
@@ -65,13 +67,17 @@ def averaged(found: Found, likeliest: Estimate) -> Estimate:
 
 
 def _open(found: Found, held: Collection[int]) -> dict[int, float]:
-    """Candidates outside the likeliest set that may well be there, with their largest size; the likeliest ones."""
+    """Named candidates outside the likeliest set that may well be there, with their largest size; the likeliest ones.
+
+    A form without a name says nothing beyond the rows that were seen: a few chances in ten are no reason to carry it there.
+    """
     share, spread = defaultdict[int, float](float), defaultdict[int, float](float)
     for state, weight in found.posterior.states:
         for i, size in chosen(found.weighed, state).items():
             share[i] += weight
             spread[i] = max(spread[i], size)
-    wanted = sorted((i for i in share if i not in held and share[i] >= OPEN), key=lambda i: -share[i])
+    named = [i for i in share if found.catalogue.named(i)]
+    wanted = sorted((i for i in named if i not in held and share[i] >= OPEN), key=lambda i: -share[i])
     return {i: spread[i] for i in wanted[:FEW]}
 
 
@@ -99,7 +105,7 @@ def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
     weighing = found.weighed.weighing
     turn = _turn(found, kept)
     long = len(weighing.columns(found.mode.members)[0]) > LONG_SET
-    states = [(_kept(found, state, kept), share) for state, share in found.posterior.states]
+    states = _without_rare(found, kept)
     means, shares = [], []
     within = np.zeros((len(turn), len(turn)))
     for state, share in typical(states, STATES_OF_LONG if long else STATES):
@@ -114,8 +120,24 @@ def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
     return _Mixture(np.array(means) - own @ mode.mean, np.array(shares), wider)
 
 
+def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, float]]:
+    """Visited states that hold nothing but ``kept`` candidates; where these are few, all states without what is rare.
+
+    What is rare may stand in for what is not: a state is better left out than robbed of it.
+    """
+    candidates = found.weighed.candidates
+    whole = [
+        (_kept(found, state, kept), share)
+        for state, share in found.posterior.states
+        if all(i in kept for term, _ in state.members for i in candidates[term])
+    ]
+    if sum(share for _, share in whole) >= ENOUGH:
+        return whole
+    return [(_kept(found, state, kept), share) for state, share in found.posterior.states]
+
+
 def _kept(found: Found, state: State, kept: Collection[int]) -> State:
-    """A state without the rare terms that predictions leave out, and without a remainder where the likeliest has none."""
+    """A state without rare terms, and without a remainder where the likeliest has none."""
     candidates = found.weighed.candidates
     members = tuple(m for m in state.members if all(i in kept for i in candidates[m[0]]))
     point = state.point if found.mode.point[-1] else (*state.point[:-1], 0)
