@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -139,7 +138,7 @@ def test_a_mean_that_readings_contradict_is_not_used_but_widens(found: Found, li
     assert np.max(mixed.std / np.maximum(likeliest.std, 1e-300)) > 5.0
 
 
-def test_in_a_diagnosis_sure_things_stay(found: Found, likeliest: Estimate, tmp_path: Path) -> None:
+def test_in_a_diagnosis_sure_things_stay(found: Found, likeliest: Estimate) -> None:
     after = averaged(found, likeliest)
     np.testing.assert_allclose(
         amplitudes(after)[: len(amplitudes(likeliest))], amplitudes(likeliest), rtol=0.1
