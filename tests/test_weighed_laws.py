@@ -20,9 +20,9 @@ from truepose.identification.diagnosis.alone import WIDENINGS, flip_inflation, w
 from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.families import FEWEST, LARGEST, families
 from truepose.identification.diagnosis.forms import ERROR, Forms
-from truepose.identification.diagnosis.inclusion import place_probabilities
 from truepose.identification.diagnosis.model import FEW, WORTH, remainder_shapes
 from truepose.identification.diagnosis.naming import Named
+from truepose.identification.diagnosis.places import at_places
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.diagnosis.weighed import Cause, Weighed, weighed
@@ -213,7 +213,7 @@ def test_places_of_a_family_are_worth_the_ratio_of_densities_with_and_without(
     term = problem.candidates.index((0, 1, 2))
     point, size = unit(problem), int(np.argmin(np.abs(problem.weighing.sizes.values - 0.3)))
     number = int(problem.weighing.terms.cause[term])
-    found = place_probabilities(problem, State(((term, size),), point, 0.0), number)
+    found = at_places(problem, State(((term, size),), point, 0.0), number)
     noise = problem.weighing.unknowns.noise[0].values[point[0]]
     spread = float(problem.weighing.sizes.values[size])
 
@@ -224,7 +224,8 @@ def test_places_of_a_family_are_worth_the_ratio_of_densities_with_and_without(
     for k, joint in enumerate(("q1", "q2", "q3")):
         rest = [i for i in range(3) if i != k]
         odds = np.exp(dense([0, 1, 2]) - dense(rest)) * prior.IN_FAMILY / (1.0 - prior.IN_FAMILY)
-        assert found["zero-shift", (joint,)] == pytest.approx(odds / (1.0 + odds), abs=1e-6)
+        assert found["zero-shift", (joint,)].probability == pytest.approx(odds / (1.0 + odds), abs=1e-6)
+        assert not found["zero-shift", (joint,)].rivals
 
 
 # -- errors of form ---------------------------------------------------------------------------------------------

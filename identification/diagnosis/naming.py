@@ -150,18 +150,39 @@ def _same(other: Cause, cause: Cause) -> bool:
 
 
 def _of_family(found: Found, said: Inclusion, number: int) -> list[Named]:
-    """Places of a family that stand out by themselves."""
+    """Places of a family that stand out by themselves, each with what may be there in its stead."""
     problem = found.weighed
     cause = problem.causes[number]
     terms = [term for term, _ in found.mode.members if int(problem.weighing.terms.cause[term]) == number]
     out = []
     for k, place in enumerate(cause.place):
         single = Cause(cause.effect, (place,))
-        probability = said.of(single)
-        if probability > NAMED:
+        probability, rivals = said.of(single), _rivals(found, said, number, single)
+        certainty = min(
+            1.0, probability + sum(m.probability for m in rivals if m.cause.effect != Empirical.slug)
+        )
+        if certainty > NAMED:
             held = tuple(problem.candidates[term][k] for term in terms)
-            out.append(Named(single, held, probability, probability, (), family=cause.effect))
+            out.append(Named(single, held, probability, certainty, rivals, family=cause.effect))
     return out
+
+
+def _rivals(found: Found, said: Inclusion, number: int, single: Cause) -> tuple[Member, ...]:
+    """Causes in the stead of a family's place: alone, the family being there, or in another family that may be."""
+    problem, posterior = found.weighed, found.posterior
+    own = (single.effect, single.place)
+    shares = {
+        c: float(posterior.causes[number]) * p
+        for c, p in said.families[problem.causes[number]][own].rivals.items()
+    }
+    for k, share in enumerate(posterior.beside[number]):
+        for place, at in said.families.get(problem.causes[k], {}).items():
+            if k != number and share > SHOWN and place != own and place[1] == single.place:
+                cause = Cause(*place)
+                shares[cause] = shares.get(cause, 0.0) + float(share) * at.probability
+    likely = sorted(((p, c) for c, p in shares.items() if p > SHOWN), key=lambda each: -each[0])
+    mine = max(said.of(single), 1e-9)
+    return tuple(Member(cause, p, float(np.log(p / mine))) for p, cause in likely[:CLASS_LIMIT])
 
 
 def _places(found: Found, wanted: Collection[int]) -> NDArray[np.intp]:

@@ -21,6 +21,9 @@ from truepose.models.mechanism import Actuator
 
 LARGEST = {"mm": 0.1, "rad": 3e-3}
 WIDTHS = (0.003, 0.01, 0.03, 0.1)
+AT_ONCE: Settings = {"width": 0.0}
+COARSE = 6.0
+"""Weight of friction that slips at once, among some nine other settings of one each."""
 SHOWN = 0.05
 """Share of rows that must stand between the two limits; where all stand at one, backlash is the same function."""
 
@@ -31,13 +34,14 @@ class FrictionHysteresis(Effect):
 
     Setting ``width`` is r as a part of the joint's range. Rows that arrive from further away than 2 r stand at a
     limit, as with backlash b = 2 h: only widths within which some reversal of the recording ends are looked for.
+    Width 0 slips at once: then it is the same function as backlash, and only their prior odds tell them apart.
 
     Setting ``elements`` 1: elements of all these widths side by side, each with its own h, for friction that does
     not slip everywhere at once; ``overshoot``: the part of the range by which a joint starts behind its goal to
     arrive from a stated side, without it far enough.
     """
 
-    commonness = 0.3  # resolved pre-sliding is rarer than play
+    commonness = 0.5  # rarer than play, with the way to slip seen and without
     slug = "friction-hysteresis"
     title = "Hysteresis of friction before slip"
     formula = (
@@ -62,6 +66,8 @@ class FrictionHysteresis(Effect):
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         unit, actuator = joint_unit(machine, place), actuator_at(machine, place[0])
+        if _at_once(settings):
+            return (Coefficient("h", unit, LARGEST[unit], lower=0.0),)
         widest = [r * nominal_gain(machine, actuator) for r in _half_widths(actuator, settings)]
         names = [f"h{k}" for k in range(1, len(widest) + 1)] if len(widest) > 1 else ["h"]
         return tuple(
@@ -73,6 +79,8 @@ class FrictionHysteresis(Effect):
         actuator = actuator_at(site.machine, site.place[0])
         leads = self.drivers(site.machine, site.place, site.settings)
         widths = _half_widths(actuator, site.settings)
+        if _at_once(site.settings):
+            return {actuator.displacement: -site.c["h"] * site.driver(leads[0])}
         behind = ca.SX(0)
         for h, lead, width in zip(site.c.values(), leads, widths, strict=True):
             behind += h * site.driver(lead) / width
@@ -80,14 +88,20 @@ class FrictionHysteresis(Effect):
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
         actuator = actuator_at(machine, place[0])
+        if _at_once(settings):
+            return (f"approach.{actuator.reading}",)
         tail = overshoot_of(actuator, settings)
         return tuple(f"stop.{actuator.reading}~{r:.6g}{tail}" for r in _half_widths(actuator, settings))
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        """Widths within which some reversals of the recording end."""
+        """Widths within which some reversals of the recording end, and none where the sides of arrival are told."""
         several = [{"elements": 1.0, **known} for known in approaches(machine, place, recording)]
         variants: list[Settings] = [*({"width": width} for width in WIDTHS), *several]
-        return [s for s in variants if self._shows(machine, place, s, recording)]
+        seen = [s for s in variants if self._shows(machine, place, s, recording)]
+        return [AT_ONCE, *seen] if _sides(machine, place, recording) else seen
+
+    def weight(self, settings: Settings) -> float:
+        return COARSE if _at_once(settings) else 1.0
 
     def explain(self, machine: Machine, place: Place) -> str:
         return f"Joint {place[0]} gives before it slips: it trails its reading, by more the further it came."
@@ -99,6 +113,16 @@ class FrictionHysteresis(Effect):
             lead is None or float(np.mean(np.abs(np.asarray(lead, dtype=float)) < 0.999 * width)) >= SHOWN
             for lead, width in zip(leads, widths, strict=True)
         )
+
+
+def _at_once(settings: Settings) -> bool:
+    return settings.get("width") == 0.0
+
+
+def _sides(machine: Machine, place: Place, recording: Observed) -> bool:
+    """Whether rows tell from which side this joint came, and it came from both."""
+    came = recording.driver(f"approach.{actuator_at(machine, place[0]).reading}")
+    return came is not None and len(np.unique(np.sign(np.asarray(came, dtype=float)))) > 1
 
 
 def _half_widths(actuator: Actuator, settings: Settings) -> tuple[float, ...]:

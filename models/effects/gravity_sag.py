@@ -8,8 +8,8 @@ from truepose.models.effects.base import Coefficient, Effect, Place, Settings, S
 from truepose.models.effects.common import singly
 from truepose.models.machine import PAYLOAD, Machine
 
-LARGEST = {"base": 1e-6, "tool": 1e-4}
-"""rad/(N m): a base on the floor; a flange that carries a newton metre and turns by a tenth of a milliradian."""
+LARGEST = {"base": 1e-5, "tool": 1e-4}
+"""rad/(N m): a base on a stand or a table; a flange that carries a newton metre and turns by a tenth of a milliradian."""
 
 
 @effects.add("gravity-sag")
@@ -20,7 +20,8 @@ class GravitySag(Effect):
     title = "Mount that sags"
     formula = "rotation of the mount = c M, M the moment of gravity about it"
     size = (
-        "1e-9 to 1e-6 rad/(N*m) for a base; a tool's mount carries less and may give way a hundred times more"
+        "1e-9 to 1e-6 rad/(N*m) for a base on the floor, ten times more on a stand; a tool's mount carries less and may "
+        "give way a hundred times more"
     )
     look_alikes = ("joint-compliance", "link-bending", "mount-drift")
     experiment = "put a level on the mount, reach out and in, and step the payload"
