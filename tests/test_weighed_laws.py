@@ -228,6 +228,53 @@ def test_places_of_a_family_are_worth_the_ratio_of_densities_with_and_without(
         assert not found["zero-shift", (joint,)].rivals
 
 
+@pytest.mark.parametrize("size", [0.6, 0.3])
+def test_what_may_stand_in_for_a_place_of_a_family_takes_its_share(
+    arm: Machine, shifts: tuple[PlacedEffect, ...], size: float
+) -> None:
+    """Every set of the family with or without its place, and with or without one other cause, counted in full."""
+    placed = (*shifts[:3], with_effect(arm, "actuator-scale", ("q1",)))
+    lin, j, g, e = linear(placed, 6, sizes=(size, 0.5, 0.0))
+    g[:, 3] = g[:, 0] + 0.1 * g[:, 3]
+    mixed = np.eye(len(lin.gram))
+    mixed[lin.free, lin.free + 3], mixed[lin.free + 3, lin.free + 3] = 1.0, 0.1
+    lin = replace(lin, grams=(mixed.T @ lin.gram @ mixed,))
+    problem = weighed(lin, catalogue_of(placed), 1.5)
+    weighing, point = problem.weighing, unit(problem)
+    term, other = problem.candidates.index((0, 1, 2)), problem.candidates.index((3,))
+    spread = int(np.argmin(np.abs(weighing.sizes.values - 0.3)))
+    found = at_places(problem, State(((term, spread),), point, 0.0), int(weighing.terms.cause[term]))[
+        "zero-shift", ("q1",)
+    ]
+    noise = weighing.unknowns.noise[0].values[point[0]]
+
+    def dense(present: list[int], further: float = 0.0) -> float:
+        v = (
+            noise**2 * np.eye(READINGS)
+            + j @ j.T
+            + weighing.sizes.values[spread] ** 2 * g[:, present] @ g[:, present].T
+        )
+        return float(multivariate_normal.logpdf(e, cov=v + further**2 * np.outer(g[:, 3], g[:, 3])))
+
+    def with_other(present: list[int]) -> float:
+        before = slot_odds(prior.RICHNESS, 1) + weighing.terms.log_prior([term])[other]
+        seen = np.flatnonzero(weighing.noticeable[:, other])
+        each = [dense(present, float(weighing.sizes.values[s])) + weighing.sizes.log_prior[s] for s in seen]
+        return float(np.logaddexp.reduce(each) + before)
+
+    inside = np.log(prior.IN_FAMILY / (1.0 - prior.IN_FAMILY))
+    rest, whole = [1, 2], [0, 1, 2]
+    weights = np.array([dense(rest), with_other(rest), dense(whole) + inside, with_other(whole) + inside])
+    nothing, instead, place, both = np.exp(weights - np.logaddexp.reduce(weights))
+    assert found.probability == pytest.approx(place + both, abs=1e-6)
+    (cause, share), *more = found.rivals.items()
+    assert cause == Cause("actuator-scale", ("q1",)) and not more
+    assert share == pytest.approx(
+        instead - nothing * both / place, abs=1e-6
+    )  # what it gains where the place is not there
+    assert nothing + instead == pytest.approx(1.0 - found.probability, abs=1e-6)
+
+
 # -- errors of form ---------------------------------------------------------------------------------------------
 
 
