@@ -21,11 +21,11 @@ from support.telescope_legs import FLEXURED
 from truepose.identification.diagnosis import alarms
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import UNNAMED, Diagnosis, Finding
-from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import FREE_WIDENING, estimate, prior_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.diagnosis_words import form_words
+from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from support import MACHINES
 from support.examples import examples
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
-from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.planning.discriminate.criterion import Contest, Race, chosen
 from truepose.identification.planning.discriminate.experiment import discriminate
@@ -29,6 +28,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.report.experiment_words import sentences
 from truepose.identification.report.notes import worded
 from truepose.identification.report.pose_tables import experiment_table
+from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

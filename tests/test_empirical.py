@@ -16,7 +16,6 @@ from support.calibrated_machines import SIX_AXES
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.path_table import load_path
-from truepose.identification.diagnosis.candidates import catalogue
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
 from truepose.identification.prediction.predict import predict, predicted, predictor_for
@@ -25,6 +24,7 @@ from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.empirical_forms import empirical_forms
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import catalogue
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.kinematics import symbolic_model

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
-from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
 from truepose.identification.diagnosis.naming import Member, Named
 from truepose.identification.diagnosis.remainder import _form
 from truepose.identification.diagnosis.result import UNNAMED, Replication
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

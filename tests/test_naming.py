@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from truepose.identification.diagnosis.alarms import Alarm, Structure
-from truepose.identification.diagnosis.candidates import TOGETHER, Catalogue, catalogue
 from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.recording.load import load_recording
+from truepose.identification.signatures.candidates import TOGETHER, Catalogue, catalogue
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.proof import _black_box, _injected, _linear_test
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.diagnosis.weighed import weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
@@ -27,6 +25,8 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import _tolerance_notes
 from truepose.identification.selection.scales import noise_scales
 from truepose.identification.selection.tolerance_classes import PartClass
+from truepose.identification.signatures.candidates import Catalogue
+from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 

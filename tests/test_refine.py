@@ -12,14 +12,14 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.candidates import Catalogue, catalogue
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.refine import BETWEEN, refined
-from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import Catalogue, catalogue
+from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.refine import BETWEEN, refined
 from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -16,6 +16,7 @@ from truepose.identification.diagnosis.alone import flip_inflation, weighed_alon
 from truepose.identification.diagnosis.inclusion import inclusion
 from truepose.identification.diagnosis.model import fitted
 from truepose.identification.diagnosis.naming import Named, named
+from truepose.identification.diagnosis.places import Place
 from truepose.identification.diagnosis.replication import replications
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import weighed
@@ -29,8 +30,8 @@ def names(found: Found) -> set[tuple[str, tuple[str, ...]]]:
     return {found.catalogue.cause(i) for i in found.accepted}
 
 
-TRUE = {("backlash", ("q2",)), ("actuator-scale", ("q1",))}
-TWINS = {("backlash", ("q2",)): ("friction-hysteresis", ("q2",))}
+TRUE: set[Place] = {("backlash", ("q2",)), ("actuator-scale", ("q1",))}
+TWINS: dict[Place, Place] = {("backlash", ("q2",)): ("friction-hysteresis", ("q2",))}
 """What is the same function: friction that slips at once."""
 
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from support.sensor_bench import TEXTS, Bench
 from truepose.errors import InputError
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine

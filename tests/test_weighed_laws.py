@@ -17,20 +17,20 @@ from support.effects import with_effect
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.alone import WIDENINGS, flip_inflation, weighed_alone
-from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.families import FEWEST, LARGEST, families
-from truepose.identification.diagnosis.forms import ERROR, Forms
 from truepose.identification.diagnosis.model import FEW, WORTH, remainder_shapes
 from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.places import at_places
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.diagnosis.weighed import Cause, Weighed, weighed
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.posterior.mode import State, slot_odds
 from truepose.identification.recording.empirical_forms import empirical_forms
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
+from truepose.identification.signatures.candidates import Catalogue
+from truepose.identification.signatures.forms import ERROR, Forms
+from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 

@@ -26,6 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 AREAS = {
     "models": "models/**/*.py",
     "fit": "identification/fit/*.py",
+    "signatures": "identification/signatures/*.py",
     "posterior": "identification/posterior/*.py",
     "diagnosis": "identification/diagnosis/*.py",
     "selection": "identification/selection/*.py",

@@ -15,10 +15,10 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
-from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.linearisation import Linearisation
 
 Array = NDArray[np.float64]
 RAISED = 0.01

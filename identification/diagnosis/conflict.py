@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import FREE_WIDENING
+from truepose.identification.signatures.linearisation import Linearisation
 
 Array = NDArray[np.float64]
 DRAWS = 999

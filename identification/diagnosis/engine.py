@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import outliers, remainder
 from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
-from truepose.identification.diagnosis.candidates import catalogue
 from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
 from truepose.identification.diagnosis.inclusion import Inclusion
 from truepose.identification.diagnosis.outcome import Fits, Outcome, concluded
@@ -27,13 +26,14 @@ from truepose.identification.diagnosis.result import (
     SetOfEffects,
 )
 from truepose.identification.diagnosis.search import Found, search
-from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.summary import summarise
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
+from truepose.identification.signatures.candidates import catalogue
+from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

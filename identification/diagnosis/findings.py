@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.naming import Member, Named
 from truepose.identification.diagnosis.result import UNNAMED, Alternative, Finding, Quantity, Replication
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.effects.base import effects
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine

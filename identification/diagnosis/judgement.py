@@ -14,9 +14,9 @@ from truepose.identification.diagnosis.alarms import (
     residual_alarm,
     structure_alarm,
 )
-from truepose.identification.diagnosis.signatures import Linearisation
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.linearisation import Linearisation
 
 CLEAR_P = 1e-3
 """An alarm below this p is no chance: the model fails."""

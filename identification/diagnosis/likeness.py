@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis import prior
-from truepose.identification.diagnosis.forms import ERROR, PAIR
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import design_with_forms
 from truepose.identification.posterior.marginal import marginal
+from truepose.identification.signatures.forms import ERROR, PAIR
 from truepose.models.parameters import element_of
 
 Array = NDArray[np.float64]

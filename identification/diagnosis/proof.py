@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.alone import weighed_alone
-from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.holdout import ROLE, held_out, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.result import Proof
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.diagnosis.weighed import weighed
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import Design
 from truepose.identification.posterior.weighing import Weighing
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import Catalogue
+from truepose.identification.signatures.linearisation import Signatures
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

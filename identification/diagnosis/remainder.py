@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.alarms import Structure
-from truepose.identification.diagnosis.candidates import Catalogue
 from truepose.identification.diagnosis.result import Form, Remainder
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.driver import APPROACH, Driver
 from truepose.models.effects.empirical import Empirical
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from truepose.identification.diagnosis.alarms import Alarm, Structure
-from truepose.identification.diagnosis.candidates import Untestable
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
+from truepose.identification.signatures.candidates import Untestable
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import prior
-from truepose.identification.diagnosis.candidates import Catalogue
-from truepose.identification.diagnosis.refine import refined
-from truepose.identification.diagnosis.signatures import Linearisation, Signatures
 from truepose.identification.diagnosis.weighed import WIDE, Weighed, weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
 from truepose.identification.posterior.posterior import LONG_SET, Posterior, climbed, mode, sample
+from truepose.identification.signatures.candidates import Catalogue
+from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.refine import refined
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from truepose.identification.diagnosis.alarms import Alarm, Structure
-from truepose.identification.diagnosis.candidates import Untestable
 from truepose.identification.diagnosis.result import (
     Alternative,
     BlockProof,
@@ -24,6 +23,7 @@ from truepose.identification.fit.estimate import Estimate, prior_of
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import Untestable
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

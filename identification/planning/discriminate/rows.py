@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import prior_of
@@ -21,6 +20,7 @@ from truepose.identification.planning.information import UNKNOWN
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.history import line_of_full_loop
 from truepose.identification.recording.recording import Recording, frozen
+from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.driver import APPROACH, OF_THE_WAY, SESSION, TIME, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from truepose.challenge.adaptation import Adaptation
 from truepose.challenge.simulator.base import Specimen
-from truepose.identification.diagnosis.candidates import catalogue
-from truepose.identification.diagnosis.signatures import Signatures
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import catalogue
+from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

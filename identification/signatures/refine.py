@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from truepose.identification.diagnosis.candidates import Catalogue
+from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
