@@ -171,10 +171,9 @@ def _rivals(found: Found, said: Inclusion, number: int, single: Cause) -> tuple[
     """Causes in the stead of a family's place: alone, the family being there, or in another family that may be."""
     problem, posterior = found.weighed, found.posterior
     own = (single.effect, single.place)
-    shares = {
-        c: float(posterior.causes[number]) * p
-        for c, p in said.families[problem.causes[number]][own].rivals.items()
-    }
+    here = said.families.get(problem.causes[number], {}).get(own)
+    there = float(posterior.causes[number])
+    shares = {c: there * p for c, p in here.rivals.items()} if here else {}
     for k, share in enumerate(posterior.beside[number]):
         for place, at in said.families.get(problem.causes[k], {}).items():
             if k != number and share > SHOWN and place != own and place[1] == single.place:

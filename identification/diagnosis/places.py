@@ -65,8 +65,9 @@ def at_places(problem: Weighed, state: State, number: int) -> Mapping[Place, AtP
     clearest: dict[Place, tuple[float, Marginal]] = {}
     at = 0
     for term, _ in state.members:
-        width, count = len(weighing.terms.columns[term]), len(problem.candidates[term])
-        for k in range(count) if int(weighing.terms.cause[term]) == number else ():
+        width = len(weighing.terms.columns[term])
+        count = len(problem.candidates[term]) if int(weighing.terms.cause[term]) == number else 0
+        for k in range(count):
             part = at + np.arange(k * width // count, (k + 1) * width // count)
             rest, place = whole.without(part), (cause.effect, (cause.place[k],))
             gain = whole.log_evidence - rest.log_evidence
