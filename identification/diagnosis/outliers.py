@@ -20,7 +20,7 @@ from truepose.models.machine import Machine
 from truepose.models.sensors.distance import Distance
 
 Array = NDArray[np.float64]
-LIMIT = 0.05
+LIMIT = 0.1
 """Beyond this share of the rows, far residuals are no outliers but a model that is wrong."""
 FEWEST, NEIGHBOURS, TOGETHER = 4, 4, 0.3
 """Rows below which nothing can be said of where they lie, neighbours that are asked, and their share that must be far too."""

@@ -25,6 +25,8 @@ CURVE, LINE = 4, 1
 MOUNT_CURVE = 2
 LINES = 0.5
 """How likely a line is beside a curve."""
+LINE_END = 2.0
+"""Where a line ends, in halves of the range seen: most that is linear goes on, but not for ever."""
 REACH = 1000.0
 TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
 """Half of a joint's travel where its file states no range."""
@@ -48,9 +50,9 @@ class Source:
     low: float
     high: float
 
-    def within(self, value: ca.SX) -> ca.SX:
-        """The value scaled to -1 ... 1 over the range, and held there outside of it."""
-        return ca.fmax(-1.0, ca.fmin(1.0, (2 * value - (self.low + self.high)) / (self.high - self.low)))
+    def within(self, value: ca.SX, end: float = 1.0) -> ca.SX:
+        """The value scaled to -1 ... 1 over the range, and held at -``end`` and ``end`` outside of it."""
+        return ca.fmax(-end, ca.fmin(end, (2 * value - (self.low + self.high)) / (self.high - self.low)))
 
     def overshoot(self, values: Array) -> Array:
         """(n,) how far values lie outside of the range, in halves of it."""
@@ -65,8 +67,9 @@ class Empirical(Effect):
     driver's own unit): a joint's reading or any driver. With one source it is a curve, Chebyshev polynomials up to
     ``degree`` (4; 2 for the six motions of a mount); a curve in the joint's own reading begins with the square. With
     two it is their product. A sensor's volume bends by squares and products of a point's coordinates, in units of
-    ``reach`` (mm). Outside of what was seen nothing is known: the form stays at its end's value, and predictions
-    say how little that means (``truepose.identification.prediction.predict``). No diagnosis takes it for a name.
+    ``reach`` (mm). Outside of what was seen nothing is known: the form stays at its end's value, a line goes on for half
+    the range seen, and predictions say how little that means (``truepose.identification.prediction.predict``). No
+    diagnosis takes it for a name.
     """
 
     slug = "empirical"
@@ -139,7 +142,8 @@ class Empirical(Effect):
         if place in sensor_names(site.machine):
             return _warp(site)
         sources = _sources(site.machine, site.place, site.settings)
-        t = [s.within(site.q[s.name] if s.name in site.q else site.driver(s.name)) for s in sources]
+        end = LINE_END if len(sources) == 1 and site.settings.get(DEGREE) == LINE else 1.0
+        t = [s.within(site.q[s.name] if s.name in site.q else site.driver(s.name), end) for s in sources]
         if len(t) == 2:
             return {site.port(place): site.c["c"] * t[0] * t[1]}
         highest = max(int(name.lstrip("cxyzr")) for name in site.c)

@@ -22,7 +22,7 @@ from truepose.models.mechanism import Actuator
 LARGEST = {"mm": 0.1, "rad": 3e-3}
 WIDTHS = (0.003, 0.01, 0.03, 0.1)
 AT_ONCE: Settings = {"width": 0.0}
-COARSE = 6.0
+COARSE = 3.0
 """Weight of friction that slips at once, among some nine other settings of one each."""
 SHOWN = 0.05
 """Share of rows that must stand between the two limits; where all stand at one, backlash is the same function."""
@@ -41,7 +41,7 @@ class FrictionHysteresis(Effect):
     arrive from a stated side, without it far enough.
     """
 
-    commonness = 0.5  # rarer than play, with the way to slip seen and without
+    commonness = 0.4  # rarer than play, with the way to slip seen and without
     slug = "friction-hysteresis"
     title = "Hysteresis of friction before slip"
     formula = (
