@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -10,6 +12,8 @@ import pytest
 
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.judgement import Judgement
+from truepose.identification.diagnosis.outcome import _without_names
+from truepose.identification.diagnosis.result import Proof
 from truepose.identification.recording.load import load_recording
 from truepose.identification.signatures.candidates import TOGETHER, Catalogue, catalogue
 from truepose.models.effects.empirical import Empirical
@@ -86,3 +90,25 @@ def test_a_model_fails_by_what_misstated_tolerances_and_sigmas_do_not_explain() 
     assert not misfit.misfits  # a sigma that is wrong by less than three
     assert judgement(residual=Alarm(2.0, 1e-6, "replicates")).misfits
     assert judgement(residual=Alarm(10.0, 1e-6, "stated sigma")).misfits
+
+
+@pytest.mark.parametrize(
+    ("sure", "ratio", "residual", "verdict"),
+    [
+        (True, 0.8, QUIET, "unknown"),  # worth something
+        (True, 1.1, QUIET, "adequate"),  # seen, worth nothing, and no misfit
+        (
+            True,
+            1.1,
+            Alarm(1.7, 1e-6, "stated sigma"),
+            "unknown",
+        ),  # a misfit is never adequate where its cause is sure
+        (False, 0.8, Alarm(1.7, 1e-6, "stated sigma"), "adequate"),  # noise is larger than stated
+        (False, 1.1, Alarm(1.7, 1e-6, "replicates"), "unknown"),
+    ],
+)
+def test_what_has_no_name_counts_where_it_is_worth_something_or_makes_a_misfit(
+    sure: bool, ratio: float, residual: Alarm, verdict: str
+) -> None:
+    proof = cast(Proof, SimpleNamespace(ratio=ratio))
+    assert _without_names(judgement(residual=residual), proof, sure=sure) == verdict

@@ -91,7 +91,8 @@ def concluded(fits: Fits, found: Found) -> Outcome:
         return Outcome((), (), fits.before, fits.before, None, verdict, raised, raised, said, {})
     after = averaged(found, model.fit)
     left = judged(after, after, found.linearisation, recording) if names else raised
-    gain = {} if proof is None or not nameless else _gain(fits.before, recording, proof)
+    worth = proof is not None and proof.ratio < 1.0
+    gain = _gain(fits.before, recording, proof) if proof is not None and worth and nameless else {}
     told = proof if names else None
     return Outcome(names, nameless, model.fit, after, told, verdict, raised, left, said, gain)
 
@@ -120,6 +121,6 @@ def _verdict(every: tuple[Named, ...], raised: Judgement, proof: Proof | None, *
 
 
 def _without_names(raised: Judgement, proof: Proof | None, *, sure: bool) -> str:
-    """``unknown`` where something is ``sure`` to be there and worth something, or where noise alone is no explanation."""
+    """``unknown`` where something ``sure`` is worth something or makes a clear misfit, or where noise alone cannot make it."""
     worth = proof is not None and proof.ratio < 1.0
-    return "unknown" if (sure and worth) or raised.misfits else "adequate"
+    return "unknown" if (sure and (worth or raised.clear)) or raised.misfits else "adequate"
