@@ -48,6 +48,7 @@ FLOORS = (
         "identification.compensation",
     ),
     ("identification.selection", "identification.posterior"),
+    ("identification.signatures",),
     ("identification.diagnosis",),
     ("identification.drift",),
     ("identification.planning",),

@@ -116,7 +116,7 @@ def test_a_row_is_outlying_beyond_one_and_a_half_gaussian_limits(
 def test_many_far_rows_are_a_wrong_model_and_no_outliers(fit: Estimate) -> None:
     rng, n = np.random.default_rng(3), 200
     order = rng.permutation(n)
-    for far, marked in ((10, 10), (11, 0)):  # one in twenty is the most
+    for far, marked in ((20, 20), (21, 0)):  # one in ten is the most
         residual = np.clip(rng.standard_normal((n, 2)), -2.0, 2.0)
         residual[order[:far]] = 50.0
         found = outlying_rows(leaving(fit, residual), anywhere(n), np.ones(n, dtype=bool))
