@@ -14,20 +14,19 @@ from scipy.stats import multivariate_normal
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
+from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, unit
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.alone import WIDENINGS, flip_inflation, weighed_alone
 from truepose.identification.diagnosis.families import FEWEST, LARGEST, families
 from truepose.identification.diagnosis.model import FEW, WORTH, remainder_shapes
 from truepose.identification.diagnosis.naming import Named
-from truepose.identification.diagnosis.places import at_places
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause, Weighed, weighed
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.posterior.mode import State, slot_odds
 from truepose.identification.recording.empirical_forms import empirical_forms
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.forms import ERROR, Forms
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
@@ -35,8 +34,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-LENGTH, ANGLE = PartClass("length"), PartClass("angle")
-READINGS = 60
 
 
 @pytest.fixture(scope="module")
@@ -56,41 +53,6 @@ def shifts(arm: Machine) -> tuple[PlacedEffect, ...]:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Recording]:
     bench = Bench(tmp_path_factory.mktemp("bench"), "arm")
     return bench.machine, bench.recording()
-
-
-def linear(
-    placed: tuple[PlacedEffect, ...],
-    seed: int = 1,
-    *,
-    sizes: tuple[float, ...] = (),
-    weight: Array | None = None,
-    departure: float = 0.0,
-) -> tuple[Linearisation, Array, Array, Array]:
-    """Random columns of three parts and of one column a candidate; J, G and the readings e at the drawing beside it."""
-    rng, w = np.random.default_rng(seed), len(placed)
-    j, g = rng.standard_normal((READINGS, 3)), rng.standard_normal((READINGS, w))
-    own = np.ones(3) if weight is None else weight
-    known = np.where(own > 0.0, 1.0 / np.where(own > 0.0, own, 1.0), 0.0)
-    e = rng.standard_normal(READINGS) + j @ (known * rng.standard_normal(3))
-    e = e + g[:, : len(sizes)] @ np.array(sizes) if sizes else e
-    away = departure * rng.standard_normal(3 + w)
-    # the residual of a reading is its prediction less itself
-    rows = np.column_stack([j, g, np.column_stack([j, g]) @ away - e])
-    columns = tuple(slice(k, k + 1) for k in range(w))
-    lin = Linearisation(
-        (rows.T @ rows,), (READINGS,), 3, columns, 0, away, own, (LENGTH, LENGTH, ANGLE), placed
-    )
-    return lin, j, g, e
-
-
-def catalogue_of(placed: tuple[PlacedEffect, ...]) -> Catalogue:
-    return Catalogue(placed, (-float(np.log(len(placed))),) * len(placed), ())
-
-
-def unit(problem: Weighed) -> tuple[int, int, int]:
-    """The point nearest to stated noise and tolerances, without a remainder."""
-    values = np.array(problem.weighing.unknowns.noise[0].values)
-    return int(np.argmin(np.abs(np.log(values)))), 0, 0
 
 
 # -- evidence -----------------------------------------------------------------------------------------------
@@ -201,78 +163,6 @@ def test_a_family_is_a_term_of_all_its_columns_under_one_size(shifts: tuple[Plac
         np.exp(terms.all[term].log_prior - np.logaddexp.reduce([terms.all[k].log_prior for k in singles]))
     )
     assert share == pytest.approx(prior.FAMILY_SHARE / (1.0 - prior.FAMILY_SHARE))
-
-
-@pytest.mark.parametrize("sizes", [(0.6, 0.5, 0.0), (0.6, 0.15, 0.2), (0.0, 0.0, 0.6)])
-def test_places_of_a_family_are_worth_the_ratio_of_densities_with_and_without(
-    shifts: tuple[PlacedEffect, ...], sizes: tuple[float, ...]
-) -> None:
-    """By Savage and Dickey, against the evidence of the family with and without the place, counted in full."""
-    lin, j, g, e = linear(shifts[:3], 6, sizes=sizes)
-    problem = weighed(lin, catalogue_of(shifts[:3]), 1.5)
-    term = problem.candidates.index((0, 1, 2))
-    point, size = unit(problem), int(np.argmin(np.abs(problem.weighing.sizes.values - 0.3)))
-    number = int(problem.weighing.terms.cause[term])
-    found = at_places(problem, State(((term, size),), point, 0.0), number)
-    noise = problem.weighing.unknowns.noise[0].values[point[0]]
-    spread = float(problem.weighing.sizes.values[size])
-
-    def dense(present: list[int]) -> float:
-        v = noise**2 * np.eye(READINGS) + j @ j.T + spread**2 * g[:, present] @ g[:, present].T
-        return float(multivariate_normal.logpdf(e, cov=v))
-
-    for k, joint in enumerate(("q1", "q2", "q3")):
-        rest = [i for i in range(3) if i != k]
-        odds = np.exp(dense([0, 1, 2]) - dense(rest)) * prior.IN_FAMILY / (1.0 - prior.IN_FAMILY)
-        assert found["zero-shift", (joint,)].probability == pytest.approx(odds / (1.0 + odds), abs=1e-6)
-        assert not found["zero-shift", (joint,)].rivals
-
-
-@pytest.mark.parametrize("size", [0.6, 0.3])
-def test_what_may_stand_in_for_a_place_of_a_family_takes_its_share(
-    arm: Machine, shifts: tuple[PlacedEffect, ...], size: float
-) -> None:
-    """Every set of the family with or without its place, and with or without one other cause, counted in full."""
-    placed = (*shifts[:3], with_effect(arm, "actuator-scale", ("q1",)))
-    lin, j, g, e = linear(placed, 6, sizes=(size, 0.5, 0.0))
-    g[:, 3] = g[:, 0] + 0.1 * g[:, 3]
-    mixed = np.eye(len(lin.gram))
-    mixed[lin.free, lin.free + 3], mixed[lin.free + 3, lin.free + 3] = 1.0, 0.1
-    lin = replace(lin, grams=(mixed.T @ lin.gram @ mixed,))
-    problem = weighed(lin, catalogue_of(placed), 1.5)
-    weighing, point = problem.weighing, unit(problem)
-    term, other = problem.candidates.index((0, 1, 2)), problem.candidates.index((3,))
-    spread = int(np.argmin(np.abs(weighing.sizes.values - 0.3)))
-    found = at_places(problem, State(((term, spread),), point, 0.0), int(weighing.terms.cause[term]))[
-        "zero-shift", ("q1",)
-    ]
-    noise = weighing.unknowns.noise[0].values[point[0]]
-
-    def dense(present: list[int], further: float = 0.0) -> float:
-        v = (
-            noise**2 * np.eye(READINGS)
-            + j @ j.T
-            + weighing.sizes.values[spread] ** 2 * g[:, present] @ g[:, present].T
-        )
-        return float(multivariate_normal.logpdf(e, cov=v + further**2 * np.outer(g[:, 3], g[:, 3])))
-
-    def with_other(present: list[int]) -> float:
-        before = slot_odds(prior.RICHNESS, 1) + weighing.terms.log_prior([term])[other]
-        seen = np.flatnonzero(weighing.noticeable[:, other])
-        each = [dense(present, float(weighing.sizes.values[s])) + weighing.sizes.log_prior[s] for s in seen]
-        return float(np.logaddexp.reduce(each) + before)
-
-    inside = np.log(prior.IN_FAMILY / (1.0 - prior.IN_FAMILY))
-    rest, whole = [1, 2], [0, 1, 2]
-    weights = np.array([dense(rest), with_other(rest), dense(whole) + inside, with_other(whole) + inside])
-    nothing, instead, place, both = np.exp(weights - np.logaddexp.reduce(weights))
-    assert found.probability == pytest.approx(place + both, abs=1e-6)
-    (cause, share), *more = found.rivals.items()
-    assert cause == Cause("actuator-scale", ("q1",)) and not more
-    assert share == pytest.approx(
-        instead - nothing * both / place, abs=1e-6
-    )  # what it gains where the place is not there
-    assert nothing + instead == pytest.approx(1.0 - found.probability, abs=1e-6)
 
 
 # -- errors of form ---------------------------------------------------------------------------------------------

@@ -91,8 +91,7 @@ def concluded(fits: Fits, found: Found) -> Outcome:
         return Outcome((), (), fits.before, fits.before, None, verdict, raised, raised, said, {})
     after = averaged(found, model.fit)
     left = judged(after, after, found.linearisation, recording) if names else raised
-    worth = proof is not None and proof.ratio < 1.0
-    gain = _gain(fits.before, recording, proof) if proof is not None and worth and nameless else {}
+    gain = _gain(fits.before, recording, proof) if nameless else {}
     told = proof if names else None
     return Outcome(names, nameless, model.fit, after, told, verdict, raised, left, said, gain)
 
@@ -105,8 +104,10 @@ def _likeliest(fits: Fits, found: Found) -> _Model:
     return _Model(dict(found.accepted), (), found.fit) if fit is None else _Model(accepted, shapes, fit)
 
 
-def _gain(before: Estimate, recording: Recording, proof: Proof) -> Mapping[str, float]:
-    """By how much the model lowers the rms of held-out rows, by kind of reading (mm, rad)."""
+def _gain(before: Estimate, recording: Recording, proof: Proof | None) -> Mapping[str, float]:
+    """By how much the model lowers the rms of held-out rows, by kind of reading (mm, rad); nothing where it does not."""
+    if proof is None or proof.ratio >= 1.0:
+        return {}
     summary = summarise(before, recording.validation)
     rms = summary.validation_rms or summary.rms
     return {kind: (1.0 - proof.ratio) * value for kind, value in rms.items()}

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.weighed import Cause, Weighed
-from truepose.identification.posterior.conditional import log_gains
 from truepose.identification.posterior.marginal import Marginal
 from truepose.identification.posterior.mode import State, slot_odds
 from truepose.identification.posterior.posterior import Posterior
@@ -87,7 +86,7 @@ def _weighed(
     """
     own = gain + float(np.log(prior.IN_FAMILY / (1.0 - prior.IN_FAMILY)))
     instead = _instead(problem, state, rest)
-    alike = np.array([_same(cause, place) for cause in problem.causes], dtype=bool)
+    alike = np.array([c.effect == place[0] and _has(c, place) for c in problem.causes], dtype=bool)
     there = np.logaddexp.reduce([own, *(own + beside[~alike]), *instead[alike]])
     total = np.logaddexp.reduce([0.0, there, *instead[~alike]])
     shares = np.exp(instead - total) - np.exp(np.minimum(beside - total, 0.0))
@@ -101,20 +100,17 @@ def _weighed(
 def _instead(problem: Weighed, state: State, rest: Marginal) -> Array:
     """(n,) log odds of each cause as one more member of a state, against nothing."""
     weighing = problem.weighing
-    before = weighing.terms.log_prior([term for term, _ in state.members])
-    possible = np.isfinite(before)
-    gains = log_gains(rest, weighing.sizes, possible) + before
-    own = np.logaddexp.reduce(np.where(weighing.noticeable & possible, gains, -np.inf), axis=0)
+    own = np.logaddexp.reduce(weighing.log_odds_beside(rest, state.members), axis=0)
     out = np.full(len(problem.causes), -np.inf)
     np.logaddexp.at(out, weighing.terms.cause, own)
     return out + slot_odds(prior.RICHNESS, len(state.members))
 
 
-def _same(cause: Cause, place: Place) -> bool:
-    """Whether a cause says the same of a place, alone or in a family."""
-    return cause.effect == place[0] and set(place[1]) <= set(cause.place)
+def _has(cause: Cause, place: Place) -> bool:
+    """Whether a cause is one of that place, alone or in a family."""
+    return set(place[1]) <= set(cause.place)
 
 
 def _here(cause: Cause, place: Place) -> Cause:
     """What a cause says of a place: of a family that has it, its own."""
-    return Cause(cause.effect, place[1]) if cause.family and set(place[1]) <= set(cause.place) else cause
+    return Cause(cause.effect, place[1]) if cause.family and _has(cause, place) else cause

@@ -163,7 +163,10 @@ class Weighing:
         self, point: Point, members: Sequence[Member], settled: Members = (), leaving: Members = ()
     ) -> Array:
         """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
-        beside = self.beside(point, members, settled, leaving)
+        return self.log_odds_beside(self.beside(point, members, settled, leaving), members)
+
+    def log_odds_beside(self, beside: Marginal, members: Sequence[Member]) -> Array:
+        """(s, c) the same beside a marginal in which the members, or most of them, were taken in."""
         prior = self.terms.log_prior([term for term, _ in members])
         gains = log_gains(beside, self.sizes, np.isfinite(prior))
         return np.where(self.noticeable & np.isfinite(prior), gains + prior, -np.inf)
