@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
-from truepose.identification.diagnosis.naming import Member, Named
+from truepose.identification.diagnosis.inclusion import Inclusion
+from truepose.identification.diagnosis.naming import Member, Named, _told_once, as_named
 from truepose.identification.diagnosis.remainder import _form
 from truepose.identification.diagnosis.result import UNNAMED, Replication
 from truepose.identification.diagnosis.weighed import Cause
@@ -90,6 +91,28 @@ def test_rivals_stand_beside_a_finding_with_their_shares_and_what_has_no_name_as
     # what is the same function shares the probability of the name: nothing is added or lost
     total = found.probability + sum(o.probability for o in found.equivalents)
     assert total == pytest.approx(0.6 + sum(m.probability for m in RIVALS))
+
+
+def test_a_cause_has_one_probability_wherever_it_is_told() -> None:
+    """A rival that is likelier beside a name than in its stead is told as likely as it is; a name is nobody's rival."""
+    shift, other = Cause("zero-shift", ("q2",)), Cause("zero-shift", ("q3",))
+    places = {(c.effect, c.place): p for c, p in ((shift, 0.7), (other, 0.6))}
+    places |= {("joint-compliance", ("q2",)): 0.4, ("empirical", ("q2",)): 0.9}
+    said = Inclusion(places, {}, (), 0.9)
+    one = Named(shift, (0,), 0.6, 0.95, RIVALS, 30.0)
+    told = _told_once(one, said, set())
+    assert [(m.cause.effect, m.cause.place, m.probability) for m in told.equivalents] == [
+        ("zero-shift", ("q3",), 0.6),
+        ("joint-compliance", ("q2",), 0.4),
+        ("empirical", ("q2",), 0.05),  # only like the name: not all that has no name
+    ]
+    assert told.certainty == 0.95 and told.probability == 0.6
+    alone = _told_once(one, said, {shift, other})
+    assert [m.cause.effect for m in alone.equivalents] == ["joint-compliance", "empirical"]
+    assert alone.certainty == pytest.approx(0.75)  # of 0.95 the other name had 0.2
+    listed = as_named(said, [one]).places
+    assert listed == places | {("zero-shift", ("q2",)): 0.6}
+    assert list(listed.values()) == sorted(listed.values(), reverse=True)
 
 
 def test_twins_share_a_name_by_how_likely_they_are(arm: Machine) -> None:

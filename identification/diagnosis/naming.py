@@ -26,7 +26,7 @@ CLASS_LIMIT = 8
 
 @dataclass(frozen=True)
 class Member:
-    """Another explanation of a class: its cause, its share of the probability, the log Bayes factor of it in the slot."""
+    """Another explanation of a class: its cause, how probable it is, the log Bayes factor of it in the slot."""
 
     cause: Cause
     probability: float
@@ -71,7 +71,16 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
                 if problem.causes[number].family
                 else _single(found, said, number)
             )
-    return tuple(sorted(_weighed(found, said, _merged(out)), key=lambda n: -n.gain))
+    names = _weighed(found, said, _merged(out))
+    own = {n.cause for n in names if n.certainty >= NAMED}
+    return tuple(sorted((_told_once(n, said, own) for n in names), key=lambda n: -n.gain))
+
+
+def as_named(said: Inclusion, names: Sequence[Named]) -> Inclusion:
+    """Each cause with the probability that its name has: less than there is by what is only like it."""
+    own = {(n.cause.effect, n.cause.place): n.probability for n in names}
+    ranked = sorted({**said.places, **own}.items(), key=lambda item: -item[1])
+    return replace(said, places=dict(ranked))
 
 
 def _weighed(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Named]:
@@ -94,8 +103,25 @@ def _beside_alike(one: Named, gain: float, held: float) -> Named:
         probability=held * one.probability,
         certainty=held * one.certainty,
         gain=gain,
-        equivalents=tuple(sorted(members, key=lambda m: -m.probability)),
+        equivalents=tuple(members),
     )
+
+
+def _told_once(one: Named, said: Inclusion, own: Collection[Cause]) -> Named:
+    """One probability for each cause: another explanation is as probable as it is at all, in this stead or beside it.
+
+    ``own``: what is named for itself, and so no other explanation of anything.
+    """
+    others = [m for m in one.equivalents if m.cause not in own]
+    twice = sum(m.probability for m in one.equivalents if m.cause in own)
+    as_told = [
+        m
+        if m.cause.effect == Empirical.slug
+        else replace(m, probability=max(m.probability, said.of(m.cause)))
+        for m in others
+    ]
+    ranked = tuple(sorted(as_told, key=lambda m: -m.probability))
+    return replace(one, certainty=max(one.certainty - twice, one.probability), equivalents=ranked)
 
 
 def _merged(names: Sequence[Named]) -> list[Named]:

@@ -12,7 +12,7 @@ from truepose.identification.diagnosis.average import averaged
 from truepose.identification.diagnosis.inclusion import Inclusion, inclusion
 from truepose.identification.diagnosis.judgement import Judgement, judged
 from truepose.identification.diagnosis.model import Shape, fitted, remainder_shapes
-from truepose.identification.diagnosis.naming import NAMED, Named, named
+from truepose.identification.diagnosis.naming import NAMED, Named, as_named, named
 from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.result import Proof
 from truepose.identification.diagnosis.search import Found, chosen
@@ -82,7 +82,7 @@ def concluded(fits: Fits, found: Found) -> Outcome:
     raised = judged(fits.free, fits.before, found.linearisation_before, recording)
     model = _likeliest(fits, found)
     every = tuple(n for n in named(found, said) if set(n.candidates) <= set(model.accepted))
-    nameless = model.nameless(found)
+    said, nameless = as_named(said, every), model.nameless(found)
     main = next((i for n in every for i in n.candidates), next(iter(nameless), None))
     proof = prove(fits.before, model.fit, found, main, fits.outliers) if main is not None else None
     names = tuple(n for n in every if n.certainty >= NAMED)

@@ -38,7 +38,7 @@ class Replication:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another explanation with its share of the probability."""
+    """Another explanation, and how probable it is that it is there."""
 
     effect: str
     place: tuple[str, ...]
