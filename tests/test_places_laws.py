@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
-from support.linear_models import READINGS, catalogue_of, linear, unit
+from support.linear_models import READINGS, catalogue_of, linear, shifts_of, unit
 from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.places import at_places
 from truepose.identification.diagnosis.weighed import Cause, weighed
@@ -28,9 +28,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
 
 @pytest.fixture(scope="module")
 def shifts(arm: Machine) -> tuple[PlacedEffect, ...]:
-    """One effect of one coefficient at each joint, and another that can only have one sign."""
-    own = [with_effect(arm, "zero-shift", (joint,), {"session": 1.0}) for joint in ("q1", "q2", "q3")]
-    return (*own, with_effect(arm, "joint-compliance", ("q2",)))
+    return shifts_of(arm)
 
 
 @pytest.mark.parametrize("sizes", [(0.6, 0.5, 0.0), (0.6, 0.15, 0.2), (0.0, 0.0, 0.6)])

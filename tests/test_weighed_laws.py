@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
-from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, unit
+from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, shifts_of, unit
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.alone import WIDENINGS, flip_inflation, weighed_alone
@@ -44,9 +44,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
 
 @pytest.fixture(scope="module")
 def shifts(arm: Machine) -> tuple[PlacedEffect, ...]:
-    """One effect of one coefficient at each joint, and another that can only have one sign."""
-    own = [with_effect(arm, "zero-shift", (joint,), {"session": 1.0}) for joint in ("q1", "q2", "q3")]
-    return (*own, with_effect(arm, "joint-compliance", ("q2",)))
+    return shifts_of(arm)
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from support.effects import with_effect
 from truepose.identification.diagnosis.weighed import Weighed
 from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 LENGTH, ANGLE = PartClass("length"), PartClass("angle")
@@ -39,6 +41,12 @@ def linear(
         (rows.T @ rows,), (READINGS,), 3, columns, 0, away, own, (LENGTH, LENGTH, ANGLE), placed
     )
     return lin, j, g, e
+
+
+def shifts_of(arm: Machine) -> tuple[PlacedEffect, ...]:
+    """One effect of one coefficient at each joint, and another that can only have one sign."""
+    own = [with_effect(arm, "zero-shift", (joint,), {"session": 1.0}) for joint in ("q1", "q2", "q3")]
+    return (*own, with_effect(arm, "joint-compliance", ("q2",)))
 
 
 def catalogue_of(placed: tuple[PlacedEffect, ...]) -> Catalogue:
