@@ -89,6 +89,10 @@ class Physics(ABC):
         """Constants the formula is not linear in (order of a harmonic, lag): one candidate each."""
         return ({},)
 
+    def likely(self, machine: Any, place: Place) -> float:
+        """How often machines have it at a place, in terms of other places."""
+        return 1.0
+
     def weight(self, settings: Settings) -> float:
         """How likely settings are among those of a place, relative to each other."""
         return 1.0

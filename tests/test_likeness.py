@@ -12,7 +12,7 @@ import pytest
 
 from support.searched_arm import PLAY, SCALE, Case
 from truepose.identification.diagnosis import likeness, prior
-from truepose.identification.diagnosis.likeness import forms_hold
+from truepose.identification.diagnosis.likeness import forms_hold, left_over
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.load import load_recording
@@ -82,3 +82,13 @@ def test_the_more_a_formula_is_bent_the_less_its_name_holds() -> None:
     assert said[0] > 0.9 and said[1] > 0.9
     assert all(more > less for more, less in pairwise(said[1:]))
     assert said[3] < 0.5
+
+
+def test_a_name_worth_little_beside_something_nameless_is_rather_a_part_of_it() -> None:
+    """The more the name is worth against the form without a name, the less; and not at all where there is no such form."""
+    odds = [left_over(0.9, gain, 100.0) for gain in (-5.0, 0.0, 30.0, 100.0, 300.0, 2000.0)]
+    assert odds[0] == odds[1] == pytest.approx(0.9 * prior.LEFT_OF_IT)
+    assert all(later < earlier for earlier, later in pairwise(odds[1:]))
+    assert odds[-1] < 1e-6
+    assert left_over(0.9, 30.0, 0.0) == left_over(0.0, 30.0, 100.0) == 0.0
+    assert left_over(0.9, 60.0, 200.0) == pytest.approx(left_over(0.9, 30.0, 100.0))

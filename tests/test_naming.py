@@ -10,12 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from support.effect_machines import read_machines
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.outcome import _without_names
 from truepose.identification.diagnosis.result import Proof
 from truepose.identification.recording.load import load_recording
 from truepose.identification.signatures.candidates import TOGETHER, Catalogue, catalogue
+from truepose.models.effects.axis_coupling import AxisCoupling
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -62,6 +64,16 @@ def test_one_joint_alone_is_likelier_than_two_at_once(weighed: tuple[Machine, Ca
         if placed.effect.slug == "zero-shift":
             share[len(placed.place)] += float(np.exp(log))
     assert share[2] / (share[1] + share[2]) == pytest.approx(TOGETHER)
+
+
+def test_a_leg_that_drags_another_is_rarer_than_joints_that_share_a_gear_train(tmp_path: Path) -> None:
+    """A tenth, and nothing else becomes likelier by it."""
+    coupling = AxisCoupling()
+    legs = read_machines(tmp_path / "machines")["gough"]
+    first, second, *_ = (limb.reading for limb in legs.mechanism.limbs)
+    assert coupling.likely(legs, (first, second)) == pytest.approx(0.1)
+    (tmp_path / "arm.yaml").write_text(ARM)
+    assert coupling.likely(load_machine(tmp_path / "arm.yaml"), ("q1", "q2")) == 1.0
 
 
 def test_mounts_are_rivals_as_curves_of_drivers_only_and_the_volume_once(

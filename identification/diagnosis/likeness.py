@@ -41,6 +41,17 @@ def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) ->
     return [_held(gains, odds, _bent(found, name)) for gains, name in zip(every, names, strict=True)]
 
 
+def left_over(nameless: float, gain: float, of_nameless: float) -> float:
+    """Odds that a name is a part of something without a name, which the form found for that does not follow.
+
+    ``gain``, ``of_nameless``: what the name and that form are worth (nats). Such a form follows only roughly what is there.
+    What it leaves is worth half as much on average; more is exponentially rare.
+    """
+    if of_nameless <= 0.0:
+        return 0.0
+    return nameless * prior.LEFT_OF_IT * float(np.exp(-max(gain, 0.0) / (prior.LEFT_SHARE * of_nameless)))
+
+
 def _bent(found: Found, name: Sequence[int]) -> float:
     """Share of a name's fitted signal that its formula does not follow, only terms that bend it; 0 without any."""
     lin, cat = found.linearisation, found.catalogue

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.inclusion import Inclusion
-from truepose.identification.diagnosis.likeness import forms_hold
+from truepose.identification.diagnosis.likeness import forms_hold, left_over
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.posterior.mode import supports
@@ -84,11 +84,28 @@ def as_named(said: Inclusion, names: Sequence[Named]) -> Inclusion:
 
 
 def _weighed(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Named]:
-    """With the log Bayes factor of each name and of its class, and with what is only like it."""
-    parts = [_places(found, name.candidates) for name in names]
-    gains = supports(found.weighed.weighing, found.mode, parts) if names else []
-    held = forms_hold(found, said.nameless, [name.candidates for name in names])
-    return [_beside_alike(*each) for each in zip(names, gains, held, strict=True)]
+    """With the log Bayes factor of each name and of its class, and with what is only like it or a part of something else."""
+    if not names:
+        return []
+    gains = supports(found.weighed.weighing, found.mode, [_places(found, n.candidates) for n in names])
+    held = forms_hold(found, said.nameless, [n.candidates for n in names])
+    left = _left_over(found, said, names)
+    return [
+        _beside_alike(name, gain, share / (1.0 + share * odds))
+        for name, gain, share, odds in zip(names, gains, held, left, strict=True)
+    ]
+
+
+def _left_over(found: Found, said: Inclusion, names: Sequence[Named]) -> list[float]:
+    """Odds that each name, with its whole family, is what forms without a name leave of the thing they stand for."""
+    every = range(len(found.catalogue.candidates))
+    families = {n.family: [i for m in names if m.family == n.family for i in m.candidates] for n in names}
+    whole = [families[n.family] if n.family else n.candidates for n in names]
+    others = [i for i in every if found.catalogue.named(i)]
+    parts = [_places(found, some) for some in (*whole, set(every) - set(others), others, every)]
+    *worth, beside, without, together = supports(found.weighed.weighing, found.mode, parts)
+    nameless = max(beside, together - without)  # beside the names, or by itself
+    return [left_over(said.nameless, gain, nameless) for gain in worth]
 
 
 def _beside_alike(one: Named, gain: float, held: float) -> Named:

@@ -19,8 +19,11 @@ FAMILY_SHARE = 0.2
 """Probability that an effect which is there acts at all its places, where it has three or more."""
 SEVERAL_FORMS = 1.0
 """How likely all forms without a name of one place are at once, in terms of one of them alone."""
-ONLY_ALIKE, PART_OF_IT = 0.15, 1.0
+ONLY_ALIKE, PART_OF_IT = 0.3, 1.0
 """Odds that what looks like an effect is something else, of another form: by itself, and beside something without a name."""
+LEFT_OF_IT, LEFT_SHARE = 2.0, 0.5
+"""Odds that a name is what a form without a name leaves of the thing it stands for, where next to nothing speaks for the
+name; and how much such forms leave, as a share of what they are worth: its mean."""
 IN_FAMILY = 0.5
 """Probability that a place of a family that is there has the effect, before its own amplitude is seen."""
 FURTHER = 0.5

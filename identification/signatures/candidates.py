@@ -93,7 +93,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     found += [placed for placed in machine.effects if placed.label not in {e.label for e in found}]
     labels = {e.label for e in machine.effects}
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
-    return Catalogue(tuple(found), _log_prior(found), tuple(missing), stated)
+    return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated)
 
 
 def _seen(recording: Recording) -> dict[str, tuple[float, float]]:
@@ -117,8 +117,11 @@ def _summary(reasons: list[str]) -> str:
     return "; ".join(kinds[:4]) + (f"; and {len(kinds) - 4} more" if len(kinds) > 4 else "")
 
 
-def _log_prior(found: list[PlacedEffect]) -> tuple[float, ...]:
-    """Slugs share by how common they are, places within a slug as ``_place_shares`` says, settings by their weight."""
+def _log_prior(machine: Machine, found: list[PlacedEffect]) -> tuple[float, ...]:
+    """Slugs share by how common they are, places within a slug as ``_place_shares`` says, settings by their weight.
+
+    An effect that is rare at a place counts for less there, and for no more elsewhere.
+    """
     slugs = {e.effect.slug: e.effect.commonness for e in found}
     shares = {slug: _place_shares({e.place for e in found if e.effect.slug == slug}) for slug in slugs}
     weights = [e.effect.weight(e.settings_map) for e in found]
@@ -126,7 +129,7 @@ def _log_prior(found: list[PlacedEffect]) -> tuple[float, ...]:
     for e, weight in zip(found, weights, strict=True):
         total[e.effect.slug, e.place] = total.get((e.effect.slug, e.place), 0.0) + weight
     return tuple(
-        float(np.log(weight * share / total[e.effect.slug, e.place]))
+        float(np.log(weight * share * e.effect.likely(machine, e.place) / total[e.effect.slug, e.place]))
         for e, weight in zip(found, weights, strict=True)
         for share in (slugs[e.effect.slug] / sum(slugs.values()) * shares[e.effect.slug][e.place],)
     )

@@ -11,6 +11,8 @@ from truepose.models.effects.common import actuator_at
 from truepose.models.machine import Machine
 
 LARGEST = {"1": 0.02, "mm/rad": 5.0, "rad/mm": 1e-3}
+BETWEEN_LEGS = 0.1
+"""How likely a leg is dragged along by another, in terms of joints whose gear trains or guides may meet."""
 
 
 @effects.add("axis-coupling")
@@ -27,6 +29,11 @@ class AxisCoupling(Effect):
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return list(permutations(machine.mechanism.readings, 2))
+
+    def likely(self, machine: Machine, place: Place) -> float:
+        """Every leg of a parallel machine has a drive of its own."""
+        legs = {limb.reading for limb in machine.mechanism.limbs}
+        return BETWEEN_LEGS if legs.issuperset(place) else 1.0
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         if len(place) != 2:
