@@ -97,15 +97,21 @@ def _weighed(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Name
 
 
 def _left_over(found: Found, said: Inclusion, names: Sequence[Named]) -> list[float]:
-    """Odds that each name, with its whole family, is what forms without a name leave of the thing they stand for."""
-    every = range(len(found.catalogue.candidates))
+    """Odds that each name, with its whole family, is what a form without a name leaves of the thing that it stands for."""
+    cat, every = (
+        found.catalogue,
+        [i for term, _ in found.mode.members for i in found.weighed.candidates[term]],
+    )
     families = {n.family: [i for m in names if m.family == n.family for i in m.candidates] for n in names}
     whole = [families[n.family] if n.family else n.candidates for n in names]
-    others = [i for i in every if found.catalogue.named(i)]
-    parts = [_places(found, some) for some in (*whole, set(every) - set(others), others, every)]
-    *worth, beside, without, together = supports(found.weighed.weighing, found.mode, parts)
-    nameless = max(beside, together - without)  # beside the names, or by itself
-    return [left_over(said.nameless, gain, nameless) for gain in worth]
+    places = dict.fromkeys(cat.cause(i) for i in every if not cat.named(i))
+    nameless = [[i for i in every if cat.cause(i) == place] for place in places]
+    others = [[i for i in every if i not in one] for one in map(frozenset, nameless)]
+    parts = [_places(found, some) for some in (*whole, *nameless, *others, every)]
+    *gains, together = supports(found.weighed.weighing, found.mode, parts)
+    worth, rest = gains[: len(names)], np.array(gains[len(names) :]).reshape(2, -1)
+    largest = np.max(np.maximum(rest[0], together - rest[1]), initial=0.0)  # beside all others, or by itself
+    return [left_over(said.nameless, gain, float(largest)) for gain in worth]
 
 
 def _beside_alike(one: Named, gain: float, held: float) -> Named:
