@@ -1,78 +1,141 @@
-"""How well the odds of "only alike" fit names that were said of simulated machines: their likelihood over a grid.
+"""How well the odds of rivals without a name fit names that were said of simulated machines: their likelihood over grids.
 
-    python -m benchmarks.prior_numbers DRAWN RESULTS
+    python -m benchmarks.prior_numbers DRAWN [DRAWN ...]
 
-DRAWN and RESULTS are folders of ``truepose challenge --draw`` and ``--drawn`` with development seeds, never those of the
-examination. Each name carries how probable the thing itself is beside what is only like it; from that follows the Bayes
-factor between both, and from it what the name would be said with at other prior odds (``diagnosis.prior.ONLY_ALIKE``
-where nothing nameless is said to be there, ``PART_OF_IT`` beside it).
+DRAWN are folders of ``truepose challenge --draw`` with development seeds, never those of the examination; each case is
+diagnosed. A name has a probability from the search, and two rivals: what is only like it (``ONLY_ALIKE`` where nothing
+nameless is said to be there, ``PART_OF_IT`` beside it), and what a form without a name leaves of the thing it stands
+for (``LEFT_OF_IT``, ``LEFT_SHARE``). All are in ``diagnosis.prior``.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
+from joblib import Parallel, delayed
 
-from truepose.identification.diagnosis import prior
-from truepose.identification.diagnosis.result import UNNAMED
+from truepose import diagnose, load_machine, load_recording
+from truepose.identification.diagnosis import naming, prior
+from truepose.identification.diagnosis.likeness import forms_hold, left_over
+from truepose.identification.diagnosis.naming import Named
+from truepose.identification.diagnosis.search import Found
 
-GRID = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 4.0)
-LEAST = 0.02
-"""A share below this is not told: half of it is taken."""
+ALIKE = (0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0)
+PART = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
+LEFT = (0.0, 1.0, 2.0, 3.0, 4.0)
+SHARES = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
 CERTAIN = 1e-3
 """No probability counts as nearer to 0 or 1."""
-ROWS = "outliers"
+JOBS = 2
+
+
+@dataclass(frozen=True)
+class Odds:
+    """The four numbers that are judged."""
+
+    alike: float = prior.ONLY_ALIKE
+    part: float = prior.PART_OF_IT
+    left: float = prior.LEFT_OF_IT
+    share: float = prior.LEFT_SHARE
 
 
 @dataclass(frozen=True)
 class Said:
-    """A name: whether it is true, its probability if nothing were only alike, its Bayes factor; whether beside a rest."""
+    """A name: whether it is true; its probability from the search, the Bayes factor of what is only like it; how probable
+    something nameless is, what the name (with its family) and the largest nameless thing are worth in nats."""
 
     right: bool
     own: float
     factor: float
-    beside: bool
+    nameless: float
+    worth: float
+    of_nameless: float
+
+    def probability(self, odds: Odds) -> float:
+        """What the name would be said with."""
+        alike = ((1.0 - self.nameless) * odds.alike + self.nameless * odds.part) * self.factor
+        nats = odds.share * self.of_nameless
+        left = self.nameless * odds.left * float(np.exp(-self.worth / nats)) if nats > 0.0 else 0.0
+        return self.own / (1.0 + alike + left)
 
 
-def said(drawn: Path, results: Path) -> Iterator[Said]:
-    """Every name of every diagnosis."""
-    for file in sorted(results.glob("results/*/diagnosis.json")):
-        found = json.loads(file.read_text(encoding="utf-8"))
-        answer = json.loads((drawn / "answers" / f"{file.parent.name}.json").read_text(encoding="utf-8"))
-        true = {(t["effect"], frozenset(t["place"])) for t in answer["truths"]}
-        beside = bool(found.get("remainder"))
-        odds = prior.PART_OF_IT if beside else prior.ONLY_ALIKE
-        for one in (f for f in found["findings"] if f["effect"] != ROWS):
-            alike = sum(e["probability"] for e in one["equivalents"] if e["effect"] == UNNAMED)
-            held = one["probability"] / (one["probability"] + max(alike, LEAST / 2))
-            right = (one["effect"], frozenset(one["place"])) in true
-            yield Said(right, min(one["probability"] / held, 1.0), (1.0 / held - 1.0) / odds, beside)
+def said(case: Path, key: Path) -> list[Said]:
+    """Every name that the diagnosis of a case weighed against its rivals, said or not."""
+    answer = json.loads(key.read_text(encoding="utf-8"))
+    true = {(t["effect"], frozenset(t["place"])) for t in answer["truths"]}
+    held, left, names = list[float](), list[tuple[float, float, float]](), list[Named]()
+
+    def with_forms(found: Found, nameless: float, some: Sequence[Sequence[int]]) -> list[float]:
+        left.clear()
+        names.clear()
+        held[:] = forms_hold(found, nameless, some)
+        return held
+
+    def with_left(nameless: float, gain: float, of_nameless: float) -> float:
+        left.append((nameless, max(gain, 0.0), of_nameless))
+        return left_over(nameless, gain, of_nameless)
+
+    def kept(one: Named, *given: float) -> Named:
+        names.append(one)
+        return beside(one, *given)
+
+    beside = naming._beside_alike
+    with (
+        patch.object(naming, "forms_hold", with_forms),
+        patch.object(naming, "left_over", with_left),
+        patch.object(naming, "_beside_alike", kept),
+    ):
+        machine = load_machine(case / "machine.yaml")
+        diagnose(machine, load_recording(machine, [case / "recording.csv"]))
+    return [
+        Said(
+            (one.cause.effect, frozenset(one.cause.place)) in true,
+            one.probability,
+            _factor(h, rest[0]),
+            *rest,
+        )
+        for one, h, rest in zip(names, held, left, strict=True)
+    ]
 
 
-def log_likelihood(names: list[Said], odds: float) -> float:
-    """Of names that were right or wrong, at prior odds of "only alike"."""
-    p = np.array([n.own / (1.0 + odds * n.factor) for n in names])
-    p = np.clip(p, CERTAIN, 1.0 - CERTAIN)
+def _factor(held: float, nameless: float) -> float:
+    """The Bayes factor of what is only like a name that is the thing itself with a probability ``held``."""
+    return (1.0 / held - 1.0) / ((1.0 - nameless) * prior.ONLY_ALIKE + nameless * prior.PART_OF_IT)
+
+
+def log_likelihood(names: Sequence[Said], odds: Odds) -> float:
+    """Of names that were right or wrong, at other odds."""
+    p = np.clip([n.probability(odds) for n in names], CERTAIN, 1.0 - CERTAIN)
     return float(np.sum(np.where([n.right for n in names], np.log(p), np.log1p(-p))))
 
 
-def main(drawn: Path, results: Path) -> None:
-    """Print both tables."""
-    every = list(said(drawn, results))
-    for beside, words in ((False, "nothing nameless beside it"), (True, "beside something nameless")):
-        names = [n for n in every if n.beside is beside]
-        if not names:
-            continue
-        right = sum(n.right for n in names)
-        sys.stdout.write(f"{words}: {right} of {len(names)} names right\n")
-        for odds in GRID:
-            sys.stdout.write(f"  odds {odds:4.2f}: log likelihood {log_likelihood(names, odds):7.1f}\n")
+def _tables(names: Sequence[Said]) -> Iterator[str]:
+    yield f"{sum(n.right for n in names)} of {len(names)} names right; at present {log_likelihood(names, Odds()):.1f}"
+    for alike in ALIKE:
+        told = (f"{log_likelihood(names, Odds(alike=alike, part=part)):8.1f}" for part in PART)
+        yield f"only alike {alike:4.2f}, part of it {PART}: {''.join(told)}"
+    for left in LEFT:
+        told = (f"{log_likelihood(names, Odds(left=left, share=share)):8.1f}" for share in SHARES)
+        yield f"left over {left:4.2f}, shares {SHARES}: {''.join(told)}"
+
+
+def main(folders: Sequence[Path]) -> None:
+    """Diagnose all, print both tables."""
+    cases = [
+        (case, case.parents[1] / "answers" / f"{case.name}.json")
+        for d in folders
+        for case in sorted(d.glob("cases/*"))
+    ]
+    found = Parallel(n_jobs=JOBS, batch_size=1)(delayed(said)(*each) for each in cases)
+    for line in _tables([name for names in found for name in names]):
+        sys.stdout.write(f"{line}\n")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main([Path(folder) for folder in sys.argv[1:]])

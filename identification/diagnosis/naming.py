@@ -98,10 +98,8 @@ def _weighed(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Name
 
 def _left_over(found: Found, said: Inclusion, names: Sequence[Named]) -> list[float]:
     """Odds that each name, with its whole family, is what a form without a name leaves of the thing that it stands for."""
-    cat, every = (
-        found.catalogue,
-        [i for term, _ in found.mode.members for i in found.weighed.candidates[term]],
-    )
+    cat = found.catalogue
+    every = [i for term, _ in found.mode.members for i in found.weighed.candidates[term]]
     families = {n.family: [i for m in names if m.family == n.family for i in m.candidates] for n in names}
     whole = [families[n.family] if n.family else n.candidates for n in names]
     places = dict.fromkeys(cat.cause(i) for i in every if not cat.named(i))

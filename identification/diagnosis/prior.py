@@ -1,7 +1,8 @@
 """Prior numbers of a diagnosis: how many effects machines have, of which kind and size, and how far sigma is off.
 
-One table for all machines. ``ONLY_ALIKE`` and ``PART_OF_IT`` were fitted on simulated machines of development seeds
-(``benchmarks/prior_numbers.py``), the others chosen before anything was examined with them; none on the examination.
+One table for all machines. ``ONLY_ALIKE``, ``PART_OF_IT``, ``LEFT_OF_IT`` and ``LEFT_SHARE`` were fitted on simulated
+machines of development seeds (``benchmarks/prior_numbers.py``), the others chosen before anything was examined with them;
+none on the examination.
 """
 
 from __future__ import annotations
