@@ -15,14 +15,17 @@ from truepose.identification.diagnosis import search as searching
 from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
 from truepose.identification.diagnosis.inclusion import inclusion
 from truepose.identification.diagnosis.model import fitted
-from truepose.identification.diagnosis.naming import Named, named
+from truepose.identification.diagnosis.naming import Named, _left_over, named
 from truepose.identification.diagnosis.places import Place
 from truepose.identification.diagnosis.replication import replications
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.weighed import weighed
+from truepose.identification.diagnosis.weighed import Cause, weighed
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.mode import State, slot_odds
 from truepose.identification.posterior.posterior import Posterior
+
+MIXING = 0.02
+"""How far probabilities may be off: by so much the chains may differ when they end."""
 
 
 def names(found: Found) -> set[tuple[str, tuple[str, ...]]]:
@@ -104,6 +107,17 @@ def test_without_a_minimum_the_search_stays_where_it_is(
 # -- names --------------------------------------------------------------------------------------------------
 
 
+def joint(found: Found, one: Cause, other: Cause) -> float:
+    """How often both causes are there at once."""
+    problem = found.weighed
+    causes = problem.weighing.terms.cause
+    return sum(
+        share
+        for state, share in found.posterior.states
+        if {one, other} <= {problem.causes[int(causes[term])] for term, _ in state.members}
+    )
+
+
 def test_names_have_the_probability_of_their_slot_and_what_else_may_be_there(
     both: tuple[Case, Found],
 ) -> None:
@@ -119,8 +133,32 @@ def test_names_have_the_probability_of_their_slot_and_what_else_may_be_there(
         assert len(twin) == (place in TWINS)  # the same function is always named beside it
         for other in one.equivalents:  # one probability for each cause, wherever it is told
             assert other.cause.effect == "empirical" or other.probability >= said.of(other.cause)
+            both_there = joint(found, one.cause, other.cause)
+            assert one.probability + other.probability <= 1.0 + both_there + MIXING
         assert one.gain > 10.0 and one.family == ""
         assert {found.catalogue.cause(i) for i in one.candidates} == {(one.cause.effect, one.cause.place)}
+
+
+@pytest.mark.parametrize(
+    ("nameless", "doubted"),
+    [("", False), ("c2=0.03[deg],c3=0.02[deg]", False), ("c2=0.3[deg],c3=0.2[deg]", True)],
+)
+def test_the_same_name_is_doubted_beside_a_nameless_thing_that_is_much_larger(
+    tmp_path: Path, nameless: str, doubted: bool
+) -> None:
+    """Beside none, and beside one that is worth less, it is not a part of it."""
+    found = Case.of(tmp_path, PLAY, *([f"empirical@q1:{nameless}"] if nameless else [])).found()
+    said = inclusion(found.weighed, found.posterior)
+    play = Named(Cause("backlash", ("q2",)), tuple(play_terms(found)), 0.9, 0.9, ())
+    (odds,) = _left_over(found, said, [play])
+    assert odds > 0.3 if doubted else odds < 1e-3
+    assert nameless or odds == 0.0
+
+
+def play_terms(found: Found) -> list[int]:
+    """Candidates of play at q2 that the mode holds."""
+    every = (i for term, _ in found.mode.members for i in found.weighed.candidates[term])
+    return [i for i in every if found.catalogue.cause(i) == ("backlash", ("q2",))]
 
 
 # -- alone, and by halves -------------------------------------------------------------------------------------
