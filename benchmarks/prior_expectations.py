@@ -2,9 +2,10 @@
 
     python -m benchmarks.prior_expectations DRAWN [DRAWN ...]
 
-DRAWN are folders of ``truepose challenge --draw`` or ``python -m truepose.challenge.mujoco``, with development seeds. Each case
-is diagnosed; no key is read. Every number of ``diagnosis.prior`` stands beside its expectation under the posteriors, averaged
-over the cases. Where both differ little, the prior says of such machines what these machines say themselves.
+DRAWN are folders of ``truepose challenge --draw`` or ``python -m truepose.challenge.mujoco``, with development seeds. Each
+case is diagnosed; no key is read. What ``diagnosis.prior`` says of machines stands beside its expectation under the
+posteriors, averaged over the cases. Where both differ little, the prior says of such machines what these machines say
+themselves.
 """
 
 from __future__ import annotations
