@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.alarms import Alarm, replicate_noise
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
-from truepose.identification.diagnosis.outliers import outlying_rows
+from truepose.identification.diagnosis.outliers import bridges, outlying_rows
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.scales import Grid
@@ -139,6 +139,19 @@ def test_far_rows_that_lie_together_are_physics_and_no_outliers(fit: Estimate, w
         residual[far] = 50.0
         found = outlying_rows(leaving(fit, residual), recording, np.ones(n, dtype=bool))
         assert found.sum() == (0 if kept else 12)
+
+
+@pytest.mark.parametrize(("ties", "alone"), [(1, True), (3, True), (4, False)])
+def test_few_rows_that_tie_two_sessions_together_are_told_from_many(ties: int, alone: bool) -> None:
+    """A shift between the sessions would stand in these few rows only; of many, one that is far is an error of its own."""
+    n = 20
+    origin = np.maximum(np.arange(n) - 1, 0)
+    origin[10 : 10 + ties] = 9  # the first rows of the second session are read against the last of the first
+    recording = replace(anywhere(n), from_row=origin, session=np.repeat([1, 2], n // 2))
+    assert np.flatnonzero(bridges(recording)).tolist() == (list(range(10, 10 + ties)) if alone else [])
+    part = recording.subset([0, 3, 10, 15])
+    assert bridges(part).tolist() == [False, False, True, False]  # whatever rows are left out
+    assert not bridges(replace(recording, from_row=None)).any()
 
 
 def test_extrapolations_are_farther_heavier_and_warmer_than_what_they_are_predicted_from() -> None:

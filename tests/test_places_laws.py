@@ -101,3 +101,28 @@ def test_what_may_stand_in_for_a_place_of_a_family_takes_its_share(
         instead - nothing * both / place, abs=1e-6
     )  # what it gains where the place is not there
     assert nothing + instead == pytest.approx(1.0 - found.probability, abs=1e-6)
+
+
+def test_places_of_a_family_of_a_kin_are_weighed_each_as_its_own_effect(arm: Machine) -> None:
+    """By evidence of the family with and without the place, counted in full; what it holds is no rival of itself."""
+    joints = [with_effect(arm, "joint-compliance", (q,)) for q in ("q1", "q2", "q3")]
+    placed = (*joints, with_effect(arm, "gravity-sag", ("base",)))
+    lin, j, g, e = linear(placed, 6, sizes=(0.6, 0.1, 0.0, 0.5))
+    problem = weighed(lin, catalogue_of(placed), 1.5)
+    term, point = problem.candidates.index((0, 1, 2, 3)), unit(problem)
+    size = int(np.argmin(np.abs(problem.weighing.sizes.values - 0.3)))
+    found = at_places(problem, State(((term, size),), point, 0.0), int(problem.weighing.terms.cause[term]))
+    assert list(found) == [
+        *(("joint-compliance", (q,)) for q in ("q1", "q2", "q3")),
+        ("gravity-sag", ("base",)),
+    ]
+    noise = problem.weighing.unknowns.noise[0].values[point[0]]
+    spread = float(problem.weighing.sizes.values[size])
+
+    def dense(present: list[int]) -> float:
+        v = noise**2 * np.eye(READINGS) + j @ j.T + spread**2 * g[:, present] @ g[:, present].T
+        return float(multivariate_normal.logpdf(e, cov=v))
+
+    for k, one in enumerate(found.values()):
+        odds = np.exp(dense([0, 1, 2, 3]) - dense([i for i in range(4) if i != k]))
+        assert one.probability >= 0.95 * odds / (1.0 + odds) and not one.rivals

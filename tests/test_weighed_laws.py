@@ -148,6 +148,34 @@ def test_a_family_is_three_like_effects_at_single_places(arm: Machine) -> None:
     assert families(many, range(3)) == ()
 
 
+def test_what_gives_way_under_weight_is_a_family_too(arm: Machine) -> None:
+    """Joints, links and mounts at once, with each choice of settings that bends no formula."""
+    joints = [with_effect(arm, "joint-compliance", (q,)) for q in ("q1", "q2", "q3")]
+    bent = [with_effect(arm, "joint-compliance", (q,), {"bend": 2.0}) for q in ("q1", "q2", "q3")]
+    sag = with_effect(arm, "gravity-sag", ("base",))
+    every = [*joints, *bent, sag, with_effect(arm, "backlash", ("q1",))]
+    assert families(every, range(len(every))) == ((0, 1, 2), (3, 4, 5), (0, 1, 2, 6))
+    assert families(every, [0, 6]) == ()  # two are no family
+
+
+def test_a_family_of_a_kin_says_each_effect_at_its_own_places(arm: Machine) -> None:
+    joints = [with_effect(arm, "joint-compliance", (q,)) for q in ("q1", "q2", "q3")]
+    placed = (*joints, with_effect(arm, "gravity-sag", ("base",)))
+    lin, *_ = linear(placed)
+    problem = weighed(lin, catalogue_of(placed), 1.5)
+    terms = problem.weighing.terms
+    cause = problem.causes[int(terms.cause[problem.candidates.index((0, 1, 2, 3))])]
+    assert cause.effect == "deflection" and cause.family
+    assert cause.singles == (*(Cause("joint-compliance", (q,)) for q in ("q1", "q2", "q3")),
+                             Cause("gravity-sag", ("base",)))  # fmt: skip
+    assert cause.told == (
+        Cause("joint-compliance", ("q1", "q2", "q3"), family=True),
+        Cause("gravity-sag", ("base",), family=True),
+    )
+    assert cause.has("joint-compliance", ("q2",)) and not cause.has("gravity-sag", ("q2",))
+    assert np.logaddexp.reduce([t.log_prior for t in terms.all]) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_family_is_a_term_of_all_its_columns_under_one_size(shifts: tuple[PlacedEffect, ...]) -> None:
     lin, *_ = linear(shifts)
     problem = weighed(lin, catalogue_of(shifts), 1.5)

@@ -68,7 +68,7 @@ def _null_fits(machine: Machine, recording: Recording) -> Fits:
     predictor = Predictor(machine, recording, known, visits=FIT)
     start = aligned_start(predictor)
     rough = estimate(machine, recording, known, start=start, loss="huber", predictor=predictor)
-    far = outliers.outlying_rows(rough, recording, ~recording.validation)
+    far = outliers.outlying_rows(rough, recording, ~recording.validation & ~outliers.bridges(recording))
     before = estimate(machine, recording, known, start=rough.p, exclude=far, predictor=predictor)
     free = _free(machine, recording, before, far, before.p)
     return Fits(free, before, far)

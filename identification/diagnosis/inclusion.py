@@ -54,7 +54,7 @@ def inclusion(problem: Weighed, posterior: Posterior) -> Inclusion:
     sets: dict[tuple[Cause, ...], float] = {}
     for state, share in posterior.states:
         numbers = sorted({int(problem.weighing.terms.cause[term]) for term, _ in state.members})
-        key = tuple(problem.causes[k] for k in numbers)
+        key = tuple(dict.fromkeys(c for k in numbers for c in problem.causes[k].told))
         sets[key] = sets.get(key, 0.0) + share
     ranked = sorted(places.items(), key=lambda item: -item[1])
     listed = {place: min(p, 1.0) for place, p in ranked if p > REPORTED}

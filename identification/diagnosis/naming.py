@@ -170,18 +170,18 @@ def _single(found: Found, said: Inclusion, number: int) -> list[Named]:
     own = max(said.of(cause), float(posterior.causes[number]))
     rivals = [
         k for k in np.argsort(-row) if k != number and row[k] > SHOWN and not _same(problem.causes[k], cause)
-    ]
-    members = tuple(
-        Member(problem.causes[k], float(min(row[k], 1.0)), float(np.log(row[k] / max(row[number], 1e-9))))
-        for k in rivals[:CLASS_LIMIT]
-    )
-    others = sum(m.probability for m in members)
+    ][:CLASS_LIMIT]
+    others = sum(min(row[k], 1.0) for k in rivals)
     # all that may be in the slot, what has no name included
-    certainty = min(1.0, own + sum(m.probability for m in members if m.cause.effect != Empirical.slug))
+    certainty = min(1.0, own + sum(row[k] for k in rivals if problem.causes[k].effect != Empirical.slug))
     if certainty < NAMED:
         return []
-    kept = min(1.0, max(1.0 - own, 0.0) / others) if others > 0.0 else 1.0
-    shown = tuple(Member(m.cause, kept * m.probability, m.gain) for m in members)
+    kept = float(min(1.0, max(1.0 - own, 0.0) / others)) if others > 0.0 else 1.0
+    shown = tuple(
+        Member(rival, kept * share, float(np.log(share / max(row[number], 1e-9))))
+        for k in rivals
+        for rival, share in _told(said, problem.causes[k], float(min(row[k], 1.0)))
+    )
     held = tuple(
         i
         for term, _ in found.mode.members
@@ -193,7 +193,15 @@ def _single(found: Found, said: Inclusion, number: int) -> list[Named]:
 
 def _same(other: Cause, cause: Cause) -> bool:
     """Whether another cause says the same of a place: the family that it belongs to."""
-    return other.family and other.effect == cause.effect and set(cause.place) <= set(other.place)
+    return other.family and other.has(cause.effect, cause.place)
+
+
+def _told(said: Inclusion, cause: Cause, share: float) -> list[tuple[Cause, float]]:
+    """A cause with its share of a slot; of a family of a kin, the places that are likely."""
+    if not cause.kindred:
+        return [(cause, share)]
+    places = [(Cause(*place), share * at.probability) for place, at in said.families.get(cause, {}).items()]
+    return [(single, probability) for single, probability in places if probability > SHOWN]
 
 
 def _of_family(found: Found, said: Inclusion, number: int) -> list[Named]:
@@ -202,15 +210,14 @@ def _of_family(found: Found, said: Inclusion, number: int) -> list[Named]:
     cause = problem.causes[number]
     terms = [term for term, _ in found.mode.members if int(problem.weighing.terms.cause[term]) == number]
     out = []
-    for k, place in enumerate(cause.place):
-        single = Cause(cause.effect, (place,))
+    for k, single in enumerate(cause.singles):
         probability, rivals = said.of(single), _rivals(found, said, number, single)
         certainty = min(
             1.0, probability + sum(m.probability for m in rivals if m.cause.effect != Empirical.slug)
         )
         if certainty > NAMED:
             held = tuple(problem.candidates[term][k] for term in terms)
-            out.append(Named(single, held, probability, certainty, rivals, family=cause.effect))
+            out.append(Named(single, held, probability, certainty, rivals, family=single.effect))
     return out
 
 

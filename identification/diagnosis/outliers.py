@@ -63,6 +63,22 @@ def outlying_rows(
     return out
 
 
+def bridges(recording: Recording) -> NDArray[np.bool_]:
+    """(n,) rows read against a row of another session, where only a few tie the two sessions together.
+
+    What changed between the sessions stands in these rows alone, and would look like an error of theirs.
+    """
+    out = np.zeros(len(recording), dtype=bool)
+    if recording.from_row is None:
+        return out
+    whole = recording.whole
+    pairs = np.column_stack([whole.session[recording.from_row], recording.session])
+    for pair in np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0):
+        ties = np.all(pairs == pair, axis=1)
+        out |= ties & (np.sum(ties) < FEWEST)
+    return out
+
+
 def recording_coordinates(recording: Recording, rows: NDArray[np.intp]) -> Array:
     """(k, d) where rows lie: joints, order of acquisition and all that was logged, in standard deviations."""
     order = np.argsort(order_in_time(recording.time, recording.source_file, recording.source_row)).astype(

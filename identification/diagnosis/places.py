@@ -68,7 +68,7 @@ def at_places(problem: Weighed, state: State, number: int) -> Mapping[Place, AtP
         count = len(problem.candidates[term]) if int(weighing.terms.cause[term]) == number else 0
         for k in range(count):
             part = at + np.arange(k * width // count, (k + 1) * width // count)
-            rest, place = whole.without(part), (cause.effect, (cause.place[k],))
+            rest, place = whole.without(part), cause.singles[k][:2]
             gain = whole.log_evidence - rest.log_evidence
             if place not in clearest or gain > clearest[place][0]:
                 clearest[place] = gain, rest
@@ -86,7 +86,7 @@ def _weighed(
     """
     own = gain + float(np.log(prior.IN_FAMILY / (1.0 - prior.IN_FAMILY)))
     instead = _instead(problem, state, rest)
-    alike = np.array([c.effect == place[0] and _has(c, place) for c in problem.causes], dtype=bool)
+    alike = np.array([c.has(*place) for c in problem.causes], dtype=bool)
     there = np.logaddexp.reduce([own, *(own + beside[~alike]), *instead[alike]])
     total = np.logaddexp.reduce([0.0, there, *instead[~alike]])
     shares = np.exp(instead - total) - np.exp(np.minimum(beside - total, 0.0))
@@ -106,11 +106,6 @@ def _instead(problem: Weighed, state: State, rest: Marginal) -> Array:
     return out + slot_odds(prior.RICHNESS, len(state.members))
 
 
-def _has(cause: Cause, place: Place) -> bool:
-    """Whether a cause is one of that place, alone or in a family."""
-    return set(place[1]) <= set(cause.place)
-
-
 def _here(cause: Cause, place: Place) -> Cause:
     """What a cause says of a place: of a family that has it, its own."""
-    return Cause(cause.effect, place[1]) if cause.family and _has(cause, place) else cause
+    return next((c for c in cause.singles if cause.family and c.place == place[1]), cause)

@@ -83,7 +83,7 @@ def _injected(after: Estimate, found: Found, main: int) -> bool:
     alike = [
         k
         for k, c in enumerate(problem.causes)
-        if c[:2] == cat.cause(main) or (c.family and c.effect == fitted.effect.slug)
+        if c[:2] == cat.cause(main) or (c.family and any(own.effect == fitted.effect.slug for own in c.told))
     ]
     return bool(np.max(by_cause) - np.max(by_cause[alike]) < INDISTINCT)
 

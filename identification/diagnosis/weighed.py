@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from truepose.identification.selection.scales import tolerance_cost
 from truepose.identification.selection.tolerance_classes import PartClass, inflations
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
+from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]
 WIDE = 100.0
@@ -30,11 +32,37 @@ FLAT = 0.1
 
 
 class Cause(NamedTuple):
-    """What a term blames, at whatever settings: an effect at a place, or at all its places as a family."""
+    """What a term blames, at whatever settings: an effect at a place, or at all its places as a family.
+
+    ``kindred``: in a family of several effects of one kin (``effect``), the slug at each place.
+    """
 
     effect: str
     place: tuple[str, ...]
     family: bool = False
+    kindred: tuple[str, ...] = ()
+
+    @property
+    def singles(self) -> tuple[Cause, ...]:
+        """What a family says of each of its places; itself where it is none."""
+        if not self.family:
+            return (self,)
+        slugs = self.kindred or (self.effect,) * len(self.place)
+        return tuple(Cause(slug, (part,)) for slug, part in zip(slugs, self.place, strict=True))
+
+    @property
+    def told(self) -> tuple[Cause, ...]:
+        """In names of the catalogue: a family of a kin effect by effect."""
+        if not self.kindred:
+            return (self,)
+        return tuple(
+            Cause(slug, tuple(c.place[0] for c in self.singles if c.effect == slug), family=True)
+            for slug in dict.fromkeys(self.kindred)
+        )
+
+    def has(self, effect: str, place: Sequence[str]) -> bool:
+        """Whether this says an effect at a place, alone or in a family."""
+        return any(c.effect == effect and set(place) <= set(c.place) for c in self.told)
 
 
 @dataclass(frozen=True)
@@ -165,13 +193,15 @@ def _terms(
     alone = _shares(cat, free)
     members: list[tuple[int, ...]] = [(i,) for i in free]
     found, odds = [Cause(*cat.cause(i)) for i in free], [alone[i] for i in free]
-    for family in families(cat.candidates, [i for i in free if cat.named(i)]):
-        for i in family:
-            odds[free.index(i)] += np.log(1.0 - prior.FAMILY_SHARE)
+    every = families(cat.candidates, [i for i in free if cat.named(i)])
+    of_families = Counter(i for family in every for i in family)
+    for i in of_families:
+        odds[free.index(i)] += np.log(1.0 - prior.FAMILY_SHARE)
+    for family in every:
         members.append(family)
-        odds.append(float(logsumexp([alone[i] for i in family]) + np.log(prior.FAMILY_SHARE)))
-        places = tuple(p for i in family for p in cat.candidates[i].place)
-        found.append(Cause(cat.candidates[family[0]].effect.slug, places, family=True))
+        shares = [alone[i] + np.log(prior.FAMILY_SHARE / of_families[i]) for i in family]
+        odds.append(float(logsumexp(shares)))
+        found.append(_of_family([cat.candidates[i] for i in family]))
     for forms in _forms_by_place(cat, free):
         members.append(forms)
         odds.append(float(logsumexp([odds[free.index(i)] for i in forms]) + np.log(prior.SEVERAL_FORMS)))
@@ -187,6 +217,13 @@ def _terms(
         for own, cause, log_prior in zip(members, found, odds, strict=True)
     )
     return tuple(tuple(m) for m in members), names, terms
+
+
+def _of_family(family: Sequence[PlacedEffect]) -> Cause:
+    slugs, places = tuple(e.effect.slug for e in family), tuple(p for e in family for p in e.place)
+    if len(set(slugs)) == 1:
+        return Cause(slugs[0], places, family=True)
+    return Cause(family[0].effect.kin, places, family=True, kindred=slugs)
 
 
 def _forms_by_place(cat: Catalogue, free: Sequence[int]) -> list[tuple[int, ...]]:
