@@ -93,6 +93,19 @@ def test_outside_the_library_a_name_that_the_data_cannot_tell_from_it_is_honest(
     assert found.honest and found.abstained
 
 
+@pytest.mark.parametrize(
+    ("truth", "place", "right"),
+    [(BEAT, BEAT.place[0], True), (BEAT, "base", False), (PLAY, PLAY.place[0], False)],
+)
+def test_without_a_name_it_is_rightly_said_where_the_truth_has_none(
+    tmp_path: Path, truth: Truth, place: str, right: bool
+) -> None:
+    """At its part; where the truth has a name, `unknown` is no right word for it."""
+    said = finding("axis-coupling", place, 0.7, 9, ("unknown", place, 0.2))
+    told = score(key(truth, stratum="out-of-library"), reply(tmp_path, "missing-physics", said)).statements
+    assert [(s.probability, s.right) for s in told] == [(0.7, False), (0.2, right)]
+
+
 @pytest.mark.parametrize(("verdict", "probability"), [("unknown", None), ("missing-physics", 0.3)])
 def test_a_faint_wrong_name_is_honest_but_no_abstention(
     tmp_path: Path, verdict: str, probability: float | None

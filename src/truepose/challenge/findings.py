@@ -15,6 +15,8 @@ from truepose.models.parameters import element_of
 VERDICTS = ("adequate", "missing-physics", "unknown")
 NAMELESS = ("empirical", *OF_ROWS)
 """Slugs of what is no name: forms of a remainder, rows."""
+UNNAMED = "unknown"
+"""Slug of what is only like the name that a finding has."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,12 @@ class Judge:
             return True
         single = [Said(said.effect, (part,), said.probability) for part in said.place]
         return len(single) > 1 and all(any(self.true(one, t) for t in self.truths) for one in single)
+
+    def unnamed(self, said: Said) -> bool:
+        """Whether this says without a name what has none, at the part where it is."""
+        return said.effect == UNNAMED and any(
+            not truth.effect and self.right_place(said, truth) for truth in self.truths
+        )
 
     def as_good(self, said: Said) -> bool:
         """Whether this names what the data cannot tell from a truth."""

@@ -34,7 +34,8 @@ state sigma wrong by up to 1.5 and tolerances by up to 2, and a few of their row
   The oracle is the fit that is told effects, places, wild rows, sigma and tolerances. The best empirical model knows no
   names: smooth curves at the joints and mounts, as many columns as the answer has coefficients, chosen by cross-validation.
   **bias**: rms error in tolerances of the combinations of constants that readings know better than the drawing.
-* **names** for calibration are all members of all classes, and outliers where no row is wild; right is the very truth alone.
+* **names** for calibration are all members of all classes, and outliers where no row is wild; right is the very truth alone;
+  `unknown` is right where something without a name is at that part.
 * A crash, or a diagnosis that takes too long, is wrong everywhere. 95 % intervals are Wilson's for shares, and by
   bootstrap over cases for the rest."""
 

@@ -31,9 +31,14 @@ class Rows:
 
 
 def names_said(judge: Judge, found: Sequence[Found]) -> tuple[Statement, ...]:
-    """Every name in every class: right when it is the very truth, at each of its places where it has several."""
+    """Every explanation in every class: right when it is the very truth, at each of its places where it has several, or
+    says without a name what has none."""
     return tuple(
-        Statement(said.probability, right := judge.names(said), right or judge.as_good(said))
+        Statement(
+            said.probability,
+            right := judge.names(said) or judge.unnamed(said),
+            right or judge.as_good(said),
+        )
         for one in found
         for said in one.members
     )
