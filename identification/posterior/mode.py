@@ -146,8 +146,8 @@ def supports(weighing: Weighing, state: State, parts: Sequence[NDArray[np.intp]]
 
 def slot_odds(richness: Richness, number: int) -> float:
     """Log prior odds of one more member beside ``number``, whichever slot it takes, richness marginalised."""
-    more, same = (float(np.logaddexp.reduce(richness.log_weights(k))) for k in (number + 1, number))
-    return more - same + float(np.log(max(richness.slots - number, 1)))
+    same, more = richness.log_totals[number : number + 2].tolist()
+    return float(more - same) + float(np.log(max(richness.slots - number, 1)))
 
 
 def log_posterior(weighing: Weighing, richness: Richness, members: Members, point: Point) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import lgamma
 
 import numpy as np
@@ -46,6 +47,22 @@ class Richness:
         p = np.array(self.filled)
         out: Array = np.array(self.log_prior) + number * np.log(p) + (self.slots - number) * np.log1p(-p)
         return out
+
+    @cached_property
+    def log_totals(self) -> Array:
+        """(slots + 2,) log prior of certain slots being filled, for each number of them and one more, levels summed."""
+        return np.array([logsumexp(self.log_weights(number)) for number in range(self.slots + 2)])
+
+    @cached_property
+    def _cumulated(self) -> Array:
+        """(slots + 2, r) posterior probability of each level and all before it, for each number of members."""
+        weights = [self.log_weights(number) for number in range(self.slots + 2)]
+        sums = np.cumsum(np.exp(np.array(weights) - self.log_totals[:, None]), axis=1)
+        return np.asarray(sums / sums[:, -1:])
+
+    def draw(self, number: int, rng: np.random.Generator) -> int:
+        """A level for a number of members."""
+        return int(np.searchsorted(self._cumulated[number], rng.random(), side="right"))
 
     def log_odds(self, level: int) -> float:
         """Of a slot being filled."""
@@ -133,8 +150,7 @@ class Chain:
 
     def _draw_level(self) -> None:
         """The richness, given how many members there are."""
-        weights = self._richness.log_weights(len(self.members))
-        self._level = int(self._rng.choice(len(weights), p=np.exp(weights - logsumexp(weights))))
+        self._level = self._richness.draw(len(self.members), self._rng)
 
     def _settle(self) -> None:
         """Choose the terms that neither leave nor enter in this sweep, wherever the chain stands."""
@@ -233,7 +249,7 @@ class Chain:
     def _log_weight(self, members: Sequence[Member], point: Point) -> float:
         """Log posterior of a set at a point, whichever slots it takes."""
         number, slots = len(members), self._richness.slots
-        ways = float(logsumexp(self._richness.log_weights(number))) - lgamma(slots - number + 1)
+        ways = float(self._richness.log_totals[number]) - lgamma(slots - number + 1)
         return self._weighing.log_evidence(point, members) + self._weighing.log_prior(members) + ways
 
     def _step(self) -> None:
