@@ -9,10 +9,24 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal
 
 SESSION, TIME, TEMPERATURE, VELOCITY, APPROACH = "session", "time", "temperature", "velocity", "approach"
 AIR = f"{TEMPERATURE}.air"
+DriverKind = Literal[
+    "load",
+    "position-periodic",
+    "position",
+    "arrival",
+    "temperature",
+    "time",
+    "session",
+    "coupling",
+    "sensor",
+    "constant",
+]
+"""What makes an error vary: the weight carried, the part's own position (periodic or smooth), the side that it arrived from,
+heat, time, the session, another joint, what the sensor reads; ``constant``: nothing."""
 OF_THE_WAY = ("stop", "loop")
 """Kinds of what a joint's way leaves behind (``truepose.identification.recording.memory``)."""
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
@@ -34,6 +48,18 @@ _KINDS: Final[Mapping[str, tuple[str, float]]] = {
     "creep": ("{reading}", 0.0),
 }
 """Unit, in terms of the joint's reading where there is one, and value where nothing is recorded."""
+_DRIVES: Final[Mapping[str, DriverKind]] = {
+    SESSION: "session",
+    TIME: "time",
+    "creep": "time",
+    TEMPERATURE: "temperature",
+    "payload": "load",
+    "torque": "load",
+    VELOCITY: "arrival",
+    APPROACH: "arrival",
+    "stop": "arrival",
+    "loop": "arrival",
+}
 
 
 @dataclass(frozen=True)
@@ -72,6 +98,11 @@ class Driver:
         return self.now.name
 
     @property
+    def drives(self) -> DriverKind | None:
+        """In which way it makes an error vary; None where nobody knows."""
+        return _DRIVES.get(self.kind)
+
+    @property
     def after(self) -> int | None:
         """K of ``session.after.K``, which is 1 from the K-th change of session on; None for all others."""
         found = _AFTER.fullmatch(self.place) if self.kind == SESSION else None
@@ -99,4 +130,14 @@ class Driver:
         return self.kind == TEMPERATURE and bool(self.place)
 
 
-__all__ = ["AIR", "APPROACH", "OF_THE_WAY", "SESSION", "TEMPERATURE", "TIME", "VELOCITY", "Driver"]
+__all__ = [
+    "AIR",
+    "APPROACH",
+    "OF_THE_WAY",
+    "SESSION",
+    "TEMPERATURE",
+    "TIME",
+    "VELOCITY",
+    "Driver",
+    "DriverKind",
+]

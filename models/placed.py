@@ -11,6 +11,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.models.driver import Driver, DriverKind
+
 Array = NDArray[np.float64]
 SERIES = 24
 """From so many coefficients on an effect is a series, whose expected sizes are its prior."""
@@ -56,6 +58,8 @@ class Physics(ABC):
     commonness: ClassVar[float] = 1.0
     """How often machines have it, in terms of the other effects: it decides between explanations that data leave equal."""
     needs_load: ClassVar[bool] = False
+    driven_by: ClassVar[DriverKind | None] = None
+    """What makes it vary, where its load, its drivers and its place do not say so already (see ``driver_kind``)."""
     settings_add: ClassVar[bool] = False
     """Whether terms of one place with different settings may stand together (orders) or exclude others."""
     bends: ClassVar[tuple[str, ...]] = ()
@@ -78,6 +82,15 @@ class Physics(ABC):
     def drivers(self, machine: Any, place: Place, settings: Settings) -> tuple[str, ...]:
         """Columns beyond the joints that the formula reads."""
         return ()
+
+    def driver_kind(self, machine: Any, place: Place, settings: Settings) -> DriverKind:
+        """What makes it vary: as the class states; else the load or the driver that it reads; else the joint's position."""
+        if self.driven_by is not None:
+            return self.driven_by
+        if self.reads_load(settings):
+            return "load"
+        read = [Driver.of(name).drives for name in self.drivers(machine, place, settings)]
+        return next((kind for kind in read if kind is not None), "position")
 
     def explain(self, machine: Any, place: Place) -> str:
         """One sentence in plain words for the finding."""
@@ -137,6 +150,7 @@ class PlacedEffect:
     amplitudes: tuple[float, ...] = ()
     spread: float = 100.0
     """Prior 1-sigma of the coefficients in a fit, in units of their scale."""
+    kind: DriverKind = "position"
 
     @classmethod
     def at(
@@ -153,7 +167,10 @@ class PlacedEffect:
         amplitudes = tuple(float((values or {}).get(c.name, 0.0)) for c in coefficients)
         drivers = effect.drivers(machine, place, fixed)
         spread = 1.0 if len(coefficients) >= SERIES else 100.0
-        return cls(effect, place, tuple(sorted(fixed.items())), coefficients, drivers, amplitudes, spread)
+        kind = effect.driver_kind(machine, place, fixed)
+        return cls(
+            effect, place, tuple(sorted(fixed.items())), coefficients, drivers, amplitudes, spread, kind
+        )
 
     @property
     def settings_map(self) -> Settings:

@@ -12,7 +12,7 @@ import pytest
 
 from support.searched_arm import PLAY, SCALE, Case
 from truepose.identification.diagnosis import likeness, prior
-from truepose.identification.diagnosis.likeness import forms_hold, left_over
+from truepose.identification.diagnosis.likeness import forms_hold
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.load import load_recording
@@ -25,8 +25,9 @@ def held(found: Found, slug: str) -> float:
     """Probability that the name in the mode is the thing itself."""
     name = [i for i in found.accepted if found.catalogue.cause(i)[0] == slug]
     assert name
-    (probability,) = forms_hold(found, 0.0, [name])
-    return probability
+    (like,) = forms_hold(found, 0.0, [name])
+    assert like.tested
+    return like.itself
 
 
 @pytest.mark.parametrize("truth", [(PLAY,), (SCALE,), (PLAY, SCALE)])
@@ -53,10 +54,11 @@ def test_play_that_differs_along_its_own_joint_is_play(tmp_path: Path) -> None:
 def test_what_the_fit_does_not_hold_was_not_tested(tmp_path: Path) -> None:
     found = Case.of(tmp_path, PLAY).found()
     untouched = replace(
-        found, linearisation=replace(found.linearisation, bent=(-1,) * len(found.linearisation.bent))
+        found, linearisation=replace(found.linearisation, bent=((-1,),) * len(found.linearisation.bent))
     )
     name = list(found.accepted)
-    assert forms_hold(untouched, 0.0, [name]) == [pytest.approx(UNTESTED)]
+    (like,) = forms_hold(untouched, 0.0, [name])
+    assert like.itself == pytest.approx(UNTESTED) and not like.tested
     assert forms_hold(found, 0.0, []) == []
 
 
@@ -84,11 +86,17 @@ def test_the_more_a_formula_is_bent_the_less_its_name_holds() -> None:
     assert said[3] < 0.5
 
 
-def test_a_name_worth_little_beside_something_nameless_is_rather_a_part_of_it() -> None:
-    """The more the name is worth against the form without a name, the less; and not at all where there is no such form."""
-    odds = [left_over(0.9, gain, 100.0) for gain in (-5.0, 0.0, 30.0, 100.0, 300.0, 2000.0)]
-    assert odds[0] == odds[1] == pytest.approx(0.9 * prior.LEFT_OF_IT)
-    assert all(later < earlier for earlier, later in pairwise(odds[1:]))
-    assert odds[-1] < 1e-6
-    assert left_over(0.9, 30.0, 0.0) == left_over(0.0, 30.0, 100.0) == 0.0
-    assert left_over(0.9, 60.0, 200.0) == pytest.approx(left_over(0.9, 30.0, 100.0))
+@pytest.mark.parametrize("times", [1.0, 3.0, 28.0])
+def test_a_name_larger_than_its_physics_costs_what_its_prior_says(tmp_path: Path, times: float) -> None:
+    """Beyond the largest usual size a law is as much rarer as the table of priors has it; within it nothing is paid."""
+    found = Case.of(tmp_path, PLAY).found()
+    name = [i for i in found.accepted if found.catalogue.cause(i)[0] == "backlash"]
+    at = found.linearisation.free + np.array(found.linearisation.indices(name))
+    departure = found.linearisation.departure.copy()
+    departure[at] = times
+    grown = replace(
+        found, linearisation=replace(found.linearisation, departure=departure, bent=((-1,),) * len(name))
+    )
+    (like,) = forms_hold(grown, 0.0, [name])
+    assert like.itself == pytest.approx(1.0 / (1.0 + prior.ONLY_ALIKE * times**prior.RARER))
+    assert prior.beyond_usual(0.2) == 1.0

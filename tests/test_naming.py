@@ -13,8 +13,7 @@ import pytest
 from support.effect_machines import read_machines
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.judgement import Judgement
-from truepose.identification.diagnosis.outcome import _without_names
-from truepose.identification.diagnosis.result import Proof
+from truepose.identification.diagnosis.summary import Summary, verdict
 from truepose.identification.recording.load import load_recording
 from truepose.identification.signatures.candidates import TOGETHER, Catalogue, catalogue
 from truepose.models.effects.axis_coupling import AxisCoupling
@@ -104,23 +103,27 @@ def test_a_model_fails_by_what_misstated_tolerances_and_sigmas_do_not_explain() 
     assert judgement(residual=Alarm(10.0, 1e-6, "stated sigma")).misfits
 
 
+@pytest.mark.parametrize("placed", [False, True])
 @pytest.mark.parametrize(
-    ("sure", "ratio", "residual", "verdict"),
+    ("sure", "worth", "residual", "missing"),
     [
-        (True, 0.8, QUIET, "unknown"),  # worth something
-        (True, 1.1, QUIET, "adequate"),  # seen, worth nothing, and no misfit
+        (True, True, QUIET, True),  # worth something
+        (True, False, QUIET, False),  # seen, worth nothing, and no misfit
         (
             True,
-            1.1,
+            False,
             Alarm(1.7, 1e-6, "stated sigma"),
-            "unknown",
-        ),  # a misfit is never adequate where its cause is sure
-        (False, 0.8, Alarm(1.7, 1e-6, "stated sigma"), "adequate"),  # noise is larger than stated
-        (False, 1.1, Alarm(1.7, 1e-6, "replicates"), "unknown"),
+            True,
+        ),  # a misfit whose cause is sure is never adequate
+        (False, True, Alarm(1.7, 1e-6, "stated sigma"), False),  # noise is larger than stated
+        (False, False, Alarm(1.7, 1e-6, "replicates"), True),
     ],
 )
 def test_what_has_no_name_counts_where_it_is_worth_something_or_makes_a_misfit(
-    sure: bool, ratio: float, residual: Alarm, verdict: str
+    sure: bool, worth: bool, residual: Alarm, missing: bool, placed: bool
 ) -> None:
-    proof = cast(Proof, SimpleNamespace(ratio=ratio))
-    assert _without_names(judgement(residual=residual), proof, sure=sure) == verdict
+    """Where its place and driver are known, physics is missing; else nobody knows what."""
+    nameless = SimpleNamespace(nameless=0.95 if sure else 0.5)
+    said = cast(Summary, SimpleNamespace(laws=(), names=("form",) if placed else (), inclusion=nameless))
+    told = ("missing-physics" if placed else "unknown") if missing else "adequate"
+    assert verdict(said, judgement(residual=residual), worth=worth) == told

@@ -15,7 +15,7 @@ from truepose.identification.diagnosis import search as searching
 from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
 from truepose.identification.diagnosis.inclusion import inclusion
 from truepose.identification.diagnosis.model import fitted
-from truepose.identification.diagnosis.naming import Named, _left_over, named
+from truepose.identification.diagnosis.naming import Named, named
 from truepose.identification.diagnosis.places import Place
 from truepose.identification.diagnosis.replication import replications
 from truepose.identification.diagnosis.search import Found
@@ -137,28 +137,6 @@ def test_names_have_the_probability_of_their_slot_and_what_else_may_be_there(
             assert one.probability + other.probability <= 1.0 + both_there + MIXING
         assert one.gain > 10.0 and one.family == ""
         assert {found.catalogue.cause(i) for i in one.candidates} == {(one.cause.effect, one.cause.place)}
-
-
-@pytest.mark.parametrize(
-    ("nameless", "doubted"),
-    [("", False), ("c2=0.03[deg],c3=0.02[deg]", False), ("c2=0.3[deg],c3=0.2[deg]", True)],
-)
-def test_the_same_name_is_doubted_beside_a_nameless_thing_that_is_much_larger(
-    tmp_path: Path, nameless: str, doubted: bool
-) -> None:
-    """Beside none, and beside one that is worth less, it is not a part of it."""
-    found = Case.of(tmp_path, PLAY, *([f"empirical@q1:{nameless}"] if nameless else [])).found()
-    said = inclusion(found.weighed, found.posterior)
-    play = Named(Cause("backlash", ("q2",)), tuple(play_terms(found)), 0.9, 0.9, ())
-    (odds,) = _left_over(found, said, [play])
-    assert odds > 0.3 if doubted else odds < 1e-3
-    assert nameless or odds == 0.0
-
-
-def play_terms(found: Found) -> list[int]:
-    """Candidates of play at q2 that the mode holds."""
-    every = (i for term, _ in found.mode.members for i in found.weighed.candidates[term])
-    return [i for i in every if found.catalogue.cause(i) == ("backlash", ("q2",))]
 
 
 # -- alone, and by halves -------------------------------------------------------------------------------------

@@ -202,7 +202,7 @@ def test_errors_of_form_are_a_tenth_of_the_signal_that_they_modulate(
     used = ~recording.validation
     rng = np.random.default_rng(7)
     amplitude = np.array([0.4, -1.1])
-    forms = Forms.of(recording, used, [(slice(0, 2), amplitude), (slice(3, 4), np.array([2.0]))])
+    forms = Forms.of(recording, used, [(np.array([0, 1]), amplitude), (np.array([3]), np.array([2.0]))])
     assert np.mean(np.sum(forms.modulations[used] ** 2, axis=1)) == pytest.approx(ERROR**2)
     assert forms.width == 2 * forms.modulations.shape[1]
     rows = np.flatnonzero(used)
@@ -223,7 +223,7 @@ def test_what_does_not_vary_modulates_nothing(recorded: tuple[Machine, Recording
     """A joint at rest has no range; a driver that is not thermal, a load or the time is no reason for an error of form."""
     _, recording = recorded
     used = ~recording.validation
-    signal = [(slice(0, 1), np.ones(1))]
+    signal = [(np.array([0]), np.ones(1))]
     whole = Forms.of(recording, used, signal).width
     q = recording.q.copy()
     q[:, 0] = 0.3

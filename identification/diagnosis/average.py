@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.search import Found, chosen, start_from
+from truepose.identification.fit.bounded import coefficient_bounds
 from truepose.identification.fit.estimate import Estimate, result
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.posterior.mode import State
@@ -26,7 +27,6 @@ from truepose.identification.posterior.moments import moments, typical
 from truepose.identification.posterior.posterior import LONG_SET
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 OPEN = 0.1
@@ -173,12 +173,10 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
     predictor = Predictor(machine, recording, terms, visits=FIT)
     prior, unit = _prior(likeliest, terms), prior_of(machine, terms).scale
     at, start = prior.free, start_from(likeliest, terms)
-    lowest, highest = _bounds(machine, terms)
     for part in PARTS:
         p = start.copy()
         p[at] += unit[at] * part * mixture.shift
-        # bounds are soft: what the fit has beyond them stays
-        p = np.clip(p, np.minimum(lowest, start), np.maximum(highest, start))
+        p = np.clip(p, *coefficient_bounds(machine, terms))
         problem = Problem(predictor, prior, p, likeliest.used)
         plain = result(problem, replace(likeliest.solution, t=np.zeros(len(at))), terms)
         if plain.chi2 <= (1.0 + WORSE) * likeliest.chi2:
@@ -196,10 +194,3 @@ def _prior(likeliest: Estimate, terms: Sequence[PlacedEffect]) -> Prior:
     further = wide.sigma[len(first.sigma) :]
     sigma, scale = np.append(first.sigma, further), np.append(first.scale, further)
     return replace(wide, sigma=sigma, scale=scale)
-
-
-def _bounds(machine: Machine, terms: Sequence[PlacedEffect]) -> tuple[Array, Array]:
-    """(np,) lowest and highest value of every parameter and coefficient."""
-    free = np.full(len(machine.parameters), np.inf)
-    coefficients = [c for t in terms for c in t.coefficients]
-    return np.append(-free, [c.lower for c in coefficients]), np.append(free, [c.upper for c in coefficients])

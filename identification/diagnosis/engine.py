@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import outliers, remainder
 from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
-from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
+from truepose.identification.diagnosis.findings import evidence_map, finding, lead, ranked_alternatives
 from truepose.identification.diagnosis.inclusion import Inclusion
 from truepose.identification.diagnosis.outcome import Fits, Outcome, concluded
 from truepose.identification.diagnosis.replication import replications
@@ -110,7 +110,7 @@ def _noise(found: Found) -> float:
 def _conclude(fits: Fits, found: Found, outcome: Outcome) -> Diagnosis:
     cat, machine, recording = found.catalogue, found.signatures.machine, found.signatures.recording
     stages = {"free": fits.free, "before": fits.before, "after": outcome.after}
-    alone = weighed_alone(found.first, len(cat.candidates))
+    alone, said = weighed_alone(found.first, len(cat.candidates)), outcome.summary.inclusion
     return Diagnosis(
         machine=machine,
         recording=recording,
@@ -133,9 +133,11 @@ def _conclude(fits: Fits, found: Found, outcome: Outcome) -> Diagnosis:
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
         noise=_noise(found),
         inflation=_inflation(found),
-        sets=_sets(outcome.said),
-        inclusion=tuple(Alternative(slug, place, p, 0.0) for (slug, place), p in outcome.said.places.items()),
+        sets=_sets(said),
+        inclusion=tuple(Alternative(slug, place, p, 0.0) for (slug, place), p in said.places.items()),
+        leading=tuple(lead(one) for one in outcome.summary.leading),
         disagreement=found.posterior.disagreement,
+        applied=outcome.applied,
     )
 
 
@@ -146,7 +148,9 @@ def _sets(said: Inclusion) -> tuple[SetOfEffects, ...]:
 
 
 def _findings(found: Found, outcome: Outcome, rms: float) -> tuple[Finding, ...]:
-    names, machine, cat = outcome.names, found.signatures.machine, found.catalogue
+    if outcome.verdict == "adequate":
+        return ()
+    names, machine, cat = outcome.summary.names, found.signatures.machine, found.catalogue
     halves = replications(found, names, rms)
     return tuple(
         finding(machine, cat, outcome.likeliest, one, flip_inflation(found, one), half)

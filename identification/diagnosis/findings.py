@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.naming import Member, Named
-from truepose.identification.diagnosis.result import UNNAMED, Alternative, Finding, Quantity, Replication
+from truepose.identification.diagnosis.result import (
+    UNNAMED,
+    Alternative,
+    Finding,
+    Lead,
+    Quantity,
+    Replication,
+)
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.effects.base import effects
@@ -53,7 +60,7 @@ def finding(
 ) -> Finding:
     """What is said of one name; its terms (harmonics) stand together."""
     main = cat.candidates[one.candidates[0]]
-    twins = _twins(cat, one)
+    twins = [] if one.nameless else _twins(cat, one)
     shared = sum(t.probability for t in twins)
     rivals = sorted((*twins, *(_alternative(m) for m in one.equivalents)), key=lambda o: -o.probability)
     return Finding(
@@ -71,7 +78,14 @@ def finding(
         experiment=main.effect.experiment,
         family=one.family,
         replication=replication,
+        levels=one.levels,
+        tested=one.tested,
     )
+
+
+def lead(one: Named) -> Lead:
+    """What leads below the level at which it would be a finding."""
+    return Lead(one.cause.effect, one.cause.place, one.levels, one.probability)
 
 
 def _alternative(member: Member) -> Alternative:

@@ -5,6 +5,7 @@ Extrapolation is asked for: the outermost poses, the heaviest loads and the warm
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof
 from truepose.identification.fit.estimate import Estimate, estimate
-from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.fit.tool_pose import tool_points
+from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import Driver
@@ -27,6 +29,8 @@ LEVELS = 4
 OUTERMOST = "outermost poses"
 ROLE = "role"
 VALIDATION = "validation rows"
+NO_WORSE = 1.02
+"""Most that held-out errors may be of those of plain calibration for a model to be applied: no more than chance makes."""
 
 
 @dataclass(frozen=True)
@@ -38,16 +42,61 @@ class Block:
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class Held:
+    """What a model leaves on the rows (b,) of one block: squared whitened residuals (b,), NaN where a row cannot be assembled,
+    and mean squared distances of the tool's points after a rigid refit (b,), mm^2, empty where none are read."""
+
+    squares: Array
+    points: Array
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model on every block of rows that it was not fitted to; a block is missing where too little was left to fit."""
+
+    split: str
+    blocks: Mapping[str, Held]
+    fitted: Held
+
+    def against(self, other: Trial) -> Comparison:
+        """This model's errors beside those of ``other``, on the blocks that both have."""
+        names = [name for name in self.blocks if name in other.blocks]
+        squares = {name: _both(other.blocks[name].squares, self.blocks[name].squares) for name in names}
+        proofs = tuple(BlockProof(name, len(b), _ratio(b, a)) for name, (b, a) in squares.items() if len(b))
+        counted = [VALIDATION] if VALIDATION in names else [name for name in names if len(squares[name][0])]
+        if not counted:
+            return Comparison("none", *_both(other.fitted.squares, self.fitted.squares), proofs, None)
+        pairs = [(other.blocks[name].points, self.blocks[name].points) for name in counted]
+        points = [np.concatenate(part) for part in zip(*pairs, strict=True)]
+        pose = (_rms(points[0]), _rms(points[1])) if len(points[0]) else None
+        before, after = (np.concatenate(part) for part in zip(*(squares[n] for n in counted), strict=True))
+        return Comparison(self.split, before, after, proofs, pose)
+
+
+@dataclass(frozen=True)
+class Comparison:
     """Squared whitened residuals of held-out rows, before and after, with the name of the split.
 
-    ``blocks`` tells them apart; extrapolations of a recording with validation rows stand there only.
+    ``blocks`` tells them apart; extrapolations of a recording with validation rows stand there only. pose: rms error of the
+    tool's position before and after, mm, after a rigid refit; None where no sensor reads points.
     """
 
     split: str
     before: Array
     after: Array
     blocks: tuple[BlockProof, ...]
+    pose: tuple[float, float] | None
+
+    @property
+    def ratio(self) -> float:
+        """Rms of residuals after over before."""
+        return _ratio(self.before, self.after)
+
+    @property
+    def worse(self) -> bool:
+        """Whether readings or the tool's position are worse than before, by more than ``NO_WORSE`` allows."""
+        pose = self.pose is not None and self.pose[1] > NO_WORSE * self.pose[0]
+        return pose or self.ratio > NO_WORSE
 
 
 def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]:
@@ -97,50 +146,60 @@ def _thermometers(recording: Recording) -> list[tuple[str, str]]:
     return [(names[int(np.argmax(spans))], "warmest rows")]
 
 
-def held_out(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> HeldOut:
-    """Fit without each block, before and after, and see what is left on it. ``outliers`` (n,) never count."""
-    split, blocks = held_out_blocks(recording, before.used)
-    squares: dict[str, tuple[Array, Array]] = {}
-    predictors = [Predictor(fit.machine, recording, fit.effects) for fit in (before, after)]
+def trial(
+    model: Estimate,
+    recording: Recording,
+    outliers: Mask,
+    split: tuple[str, Sequence[Block]],
+    silent: Collection[str] = (),
+) -> Trial:
+    """Fit a model without each block of a ``split``, and see what is left on it. ``outliers`` (n,) never count.
+
+    ``silent``: labels of the sensor's effects that say nothing of the tool's position.
+    """
+    name, blocks = split
+    predictor = Predictor(model.machine, recording, model.effects, visits=FIT)
+    found: dict[str, Held] = {}
     for block in blocks:
-        fits: tuple[Estimate, ...] = (before, after)
-        if block.name != VALIDATION:
-            fits = _without(fits, predictors, outliers | block.rows)
-        if not fits:
-            continue
+        exclude = outliers | block.rows
+        fit = model if block.name == VALIDATION else _without(model, predictor, exclude)
         rows = block.rows & ~outliers
-        parts = [np.sum(fit.residual[rows] ** 2, axis=1) for fit in fits]
-        seen = np.isfinite(parts[0]) & np.isfinite(parts[1])
-        if seen.any():
-            squares[block.name] = parts[0][seen], parts[1][seen]
-    proofs = tuple(BlockProof(name, len(b), _ratio(b, a)) for name, (b, a) in squares.items())
-    counted = [squares[VALIDATION]] if VALIDATION in squares else list(squares.values())
-    if not counted:
-        used = before.used
-        fitted = (np.sum(before.residual[used] ** 2, axis=1), np.sum(after.residual[used] ** 2, axis=1))
-        split, counted = "none", [fitted]
-    return HeldOut(
-        split, np.concatenate([b for b, _ in counted]), np.concatenate([a for _, a in counted]), proofs
-    )
+        if fit is not None and rows.any():
+            found[block.name] = _held(fit, predictor, rows, silent)
+    return Trial(name, found, _held(model, predictor, model.used, silent))
 
 
-def _without(fits: tuple[Estimate, ...], predictors: list[Predictor], exclude: Mask) -> tuple[Estimate, ...]:
-    """The fits without some rows; none where too little is left."""
+def _held(fit: Estimate, predictor: Predictor, rows: Mask, silent: Collection[str]) -> Held:
+    seen = rows & np.isfinite(fit.residual).all(axis=1)
+    squares = np.sum(fit.residual[rows] ** 2, axis=1)
+    points = tool_points(predictor, fit.p, fit.x, silent).squares(fit.used, seen)
+    return Held(np.where(seen[rows], squares, np.nan), points)
+
+
+def _without(model: Estimate, predictor: Predictor, exclude: Mask) -> Estimate | None:
+    """The model fitted without some rows; None where too little is left."""
     try:
-        return tuple(
-            estimate(
-                fit.machine,
-                predictor.recording,
-                fit.effects,
-                start=fit.p,
-                exclude=exclude,
-                prior=fit.prior,
-                predictor=predictor,
-            )
-            for fit, predictor in zip(fits, predictors, strict=True)
+        return estimate(
+            model.machine,
+            predictor.recording,
+            model.effects,
+            start=model.p,
+            exclude=exclude,
+            prior=model.prior,
+            predictor=predictor,
         )
     except (ConvergenceError, InputError):
-        return ()
+        return None
+
+
+def _both(before: Array, after: Array) -> tuple[Array, Array]:
+    """Rows that both could predict."""
+    seen = np.isfinite(before) & np.isfinite(after)
+    return before[seen], after[seen]
+
+
+def _rms(squares: Array) -> float:
+    return float(np.sqrt(np.mean(squares)))
 
 
 def _ratio(before: Array, after: Array) -> float:

@@ -19,8 +19,8 @@ LIKELIEST = 8
 @dataclass(frozen=True)
 class Inclusion:
     """places: probability of each effect at each place, alone or in a family; families: each place of a family (by its
-    cause), given that the family is there; sets: the likeliest sets of causes; nameless: that something without a
-    name is there, a form in a slot or the smooth remainder."""
+    cause), given that the family is there; sets: the likeliest sets of causes, a smooth remainder being one without a
+    place; nameless: that something without a name is there, a form in a slot or the smooth remainder."""
 
     places: Mapping[Place, float]
     families: Mapping[Cause, Mapping[Place, AtPlace]]
@@ -55,6 +55,7 @@ def inclusion(problem: Weighed, posterior: Posterior) -> Inclusion:
     for state, share in posterior.states:
         numbers = sorted({int(problem.weighing.terms.cause[term]) for term, _ in state.members})
         key = tuple(dict.fromkeys(c for k in numbers for c in problem.causes[k].told))
+        key += (Cause(Empirical.slug, ()),) if state.point[-1] > 0 else ()
         sets[key] = sets.get(key, 0.0) + share
     ranked = sorted(places.items(), key=lambda item: -item[1])
     listed = {place: min(p, 1.0) for place, p in ranked if p > REPORTED}

@@ -8,6 +8,7 @@ Where a formula has terms that bend it, what these carry is an error of form tha
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,27 +30,38 @@ FINER = (0, -2, -4, -8)
 """Steps of the noise at which all is weighed: with more freedom it can only be smaller."""
 
 
-def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) -> list[float]:
-    """Probability that each name (its candidates), if something like it is there, is the thing itself.
+@dataclass(frozen=True)
+class Likeness:
+    """Probability that something like a name is the thing itself, and whether its form could be tested at all."""
 
-    ``nameless``: that something without a name is there anyway; what resembles a name is then likelier a part of it.
+    itself: float
+    tested: bool
+
+
+def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) -> list[Likeness]:
+    """Whether each name (its candidates), if something like it is there, is the thing itself.
+
+    ``nameless``: that something without a name is there anyway; what resembles a name is then likelier a part of it. A name
+    larger than its physics usually is costs what its prior says: something else knows no usual size.
     """
     if not names:
         return []
     odds = (1.0 - nameless) * prior.ONLY_ALIKE + nameless * prior.PART_OF_IT
     every = _gains(found, [_modulated(found, name) for name in names])
-    return [_held(gains, odds, _bent(found, name)) for gains, name in zip(every, names, strict=True)]
+    return [
+        Likeness(
+            _held(gains, odds * prior.beyond_usual(_size(found, name)), _bent(found, name)), bool(len(gains))
+        )
+        for gains, name in zip(every, names, strict=True)
+    ]
 
 
-def left_over(nameless: float, gain: float, of_nameless: float) -> float:
-    """Odds that a name is a part of something without a name, which the form found for that does not follow.
-
-    ``gain``, ``of_nameless``: what the name and that form are worth (nats). Such a form follows only roughly what is there.
-    What it leaves is worth half as much on average; more is exponentially rare.
-    """
-    if of_nameless <= 0.0:
-        return 0.0
-    return nameless * prior.LEFT_OF_IT * float(np.exp(-max(gain, 0.0) / (prior.LEFT_SHARE * of_nameless)))
+def _size(found: Found, name: Sequence[int]) -> float:
+    """Fitted size of a name's straight terms: root mean square of their coefficients, each in its largest usual size."""
+    lin, cat = found.linearisation, found.catalogue
+    own = [i for i in name if not cat.candidates[i].bent] or list(name)
+    amplitudes = lin.departure[lin.free + np.array(lin.indices(own), dtype=np.intp)]
+    return float(np.sqrt(np.mean(amplitudes**2)))
 
 
 def _bent(found: Found, name: Sequence[int]) -> float:
@@ -71,7 +83,7 @@ def _modulated(found: Found, name: Sequence[int]) -> list[Index]:
     """Columns of F of a name's signals by each source; its own joint says how it works, not that it is another thing."""
     lin, cat = found.linearisation, found.catalogue
     own = {element_of(part) for i in name for part in cat.candidates[i].place}
-    signals = [k for k, i in enumerate(lin.bent) if i in name]
+    signals = [k for k, own in enumerate(lin.bent) if set(own) & set(name)]
     each = PAIR * len(lin.sources)
     return [
         np.array([k * each + PAIR * s + i for k in signals for i in range(PAIR)], dtype=np.intp)

@@ -43,10 +43,8 @@ def remainder_shapes(found: Found) -> tuple[Shape, ...]:
     coefficients = problem.remainder @ known.mean[: len(always.sigma)][always.remainder]
     sigma = tau * np.sqrt(np.sum(problem.remainder**2, axis=1))
     lin, cat, at, shapes = found.linearisation, found.catalogue, 0, list[Shape]()
-    for i, placed in enumerate(cat.candidates):
-        if cat.named(i):
-            continue
-        width = len(placed.coefficients)
+    for i in cat.smooth:
+        width = len(cat.candidates[i].coefficients)
         part = slice(at, at + width)
         columns = lin.free + problem.nameless[part]
         signal = float(coefficients[part] @ lin.gram[np.ix_(columns, columns)] @ coefficients[part])

@@ -9,14 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.inclusion import Inclusion
-from truepose.identification.diagnosis.likeness import forms_hold, left_over
+from truepose.identification.diagnosis.levels import UNKNOWN, Levels, Presence, driver_of, parts_of
+from truepose.identification.diagnosis.likeness import forms_hold
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.posterior.mode import supports
 from truepose.models.effects.empirical import Empirical
 
 NAMED = 0.5
-"""Probability that a class needs to be said, and a place of a family to be named."""
+"""Probability that a place with its driver, or a class, needs to be said."""
+LEADING = 0.1
+"""Probability from which on what is less probable than not is shown as leading."""
 CERTAIN = 0.95
 """Probability from which on a name is said without its look-alikes."""
 SHOWN = 0.02
@@ -38,7 +41,8 @@ class Named:
     """A cause of the likeliest set: its candidates that the fit holds, how probable it is, and its class.
 
     ``certainty`` is the probability of the whole class; ``gain`` the log Bayes factor of the set with it against without.
-    ``family``: the slug, where it was found at all places under one size.
+    ``family``: the slug, where it was found at all places under one size. levels: what is known of where it is and of what
+    drives it; tested: whether its form was. A cause ``empirical`` has no law, and its ``probability`` is 0.
     """
 
     cause: Cause
@@ -48,18 +52,24 @@ class Named:
     equivalents: tuple[Member, ...]
     gain: float = 0.0
     family: str = ""
+    levels: Levels = UNKNOWN
+    tested: bool = True
 
     @property
-    def present(self) -> float:
-        """Probability that it is there or something like it, with a name or without."""
-        alike = [m.probability for m in self.equivalents if m.cause.effect == Empirical.slug]
-        return min(1.0, self.certainty + sum(alike))
+    def nameless(self) -> bool:
+        """Whether only its place and its driver are known."""
+        return self.cause.effect == Empirical.slug
+
+    @property
+    def said(self) -> bool:
+        """Whether it is more probable than not: its place with its driver, or one of the names of its class."""
+        return max(self.levels.driver, self.certainty) >= NAMED
 
 
 def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
-    """Causes of the mode whose class is more probable than not, the best supported first; families place by place.
+    """Causes of the mode, the best supported first, families place by place; then what has a place and a driver only.
 
-    Some may turn out to be only like their name: their certainty is below ``NAMED`` then.
+    Not all of them are more probable than not (``Named.said``).
     """
     problem = found.weighed
     causes = dict.fromkeys(int(problem.weighing.terms.cause[term]) for term, _ in found.mode.members)
@@ -71,14 +81,50 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
                 if problem.causes[number].family
                 else _single(found, said, number)
             )
-    names = _weighed(found, said, _merged(out))
-    own = {n.cause for n in names if n.certainty >= NAMED}
-    return tuple(sorted((_told_once(n, said, own) for n in names), key=lambda n: -n.gain))
+    machine, cat = found.signatures.machine, found.catalogue
+    presence = Presence(machine, cat, problem, found.posterior, said.families)
+    names = [_with_levels(found, presence, n) for n in _weighed(found, said, _merged(out))]
+    own = {n.cause for n in names if n.said}
+    told = sorted((_told_once(n, said, own) for n in names), key=lambda n: -n.gain)
+    return (*told, *_nameless(found, presence, told))
+
+
+def _with_levels(found: Found, presence: Presence, one: Named) -> Named:
+    kind = found.catalogue.candidates[one.candidates[0]].kind
+    levels = presence.levels(one.cause.effect, one.cause.place, kind, one.probability)
+    return replace(one, levels=levels)
+
+
+def _nameless(found: Found, presence: Presence, names: Sequence[Named]) -> list[Named]:
+    """Forms of the mode whose place and driver are known and that no name speaks of, the largest first."""
+    cat, machine = found.catalogue, found.signatures.machine
+    spoken = {
+        (part, driver_of(n.levels.kind))
+        for n in names
+        if n.said
+        for part in parts_of(machine, n.cause.effect, n.cause.place)
+    }
+    groups: dict[tuple[tuple[str, ...], str], list[int]] = {}
+    for term, _ in found.mode.members:
+        for i in found.weighed.candidates[term]:
+            placed = cat.candidates[i]
+            if not cat.named(i) and (placed.place[0], driver_of(placed.kind)) not in spoken:
+                groups.setdefault((placed.place, driver_of(placed.kind)), []).append(i)
+    if not groups:
+        return []
+    gains = supports(found.weighed.weighing, found.mode, [_places(found, own) for own in groups.values()])
+    out = []
+    for ((place, _), own), gain in zip(groups.items(), gains, strict=True):
+        levels = presence.levels(Empirical.slug, place, cat.candidates[own[0]].kind, 0.0)
+        if levels.driver >= NAMED:
+            cause = Cause(Empirical.slug, place)
+            out.append(Named(cause, tuple(own), 0.0, 0.0, (), gain, levels=levels))
+    return sorted(out, key=lambda n: -n.gain)
 
 
 def as_named(said: Inclusion, names: Sequence[Named]) -> Inclusion:
     """Each cause with the probability that its name has: less than there is by what is only like it."""
-    own = {(n.cause.effect, n.cause.place): n.probability for n in names}
+    own = {(n.cause.effect, n.cause.place): n.probability for n in names if not n.nameless}
     ranked = sorted({**said.places, **own}.items(), key=lambda item: -item[1])
     return replace(said, places=dict(ranked))
 
@@ -89,27 +135,10 @@ def _weighed(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Name
         return []
     gains = supports(found.weighed.weighing, found.mode, [_places(found, n.candidates) for n in names])
     held = forms_hold(found, said.nameless, [n.candidates for n in names])
-    left = _left_over(found, said, names)
     return [
-        _beside_alike(name, gain, share / (1.0 + share * odds))
-        for name, gain, share, odds in zip(names, gains, held, left, strict=True)
+        replace(_beside_alike(name, gain, like.itself), tested=like.tested)
+        for name, gain, like in zip(names, gains, held, strict=True)
     ]
-
-
-def _left_over(found: Found, said: Inclusion, names: Sequence[Named]) -> list[float]:
-    """Odds that each name, with its whole family, is what a form without a name leaves of the thing that it stands for."""
-    cat = found.catalogue
-    every = [i for term, _ in found.mode.members for i in found.weighed.candidates[term]]
-    families = {n.family: [i for m in names if m.family == n.family for i in m.candidates] for n in names}
-    whole = [families[n.family] if n.family else n.candidates for n in names]
-    places = dict.fromkeys(cat.cause(i) for i in every if not cat.named(i))
-    nameless = [[i for i in every if cat.cause(i) == place] for place in places]
-    others = [[i for i in every if i not in one] for one in map(frozenset, nameless)]
-    parts = [_places(found, some) for some in (*whole, *nameless, *others, every)]
-    *gains, together = supports(found.weighed.weighing, found.mode, parts)
-    worth, rest = gains[: len(names)], np.array(gains[len(names) :]).reshape(2, -1)
-    largest = np.max(np.maximum(rest[0], together - rest[1]), initial=0.0)  # beside all others, or by itself
-    return [left_over(said.nameless, gain, float(largest)) for gain in worth]
 
 
 def _beside_alike(one: Named, gain: float, held: float) -> Named:
@@ -174,8 +203,6 @@ def _single(found: Found, said: Inclusion, number: int) -> list[Named]:
     others = sum(min(row[k], 1.0) for k in rivals)
     # all that may be in the slot, what has no name included
     certainty = min(1.0, own + sum(row[k] for k in rivals if problem.causes[k].effect != Empirical.slug))
-    if certainty < NAMED:
-        return []
     kept = float(min(1.0, max(1.0 - own, 0.0) / others)) if others > 0.0 else 1.0
     shown = tuple(
         Member(rival, kept * share, float(np.log(share / max(row[number], 1e-9))))
@@ -215,7 +242,7 @@ def _of_family(found: Found, said: Inclusion, number: int) -> list[Named]:
         certainty = min(
             1.0, probability + sum(m.probability for m in rivals if m.cause.effect != Empirical.slug)
         )
-        if certainty > NAMED:
+        if certainty > LEADING:
             held = tuple(problem.candidates[term][k] for term in terms)
             out.append(Named(single, held, probability, certainty, rivals, family=single.effect))
     return out

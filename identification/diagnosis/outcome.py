@@ -1,30 +1,28 @@
-"""From a posterior to what is said: names, the verdict, and the models that stand behind both."""
+"""From a posterior to what is said and what is applied: names, the verdict, and the models that stand behind both."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.diagnosis.applied import Choice, Model, chosen_model, refit, told
 from truepose.identification.diagnosis.average import averaged
-from truepose.identification.diagnosis.inclusion import Inclusion, inclusion
+from truepose.identification.diagnosis.holdout import Comparison, held_out_blocks
 from truepose.identification.diagnosis.judgement import Judgement, judged
-from truepose.identification.diagnosis.model import Shape, fitted, remainder_shapes
-from truepose.identification.diagnosis.naming import NAMED, Named, as_named, named
+from truepose.identification.diagnosis.model import remainder_shapes
 from truepose.identification.diagnosis.proof import prove
-from truepose.identification.diagnosis.result import Proof
+from truepose.identification.diagnosis.result import WHOLE, Applied, Proof
 from truepose.identification.diagnosis.search import Found, chosen
+from truepose.identification.diagnosis.summary import SURE, Summary, summarised, verdict
 from truepose.identification.diagnosis.weighed import WIDE
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import summarise
-from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-SURE = 0.9
-"""Probability from which on something without a name is said to be there."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +41,13 @@ class Fits:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was named, what has no name, and the verdict.
+    """What is said, what has no name, and the verdict.
 
-    likeliest: the fit with the likeliest set, which findings and proof speak of; after: the one that predicts, with what
-    other sets hold. raised, left: the alarms before and after; gain: what ``proof`` is worth, by kind of reading (mm, rad).
+    likeliest: the fit with the likeliest set, which findings and proof speak of; after: the one that is applied. raised, left:
+    the alarms before and after; gain: what forms without a name add on held-out rows, by kind of reading (mm, rad).
     """
 
-    names: tuple[Named, ...]
+    summary: Summary
     nameless: tuple[int, ...]
     likeliest: Estimate
     after: Estimate
@@ -57,71 +55,94 @@ class Outcome:
     verdict: str
     raised: Judgement
     left: Judgement
-    said: Inclusion
     gain: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class _Model:
-    """The likeliest set: candidates with their spreads, forms of the remainder, and the fit with both."""
-
-    accepted: Mapping[int, float]
-    shapes: tuple[Shape, ...]
-    fit: Estimate
-
-    def nameless(self, found: Found) -> tuple[int, ...]:
-        """What has no name and is in the fit."""
-        cat, held = found.catalogue, {e.label for e in self.fit.effects}
-        every = (*(i for i in self.accepted if not cat.named(i)), *(s.candidate for s in self.shapes))
-        return tuple(i for i in every if cat.candidates[i].label in held)
+    applied: Applied
 
 
 def concluded(fits: Fits, found: Found) -> Outcome:
-    """Names, what has none, and the verdict."""
-    recording, said = found.signatures.recording, inclusion(found.weighed, found.posterior)
+    """What is said, and what is applied."""
+    recording = found.signatures.recording
     raised = judged(fits.free, fits.before, found.linearisation_before, recording)
     model = _likeliest(fits, found)
-    every = tuple(n for n in named(found, said) if set(n.candidates) <= set(model.accepted))
-    said, nameless = as_named(said, every), model.nameless(found)
-    main = next((i for n in every for i in n.candidates), next(iter(nameless), None))
-    proof = prove(fits.before, model.fit, found, main, fits.outliers) if main is not None else None
-    names = tuple(n for n in every if n.certainty >= NAMED)
-    verdict = _verdict(every, raised, proof, sure=said.nameless > SURE)
-    if verdict == "adequate":
-        return Outcome((), (), fits.before, fits.before, None, verdict, raised, raised, said, {})
-    after = averaged(found, model.fit)
-    left = judged(after, after, found.linearisation, recording) if names else raised
-    gain = _gain(fits.before, recording, proof) if nameless else {}
-    told = proof if names else None
-    return Outcome(names, nameless, model.fit, after, told, verdict, raised, left, said, gain)
+    found = _there(found, model)
+    summary, nameless = summarised(found, model.fit), model.nameless(found)
+    choice = Choice.of(
+        found,
+        fits.before,
+        fits.outliers,
+        held_out_blocks(recording, fits.before.used),
+        _known(found, summary),
+    )
+    whole = choice.compared(model.fit)
+    main = next((i for n in summary.laws for i in n.candidates), next(iter(nameless), None))
+    proof = None if main is None else prove(fits.before, model.fit, whole, found, main, fits.outliers)
+    said = verdict(summary, raised, worth=proof is not None and proof.ratio < 1.0)
+    if said == "adequate":
+        same = choice.plain.against(choice.plain)
+        applied = told("plain", same, same)
+        return Outcome(summary, (), fits.before, fits.before, None, said, raised, raised, {}, applied)
+    names = _names(fits, found, model)
+    after, applied = _applied(choice, model, names, summary, whole)
+    left = judged(after, after, found.linearisation, recording)
+    gain = _gain(choice, names, whole) if nameless else {}
+    proof = proof if summary.laws else None
+    return Outcome(summary, nameless, model.fit, after, proof, said, raised, left, gain, applied)
 
 
-def _likeliest(fits: Fits, found: Found) -> _Model:
+def _there(found: Found, model: Model) -> Found:
+    """Linear at the likeliest model's own fit, so that the form of everything it holds is tested."""
+    held = {effect.label for effect in model.fit.effects}
+    if held == {effect.label for effect in found.fit.effects}:
+        return found
+    return replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
+
+
+def _known(found: Found, summary: Summary) -> list[str]:
+    """Labels of terms whose law is sure."""
+    sure = [i for n in summary.laws if n.probability >= SURE for i in n.candidates]
+    return [found.catalogue.candidates[i].label for i in sure]
+
+
+def _likeliest(fits: Fits, found: Found) -> Model:
     """Where no minimum is found with the likeliest set, the fit of the last expansion point stands, and what it holds."""
     accepted = dict.fromkeys(found.catalogue.stated, WIDE) | chosen(found.weighed, found.mode)
     shapes = remainder_shapes(found)
-    fit = fitted(found, accepted, shapes, fits.outliers) if accepted or shapes else fits.before
-    return _Model(dict(found.accepted), (), found.fit) if fit is None else _Model(accepted, shapes, fit)
+    if not accepted and not shapes:
+        return Model(accepted, (), fits.before)
+    model = refit(found, accepted, shapes, fits.outliers)
+    return Model(dict(found.accepted), (), found.fit) if model is None else model
 
 
-def _gain(before: Estimate, recording: Recording, proof: Proof | None) -> Mapping[str, float]:
-    """By how much the model lowers the rms of held-out rows, by kind of reading (mm, rad); nothing where it does not."""
-    if proof is None or proof.ratio >= 1.0:
+def _names(fits: Fits, found: Found, model: Model) -> Model | None:
+    """The model with names alone; itself where it has nothing else, None where it has no names."""
+    own = {i: s for i, s in model.accepted.items() if found.catalogue.named(i)}
+    if not own:
+        return None
+    return refit(found, own, (), fits.outliers) if model.nameless(found) else model
+
+
+def _applied(
+    choice: Choice, model: Model, names: Model | None, summary: Summary, whole: Comparison
+) -> tuple[Estimate, Applied]:
+    """What is applied: averaged over explanations where all that was found may be, else the largest model that may."""
+    sure = [i for n in summary.laws if n.probability >= SURE for i in n.candidates]
+    label, less, held = chosen_model(choice, model, names, sure, whole)
+    if less is None:
+        return choice.before, told(label, held, whole)
+    if label != WHOLE:
+        return less.fit, told(label, held, whole)
+    after = averaged(choice.found, model.fit)
+    seen = choice.as_it_is(after)
+    if seen is None:
+        return after, told(label, held, whole)
+    return (model.fit, told(label, held, whole)) if seen.worse else (after, told(label, seen, seen))
+
+
+def _gain(choice: Choice, names: Model | None, whole: Comparison) -> Mapping[str, float]:
+    """By how much forms without a name lower the rms of held-out rows beside the names, by kind of reading (mm, rad)."""
+    without = 1.0 if names is None else choice.compared(names.fit).ratio
+    if whole.ratio >= without:
         return {}
-    summary = summarise(before, recording.validation)
+    summary = summarise(choice.before, choice.found.signatures.recording.validation)
     rms = summary.validation_rms or summary.rms
-    return {kind: (1.0 - proof.ratio) * value for kind, value in rms.items()}
-
-
-def _verdict(every: tuple[Named, ...], raised: Judgement, proof: Proof | None, *, sure: bool) -> str:
-    if any(n.certainty >= NAMED for n in every):
-        return "missing-physics"
-    if any(n.present >= NAMED for n in every):
-        return "unknown"  # it is there, and its name is doubtful
-    return _without_names(raised, proof, sure=sure)
-
-
-def _without_names(raised: Judgement, proof: Proof | None, *, sure: bool) -> str:
-    """``unknown`` where something ``sure`` is worth something or makes a clear misfit, or where noise alone cannot make it."""
-    worth = proof is not None and proof.ratio < 1.0
-    return "unknown" if (sure and (worth or raised.clear)) or raised.misfits else "adequate"
+    return {kind: (without - whole.ratio) * value for kind, value in rms.items()}

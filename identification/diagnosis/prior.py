@@ -1,8 +1,7 @@
 """Prior numbers of a diagnosis: how many effects machines have, of which kind and size, and how far sigma is off.
 
-One table for all machines. ``ONLY_ALIKE``, ``PART_OF_IT``, ``LEFT_OF_IT`` and ``LEFT_SHARE`` were fitted on simulated
-machines of development seeds (``benchmarks/prior_numbers.py``), the others chosen before anything was examined with them;
-none on the examination.
+One table for all machines. ``ONLY_ALIKE`` and ``PART_OF_IT`` were fitted on simulated machines of development
+seeds, the others chosen before anything was examined with them; none on the examination.
 """
 
 from __future__ import annotations
@@ -22,19 +21,23 @@ SEVERAL_FORMS = 1.0
 """How likely all forms without a name of one place are at once, in terms of one of them alone."""
 ONLY_ALIKE, PART_OF_IT = 0.3, 1.0
 """Odds that what looks like an effect is something else, of another form: by itself, and beside something without a name."""
-LEFT_OF_IT, LEFT_SHARE = 2.0, 0.5
-"""Odds that a name is what a form without a name leaves of the thing it stands for, where next to nothing speaks for the
-name; and how much such forms leave, as a share of what they are worth: its mean."""
 IN_FAMILY = 0.5
 """Probability that a place of a family that is there has the effect, before its own amplitude is seen."""
 FURTHER = 0.5
 """Probability that a cause which is there has a further term (another harmonic, another form)."""
 RICHNESS = Richness((0.02, 0.08, 0.3), tuple(np.log([0.5, 0.35, 0.15]).tolist()), 24)
 """Simple, usual and rich machines: 0.5, 2 and 7 effects are expected."""
-_SIZES = np.geomspace(1e-3, 10.0, 9)
-_SHARES = np.minimum(1.0, _SIZES**-2.0)
+_SIZES, RARER = np.geomspace(1e-3, 10.0, 9), 2.0
+_SHARES = np.minimum(1.0, _SIZES**-RARER)
 SIZES = Sizes(_SIZES, np.log(_SHARES / np.sum(_SHARES)))
 """Every size up to the largest expected one is as likely; beyond it, ten times larger is a hundred times rarer."""
+
+
+def beyond_usual(size: float) -> float:
+    """How many times rarer an effect of this size (in units of the largest usual one) is than of a usual size."""
+    return float(max(size, 1.0) ** RARER)
+
+
 REMAINDER = 0.5
 """Probability that there is a smooth remainder beside all effects."""
 NOISE_FROM, NOISE_STEP = 0.6, 0.1

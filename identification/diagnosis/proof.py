@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.alone import weighed_alone
-from truepose.identification.diagnosis.holdout import ROLE, held_out, held_out_blocks, ratio_interval
+from truepose.identification.diagnosis.holdout import ROLE, Comparison, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.result import Proof
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import weighed
@@ -32,10 +32,12 @@ LIFT = 1e-9
 """Added to a unit diagonal: columns may depend on each other."""
 
 
-def prove(before: Estimate, after: Estimate, found: Found, main: int, outliers: Mask) -> Proof:
-    """All four proofs of the fit ``after``; ``main``: its best supported candidate; ``outliers`` (n,): rows left out."""
+def prove(
+    before: Estimate, after: Estimate, held: Comparison, found: Found, main: int, outliers: Mask
+) -> Proof:
+    """All four proofs of the fit ``after``, ``held`` out against ``before``; ``main``: its best supported candidate;
+    ``outliers`` (n,): rows left out."""
     recording = found.signatures.recording
-    held = held_out(before, after, recording, outliers)
     ratio, interval = ratio_interval(held.before, held.after)
     return Proof(
         held_out=held.split,

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from truepose.identification.diagnosis.alarms import Alarm, Structure
+from truepose.identification.diagnosis.levels import UNKNOWN, Levels
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Untestable
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 
 
@@ -57,7 +59,8 @@ class Finding:
     """One named effect at its place (or places with one cause).
 
     explanation, experiment: what its entry of the catalogue says. family: the effect, where it was found at all its places
-    under one size; replication: None where the halves hold too little.
+    under one size; replication: None where the halves hold too little. levels: what is known of where it is and what drives
+    it; ``probability`` is that of its law, 0 for ``empirical``, which has none; tested: whether the law's form could be.
     """
 
     effect: str
@@ -74,6 +77,23 @@ class Finding:
     experiment: str
     family: str = ""
     replication: Replication | None = None
+    levels: Levels = UNKNOWN
+    tested: bool = True
+
+    @property
+    def nameless(self) -> bool:
+        """Whether only its place and its driver are known."""
+        return self.effect == Empirical.slug
+
+
+@dataclass(frozen=True)
+class Lead:
+    """What leads, less probable than not: an effect, its place, what is known of it, the probability of its law."""
+
+    effect: str
+    place: tuple[str, ...]
+    levels: Levels
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -132,14 +152,43 @@ class Proof:
     injected_recovered: bool | None
 
 
+WHOLE = "whole"
+"""All that was found is applied."""
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """Rms error of the tool's position on held-out rows after a rigid refit, mm: of plain calibration, and of a model."""
+
+    plain: float
+    model: float
+
+
+@dataclass(frozen=True)
+class Applied:
+    """Which model ``improved.yaml`` holds, and how it was judged on rows that were not fitted.
+
+    model: ``whole`` (all that was found, averaged over explanations), ``without-sensor-forms``, ``names``, ``sure-names``, or
+    ``plain`` (plain calibration). held_out: the split; pose: None where no sensor reads the tool's position; ratio: of the
+    rms of readings, over plain calibration's. whole_pose, whole_ratio: the same of all that was found.
+    """
+
+    model: str
+    held_out: str
+    pose: PoseError | None
+    ratio: float
+    whole_pose: PoseError | None
+    whole_ratio: float
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """The whole outcome.
 
     noise: in stated sigmas, and inflation: how many times wider than stated the tolerances of each class of parts look,
     both in the posterior. sets: the likeliest sets of effects; inclusion: every effect at every place with its probability;
-    disagreement: largest difference
-    of a probability between the posterior's chains. ``truepose.identification.report.results`` writes it down.
+    leading: what is less probable than not, but leads; disagreement: largest difference of a probability between the
+    posterior's chains; applied: what ``after`` holds, and why. ``truepose.identification.report.results`` writes it down.
     """
 
     machine: Machine
@@ -165,4 +214,6 @@ class Diagnosis:
     inflation: Mapping[PartClass, float]
     sets: tuple[SetOfEffects, ...] = ()
     inclusion: tuple[Alternative, ...] = ()
+    leading: tuple[Lead, ...] = ()
     disagreement: float = 0.0
+    applied: Applied | None = None

@@ -70,7 +70,7 @@ class Weighed:
     """The posterior's problem, and what its numbers mean.
 
     candidates: for each term those of the catalogue that it consists of; causes: by number; classes: of parts, in the order of
-    the grid's widenings. remainder (c, r): turns its r directions into coefficients of the nameless candidates' columns of G.
+    the grid's widenings. remainder (c, r): turns its r directions into coefficients of ``nameless`` (c,), columns of G.
     """
 
     weighing: Weighing
@@ -83,9 +83,7 @@ class Weighed:
 
 def weighed(lin: Linearisation, cat: Catalogue, rms: float, impossible: Collection[int] = ()) -> Weighed:
     """``rms`` of the whitened residual of the ordinary fit bounds the noise and the remainder."""
-    nameless = np.array(
-        lin.indices([i for i in range(len(cat.candidates)) if not cat.named(i)]), dtype=np.intp
-    )
+    nameless = np.array(lin.indices(cat.smooth), dtype=np.intp)
     turn = _remainder(lin, cat, nameless)
     members, causes, terms = _terms(cat, lin, impossible)
     classes = tuple(dict.fromkeys(lin.parts))
@@ -99,13 +97,14 @@ def weighed(lin: Linearisation, cat: Catalogue, rms: float, impossible: Collecti
 
 
 def _remainder(lin: Linearisation, cat: Catalogue, nameless: NDArray[np.intp]) -> Array:
-    """(c, r) the remainder: all nameless forms at once, sharing one variance in the readings; its directions that are seen."""
+    """(c, r) the remainder: the robot's nameless forms all at once, sharing one variance in the readings; its directions that
+    are seen."""
     if not len(nameless):
         return np.zeros((0, 0))
     at = lin.free + nameless
     gram = lin.gram[np.ix_(at, at)]
     rms = np.sqrt(np.diag(gram) / lin.n_observations)
-    sizes = [len(c.coefficients) for i, c in enumerate(cat.candidates) if not cat.named(i)]
+    sizes = [len(cat.candidates[i].coefficients) for i in cat.smooth]
     share = np.concatenate([np.full(k, (k * len(sizes)) ** -0.5) for k in sizes])
     seen = rms > 1e-9 * np.max(rms)
     scale = np.where(seen, share / np.where(seen, rms, 1.0), 0.0)

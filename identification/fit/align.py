@@ -30,10 +30,10 @@ def aligned_start(predictor: Predictor) -> Array:
         x, good = predictor.assemble(p)
         names, values, _, poses = predictor.columns(p, x)
         rows = good & ~predictor.recording.validation
-        predicted, measured = _points(predictor, names, values, rows)
+        predicted, measured = seen_points(predictor, names, values, rows)
         if len(predicted) < 3:
             return p
-        rotation, shift = _kabsch(predicted, measured)
+        rotation, shift = rigid_motion(predicted, measured)
         _move_base(predictor, p, rotation, shift)
         if not _wide(machine, "tool") or not _turn_tool(predictor, p, rows, rotation @ poses[rows, :3, :3]):
             break
@@ -45,10 +45,10 @@ def _wide(machine: Machine, frame: str) -> bool:
     return max(tolerance[:3]) > WIDE_LENGTH or max(tolerance[3:]) > WIDE_ANGLE
 
 
-def _points(
+def seen_points(
     predictor: Predictor, names: list[str], values: Array, rows: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Predicted and measured points (k, 3) of every point that has three position channels."""
+    """Predicted and measured points (k, 3) of every point that has three position channels; ``values`` (n, columns)."""
     predicted, measured = [], []
     channels = [c.name for c in predictor.channels if c.kind == "position" and c.name in names]
     for k in range(0, len(channels), 3):
@@ -58,7 +58,7 @@ def _points(
     return (np.vstack(predicted), np.vstack(measured)) if predicted else (np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def _kabsch(source: Array, target: Array) -> tuple[Array, Array]:
+def rigid_motion(source: Array, target: Array) -> tuple[Array, Array]:
     """Rotation and shift that bring ``source`` onto ``target`` in least squares."""
     a, b = source.mean(axis=0), target.mean(axis=0)
     u, _, vt = np.linalg.svd((target - b).T @ (source - a))

@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from truepose.identification.diagnosis.naming import CERTAIN
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
 from truepose.identification.report.document import Tone
+from truepose.identification.report.level_words import driver_clauses, lead_words, level_of, levels_words
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import known, percent, significant
 from truepose.models.effects.base import Effect, effects
 from truepose.models.effects.of_rows import OF_ROWS
 from truepose.wording import joined
 
+LEADS = 3
+"""Most of what leads that the headline names."""
 DOUBTFUL = 0.2
 """Probability in a half of the rows below which that is said."""
 _SHARED = ("order", "steps", "linear", "quadratic", "periodic")
@@ -53,8 +56,12 @@ def named(item: Finding | Alternative) -> str:
 
 
 def set_words(effects: Sequence[tuple[str, tuple[str, ...]]]) -> str:
-    """Effects of a set with their places; that nothing is missing for the empty one."""
-    return "; ".join(f"{slug} {place_words(place)}".strip() for slug, place in effects) or "nothing missing"
+    """Effects of a set with their places; that no effect is there for the empty one, whose noise explains the rest."""
+    said = [
+        f"{slug} {place_words(place)}" if place else "a smooth remainder without a place"
+        for slug, place in effects
+    ]
+    return "; ".join(said) or "no effect"
 
 
 def several(count: int, one: str, many: str = "") -> str:
@@ -69,21 +76,25 @@ def headline(diagnosis: Diagnosis) -> tuple[str, Tone]:
     if diagnosis.verdict == "missing-physics" and diagnosis.findings:
         return f"{model} {joined(_faults(diagnosis.findings))}{misfit}.", "warn"
     if diagnosis.verdict == "unknown":
-        left = diagnosis.remainder
+        left, leads = diagnosis.remainder, diagnosis.leading[:LEADS]
         where = f" What is left seems to {follows(left)}." if left is not None else ""
-        return f"{model} lacks something that no effect of the catalogue explains{misfit}.{where}", "warn"
+        first = f" Leading: {'; '.join(map(lead_words, leads))}." if leads else ""
+        return f"{model} lacks something whose place and driver are not known{misfit}.{where}{first}", "warn"
     beside = [named(f) for f in diagnosis.findings]
     rest = f" Apart from {joined(beside)}, these" if beside else " These"
     return f"{model} is adequate{misfit}.{rest} readings show nothing that it leaves out.", "good"
 
 
 def _faults(findings: Sequence[Finding]) -> list[str]:
-    """What is wrong with the model, as verbs with their objects."""
-    wrong = [_or_alike(f) for f in findings if f.effect == "wrong-constant"]
-    absent = [_or_alike(f) for f in findings if f.effect not in ("wrong-constant", *OF_ROWS)]
+    """What is wrong with the model, as verbs with their objects; each finding at the deepest level that is known."""
+    law = [f for f in findings if level_of(f) == "law" and f.effect not in OF_ROWS]
+    wrong = [_or_alike(f) for f in law if f.effect == "wrong-constant"]
+    absent = [_or_alike(f) for f in law if f.effect != "wrong-constant"]
     rows = [named(f) for f in findings if f.effect in OF_ROWS]
     out = [f"leaves out {joined(absent)}"] if absent else []
     out += [f"has a {joined(wrong)}"] if wrong else []
+    clauses = driver_clauses([f for f in findings if f.effect not in OF_ROWS])
+    out += [f"does not hold that {joined(clauses)}"] if clauses else []
     return out + ([f"was fitted beside {joined(rows)}"] if rows else [])
 
 
@@ -167,7 +178,9 @@ def concealed_words(diagnosis: Diagnosis) -> str:
 
 
 def certainty_words(finding: Finding) -> str:
-    """How sure, for the name and for its class."""
+    """How sure, at each level, and of the class."""
+    if finding.levels.driver > 0.0:
+        return " ".join([levels_words(finding), *_class_words(finding)])
     own = f"Probability {percent(finding.probability)} that it is {finding.effect}"
     own = f"{own} {place_words(finding.place)}".rstrip()
     if not finding.equivalents:
@@ -178,6 +191,16 @@ def certainty_words(finding: Finding) -> str:
         f" {several(len(finding.equivalents) + 1, 'explanation')} below, which these readings cannot tell"
         " apart."
     )
+
+
+def _class_words(finding: Finding) -> list[str]:
+    if not finding.equivalents or finding.nameless:
+        return []
+    several_words = several(len(finding.equivalents) + 1, "explanation")
+    return [
+        f"{percent(finding.certainty)} that it is one of the {several_words} below with a name, which these readings"
+        " cannot tell apart."
+    ]
 
 
 def tolerance_words(finding: Finding) -> str:

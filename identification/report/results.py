@@ -8,11 +8,15 @@ from types import MappingProxyType
 import numpy as np
 
 from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.levels import Levels
 from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import (
     Alternative,
+    Applied,
     Diagnosis,
     Finding,
+    Lead,
+    PoseError,
     Quantity,
     Remainder,
     Replication,
@@ -27,6 +31,7 @@ from truepose.identification.report.json_text import Json, finite
 from truepose.identification.report.notes import diagnosis_notes
 from truepose.identification.report.unseen_words import meaning
 from truepose.models.effects.base import effects
+from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 
 DIAGNOSIS_SCHEMA = "truepose/diagnosis/1"
@@ -47,6 +52,11 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "alarms": {name: _alarm(a) for name, a in diagnosis.alarms.items()},
         "alarms_after": {name: _alarm(a) for name, a in diagnosis.alarms_after.items()},
         "findings": [*(_finding(f) for f in diagnosis.findings), *_outliers(diagnosis)],
+        "leading": [
+            {"effect": one.effect, "place": list(one.place), "probability": one.probability}
+            | {"levels": _levels(one.levels, _law(one))}
+            for one in diagnosis.leading
+        ],
         "sets": [
             {"effects": [[slug, list(place)] for slug, place in s.effects], "probability": s.probability}
             for s in diagnosis.sets
@@ -72,6 +82,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
             "black_box_ratio": proof.black_box_ratio,
             "injected_recovered": proof.injected_recovered,
         },
+        "applied": diagnosis.applied and _applied(diagnosis.applied),
         "parameters": parameters_json(diagnosis.after),
         "notes": list(diagnosis_notes(diagnosis)),
     }
@@ -184,12 +195,40 @@ def _finding(finding: Finding) -> Json:
         "equivalents": [_alternative(a) for a in finding.equivalents],
         "parameters": {name: _quantity(q) for name, q in finding.parameters.items()},
         "settings": [dict(s) for s in finding.settings],
+        "levels": _levels(finding.levels, _law(finding)),
+        "law_tested": finding.tested,
         "prior_dependent": finding.prior_dependent,
         "flip_lambda": finding.flip_lambda,
         "family": finding.family or None,
         "replication": finding.replication and _replication(finding.replication),
         "explanation": explanation(finding),
         "separating_experiment": separating_experiment(finding),
+    }
+
+
+def _law(one: Finding | Lead) -> float | None:
+    """The probability of a law; None where there is none."""
+    return None if one.effect == Empirical.slug else one.probability
+
+
+def _levels(levels: Levels, law: float | None) -> Json:
+    """What is known of where something is, of what drives it, and of its law."""
+    driver = {"kind": levels.kind, "probability": levels.driver}
+    return {"place": levels.place, "driver": driver, "law": law}
+
+
+def _applied(applied: Applied) -> Json:
+    """Which model ``improved.yaml`` holds, and its errors on held-out rows beside plain calibration's."""
+
+    def pose(error: PoseError | None) -> Json | None:
+        return None if error is None else {"plain": error.plain, "model": error.model, "unit": "mm"}
+
+    return {
+        "model": applied.model,
+        "held_out": applied.held_out,
+        "pose": pose(applied.pose),
+        "readings_ratio": applied.ratio,
+        "all_that_was_found": {"pose": pose(applied.whole_pose), "readings_ratio": applied.whole_ratio},
     }
 
 
@@ -219,6 +258,8 @@ def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str
         "equivalents": [],
         "parameters": {},
         "settings": [],
+        "levels": {"place": 0.999, "driver": {"kind": "sensor", "probability": 0.999}, "law": 0.999},
+        "law_tested": False,
         "prior_dependent": False,
         "flip_lambda": None,
         "family": None,

@@ -8,7 +8,9 @@ from typing import Any
 
 from truepose.identification.diagnosis.result import Alternative, Diagnosis
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.report.diagnosis_words import explanation, form_words, set_words
+from truepose.identification.report.applied_words import applied_words
+from truepose.identification.report.diagnosis_words import LEADS, explanation, form_words, set_words
+from truepose.identification.report.level_words import driver_clauses, lead_words, level_of, levels_words
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.results import diagnosis_json
 from truepose.identification.report.verdict_reasons import doubts
@@ -21,7 +23,18 @@ def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict
     whole = diagnosis_json(result)
     kept = {
         key: whole[key]
-        for key in ("verdict", "concealed", "alarms", "findings", "sets", "remainder", "fit", "proof")
+        for key in (
+            "verdict",
+            "concealed",
+            "alarms",
+            "findings",
+            "leading",
+            "sets",
+            "remainder",
+            "fit",
+            "proof",
+            "applied",
+        )
     }
     return {"command": command, **kept, "files": files}
 
@@ -31,13 +44,17 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
     words = {
         "adequate": "the model is adequate",
         "missing-physics": "physics is missing",
-        "unknown": "something is missing, unnamed",
+        "unknown": "something is missing; neither its place nor its driver is known",
     }
     hidden = ", though the ordinary fit looked good" if result.concealed else ""
     lines = [f"{result.machine.name}: {words[result.verdict]}{hidden}{misfit_clause(result)}"]
-    for finding in result.findings:
+    lines += [f"  {said}" for said in applied_words(result.applied)]
+    nameless = [finding for finding in result.findings if finding.nameless]
+    for finding in (f for f in result.findings if not f.nameless):
         who = f"{finding.effect} at {', '.join(finding.place)}"
         lines.append(f"  {who} (probability {_percent(finding.probability)}): {explanation(finding)}")
+        if level_of(finding) != "law" and finding.levels.driver:
+            lines.append(f"    {levels_words(finding)}")
         shown = list(finding.parameters.items())
         for name, q in shown[:SHOWN]:
             unit = "" if q.unit == "1" else f" {q.unit}"
@@ -46,6 +63,9 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
             lines.append(f"    and {len(shown) - SHOWN} more in diagnosis.json")
         if finding.equivalents:
             lines.append("    could also be: " + "; ".join(_alternative(e) for e in finding.equivalents[:4]))
+    lines += [f"  without a name: {said}" for said in driver_clauses(nameless)]
+    if result.leading and not result.findings:
+        lines += [f"  leading: {lead_words(one)}" for one in result.leading[:LEADS]]
     if result.remainder is not None:
         lines.append(f"  remainder follows {result.remainder.driver}: {form_words(result.remainder)}")
     lines += [f"  speaks against it: {said}" for said in doubts(result)]

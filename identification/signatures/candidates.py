@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -56,6 +57,13 @@ class Catalogue:
         """What a candidate blames, at whatever settings: slug and place."""
         placed = self.candidates[index]
         return placed.effect.slug, placed.place
+
+    @cached_property
+    def smooth(self) -> tuple[int, ...]:
+        """Forms without a name that may make up a smooth remainder: those of the robot. Its sensors are as good as stated."""
+        return tuple(
+            i for i, placed in enumerate(self.candidates) if not self.named(i) and placed.kind != "sensor"
+        )
 
     def named(self, index: int) -> bool:
         """Whether a candidate is an effect of the catalogue."""

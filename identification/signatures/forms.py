@@ -1,7 +1,7 @@
 """Errors of form: a formula is right to some percent, so a large effect brings smooth deviations of its own.
 
-Its fitted signal is modulated by the first two Chebyshev polynomials of every joint and driver. Without them a large effect
-of slightly other form needs small false names beside it.
+The fitted signal of each cause (an effect at a place, all its terms together) is modulated by the first two Chebyshev
+polynomials of every joint and driver. Without them a large effect of slightly other form needs small false names beside it.
 """
 
 from __future__ import annotations
@@ -20,15 +20,14 @@ Array = NDArray[np.float64]
 ERROR = FORM_ERROR
 PAIR = 2
 """Modulations of a source: its first two polynomials."""
-MOST = 30
-"""Signals, the largest, that have errors of form of their own: those of small ones drown in the noise."""
-Signal = tuple[slice, Array]
+Signal = tuple[NDArray[np.intp], Array]
+"""Columns of G of one cause's terms, and their fitted coefficients."""
 
 
 @dataclass(frozen=True)
 class Forms:
-    """Modulations (n, u) of every row, the signals that are modulated: columns of G with the fitted coefficients; and the
-    joints and drivers that modulate, with ``PAIR`` modulations each."""
+    """Modulations (n, u) of every row, the signals that are modulated, and the joints and drivers that modulate them, with
+    ``PAIR`` modulations each."""
 
     modulations: Array
     signals: tuple[Signal, ...]
@@ -67,12 +66,6 @@ class Forms:
             for at, amplitude in self.signals
         ]
         return np.concatenate(out, axis=2) if out else np.zeros((*signature.shape[:2], 0))
-
-
-def largest(signals: Sequence[Signal], squares: Sequence[float]) -> list[Signal]:
-    """Those with the largest sums of squares in the readings."""
-    kept = sorted(sorted(range(len(signals)), key=lambda k: -squares[k])[:MOST])
-    return [signals[k] for k in kept]
 
 
 def _chebyshev(values: Array, used: NDArray[np.bool_]) -> Array:

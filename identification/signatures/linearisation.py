@@ -21,7 +21,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass, part_classes
-from truepose.identification.signatures.forms import Forms, largest
+from truepose.identification.signatures.forms import Forms
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
@@ -49,8 +49,8 @@ class Linearisation:
     weight: Array
     parts: tuple[PartClass, ...]
     candidates: tuple[PlacedEffect, ...]
-    bent: tuple[int, ...] = ()
-    """Candidates whose signals the errors of form bend, in their order; each has as many columns of F."""
+    bent: tuple[tuple[int, ...], ...] = ()
+    """Candidates of each cause whose signal the errors of form bend, in their order; each has as many columns of F."""
     sources: tuple[str, ...] = ()
     """Joints and drivers that bend them, ``PAIR`` columns each."""
 
@@ -110,7 +110,7 @@ class Signatures:
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
             tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n], parts,
-            self.candidates, tuple(self.columns.index(at) for at, _ in forms.signals), forms.sources,
+            self.candidates, tuple(tuple(own) for own in self._causes(fit).values()), forms.sources,
         )  # fmt: skip
 
     def _present(self, fit: Estimate) -> list[tuple[PlacedEffect, slice]]:
@@ -118,10 +118,25 @@ class Signatures:
         labels = {c.label: k for k, c in enumerate(self.candidates)}
         return [(effect, self.columns[labels[effect.label]]) for effect in fit.fitted_effects()]
 
+    def _causes(self, fit: Estimate) -> dict[tuple[str, tuple[str, ...]], list[int]]:
+        """Candidates of the fit by what they blame: slug and place."""
+        out: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+        for effect, at in self._present(fit):
+            out.setdefault((effect.effect.slug, effect.place), []).append(self.columns.index(at))
+        return out
+
     def _forms(self, fit: Estimate) -> Forms:
         """Errors of form of the fit's effects."""
-        signals = [(at, _amplitudes(e)) for e, at in self._present(fit)]
-        return Forms.of(self.recording, fit.used, largest(signals, _squares(fit)))
+        amplitudes = {self.columns.index(at): _amplitudes(e) for e, at in self._present(fit)}
+        signals = [
+            (np.array(self.indices(own), dtype=np.intp), np.concatenate([amplitudes[i] for i in own]))
+            for own in self._causes(fit).values()
+        ]
+        return Forms.of(self.recording, fit.used, signals)
+
+    def indices(self, chosen: Sequence[int]) -> list[int]:
+        """Columns of G of the chosen candidates."""
+        return [k for i in chosen for k in range(self.columns[i].start, self.columns[i].stop)]
 
     def _geometry(self, fit: Estimate) -> NDArray[np.intp]:
         """Indices of the free parameters, without effect coefficients."""
@@ -185,20 +200,6 @@ class Signatures:
             )
             out[:, :, columns] = jacobian[:, :, where] @ local
         return out
-
-
-def _squares(fit: Estimate) -> list[float]:
-    """Sum of squares of the whitened signal of each of the fit's effects."""
-    place = {int(k): i for i, k in enumerate(fit.prior.free)}
-    at, out = len(fit.machine.parameters), []
-    for effect in fit.fitted_effects():
-        size = len(effect.coefficients)
-        columns = [place.get(k) for k in range(at, at + size)]
-        own = [(c, a) for c, a in zip(columns, _amplitudes(effect), strict=True) if c is not None]
-        signal = sum((fit.factor[:, c] * a for c, a in own), np.zeros(len(fit.factor)))
-        out.append(float(signal @ signal))
-        at += size
-    return out
 
 
 def _amplitudes(effect: PlacedEffect) -> Array:

@@ -28,6 +28,7 @@ class AirRefraction(Effect):
     """
 
     slug = "air-refraction"
+    driven_by = "sensor"
     title = "Refraction of air that is not corrected"
     formula = "reading + share (n - n0) L, n - 1 = 2.7e-4 p / 1013.25 hPa * 293.15 K / T, n0 at 20 degC and 1013.25 hPa"
     size = "-0.92 ppm/K and +0.27 ppm/hPa of the whole path"

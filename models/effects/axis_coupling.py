@@ -20,6 +20,7 @@ class AxisCoupling(Effect):
     """Place (driven, driving): the driven joint moves by k times what the other's reading moves it."""
 
     slug = "axis-coupling"
+    driven_by = "coupling"
     title = "Coupling between two axes"
     formula = "dq_driven = k q_driving"
     size = "k of 1e-4 to 1e-2 in wrists whose gear trains run through each other"

@@ -40,6 +40,7 @@ class AxisWobble(Effect):
     """
 
     slug = "axis-wobble"
+    driven_by = "position-periodic"
     title = "Wobbling rotary axis"
     formula = (
         "tilt of the axis = (a + i b) exp(-i q) across it, in the frame that stands still (i: 90 deg about it); "

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.models.driver import TIME, Driver
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import (
+    Coefficient,
+    DriverKind,
+    Effect,
+    Observed,
+    Place,
+    Settings,
+    Shifts,
+    Site,
+    effects,
+)
 from truepose.models.effects.common import SECONDS_PER_HOUR, sensor_at, sensor_names, sensors_where, singly
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
 from truepose.models.machine import FRAMES, Machine
@@ -67,9 +77,9 @@ class Empirical(Effect):
     driver's own unit): a joint's reading or any driver. With one source it is a curve, Chebyshev polynomials up to
     ``degree`` (4; 2 for the six motions of a mount); a curve in the joint's own reading begins with the square. With
     two it is their product. A sensor's volume bends by squares and products of a point's coordinates, in units of
-    ``reach`` (mm). Outside of what was seen nothing is known: the form stays at its end's value, a line goes on for half
-    the range seen, and predictions say how little that means (``truepose.identification.prediction.predict``). No
-    diagnosis takes it for a name.
+    ``reach`` (mm), and by no more than its maker's sigma is expected: what is larger, the robot does. Outside of what was
+    seen nothing is known: the form stays at its end's value, a line goes on for half the range seen, and predictions say
+    how little that means (``truepose.identification.prediction.predict``). No diagnosis takes it for a name.
     """
 
     slug = "empirical"
@@ -109,8 +119,8 @@ class Empirical(Effect):
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         """One for a product; one a polynomial for a curve, from the square on in the joint's own reading."""
         if place[0] in sensor_names(machine):
-            names = [f"{axis}.{pair}" for axis in XYZ for pair in WARP]
-            return tuple(Coefficient(name, "mm", LARGEST["mm"]) for name in names)
+            largest = _stated_sigma(machine, place[0])
+            return tuple(Coefficient(f"{axis}.{pair}", "mm", largest) for axis in XYZ for pair in WARP)
         sources = _sources(machine, place, settings)
         if place[0] in FRAMES:
             return tuple(
@@ -135,6 +145,19 @@ class Empirical(Effect):
             return ()
         names = [source.name for source in _sources(machine, place, settings)]
         return tuple(name for name in names if name not in machine.mechanism.readings)
+
+    def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
+        """The joint's own position, another joint, or what kind of driver its source is."""
+        if place[0] in sensor_names(machine):
+            return "sensor"
+        names = [source.name for source in _sources(machine, place, settings)]
+        joints = machine.mechanism.readings
+        read = [
+            kind
+            for kind in (Driver.of(name).drives for name in names if name not in joints)
+            if kind is not None
+        ]
+        return read[0] if read else "position" if names == [place[0]] else "coupling"
 
     def shifts(self, site: Site) -> Shifts:
         """Chebyshev polynomials of one source, or a product of two; squares and products of coordinates."""
@@ -191,6 +214,11 @@ class Empirical(Effect):
 
     def explain(self, machine: Machine, place: Place) -> str:
         return f"Something at {place[0]} errs smoothly with what is recorded; no physics with a name was found for it."
+
+
+def _stated_sigma(machine: Machine, sensor: str) -> float:
+    """Largest 1-sigma of a point's coordinates as the instrument's maker states it, mm."""
+    return max(c.sigma for c in sensor_at(machine, sensor).channels if c.kind == "position")
 
 
 def _usual(machine: Machine, place: Place) -> dict[str, float]:

@@ -14,6 +14,7 @@ class EncoderEccentricity(Effect):
     """Once per turn with one read head, twice per turn with an oval disc or two opposite heads."""
 
     slug = "encoder-eccentricity"
+    driven_by = "position-periodic"
     title = "Eccentric encoder disc"
     formula = "dq = a sin(k q) + b cos(k q), k = 1 (disc off its axis) or 2 (oval disc, two read heads)"
     size = "amplitude e / R: 10 um at R = 50 mm gives 2e-4 rad (41 arcsec)"

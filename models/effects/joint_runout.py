@@ -38,6 +38,7 @@ class JointRunout(Effect):
     """
 
     slug = "joint-runout"
+    driven_by = "position-periodic"
     title = "Joint whose centre wanders as it turns"
     formula = (
         "centre of the joint shifts by e (c - c_home), c the unit vector of the leg across the first axis; a leg on "

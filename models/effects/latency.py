@@ -23,6 +23,7 @@ class Latency(Effect):
     """
 
     slug = "latency"
+    driven_by = "sensor"
     title = "Latency between joints and sensor"
     formula = "q - tau velocity"
     size = "milliseconds; the error is tau times the velocity: 10 um for 1 ms at 10 mm/s"

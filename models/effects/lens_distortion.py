@@ -27,6 +27,7 @@ class LensDistortion(Effect):
     """
 
     slug = "lens-distortion"
+    driven_by = "sensor"
     title = "Distortion of a lens"
     formula = (
         "X, Y + (k1 r^2 + k2 r^4) (X, Y), r^2 = x^2 + y^2, x = X / Z, y = Y / Z in the sensor's frame; decentred "

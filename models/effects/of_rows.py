@@ -14,6 +14,8 @@ OF_ROWS = ("outliers", "fringe-miscount")
 class OfRows(Effect):
     """Shifts no port; its place in a finding is the numbers of the rows."""
 
+    driven_by = "sensor"
+
     def places(self, machine: Machine) -> Sequence[Place]:
         return ()
 

@@ -15,6 +15,7 @@ class ScrewPeriodic(Effect):
     """A sine of the travel, once (``harmonic`` 1) or twice (2) per screw pitch."""
 
     slug = "screw-periodic"
+    driven_by = "position-periodic"
     title = "Periodic error of a lead screw"
     formula = "drho = a sin(2 pi h rho / p) + b cos(2 pi h rho / p), p the pitch, h = 1 or 2"
     size = "1 to 5 um"

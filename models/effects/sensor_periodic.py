@@ -36,6 +36,7 @@ class SensorPeriodic(Effect):
     """
 
     slug = "sensor-periodic"
+    driven_by = "sensor"
     title = "Periodic error of a sensor"
     formula = (
         "a sin(4 pi k L / lambda) + b cos(4 pi k L / lambda), L from home; "

@@ -20,6 +20,7 @@ class SensorScale(Effect):
     """
 
     slug = "sensor-scale"
+    driven_by = "sensor"
     title = "Scale error of a sensor"
     formula = "reading + s * length; points: s * (x, y, z), from the sensor frame's origin"
     size = "a few um per metre of a laser tracker, 10 to 100 ppm of a scale bar or a wavelength"

@@ -17,6 +17,7 @@ class TargetOffset(Effect):
     """A constant in the tool's frame added to one target's point; of a single target, the tool frame's own error."""
 
     slug = "target-offset"
+    driven_by = "constant"
     title = "A target off its place"
     formula = "point + (x, y, z), constant in the tool's frame"
     size = (

@@ -32,6 +32,7 @@ class TransmissionError(Effect):
     """a sin(k q) + b cos(k q), k the order: cycles per turn of the joint."""
 
     slug = "transmission-error"
+    driven_by = "position-periodic"
     title = "Transmission error of a geared joint"
     formula = (
         "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60, "

@@ -19,6 +19,7 @@ class WrongConstant(Effect):
     """One parameter far outside its tolerance; or the rails of all legs tilted alike along their own legs."""
 
     slug = "wrong-constant"
+    driven_by = "constant"
     title = "A grossly wrong constant"
     formula = "parameter + value; all rails: u + tilt e, e from the rail to its leg's upper end"
     size = "anything: many times the drawing tolerance"

@@ -8,7 +8,9 @@ from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import verdict_reasons
+from truepose.identification.report.applied_words import applied_words
 from truepose.identification.report.document import Block, Card, Items, Plot, Section, Table, Text
+from truepose.identification.report.level_words import NAMES, lead_words
 from truepose.identification.report.numbers import known, measure, p_value, percent, significant, uncertain
 from truepose.identification.report.sections.sets import posterior_tables
 from truepose.wording import joined, shortened
@@ -22,12 +24,16 @@ def findings_section(diagnosis: Diagnosis) -> Section:
     if diagnosis.concealed and "free" in diagnosis.fits:
         blocks.append(Text(words.concealed_words(diagnosis), "warn"))
     blocks.append(Items(verdict_reasons.reasons(diagnosis), title="Why we say so"))
+    applied = applied_words(diagnosis.applied) if diagnosis.verdict != "adequate" else []
+    if applied:
+        blocks.append(Items(applied, title="What it is worth to the tool"))
     doubts = verdict_reasons.doubts(diagnosis)
     if doubts:
         blocks.append(Items(doubts, title="What speaks against it", tone="warn"))
     if diagnosis.remainder is not None:
         blocks.append(_remainder(diagnosis))
-    blocks += [finding_card(diagnosis, finding) for finding in diagnosis.findings]
+    blocks += [finding_card(diagnosis, finding) for finding in diagnosis.findings if not finding.nameless]
+    blocks += _nameless(diagnosis)
     if diagnosis.outlier_rows:
         blocks.append(Text(outlier_words(diagnosis.outlier_rows)))
         fringes = fringes_by_row(diagnosis.after, diagnosis.recording, diagnosis.outlier_rows)
@@ -42,6 +48,33 @@ def findings_section(diagnosis: Diagnosis) -> Section:
         )
         blocks.append(Table(["not testable", "why"], rows, caption, text_columns=2))
     return Section("verdict", "What was left out, and why we say so", blocks)
+
+
+def _nameless(diagnosis: Diagnosis) -> list[Block]:
+    """What has a place and a driver, and no name; and what leads below the level of a finding."""
+    out: list[Block] = []
+    nameless = [finding for finding in diagnosis.findings if finding.nameless]
+    if nameless:
+        rows = [
+            [
+                ", ".join(f.place),
+                NAMES[f.levels.kind],
+                percent(f.levels.place),
+                percent(f.levels.driver),
+                significant(f.log_bayes_factor),
+            ]
+            for f in nameless
+        ]
+        caption = "What is there without a law of the catalogue: where, and what it follows."
+        head = ["place", "follows", "place known", "driver known", "log Bayes factor"]
+        out.append(Table(head, rows, caption, text_columns=2))
+    if diagnosis.leading:
+        out.append(
+            Items(
+                [lead_words(one) for one in diagnosis.leading[:MANY]], title="Leading, less probable than not"
+            )
+        )
+    return out
 
 
 def outlier_words(rows: Sequence[int]) -> str:
@@ -64,7 +97,7 @@ def _remainder(diagnosis: Diagnosis) -> Text:
     assert left is not None
     units = diagnosis.machine.residual_units
     worth = [f"{measure(gain, units[kind])} ({kind})" for kind, gain in left.gain.items()]
-    gained = f" Modelling it lowers the rms of held-out rows by {joined(worth)}." if worth else ""
+    gained = f" Modelling it lowers the rms of held-out rows by {joined(worth)} more." if worth else ""
     return Text(
         f"What remains unexplained: residuals of {significant(left.size_sigma)} sigma rms, which seem to"
         f" {words.follows(left)}. Form: {words.form_words(left)}.{gained}"

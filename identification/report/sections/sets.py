@@ -16,14 +16,14 @@ def posterior_tables(diagnosis: Diagnosis) -> list[Table]:
     if diagnosis.sets:
         rows = [[words.set_words(one.effects), percent(one.probability)] for one in diagnosis.sets[:SETS]]
         caption = (
-            "The likeliest sets: these effects are there and no others. What has no name in the catalogue is called"
-            " empirical."
+            "The likeliest sets: these terms are there and no others, each by the effect whose form it has. What has no"
+            " name in the catalogue is called empirical."
         )
         out.append(Table(["set of effects", "probability"], rows, caption))
     if diagnosis.inclusion:
         rows = [[i.effect, ", ".join(i.place), percent(i.probability)] for i in diagnosis.inclusion[:EFFECTS]]
         hidden = len(diagnosis.inclusion) - EFFECTS
-        caption = "Probability that an effect is there, whatever else is; in all sets together."
+        caption = "Probability that an effect is there with this very law, in all sets together."
         caption += f" {words.several(hidden, 'less probable one')} left out." if hidden > 0 else ""
         out.append(Table(["effect", "place", "probability"], rows, caption, text_columns=2))
     return out

@@ -1,0 +1,68 @@
+"""How far the tool is from where a model has it: points of the tool, as read, after a rigid refit.
+
+Readings are not the purpose; the tool's pose is. What a model says of its sensor (a volume that warps) makes readings
+agree and moves no tool, so it does not count here. Frames that nobody measured do not count either: predicted points
+are moved onto the fitted rows' readings as one rigid body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.fit.align import rigid_motion
+from truepose.identification.prediction.predictor import Predictor
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+FEWEST = 3
+"""Points that a rigid refit needs."""
+
+
+@dataclass(frozen=True)
+class ToolPoints:
+    """Points of the tool, predicted and read: (n, k, 3) each, mm, in the sensor's frame; k is 0 where none are read."""
+
+    predicted: Array
+    read: Array
+
+    @property
+    def known(self) -> bool:
+        """Whether the sensor reads any."""
+        return bool(self.read.shape[1])
+
+    def squares(self, fitted: Mask, held: Mask) -> Array:
+        """(h,) mean squared distance, mm^2, of the points of each row held out, moved rigidly onto the rows fitted.
+
+        Empty where nothing is read or too few rows are fitted.
+        """
+        own = self.predicted[fitted].reshape(-1, 3)
+        if not self.known or len(own) < FEWEST:
+            return np.zeros(0)
+        rotation, shift = rigid_motion(own, self.read[fitted].reshape(-1, 3))
+        off = self.predicted[held] @ rotation.T + shift - self.read[held]
+        return np.asarray(np.mean(np.sum(off**2, axis=2), axis=1))
+
+
+def tool_points(predictor: Predictor, p: Array, x: Array, silent: Collection[str] = ()) -> ToolPoints:
+    """At parameters ``p`` (np,) and passive coordinates ``x`` (n, nx), without effects of these labels.
+
+    Only sensors that read points (three position channels each) count.
+    """
+    model, recording = predictor.model, predictor.recording
+    quiet = p.copy()
+    quiet[[name.rpartition(":")[0] in silent for name in model.names]] = 0.0
+    names, values, _, _ = predictor.columns(quiet, x)
+    at = [c.name for c in predictor.channels if c.kind == "position" and c.name in names]
+    columns = [names.index(name) for name in at]
+    read = [recording.observations[name] for name in at]
+    count = len(at) // 3
+    shape = (len(recording), count, 3)
+    predicted = values[:, columns].reshape(shape) if count else np.zeros(shape)
+    return ToolPoints(predicted, np.column_stack(read).reshape(shape) if count else np.zeros(shape))
+
+
+__all__ = ["ToolPoints", "tool_points"]

@@ -1,0 +1,131 @@
+"""Findings in words, each at the deepest level at which it is known: its law, what drives its place, or its place alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from truepose.identification.diagnosis.result import Finding, Lead
+from truepose.identification.report.numbers import percent
+from truepose.models.driver import DriverKind
+from truepose.models.effects.base import effects
+from truepose.wording import joined, shortened
+
+SAID = 0.9
+"""Probability from which on a level is spoken of as known."""
+PLACES = 6
+"""Most places of one driver that are listed."""
+_ONE: Mapping[DriverKind, str] = {
+    "load": "gives way under the weight that it carries",
+    "position-periodic": "errs in waves of its own position",
+    "position": "errs smoothly with its own position",
+    "arrival": "stands where it does by the side from which it arrived",
+    "temperature": "changes with a temperature",
+    "time": "drifts with time",
+    "session": "stands elsewhere in another session",
+    "coupling": "follows the position of other joints",
+    "sensor": "errs by itself",
+    "constant": "has a wrong constant",
+}
+_MANY: Mapping[DriverKind, str] = {
+    "load": "give way under the weight that they carry",
+    "position-periodic": "err in waves of their own positions",
+    "position": "err smoothly with their own positions",
+    "arrival": "stand where they do by the side from which they arrived",
+    "temperature": "change with a temperature",
+    "time": "drift with time",
+    "session": "stand elsewhere in another session",
+    "coupling": "follow the positions of other joints",
+    "sensor": "err by themselves",
+    "constant": "have wrong constants",
+}
+NAMES: Mapping[DriverKind, str] = {
+    "load": "the weight carried",
+    "position-periodic": "its own position",
+    "position": "its own position",
+    "arrival": "the side of arrival",
+    "temperature": "a temperature",
+    "time": "time",
+    "session": "the session",
+    "coupling": "other joints",
+    "sensor": "what the sensor reads",
+    "constant": "nothing: it is constant",
+}
+
+
+def level_of(finding: Finding) -> str:
+    """The deepest level that is known with 0.9 or more: ``law``, ``driver``, ``place``; ``none`` where none is."""
+    if not finding.nameless and finding.probability >= SAID:
+        return "law"
+    if finding.levels.driver >= SAID:
+        return "driver"
+    return "place" if finding.levels.place >= SAID else "none"
+
+
+def driver_clauses(findings: Sequence[Finding]) -> list[str]:
+    """Findings whose law is not known, as clauses after ``that``: places of one driver together, surest level first."""
+    out = []
+    for level in ("driver", "place", "none"):
+        groups: dict[DriverKind, list[Finding]] = {}
+        for f in findings:
+            if level_of(f) == level:
+                groups.setdefault(f.levels.kind, []).append(f)
+        out += [_clause(level, kind, own) for kind, own in groups.items()]
+    return out
+
+
+def _clause(level: str, kind: DriverKind, findings: Sequence[Finding]) -> str:
+    places = list(dict.fromkeys(part for f in findings for part in f.place[:1] or ("the sensor",)))
+    shown = shortened(places, PLACES) if len(places) > PLACES else joined(places)
+    if level == "driver":
+        laws = _laws(findings)
+        return f"{shown} {_MANY[kind] if len(places) > 1 else _ONE[kind]}" + (f" ({laws})" if laws else "")
+    likely = [f.levels.driver for f in findings]
+    said = f"something at {shown} errs, likely with {NAMES[kind]} ({_span(likely)})"
+    return said if level == "place" else said.replace("something", "probably something", 1)
+
+
+def _laws(findings: Sequence[Finding]) -> str:
+    """How sure the laws are that lead among these; nothing where none does."""
+    named: dict[str, list[float]] = {}
+    for f in findings:
+        if not f.nameless:
+            named.setdefault(f.effect, []).append(f.probability)
+    said = [f"{title(slug)}: {_span(p)}" for slug, p in named.items()]
+    if named and len(said) < len({f.effect for f in findings}):
+        said.append("else a form without a name")
+    return "; ".join(said)
+
+
+def title(slug: str) -> str:
+    """The catalogue's title of an effect in small letters."""
+    entry = effects.get(slug, "report").title if slug in set(effects) else ""
+    return (entry[0].lower() + entry[1:] if not entry[:2].isupper() else entry) or slug
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = min(values), max(values)
+    return percent(low) if percent(low) == percent(high) else f"{percent(low)} to {percent(high)}"
+
+
+def levels_words(finding: Finding) -> str:
+    """All three levels of a finding in one sentence."""
+    levels, where = finding.levels, joined(list(finding.place)) or "the recording"
+    said = (
+        f"Probability {percent(levels.place)} that something is at {where}, {percent(levels.driver)} that it follows"
+        f" {NAMES[levels.kind]}"
+    )
+    if finding.nameless:
+        return f"{said}; no law of the catalogue stands for it."
+    law = f"{percent(finding.probability)} that its law is {finding.effect}"
+    untested = "" if finding.tested else " (whether its form is another could not be tested)"
+    return f"{said}, {law}{untested}."
+
+
+def lead_words(lead: Lead) -> str:
+    """What leads below the level of a finding: ``backlash at q3 (40 %; something follows the side of arrival there: 45 %)``."""
+    where = f"at {', '.join(lead.place)}" if lead.place else ""
+    what = f"something follows {NAMES[lead.levels.kind]} there: {percent(lead.levels.driver)}"
+    return f"{lead.effect} {where} ({percent(lead.probability)}; {what})"
+
+
+__all__ = ["NAMES", "driver_clauses", "lead_words", "level_of", "levels_words", "title"]
