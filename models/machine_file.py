@@ -12,7 +12,7 @@ import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError
 
@@ -37,8 +37,10 @@ from truepose.models.units import UnitSystem, parse_unit
 from truepose.models.yaml_document import document_text, read_document
 
 __all__ = [
+    "NO_WORSE",
     "SCHEMA",
     "EffectSpec",
+    "ExpectedPose",
     "FrameSpec",
     "FrameTolerance",
     "Frames",
@@ -51,6 +53,8 @@ __all__ = [
 ]
 
 SCHEMA: Final = "truepose/machine/1"
+NO_WORSE: Final = 1.02
+"""Most that an error may be of the one that it is compared with for a model to be applied: no more than chance makes."""
 _ZERO = (0.0, 0.0, 0.0)
 Triple = tuple[float, float, float]
 
@@ -96,6 +100,22 @@ class MassSpec:
 
 
 @dataclass(frozen=True)
+class ExpectedPose:
+    """Rms error of the tool's position, mm, after a rigid refit: ``before`` of the model that ``than`` names (``drawing`` or
+    ``plain calibration``), ``after`` of this file's, on ``rows`` (in words)."""
+
+    than: str
+    before: float
+    after: float
+    rows: str
+
+    @property
+    def worse(self) -> bool:
+        """Whether the file's model leaves the tool worse than the other, by more than chance makes."""
+        return self.after > NO_WORSE * self.before
+
+
+@dataclass(frozen=True)
 class MachineFile:
     """A checked machine file in internal units; `mechanism` and `sensors` as written."""
 
@@ -115,6 +135,7 @@ class MachineFile:
     nominal: Mapping[str, float] = field(default_factory=dict)  # drawing values of a calibrated file: mm, rad
     sessions: tuple[int, ...] = ()  # session numbers seen in its fit
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # as written, in the file's units
+    pose_error: ExpectedPose | None = None  # what its fit was worth to the tool; None where nobody judged it
 
     def override_for(self, parameter: str, unit: str) -> float | None:
         """The tolerance that `tolerances:` states for a parameter, in its `unit`; None if none."""
@@ -146,6 +167,14 @@ class _Frame(Section):
 class _Frames(Section):
     base: _Frame | None = None
     tool: _Frame | None = None
+
+
+class _ExpectedPose(Section):
+    than: str
+    before: Number = Field(ge=0.0)
+    after: Number = Field(ge=0.0)
+    unit: Literal["mm"] = "mm"
+    rows: str
 
 
 class _Mass(Section):
@@ -208,6 +237,7 @@ class _Document(Section):
     nominal: dict[str, Number] = Field(default_factory=dict)
     sessions: tuple[int, ...] = ()
     bounds: dict[str, _Interval] = Field(default_factory=dict)
+    pose_error: _ExpectedPose | None = None
 
 
 def read_machine(path: Path | str) -> MachineFile:
@@ -251,7 +281,12 @@ def read_machine(path: Path | str) -> MachineFile:
         nominal=document.nominal,
         sessions=document.sessions,
         bounds=document.bounds,
+        pose_error=_expected_pose(document.pose_error),
     )
+
+
+def _expected_pose(found: _ExpectedPose | None) -> ExpectedPose | None:
+    return None if found is None else ExpectedPose(found.than, found.before, found.after, found.rows)
 
 
 def write_machine(path: Path | str, document: Mapping[str, Any]) -> None:

@@ -62,6 +62,9 @@ def diagnosis(verdict: str, *findings: Finding, **others: object) -> Diagnosis:
         "outlier_rows": (),
         "terms": (),
         "sets": (),
+        "leading": (),
+        "untestable": (),
+        "applied": None,
     }
     quiet |= {
         "proof": None,
@@ -104,7 +107,10 @@ def test_what_has_no_name_is_told_by_what_it_follows() -> None:
     remainder = Remainder((), "temperature.air", Form("linear", 0.4), 1.5)
     found = diagnosis("unknown", finding(0.5, 1), concealed=True, remainder=remainder, outlier_rows=(3, 17))
     lines = words.diagnosis_lines(found, Path("out"))
-    assert lines[0] == "arm: something is missing, unnamed, though the ordinary fit looked good"
+    assert (
+        lines[0]
+        == "arm: something is missing; neither its place nor its driver is known, though the ordinary fit looked good"
+    )
     assert "  backlash at q1, q2 (probability 50.0 %): They have play." in lines
     (form,) = (line for line in lines if line.startswith("  remainder follows temperature.air: "))
     assert form.endswith("linear in temperature.air; explains 40 % of the remainder; hypothesised")
@@ -134,7 +140,7 @@ def test_what_speaks_against_a_name_and_what_else_is_likely_is_told() -> None:
         strict=True,
     ):  # fmt: skip
         assert said in told
-    assert "  likeliest sets: backlash at q1; zero-shift at q2 (41.0 %) | nothing missing (30.0 %)" in lines
+    assert "  likeliest sets: backlash at q1; zero-shift at q2 (41.0 %) | no effect (30.0 %)" in lines
     calm = replace(finding(0.9, 2), replication=Replication((0.8, 0.9), agree=True))
     assert not any(
         "against" in line for line in words.diagnosis_lines(diagnosis("missing-physics", calm), Path())

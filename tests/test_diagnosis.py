@@ -259,7 +259,7 @@ def test_what_cannot_be_tested_is_listed_with_its_reason(
     backlash: tuple[Bench, pd.DataFrame, Diagnosis],
 ) -> None:
     why = {u.effect: u.why for u in backlash[2].untestable}
-    assert "no masses or no gravity" in why["joint-compliance"]
+    assert "no `gravity:` in the machine file; add" in why["joint-compliance"]
     assert "no temperature" in why["thermal-expansion"]
     assert "one session" in why["zero-shift"]
     assert "backlash" not in why

@@ -62,7 +62,7 @@ def finding(
     main = cat.candidates[one.candidates[0]]
     twins = [] if one.nameless else _twins(cat, one)
     shared = sum(t.probability for t in twins)
-    rivals = sorted((*twins, *(_alternative(m) for m in one.equivalents)), key=lambda o: -o.probability)
+    rivals = sorted((*twins, *(_alternative(cat, m) for m in one.equivalents)), key=lambda o: -o.probability)
     return Finding(
         effect=one.cause.effect,
         place=one.cause.place,
@@ -88,13 +88,18 @@ def lead(one: Named) -> Lead:
     return Lead(one.cause.effect, one.cause.place, one.levels, one.probability)
 
 
-def _alternative(member: Member) -> Alternative:
+def _alternative(cat: Catalogue, member: Member) -> Alternative:
     """Another explanation of a class; families at all their places."""
     slug = member.cause.effect
     if slug == Empirical.slug:
         return Alternative(UNNAMED, member.cause.place, member.probability, member.gain)
     experiment = effects.get(slug, "class").experiment
-    return Alternative(slug, member.cause.place, member.probability, member.gain, experiment)
+    kind = next(
+        (c.kind for c in cat.candidates if (c.effect.slug, c.place) == (slug, member.cause.place)), None
+    )
+    return Alternative(
+        slug, member.cause.place, member.probability, member.gain, experiment, member.tested, kind
+    )
 
 
 def _explanation(machine: Machine, cat: Catalogue, after: Estimate, one: Named) -> str:

@@ -19,6 +19,7 @@ from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import Driver
+from truepose.models.machine_file import NO_WORSE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,8 +30,6 @@ LEVELS = 4
 OUTERMOST = "outermost poses"
 ROLE = "role"
 VALIDATION = "validation rows"
-NO_WORSE = 1.02
-"""Most that held-out errors may be of those of plain calibration for a model to be applied: no more than chance makes."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
     blocks = _extrapolations(recording, used)
     if recording.validation.sum() >= 3:
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
-    taken = np.any([b.rows for b in blocks], axis=0)
+    taken = np.any([np.zeros(len(used), dtype=bool), *(b.rows for b in blocks)], axis=0)
     order = order_in_time(recording.time, recording.source_file, recording.source_row)
     inner = [k for k in order if used[k] and not taken[k]]
     for k, part in enumerate(np.array_split(np.array(inner, dtype=int), FOLDS - 1), start=1):

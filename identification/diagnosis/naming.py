@@ -29,11 +29,13 @@ CLASS_LIMIT = 8
 
 @dataclass(frozen=True)
 class Member:
-    """Another explanation of a class: its cause, how probable it is, the log Bayes factor of it in the slot."""
+    """Another explanation of a class: its cause, how probable it is, the log Bayes factor of it in the slot; whether it could
+    be tested."""
 
     cause: Cause
     probability: float
     gain: float
+    tested: bool = True
 
 
 @dataclass(frozen=True)

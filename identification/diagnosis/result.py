@@ -12,6 +12,7 @@ from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Untestable
+from truepose.models.driver import DriverKind
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
@@ -40,13 +41,16 @@ class Replication:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another explanation, and how probable it is that it is there."""
+    """Another explanation, and how probable it is that it is there; tested: whether this recording could tell;
+    kind: of its driver, None where that is not known."""
 
     effect: str
     place: tuple[str, ...]
     probability: float
     log_bayes_factor: float
     experiment: str = ""
+    tested: bool = True
+    kind: DriverKind | None = None
 
     @property
     def nameless(self) -> bool:

@@ -13,6 +13,7 @@ from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.levels import driver_of, parts_of
 from truepose.identification.diagnosis.naming import LEADING, NAMED, Named, as_named, named
 from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.untested import beside_untested
 from truepose.identification.fit.estimate import Estimate
 
 SURE = 0.9
@@ -40,6 +41,7 @@ def summarised(found: Found, fit: Estimate) -> Summary:
     cat = found.catalogue
     held = {effect.label for effect in fit.effects}
     every = [n for n in named(found, said) if all(cat.candidates[i].label in held for i in n.candidates)]
+    every = list(beside_untested(found, every))
     names = _told(found, [n for n in every if n.said])
     rest = [n for n in every if n not in names and max(n.levels.driver, n.certainty) >= LEADING]
     return Summary(names, tuple(rest), as_named(said, every))

@@ -14,10 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.fit.align import rigid_motion
+from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
+from truepose.models.machine_file import ExpectedPose
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+ENOUGH = "the validation rows"
 FEWEST = 3
 """Points that a rigid refit needs."""
 
@@ -65,4 +69,27 @@ def tool_points(predictor: Predictor, p: Array, x: Array, silent: Collection[str
     return ToolPoints(predicted, np.column_stack(read).reshape(shape) if count else np.zeros(shape))
 
 
-__all__ = ["ToolPoints", "tool_points"]
+def calibrated_pose(fit: Estimate, recording: Recording) -> ExpectedPose | None:
+    """The drawing's error and a fit's, on validation rows where there are enough, else on the fitted ones.
+
+    None where no sensor reads points of the tool.
+    """
+    predictor = Predictor(fit.machine, recording, fit.effects)
+    p = fit.p.copy()
+    count = len(fit.machine.parameters)
+    p[:count] = predictor.model.p_home[:count]
+    p[count:] = 0.0
+    x, good = predictor.assemble(p, fit.x)
+    seen = good & np.isfinite(fit.residual).all(axis=1)
+    fitted, held = fit.used & seen, recording.validation & seen
+    rows = ENOUGH if held.sum() >= FEWEST else "the fitted rows"
+    if rows != ENOUGH:
+        held = fitted
+    both = [tool_points(predictor, *at).squares(fitted, held) for at in ((p, x), (fit.p, fit.x))]
+    if any(not len(squares) for squares in both):
+        return None
+    before, after = (float(np.sqrt(np.mean(squares))) for squares in both)
+    return ExpectedPose("the drawing", before, after, rows)
+
+
+__all__ = ["ToolPoints", "calibrated_pose", "tool_points"]

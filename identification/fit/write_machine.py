@@ -1,7 +1,8 @@
 """A fit as a machine file: the user's own document with the estimated values in place.
 
 ``calibrated_document`` keeps everything the user wrote (order, units, tolerances) and adds what the fit
-found: ``effects:`` with values and 1-sigma, ``covariance:`` (see ``truepose.identification.prediction.covariance``),
+found: ``effects:`` with values and 1-sigma, ``pose_error:`` with what it is worth to the tool, ``covariance:`` (see
+``truepose.identification.prediction.covariance``),
 ``nominal:`` with the drawing values and ``sessions:`` with the session numbers that were fitted.
 """
 
@@ -23,7 +24,7 @@ from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
-from truepose.models.machine_file import write_machine
+from truepose.models.machine_file import ExpectedPose, write_machine
 from truepose.models.mechanism import AXES, Direction
 from truepose.models.parameters import Parameter
 from truepose.models.units import UnitSystem, convert
@@ -31,14 +32,19 @@ from truepose.models.units import UnitSystem, convert
 FieldPath = tuple[str | int, ...]
 
 
-def write_calibrated(path: Path | str, estimate: Estimate, recording: Recording) -> None:
+def write_calibrated(
+    path: Path | str, estimate: Estimate, recording: Recording, pose: ExpectedPose | None = None
+) -> None:
     """Write the calibrated machine, whole or not at all."""
-    write_machine(path, calibrated_document(estimate, recording))
+    write_machine(path, calibrated_document(estimate, recording, pose))
 
 
-def calibrated_document(estimate: Estimate, recording: Recording) -> dict[str, Any]:
+def calibrated_document(
+    estimate: Estimate, recording: Recording, pose: ExpectedPose | None = None
+) -> dict[str, Any]:
     """The machine file of a fit, as a document of its own: nothing is shared with the machine's.
 
+    ``pose``: what the fit is worth to the tool, where that was judged.
     Raises InputError when the machine has no file or a parameter stands nowhere in it.
     """
     machine = estimate.machine
@@ -53,7 +59,7 @@ def calibrated_document(estimate: Estimate, recording: Recording) -> dict[str, A
         _write_parameter(document, parameter, values[parameter.name], machine)
     for direction in _directions(machine):
         _write_direction(document, direction, values)
-    for key in ("effects", "covariance", "nominal", "sessions"):
+    for key in ("effects", "covariance", "nominal", "sessions", "pose_error"):
         document.pop(key, None)
     if estimate.effects:
         document["effects"] = _effect_entries(estimate)
@@ -61,6 +67,14 @@ def calibrated_document(estimate: Estimate, recording: Recording) -> dict[str, A
     drawing = machine.file.nominal
     document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
     document["sessions"] = list(recording.sessions)
+    if pose is not None:
+        document["pose_error"] = {
+            "than": pose.than,
+            "before": pose.before,
+            "after": pose.after,
+            "unit": "mm",
+            "rows": pose.rows,
+        }
     return document
 
 

@@ -153,4 +153,5 @@ def slot_odds(richness: Richness, number: int) -> float:
 def log_posterior(weighing: Weighing, richness: Richness, members: Members, point: Point) -> float:
     """Up to a constant, richness and the order of slots marginalised."""
     number = sum(slot_odds(richness, k) for k in range(len(members)))
-    return weighing.log_evidence(point, members) + weighing.log_prior(members) + number
+    here = weighing.log_evidence(point, members) + weighing.log_bounds(point, members)
+    return here + weighing.log_prior(members) + number

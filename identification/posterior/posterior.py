@@ -16,8 +16,9 @@ from truepose.identification.posterior.sampler import Chain, Passage, Richness, 
 from truepose.identification.posterior.weighing import Members, Weighing
 
 Array = NDArray[np.float64]
-AGREED = 0.02
-"""Largest difference of a cause's probability between two chains that is none."""
+AGREED, APART = 0.02, 0.1
+"""Largest difference of a cause's probability between two chains that is none, and from which on they are caught apart."""
+_Seen = tuple[Members, Point]
 BURN, ROUND, ROUNDS, LEARNING = 25, 40, 5, 2
 """Sweeps of a chain before it counts, sweeps of each round, most rounds, and after how many of them passages are laid."""
 VISITED = 3
@@ -48,8 +49,8 @@ class Posterior:
 
     terms: probability of each term that was not hopeless; causes (n,): of each cause; beside (n, n): where a slot holds
     the cause of the row, how probable each other cause is in its place (rows sum to 1 at most); states: the distinct
-    states visited with their share of sweeps, most visited first; points: share of sweeps at each point; disagreement:
-    largest difference between chains of a cause's probability.
+    states visited with their share, largest first; points: share of each point; disagreement: largest difference between
+    chains of a cause's probability.
     """
 
     terms: Mapping[int, float]
@@ -82,7 +83,7 @@ class _Tally:
         self._cause, self.sweeps = weighing.terms.cause, 0
         self.terms, self.number = np.zeros(len(weighing.terms)), weighing.terms.n_causes
         self.beside, self.held = np.zeros((self.number, self.number)), np.zeros(self.number)
-        self.seen: Counter[tuple[Members, Point]] = Counter()
+        self.seen = Counter[_Seen]()
 
     def add(self, sweep: Sweep) -> None:
         self.sweeps += 1
@@ -162,7 +163,7 @@ def _counted(chains: Sequence[Chain], part: Weighing, sweeps: int, rounds: int) 
         for chain, tally in zip(chains, tallies, strict=True):
             for sweep in chain.sweeps(sweeps):
                 tally.add(sweep)
-        if _disagreement(tallies) <= AGREED:
+        if _disagreement(tallies, np.full(len(tallies), 1.0 / len(tallies))) <= AGREED:
             break
         if k < LEARNING:
             ways = _passages(*tallies)
@@ -209,39 +210,57 @@ def best_point(weighing: Weighing) -> Point:
     return at(max(near, key=lambda k: weighing.root(at(k)).log_evidence))
 
 
-def _disagreement(tallies: Sequence[_Tally]) -> float:
+def _disagreement(tallies: Sequence[_Tally], weights: Array) -> float:
+    """Largest difference of a cause's probability between chains that count alike; less where one hardly counts."""
     shares = np.array([t.causes for t in tallies])
-    return float(np.max(np.ptp(shares, axis=0), initial=0.0))
+    apart = 2.0 * weights @ np.abs(shares - weights @ shares)
+    return float(np.max(apart, initial=0.0))
+
+
+def _weights(
+    part: Weighing, richness: Richness, tallies: Sequence[_Tally]
+) -> tuple[Array, dict[_Seen, float]]:
+    """(chains,) how much each chain counts, and the log posterior of every state that one of them visited.
+
+    Chains that agree count alike. Where they do not, each is caught in sets of its own, and how long it stayed there says
+    nothing of how probable they are: each counts by the posterior mass of the states that it visited, renormalised over all
+    (as in shotgun stochastic search; Benner et al. 2016, Bioinformatics 32:1493). A state of several is shared among them.
+    """
+    every = dict.fromkeys(state for tally in tallies for state in tally.seen)
+    logs = {(members, point): log_posterior(part, richness, members, point) for members, point in every}
+    equal = np.full(len(tallies), 1.0 / len(tallies))
+    if _disagreement(tallies, equal) <= APART:
+        return equal, logs
+    visitors = {state: sum(state in tally.seen for tally in tallies) for state in every}
+    mass = [np.logaddexp.reduce([logs[s] - np.log(visitors[s]) for s in tally.seen]) for tally in tallies]
+    return np.exp(mass - np.logaddexp.reduce(mass)), logs
 
 
 def _gathered(
     part: Weighing, index: NDArray[np.intp], richness: Richness, tallies: Sequence[_Tally]
 ) -> Posterior:
-    sweeps = sum(t.sweeps for t in tallies)
-    seen: Counter[tuple[Members, Point]] = sum((t.seen for t in tallies), Counter())
-    states = []
-    for (members, point), count in seen.most_common():
+    weights, logs = _weights(part, richness, tallies)
+    shares: dict[_Seen, float] = dict.fromkeys(logs, 0.0)
+    for weight, tally in zip(weights, tallies, strict=True):
+        for state, count in tally.seen.items():
+            shares[state] += float(weight) * count / tally.sweeps
+    states, points = list[tuple[State, float]](), dict[Point, float]()
+    for (members, point), share in sorted(shares.items(), key=lambda item: -item[1]):
         whole = tuple(sorted((int(index[term]), size) for term, size in members))
-        states.append((State(whole, point, log_posterior(part, richness, members, point)), count / sweeps))
-    beside = np.sum([t.beside for t in tallies], axis=0)
-    held = np.sum([t.held for t in tallies], axis=0)[:, None]
-    points: Counter[Point] = Counter()
-    for (_, point), count in seen.items():
-        points[point] += count
+        states.append((State(whole, point, logs[members, point]), share))
+        points[point] = points.get(point, 0.0) + share
+    pairs = list(zip(weights, tallies, strict=True))
+    beside = np.sum([w * t.beside / t.sweeps for w, t in pairs], axis=0)
+    held = np.sum([w * t.held / t.sweeps for w, t in pairs], axis=0)[:, None]
+    terms = np.minimum(np.sum([w * t.terms / t.sweeps for w, t in pairs], axis=0), 1.0)
     return Posterior(
-        terms=dict(
-            zip(
-                index.tolist(),
-                np.minimum(np.mean([t.terms / t.sweeps for t in tallies], axis=0), 1.0).tolist(),
-                strict=True,
-            )
-        ),
-        causes=np.mean([t.causes for t in tallies], axis=0),
+        terms=dict(zip(index.tolist(), terms.tolist(), strict=True)),
+        causes=np.sum([w * t.causes for w, t in pairs], axis=0),
         beside=beside / np.where(held > 0.0, held, 1.0),
         states=tuple(states),
-        points=tuple((p, c / sweeps) for p, c in points.most_common()),
-        disagreement=_disagreement(tallies),
-        sweeps=sweeps,
+        points=tuple(sorted(points.items(), key=lambda item: -item[1])),
+        disagreement=_disagreement(tallies, weights),
+        sweeps=sum(t.sweeps for t in tallies),
     )
 
 

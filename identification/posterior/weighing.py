@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.posterior.conditional import Sizes, log_gains
+from truepose.identification.posterior.conditional import Sizes, log_gains, plausibility
 from truepose.identification.posterior.design import Design, Point, Unknowns
 from truepose.identification.posterior.marginal import Marginal, marginal
 from truepose.identification.posterior.terms import Terms
@@ -189,6 +189,17 @@ class Weighing:
     def _log_evidence(self, point: Point, members: Sequence[Member]) -> float:
         root = self.root(point)
         return root.log_evidence + (root.gain(*self.columns(members)) if members else 0.0)
+
+    def log_bounds(self, point: Point, members: Sequence[Member]) -> float:
+        """Log factor of the physical signs and bounds of members together, at a point; 0 where none has any."""
+        held = [self.terms.all[term] for term, _ in members]
+        lower = np.concatenate([np.array(t.lower) for t in held]) if held else np.zeros(0)
+        upper = np.concatenate([np.array(t.upper) for t in held]) if held else np.zeros(0)
+        if not np.any(np.isfinite(lower) | np.isfinite(upper)):
+            return 0.0
+        mean, covariance = self.root(point).posterior(*self.columns(members))
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return float(plausibility(mean[None, None], std[None, None], lower[None], upper[None])[0, 0])
 
     def log_prior(self, members: Sequence[Member]) -> float:
         """Log prior of members and their sizes, without that of their number."""

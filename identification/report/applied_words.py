@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from truepose.errors import InputError
 from truepose.identification.diagnosis.result import WHOLE, Applied, PoseError
 from truepose.identification.report.numbers import known, measure, significant
+from truepose.models.machine import Machine
+from truepose.models.machine_file import ExpectedPose
 
 _HOLDS = {
     WHOLE: "all that was found",
@@ -30,6 +33,45 @@ def applied_words(applied: Applied | None) -> list[str]:
     return out
 
 
+def expected_pose(applied: Applied | None) -> ExpectedPose | None:
+    """What improved.yaml says of itself; None where the tool's position was not judged."""
+    if applied is None or applied.pose is None:
+        return None
+    rows = _ROWS.get(applied.held_out, applied.held_out)
+    return ExpectedPose("plain calibration", applied.pose.plain, applied.pose.model, rows)
+
+
+def expected_words(machine: Machine) -> str:
+    """What a machine file says of the tool's position before it is applied; raises nothing."""
+    if machine.file is None or not machine.file.nominal:
+        return "expected error of the tool's position: not known, the file was not calibrated"
+    told = machine.file.pose_error
+    if told is None:
+        return "expected error of the tool's position: not judged, no sensor read it"
+    return (
+        f"expected error of the tool's position ({told.rows}, after a rigid refit): {measure(told.before, 'mm')} with"
+        f" {told.than}, {measure(told.after, 'mm')} with this file"
+    )
+
+
+def pose_json(machine: Machine) -> dict[str, object] | None:
+    """The same as data; None where the file does not say it."""
+    told = machine.file.pose_error if machine.file else None
+    if told is None:
+        return None
+    return {"than": told.than, "before": told.before, "after": told.after, "unit": "mm", "rows": told.rows}
+
+
+def check_applicable(machine: Machine) -> None:
+    """Raises InputError for a file that would leave the tool worse than plain calibration."""
+    told = machine.file.pose_error if machine.file else None
+    if told is not None and told.worse:
+        raise InputError(
+            f"{machine.name}: pose_error: found {told.after:.4g} mm with this file, expected no more than the"
+            f" {told.before:.4g} mm with {told.than}; --anyway applies it all the same"
+        )
+
+
 def _left_out(applied: Applied, where: str) -> list[str]:
     if applied.whole_pose == applied.pose and applied.whole_ratio == applied.ratio:
         return []  # nothing else was found
@@ -50,4 +92,4 @@ def _pose(error: PoseError) -> str:
     return f"{measure(error.plain, 'mm')} with plain calibration, {measure(error.model, 'mm')}"
 
 
-__all__ = ["applied_words"]
+__all__ = ["applied_words", "check_applicable", "expected_pose", "expected_words", "pose_json"]

@@ -52,12 +52,22 @@ NAMES: Mapping[DriverKind, str] = {
 }
 
 
+def pooled(finding: Finding) -> tuple[list[str], float]:
+    """Places of a finding and of its look-alikes with the same driver, and how probable it is that it is at one of them."""
+    alike = [a for a in finding.equivalents if a.kind == finding.levels.kind and not a.nameless]
+    places = list(dict.fromkeys((*finding.place, *(part for a in alike for part in a.place))))
+    return places, min(1.0, finding.levels.driver + sum(a.probability for a in alike))
+
+
 def level_of(finding: Finding) -> str:
-    """The deepest level that is known with 0.9 or more: ``law``, ``driver``, ``place``; ``none`` where none is."""
+    """The deepest level that is known with 0.9 or more: ``law``, ``driver``, ``pooled`` (its driver, at one of several
+    places), ``place``; ``none`` where none is."""
     if not finding.nameless and finding.probability >= SAID:
         return "law"
     if finding.levels.driver >= SAID:
         return "driver"
+    if len(finding.place) == 1 and pooled(finding)[1] >= SAID:
+        return "pooled"
     return "place" if finding.levels.place >= SAID else "none"
 
 
@@ -70,7 +80,14 @@ def driver_clauses(findings: Sequence[Finding]) -> list[str]:
             if level_of(f) == level:
                 groups.setdefault(f.levels.kind, []).append(f)
         out += [_clause(level, kind, own) for kind, own in groups.items()]
-    return out
+    return out + [_pooled_clause(f) for f in findings if level_of(f) == "pooled"]
+
+
+def _pooled_clause(finding: Finding) -> str:
+    places, probability = pooled(finding)
+    likeliest = f"{finding.place[0]} with {percent(finding.levels.driver)}"
+    told = f"{percent(probability)}; not told apart, {likeliest}"
+    return f"{joined(places, 'or')} {_ONE[finding.levels.kind]} ({told})"
 
 
 def _clause(level: str, kind: DriverKind, findings: Sequence[Finding]) -> str:
@@ -109,7 +126,9 @@ def _span(values: Sequence[float]) -> str:
 
 def levels_words(finding: Finding) -> str:
     """All three levels of a finding in one sentence."""
-    levels, where = finding.levels, joined(list(finding.place)) or "the recording"
+    levels = finding.levels
+    # of two joints that are coupled the first is driven: there the error is
+    where = joined(list(finding.place[:1] if levels.kind == "coupling" else finding.place)) or "the recording"
     said = (
         f"Probability {percent(levels.place)} that something is at {where}, {percent(levels.driver)} that it follows"
         f" {NAMES[levels.kind]}"

@@ -286,7 +286,8 @@ def _remainder(left: Remainder, units: Mapping[str, str]) -> Json:
 
 def _alternative(other: Alternative) -> Json:
     out: Json = {"effect": other.effect, "place": list(other.place)}
-    return {**out, "probability": other.probability, "log_bayes_factor": other.log_bayes_factor}
+    out |= {"probability": other.probability, "log_bayes_factor": other.log_bayes_factor}
+    return out if other.tested else out | {"tested": False}
 
 
 def _quantity(quantity: Quantity) -> Json:

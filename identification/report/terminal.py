@@ -13,6 +13,7 @@ from truepose.identification.report.diagnosis_words import LEADS, explanation, f
 from truepose.identification.report.level_words import driver_clauses, lead_words, level_of, levels_words
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.results import diagnosis_json
+from truepose.identification.report.untestable_words import untestable_lines
 from truepose.identification.report.verdict_reasons import doubts
 
 SHOWN, SETS = 6, 3
@@ -72,6 +73,7 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
     if result.sets:
         told = [f"{set_words(s.effects)} ({_percent(s.probability)})" for s in result.sets[:SETS]]
         lines.append(f"  likeliest sets: {' | '.join(told)}")
+    lines += [f"  cannot be tested: {said}" for said in untestable_lines(result.untestable)]
     if result.outlier_rows:
         lines.append(f"  rows left out as outliers: {', '.join(map(str, result.outlier_rows))}")
     fits = ", ".join(f"{name} {fit.chi2_per_dof:.3g}" for name, fit in result.fits.items())

@@ -79,7 +79,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
         slug = effect.slug
         places = [tuple(place) for place in effect.places(machine) if effect.screened(machine, tuple(place))]
         if not places and effect.needs_load and not machine.loaded:
-            missing.append(Untestable(slug, "the machine file states no masses or no gravity"))
+            missing.append(Untestable(slug, _unloaded(machine)))
         reasons: list[str] = []
         for place in places:
             variants = effect.settings(machine, place, recording)
@@ -118,6 +118,17 @@ def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:
         if name != PAYLOAD and not np.any(values[~recording.validation]):
             return f"{name} never differs from zero"
     return None
+
+
+def _unloaded(machine: Machine) -> str:
+    """Why no effect of weight can be tested, and the line that would change it."""
+    if machine.gravity is None:
+        return (
+            "no `gravity:` in the machine file; add `gravity: [0, 0, -9.80665]` (m/s^2, in the base's frame)"
+        )
+    if not machine.masses:
+        return "no `masses:` in the machine file; state what links and tool weigh"
+    return "its own elastic legs carry the weight"
 
 
 def _summary(reasons: list[str]) -> str:

@@ -32,6 +32,7 @@ def summary(document: Json) -> dict[str, Any]:
         "concealed": document["concealed"],
         "alarms": {name: _alarm(alarm) for name, alarm in document["alarms"].items()},
         "findings": {_name(f): _finding(f) for f in sorted(document["findings"], key=_name)},
+        "applied": document["applied"]["model"],
         "sets": {name: p for name, p in _sets(document["sets"]).items() if p >= LEAST},
         "inclusion": {k: p for k, p in _probabilities(document["inclusion"]).items() if p >= LEAST},
         "remainder": _remainder(document["remainder"]),
@@ -49,9 +50,9 @@ def text(kept: Json) -> str:
 def changes(old: Json, new: Json) -> list[str]:
     """What differs between two summaries by more than it may, a sentence each."""
     out = [
-        f"the {key} was {_told(old[key])} and is {_told(new[key])}"
-        for key in ("verdict", "concealed", "remainder")
-        if old[key] != new[key]
+        f"the {key} was {_told(old.get(key))} and is {_told(new[key])}"
+        for key in ("verdict", "concealed", "applied", "remainder")
+        if old.get(key) != new[key]
     ]
     out += _alarms(old["alarms"], new["alarms"])
     out += _names("finding", old["findings"], new["findings"])
@@ -98,6 +99,9 @@ def _finding(finding: Json) -> dict[str, Any]:
     return {
         "probability": _short(finding["probability"]),
         "certainty": _short(finding["certainty"]),
+        "place known": _short(finding["levels"]["place"]),
+        "driver": finding["levels"]["driver"]["kind"],
+        "driver known": _short(finding["levels"]["driver"]["probability"]),
         "prior_dependent": finding["prior_dependent"],
         "family": finding["family"],
         "replication": _replication(finding["replication"]),
@@ -166,10 +170,10 @@ def _alarms(old: Json, new: Json) -> Iterator[str]:
 
 
 def _finding_changes(old: Json, new: Json) -> Iterator[str]:
-    for key in ("probability", "certainty"):
-        if abs(old[key] - new[key]) > PROBABILITY:
-            yield f"the {key} was {old[key]:.3f} and is {new[key]:.3f}"
-    for key in ("prior_dependent", "family"):
+    for key in ("probability", "certainty", "place known", "driver known"):
+        if abs(old.get(key, -1.0) - new[key]) > PROBABILITY:
+            yield f"the {key} was {_told(old.get(key))} and is {new[key]:.3f}"
+    for key in ("driver", "prior_dependent", "family"):
         if old.get(key) != new[key]:
             yield f"{key} was {_told(old.get(key))} and is {_told(new[key])}"
     if not _same_halves(old.get("replication"), new["replication"]):

@@ -13,6 +13,7 @@ from truepose.identification.report.document import Block, Card, Items, Plot, Se
 from truepose.identification.report.level_words import NAMES, lead_words
 from truepose.identification.report.numbers import known, measure, p_value, percent, significant, uncertain
 from truepose.identification.report.sections.sets import posterior_tables
+from truepose.identification.report.untestable_words import untestable_lines
 from truepose.wording import joined, shortened
 
 MANY = 12
@@ -27,6 +28,9 @@ def findings_section(diagnosis: Diagnosis) -> Section:
     applied = applied_words(diagnosis.applied) if diagnosis.verdict != "adequate" else []
     if applied:
         blocks.append(Items(applied, title="What it is worth to the tool"))
+    untested = untestable_lines(diagnosis.untestable)
+    if untested:
+        blocks.append(Items(untested, title="What could not be tested, and what would make it testable"))
     doubts = verdict_reasons.doubts(diagnosis)
     if doubts:
         blocks.append(Items(doubts, title="What speaks against it", tone="warn"))

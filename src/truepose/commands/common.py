@@ -41,6 +41,10 @@ FileOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")
 ]
+AnywayOption = Annotated[
+    bool,
+    typer.Option("--anyway", help="Go on where the file would leave the tool worse than plain calibration."),
+]
 PluginOption = Annotated[
     list[Path] | None,
     typer.Option(

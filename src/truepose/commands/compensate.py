@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from truepose.commands.common import (
+    AnywayOption,
     FileOption,
     JsonOption,
     MachineArg,
@@ -44,6 +45,7 @@ def compensate(
     path: PathArg,
     output: FileOption,
     method: MethodOption = "exact",
+    anyway: AnywayOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -58,20 +60,23 @@ def compensate(
         from truepose.identification.compensation import compensate as compensation
         from truepose.identification.compensation.path_table import commands, load_path
         from truepose.identification.prediction.predict import unheard
+        from truepose.identification.report.applied_words import check_applicable, expected_words, pose_json
         from truepose.identification.report.compensation_words import compensation_json, compensation_lines
         from truepose.models.load import load_machine
 
         check_file(output)
         with progress("compensating"):
             loaded = load_machine(machine)
+            if not anyway:
+                check_applicable(loaded)
             table, rows = load_path(loaded, path)
             found = compensation.compensate(loaded, rows, method=method)  # type: ignore[arg-type]
             _write(output, commands(table, loaded, found))
         how = {"method": method, "solved_by": found.solved_by}
         summary = {"command": "compensate", **how, **compensation_json(found), "files": [str(output)]}
-        finish(
-            summary, compensation_lines(found, output), [*rows.notes, *unheard(loaded, rows)], as_json=as_json
-        )
+        summary |= {"expected_pose": pose_json(loaded)}
+        lines = [*compensation_lines(found, output), f"  {expected_words(loaded)}"]
+        finish(summary, lines, [*rows.notes, *unheard(loaded, rows)], as_json=as_json)
 
 
 def _write(path: Path, frame: pd.DataFrame) -> None:

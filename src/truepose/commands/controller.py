@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 import typer
 
 from truepose.commands.common import (
+    AnywayOption,
     DirectoryOption,
     JsonOption,
     MachineArg,
@@ -37,6 +38,7 @@ def codegen(
     output: DirectoryOption,
     real: RealOption = "double",
     measure: MeasureOption = False,
+    anyway: AnywayOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -48,6 +50,11 @@ def codegen(
         from truepose.codegen.c import generate
         from truepose.codegen.embedded.section import summary
         from truepose.codegen.embedded.write import generate_measured
+        from truepose.identification.report.applied_words import (
+            check_applicable,
+            expected_words,
+            pose_json,
+        )
         from truepose.models.load import load_machine
 
         check_directory(output)
@@ -56,6 +63,8 @@ def codegen(
         number = cast('Literal["double", "float"]', real)
         with progress("writing C"):
             loaded = load_machine(machine)
+            if not anyway:
+                check_applicable(loaded)
             drawing = (loaded.file.nominal if loaded.file else {}) or None
             measured: list[Measurement] = []
             if measure:
@@ -68,7 +77,9 @@ def codegen(
             "machine": loaded.name,
             "real": real,
             "files": files,
+            "calibrated": bool(drawing),
+            "expected_pose": pose_json(loaded),
         }
         if measured:
             payload["measured"] = [asdict(measurement) for measurement in measured]
-        finish(payload, [*files, *summary(measured)], [], as_json=as_json)
+        finish(payload, [*files, expected_words(loaded), *summary(measured)], [], as_json=as_json)

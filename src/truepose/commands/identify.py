@@ -135,12 +135,14 @@ def diagnose(
 def write_calibration(result: Calibration, document: Mapping[str, object], output: Path) -> list[str]:
     """The three files of a calibration, whole or not at all; ``document`` is that of ``fit.json``."""
     from truepose.files import atomic_directory, atomic_write_text
+    from truepose.identification.fit.tool_pose import calibrated_pose
     from truepose.identification.fit.write_machine import write_calibrated
     from truepose.identification.report.json_text import json_text
     from truepose.identification.report.pages import calibration_html
 
     with atomic_directory(output) as partial:
-        write_calibrated(partial / "calibrated.yaml", result.fit, result.recording)
+        pose = calibrated_pose(result.fit, result.recording)
+        write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose)
         atomic_write_text(partial / "fit.json", json_text(document))
         atomic_write_text(
             partial / "report.html", calibration_html(result.fit, result.free, result.recording)
@@ -152,12 +154,14 @@ def write_diagnosis(result: Diagnosis, output: Path, truth: dict[str, object] | 
     """The three files of a diagnosis, whole or not at all; ``truth`` is for the report's last page alone."""
     from truepose.files import atomic_directory, atomic_write_text
     from truepose.identification.fit.write_machine import write_calibrated
+    from truepose.identification.report.applied_words import expected_pose
     from truepose.identification.report.json_text import json_text
     from truepose.identification.report.pages import report_html
     from truepose.identification.report.results import diagnosis_json
 
     with atomic_directory(output) as partial:
         atomic_write_text(partial / "diagnosis.json", json_text(diagnosis_json(result)))
-        write_calibrated(partial / "improved.yaml", result.after, result.recording)
+        pose = expected_pose(result.applied)
+        write_calibrated(partial / "improved.yaml", result.after, result.recording, pose)
         atomic_write_text(partial / "report.html", report_html(result, truth))
         return sorted(file.name for file in partial.iterdir())

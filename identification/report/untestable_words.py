@@ -1,0 +1,35 @@
+"""What a recording could not speak of, in words: what stays possible, and what would make it testable."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from truepose.identification.signatures.candidates import Untestable
+from truepose.wording import joined
+
+ONE_SESSION = "the recording holds one session only"
+"""Why effects between sessions cannot be tested: nothing is amiss."""
+NOTHING = ("nothing to vary",)
+SHOWN = 4
+"""Most reasons that are told on a terminal."""
+
+
+def untestable_lines(untestable: Sequence[Untestable]) -> list[str]:
+    """Effects that could not be tested by the reason why, those that a line or a column would change first."""
+    groups: dict[str, list[str]] = {}
+    for one in untestable:
+        reason = _reason(one.why)
+        if reason not in (ONE_SESSION, *NOTHING):
+            groups.setdefault(reason, []).append(one.effect)
+    ranked = sorted(groups.items(), key=lambda item: "`" not in item[0])
+    return [f"{joined(slugs)}: {reason}" for reason, slugs in ranked[:SHOWN]]
+
+
+def _reason(why: str) -> str:
+    """The first of several reasons, without the place that it is of: others are alike."""
+    first = why.split("; ", maxsplit=1)[0] if "`" not in why else why
+    head, _, rest = first.partition(": ")
+    return rest if rest and " " not in head else first
+
+
+__all__ = ["untestable_lines"]

@@ -1,0 +1,223 @@
+"""What is applied: bounds that hold, and a tool that is no worse than plain calibration's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from support.searched_arm import ARM, PLAY, SCALE, Case
+from truepose.errors import InputError
+from truepose.identification.diagnosis.applied import Choice, Model, chosen_model, refit
+from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.holdout import Comparison, held_out_blocks
+from truepose.identification.diagnosis.result import WHOLE, Applied, PoseError
+from truepose.identification.fit.bounded import beyond, coefficient_bounds, within_bounds
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.tool_pose import ToolPoints, tool_points
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.simulate import simulate
+from truepose.identification.recording.load import load_recording
+from truepose.identification.report.applied_words import applied_words, check_applicable, expected_pose
+from truepose.models import lie
+from truepose.models.effects.empirical import Empirical
+from truepose.models.load import load_machine
+
+Array = NDArray[np.float64]
+
+
+# -- bounds hold in what is written -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_play_is_never_negative(tmp_path: Path, sign: float) -> None:
+    """Readings that want play the wrong way round get none of it; those that want it right are left as they are."""
+    case = Case.of(tmp_path, f"backlash@q2:b={0.05 * sign}[deg]")
+    terms = [c for c in case.cat.candidates if c.label == "backlash@q2"]
+    machine, recording = case.signatures.machine, case.signatures.recording
+    fit = estimate(machine, recording, terms)
+    kept = within_bounds(fit, recording, case.exclude)
+    assert bool(beyond(fit).any()) is (sign < 0)
+    assert not beyond(kept).any()
+    assert kept is fit or kept.chi2 >= fit.chi2
+    assert np.all(kept.std[kept.prior.free] > 0.0)  # what stands at its bound is not known exactly
+
+
+@given(seed=st.integers(0, 10**6))
+@hypothesis_settings(max_examples=5, deadline=None)
+def test_the_bounded_minimum_is_the_best_within_bounds(
+    tmp_path_factory: pytest.TempPathFactory, seed: int
+) -> None:
+    """No feasible step nearby lowers the sum of squares of readings and prior."""
+    case = Case.of(tmp_path_factory.mktemp("bounded"), "backlash@q2:b=-0.05[deg]", "backlash@q1:b=0.02[deg]")
+    terms = [c for c in case.cat.candidates if c.effect.slug in ("backlash", "friction-hysteresis")]
+    machine, recording = case.signatures.machine, case.signatures.recording
+    kept = within_bounds(estimate(machine, recording, terms), recording, case.exclude)
+    low, high = coefficient_bounds(machine, kept.effects)
+    n, free, rng = len(kept.prior.free), kept.prior.free, np.random.default_rng(seed)
+    step = 1e-3 * rng.standard_normal(n)
+    moved = np.clip(kept.p[free] + step * kept.prior.scale[free], low[free], high[free])
+    t = (moved - kept.p[free]) / kept.prior.scale[free]
+    prior = kept.prior_weight * (kept.p - kept.prior.mean)[free] / kept.prior.scale[free]
+
+    def cost(at: Array) -> float:
+        left = kept.factor[:, :n] @ at + kept.factor[:, n]
+        pull = prior + kept.prior_weight * at
+        return float(left @ left + pull @ pull)
+
+    assert cost(t) >= cost(np.zeros(n)) - 1e-6
+
+
+def test_what_bounds_leave_nothing_of_is_no_part_of_the_model(tmp_path: Path) -> None:
+    case = Case.of(tmp_path, "backlash@q2:b=-0.05[deg]", SCALE)
+    found = case.found()
+    wanted = [i for i, c in enumerate(case.cat.candidates) if c.label in ("backlash@q2", "actuator-scale@q1")]
+    model = refit(found, dict.fromkeys(wanted, 1.0), (), case.exclude)
+    assert model is not None
+    assert [e.label for e in model.fit.effects] == ["actuator-scale@q1"]
+
+
+# -- the tool's position ------------------------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 10**6))
+@hypothesis_settings(max_examples=20, deadline=None)
+def test_the_tool_is_judged_whatever_frame_it_is_read_in(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    read = rng.normal(size=(30, 2, 3)) * 500.0
+    off = 0.1 * rng.standard_normal(read.shape)
+    fitted = np.arange(30) < 20
+    turn, shift = lie.exp_so3(rng.normal(size=3)), 1e3 * rng.normal(size=3)
+    plain = ToolPoints(read + off, read).squares(fitted, ~fitted)
+    moved = ToolPoints((read + off) @ turn.T + shift, read).squares(fitted, ~fitted)
+    np.testing.assert_allclose(moved, plain, rtol=1e-6)
+    assert ToolPoints(read, read).squares(fitted, ~fitted) == pytest.approx(np.zeros(10), abs=1e-12)
+
+
+def test_what_a_sensor_does_moves_no_tool(tmp_path: Path) -> None:
+    """A warped volume that is silent leaves the points where the robot has them."""
+    case = Case.of(tmp_path)
+    machine, recording = case.signatures.machine, case.signatures.recording
+    warp = next(c for c in case.cat.candidates if c.effect.slug == "empirical" and c.kind == "sensor")
+    bent = warp.with_values([3.0] * len(warp.coefficients))
+    predictor = Predictor(machine, recording, [bent])
+    p = predictor.model.p_home.copy()
+    p[len(machine.parameters) :] = bent.amplitudes
+    x, _ = predictor.assemble(p)
+    poses, _ = predictor.poses(p, x)
+    silent = tool_points(predictor, p, x, {bent.label}).predicted[:, 0]
+    np.testing.assert_allclose(silent, poses[:, :3, 3], atol=1e-9)
+    assert np.max(np.abs(tool_points(predictor, p, x).predicted[:, 0] - silent)) > 1.0
+
+
+def test_a_volume_warps_by_no_more_than_its_makers_sigma(tmp_path: Path) -> None:
+    for sigma in (0.01, 0.3):
+        (tmp_path / "arm.yaml").write_text(ARM.replace("{xyz: 0.01}", f"{{xyz: {sigma}}}"))
+        machine = load_machine(tmp_path / "arm.yaml")
+        made = Empirical().coefficients(machine, ("sensor",), {})
+        assert {c.scale for c in made} == {sigma}
+
+
+# -- which model is applied ---------------------------------------------------------------------------------------
+
+
+def comparison(ratio: float, pose: float) -> Comparison:
+    ones = np.ones(10)
+    return Comparison("role", ones, ratio**2 * ones, (), (1.0, pose))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "pose", "worse"),
+    [(0.5, 0.5, False), (1.0, 1.0, False), (0.5, 1.03, True), (1.03, 0.5, True), (1.01, 1.01, False)],
+)
+def test_neither_readings_nor_the_tool_may_get_worse(ratio: float, pose: float, worse: bool) -> None:
+    assert comparison(ratio, pose).worse is worse
+
+
+def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """First without what the sensor is said to do, then names alone, then plain calibration."""
+    case = Case.of(tmp_path, PLAY)
+    found = case.found()
+    label = {c.label: i for i, c in enumerate(case.cat.candidates)}
+    warp = next(i for i, c in enumerate(case.cat.candidates) if c.kind == "sensor" and not case.cat.named(i))
+    line = next(i for i, c in enumerate(case.cat.candidates) if c.place == ("q1",) and not case.cat.named(i))
+    play = label["backlash@q2"]
+    everything = refit(found, dict.fromkeys((play, line, warp), 1.0), (), case.exclude)
+    names = refit(found, {play: 1.0}, (), case.exclude)
+    assert everything is not None and names is not None
+    split = held_out_blocks(case.signatures.recording, case.null.used)
+    choice = Choice.of(found, case.null, case.exclude, split, ())
+    monkeypatch.setattr(Choice, "strays", lambda *_: False)
+    good, bad = comparison(0.5, 0.5), comparison(0.5, 2.0)
+
+    def answer(allowed: set[str]) -> tuple[str, Model | None]:
+        def compared(_: Choice, fit: object) -> Comparison:
+            held = {e.label for e in fit.effects}  # type: ignore[attr-defined]
+            return good if held <= {case.cat.candidates[label[name]].label for name in allowed} else bad
+
+        monkeypatch.setattr(Choice, "compared", compared)
+        chosen, model, _ = chosen_model(choice, everything, names, (), bad)
+        return chosen, model
+
+    every = {case.cat.candidates[i].label for i in (play, line)}
+    assert answer(every)[0] == "without-sensor-forms"
+    assert answer({"backlash@q2"})[0] == "names"
+    assert answer(set()) == ("plain", None)
+    assert chosen_model(choice, everything, names, (), good)[0] == WHOLE
+
+
+def test_improved_predicts_the_tool_no_worse_than_plain_calibration(tmp_path: Path) -> None:
+    """A sensor that warps by thirty sigma: the tool that is applied is no worse on rows that were not fitted."""
+    (tmp_path / "arm.yaml").write_text(ARM)
+    machine, rng = load_machine(tmp_path / "arm.yaml"), np.random.default_rng(2)
+    table = pd.DataFrame(rng.uniform(-1, 1, (60, 2)) * [160, 95], columns=["q1 [deg]", "q2 [deg]"])
+    table["role"] = np.where(np.arange(60) % 3 == 0, "validation", "calibration")
+    table.to_csv(tmp_path / "poses.csv", index=False)
+    poses = load_recording(machine, [tmp_path / "poses.csv"], need_observations=False)
+    read = simulate(machine, poses, [], seed=3)
+    read["z"] += 0.3 * (read["x"] / 350.0) ** 2  # bent where the point is, as a volume or an arm may be
+    pd.concat([table, read], axis=1).to_csv(tmp_path / "rows.csv", index=False)
+    found = diagnose(machine, load_recording(machine, [tmp_path / "rows.csv"]))
+    assert found.applied is not None and found.applied.pose is not None
+    assert found.applied.pose.model <= 1.02 * found.applied.pose.plain
+    assert found.applied.ratio <= 1.02
+
+
+# -- what is said of it -------------------------------------------------------------------------------------------
+
+
+def test_a_file_that_leaves_the_tool_worse_is_refused(tmp_path: Path) -> None:
+    case = Case.of(tmp_path)
+    worse = Applied(WHOLE, "role", PoseError(0.07, 0.26), 0.5, PoseError(0.07, 0.26), 0.5)
+    for told, refused in ((worse, True), (replace(worse, pose=PoseError(0.26, 0.07)), False)):
+        path = tmp_path / f"{refused}.yaml"
+        write_calibrated(path, case.null, case.signatures.recording, expected_pose(told))
+        machine = load_machine(path)
+        assert machine.file is not None and machine.file.pose_error == expected_pose(told)
+        if refused:
+            with pytest.raises(InputError, match=r"found 0.26 mm .* expected no more than the 0.07 mm"):
+                check_applicable(machine)
+        else:
+            check_applicable(machine)
+
+
+def test_what_was_left_out_for_the_tools_sake_is_said() -> None:
+    good, bad = PoseError(0.07, 0.05), PoseError(0.07, 0.26)
+    (whole,) = applied_words(Applied(WHOLE, "role", good, 0.5, good, 0.5))
+    assert "70.0 µm with plain calibration, 50.0 µm with improved.yaml" in whole
+    _, left = applied_words(Applied("names", "role", good, 0.6, bad, 0.5))
+    assert "the tool would be worse" in left and "effects with a name alone" in left
+    (only,) = applied_words(Applied("plain", "blocks", PoseError(0.07, 0.07), 1.0, None, 1.4))
+    assert "readings that were not fitted get worse" in only and "plain calibration" in only
+    (unread,) = applied_words(Applied(WHOLE, "role", None, 0.5, None, 0.5))
+    assert "no sensor reads its position" in unread
