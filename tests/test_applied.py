@@ -165,12 +165,12 @@ def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
             held = {e.label for e in fit.effects}  # type: ignore[attr-defined]
             return good if held <= {case.cat.candidates[label[name]].label for name in allowed} else bad
 
-        monkeypatch.setattr(Choice, "compared", compared)
+        monkeypatch.setattr(Choice, "judged", compared)
         chosen, model, _ = chosen_model(choice, everything, names, (), bad)
         return chosen, model
 
     every = {case.cat.candidates[i].label for i in (play, line)}
-    assert answer(every)[0] == "without-sensor-forms"
+    assert answer(every)[0] == "robot"
     assert answer({"backlash@q2"})[0] == "names"
     assert answer(set()) == ("plain", None)
     assert chosen_model(choice, everything, names, (), good)[0] == WHOLE

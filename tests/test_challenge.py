@@ -214,7 +214,8 @@ def test_two_cases_through_the_command(examined: tuple[Path, dict[str, Any]]) ->
     assert summary["cases"] == 2
     for case in ("case001", "case002"):
         assert {p.name for p in (folder / "results" / case).iterdir()} == {
-            "diagnosis.json", "improved.yaml", "heldout_prediction.csv", "run.json",
+            "diagnosis.json", "improved.yaml", "heldout_prediction.csv", "run.json", "tool_prediction.csv",
+            "plain_prediction.csv",
         }  # fmt: skip
         assert json.loads((folder / "results" / case / "run.json").read_text())["message"] == ""
     table = (folder / "table.md").read_text()

@@ -1,7 +1,7 @@
 """What may be applied: the model whose tool is no worse than plain calibration's on rows that were not fitted.
 
 A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
-models are tried in turn: all that was found, less what the sensor is said to do without a name, names alone, sure names
+models are tried in turn: all that was found, less what the sensor is said to do and may not, names alone, sure names
 alone. The first whose held-out readings and tool's position are no worse than plain calibration's is applied; without
 one, plain calibration is. Nor may geometry leave its tolerances to meet forms without a name.
 """
@@ -100,6 +100,10 @@ class Choice:
         tried = trial(fit, self.found.signatures.recording, self.outliers, (name, own), self._silent(fit))
         return tried.against(self.plain)
 
+    def judged(self, fit: Estimate) -> Comparison:
+        """On validation rows where there are any, else on blocks held out in turn."""
+        return self.as_it_is(fit) or self.compared(fit)
+
     def _silent(self, fit: Estimate) -> set[str]:
         known = {effect.label for effect in self.before.effects} | self.sure
         return {e.label for e in fit.effects if e.kind == "sensor" and e.label not in known}
@@ -116,15 +120,14 @@ class Choice:
     def smaller(
         self, model: Model, names: Model | None, sure: Collection[int]
     ) -> Iterator[tuple[str, Model]]:
-        """What else may be applied, largest first; ``sure``: candidates whose law is known."""
+        """What else may be applied, largest first; ``sure``: candidates whose place and driver are known."""
         cat = self.found.catalogue
-        robot = {
-            i: s for i, s in model.accepted.items() if cat.named(i) or cat.candidates[i].kind != "sensor"
-        }
+        silent = self._silent(model.fit)
+        robot = {i: s for i, s in model.accepted.items() if cat.candidates[i].label not in silent}
         if len(robot) < len(model.accepted):
             less = refit(self.found, robot, model.shapes, self.outliers)
             if less is not None and not self.strays(less, names):
-                yield "without-sensor-forms", less
+                yield "robot", less
         if names is not None and model.nameless(self.found):
             yield "names", names
         known = {i: s for i, s in model.accepted.items() if i in sure or i in cat.stated}
@@ -144,7 +147,7 @@ def chosen_model(
     if not whole.worse and not choice.strays(model, names):
         return WHOLE, model, whole
     for label, less in choice.smaller(model, names, sure):
-        held = choice.compared(less.fit)
+        held = choice.judged(less.fit)
         if not held.worse:
             return label, less, held
     return "plain", None, choice.plain.against(choice.plain)

@@ -13,6 +13,7 @@ from truepose.identification.diagnosis.average import averaged
 from truepose.identification.diagnosis.holdout import Comparison, held_out_blocks
 from truepose.identification.diagnosis.judgement import Judgement, judged
 from truepose.identification.diagnosis.model import remainder_shapes
+from truepose.identification.diagnosis.naming import NAMED
 from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.result import WHOLE, Applied, Proof
 from truepose.identification.diagnosis.search import Found, chosen
@@ -98,8 +99,10 @@ def _there(found: Found, model: Model) -> Found:
 
 
 def _known(found: Found, summary: Summary) -> list[str]:
-    """Labels of terms whose law is sure."""
-    sure = [i for n in summary.laws if n.probability >= SURE for i in n.candidates]
+    """Labels of terms that are likely there by name, and act at their place by their driver for sure."""
+    sure = [
+        i for n in summary.laws if n.levels.driver >= SURE and n.probability >= NAMED for i in n.candidates
+    ]
     return [found.catalogue.candidates[i].label for i in sure]
 
 
@@ -125,7 +128,7 @@ def _applied(
     choice: Choice, model: Model, names: Model | None, summary: Summary, whole: Comparison
 ) -> tuple[Estimate, Applied]:
     """What is applied: averaged over explanations where all that was found may be, else the largest model that may."""
-    sure = [i for n in summary.laws if n.probability >= SURE for i in n.candidates]
+    sure = [i for n in summary.laws if n.levels.driver >= SURE for i in n.candidates]
     label, less, held = chosen_model(choice, model, names, sure, whole)
     if less is None:
         return choice.before, told(label, held, whole)
@@ -140,7 +143,7 @@ def _applied(
 
 def _gain(choice: Choice, names: Model | None, whole: Comparison) -> Mapping[str, float]:
     """By how much forms without a name lower the rms of held-out rows beside the names, by kind of reading (mm, rad)."""
-    without = 1.0 if names is None else choice.compared(names.fit).ratio
+    without = 1.0 if names is None else choice.judged(names.fit).ratio
     if whole.ratio >= without:
         return {}
     summary = summarise(choice.before, choice.found.signatures.recording.validation)

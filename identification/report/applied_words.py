@@ -10,9 +10,9 @@ from truepose.models.machine_file import ExpectedPose
 
 _HOLDS = {
     WHOLE: "all that was found",
-    "without-sensor-forms": "all that was found but what the sensor is said to do without a name",
+    "robot": "all that was found of the robot, and nothing that its sensor may or may not do",
     "names": "effects with a name alone",
-    "sure-names": "effects whose law is sure alone",
+    "sure-names": "effects whose place and driver are sure alone",
     "plain": "plain calibration",
 }
 _ROWS = {"role": "the validation rows", "blocks": "rows held out in turn", "none": "the fitted rows"}

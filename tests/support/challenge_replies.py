@@ -37,6 +37,18 @@ def finding(
     }  # fmt: skip
 
 
+def leveled(found: dict[str, Any], kind: str, driver: float, place: float | None = None) -> dict[str, Any]:
+    """A finding that tells its levels, too: kind and probability of its driver, and of something at its place."""
+    law = None if found["effect"] == "empirical" else found["probability"]
+    levels = {"place": place or driver, "driver": {"kind": kind, "probability": driver}, "law": law}
+    return {**found, "levels": levels}
+
+
+def nameless(place: str, kind: str, driver: float) -> dict[str, Any]:
+    """A finding whose place and driver are known, and no law."""
+    return leveled(finding("empirical", place, 0.0), kind, driver)
+
+
 def reply(tmp_path: Path, verdict: str, *findings: dict[str, Any], concealed: bool = False) -> Reply:
     """A diagnosis as it is read from its file, which stays in ``tmp_path``."""
     document = {

@@ -59,6 +59,11 @@ def calibration_error(statements: Sequence[Statement]) -> float | None:
     return float(np.sum(np.abs(off)) / len(p))
 
 
+def error_of_cases(said: Sequence[Sequence[Statement]]) -> float:
+    """The same of the statements of several cases; 0 without any."""
+    return calibration_error([x for own in said for x in own]) or 0.0
+
+
 def _placed(statements: Sequence[Statement]) -> tuple[Array, Array, NDArray[np.int64]]:
     """(n,) probabilities, 1 for what was right, and the tenth of each."""
     p = np.array([min(max(s.probability, 0.0), 1.0) for s in statements], dtype=float)
@@ -84,4 +89,4 @@ def brier(statements: Sequence[Statement]) -> float | None:
     return float(np.mean([(s.probability - s.right) ** 2 for s in statements]))
 
 
-__all__ = ["Bin", "brier", "calibration_error", "honest_error", "reliability", "wilson"]
+__all__ = ["Bin", "brier", "calibration_error", "error_of_cases", "honest_error", "reliability", "wilson"]

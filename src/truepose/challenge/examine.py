@@ -3,7 +3,8 @@
     DIR/challenge.json                 what was asked for
     DIR/cases/caseNNN/                 machine.yaml, recording.csv, heldout.csv: all that the engine sees
     DIR/answers/caseNNN.json           the key
-    DIR/results/caseNNN/               diagnosis.json, improved.yaml, heldout_prediction.csv, run.json
+    DIR/results/caseNNN/               diagnosis.json, improved.yaml, run.json, and predictions for the held-out rows:
+                                       heldout_prediction.csv, tool_prediction.csv, plain_prediction.csv
 
 A case that has a result is not sat again. Cases may be drawn only (``draw``), and sat later by any engine with results of
 its own elsewhere: cases and keys are then read from ``drawn``.
@@ -27,7 +28,7 @@ from joblib import Parallel, delayed
 
 from truepose.challenge import solutions
 from truepose.challenge.cases import Case, draw_case
-from truepose.challenge.examinee import DIAGNOSIS, HELD_OUT, IMPROVED, MACHINE, PREDICTION, RECORDING
+from truepose.challenge.examinee import HELD_OUT, MACHINE, RECORDING, WRITTEN
 from truepose.challenge.schedule import SHARES, Seat, schedule
 from truepose.challenge.simulator.base import SimulatedMachine
 from truepose.challenge.strata import UndrawnError
@@ -254,7 +255,7 @@ def sit(case: Path, results: Path, timeout: float, plugins: Sequence[Path] = ())
             message = f"timeout after {timeout:g} s"
         shutil.rmtree(results, ignore_errors=True)
         with atomic_directory(results) as partial:
-            for name in (DIAGNOSIS, IMPROVED, PREDICTION):
+            for name in WRITTEN:
                 if (Path(room) / name).is_file():
                     shutil.copy(Path(room) / name, partial)
             about = {"seconds": round(time.perf_counter() - start, 2), "message": message}

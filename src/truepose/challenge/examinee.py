@@ -1,17 +1,27 @@
 """Sits the examination: ``python -m truepose.challenge.examinee`` in a folder that holds one case.
 
-Reads machine.yaml, recording.csv and heldout.csv, writes diagnosis.json, improved.yaml and
-heldout_prediction.csv; nothing of the simulator or of the keys is imported here.
+Reads machine.yaml, recording.csv and heldout.csv, writes diagnosis.json, improved.yaml and heldout_prediction.csv; for
+comparison the readings of a perfect instrument, by the improved model (tool_prediction.csv) and by plain calibration
+(plain_prediction.csv). Nothing of the simulator or of the keys is imported here.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from truepose.identification.recording.recording import Recording
+    from truepose.models.machine import Machine
 
 MACHINE, RECORDING, HELD_OUT = "machine.yaml", "recording.csv", "heldout.csv"
 DIAGNOSIS, IMPROVED, PREDICTION = "diagnosis.json", "improved.yaml", "heldout_prediction.csv"
+TOOL, PLAIN, CALIBRATED = "tool_prediction.csv", "plain_prediction.csv", "calibrated.yaml"
+WRITTEN = (DIAGNOSIS, IMPROVED, PREDICTION, TOOL, PLAIN)
+"""What is kept of a sitting."""
 
 
 def sit(plugins: Sequence[str] = ()) -> None:
@@ -29,12 +39,29 @@ def sit(plugins: Sequence[str] = ()) -> None:
     for path in plugins:
         load_plugin(Path(path))
     machine = load_machine(MACHINE)
-    found = diagnose(machine, load_recording(machine, [RECORDING]))
+    recording = load_recording(machine, [RECORDING])
+    found = diagnose(machine, recording)
     atomic_write_text(DIAGNOSIS, json_text(diagnosis_json(found)))
     write_calibrated(IMPROVED, found.after, found.recording)
     improved = load_machine(IMPROVED)
     rows = load_recording(improved, [HELD_OUT], need_observations=False)
     write_table(Path(PREDICTION), predict(improved, rows))
+    _compare(machine, recording)
+
+
+def _compare(machine: Machine, recording: Recording) -> None:
+    """What the improved model is worth beside plain calibration; where that fails, there is nothing to compare with."""
+    from truepose.challenge.perfect import seen_perfectly
+    from truepose.errors import TrueposeError
+    from truepose.files import write_table
+    from truepose.identification.fit.calibrate import calibrate
+    from truepose.identification.fit.write_machine import write_calibrated
+
+    with suppress(TrueposeError):
+        write_table(Path(TOOL), seen_perfectly(Path(IMPROVED), Path(HELD_OUT)))
+        plain = calibrate(machine, recording)
+        write_calibrated(CALIBRATED, plain.fit, plain.recording)
+        write_table(Path(PLAIN), seen_perfectly(Path(CALIBRATED), Path(HELD_OUT)))
 
 
 def main(plugins: Sequence[str]) -> int:

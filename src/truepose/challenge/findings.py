@@ -13,8 +13,11 @@ from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.parameters import element_of
 
 VERDICTS = ("adequate", "missing-physics", "unknown")
-NAMELESS = ("empirical", *OF_ROWS)
+FORM = "empirical"
+"""Slug of a finding whose place and driver are known, and no law."""
+NAMELESS = (FORM, *OF_ROWS)
 """Slugs of what is no name: forms of a remainder, rows."""
+COUPLING = "axis-coupling"
 UNNAMED = "unknown"
 """Slug of what is only like the name that a finding has."""
 
@@ -29,13 +32,24 @@ class Said:
 
 
 @dataclass(frozen=True)
+class Levels:
+    """How probable it is that something is at the place of a finding, and that this kind of driver drives it there."""
+
+    place: float
+    kind: str
+    driver: float
+
+
+@dataclass(frozen=True)
 class Found:
-    """A finding: what it names, the explanations it cannot tell from that, how sure the whole class is."""
+    """A finding: what it names, the explanations it cannot tell from that, how sure the whole class is; what is known of
+    its place and driver (None: the file does not say)."""
 
     name: Said
     equivalents: tuple[Said, ...]
     certainty: float
     log_bayes_factor: float
+    levels: Levels | None = None
 
     @property
     def members(self) -> tuple[Said, ...]:
@@ -53,7 +67,7 @@ class Reply:
     """A diagnosis: verdict, findings with the best supported first, constants by name (mm, rad).
 
     remainder: whether something without a name is said to be there; inclusion: every effect at every place with its
-    probability, where the diagnosis lists them."""
+    probability, where the diagnosis lists them; leveled: whether it tells places and drivers apart from names."""
 
     verdict: str
     concealed: bool
@@ -61,11 +75,22 @@ class Reply:
     parameters: Mapping[str, float]
     remainder: bool = False
     inclusion: tuple[Said, ...] = ()
+    leveled: bool = False
 
     @property
     def physics(self) -> tuple[Found, ...]:
         """Findings that decide the verdict: not those on single rows."""
         return tuple(f for f in self.findings if f.name.effect not in OF_ROWS)
+
+    @property
+    def named(self) -> tuple[Found, ...]:
+        """Those of them that name a law."""
+        return tuple(f for f in self.physics if f.name.effect != FORM)
+
+    @property
+    def located(self) -> tuple[Found, ...]:
+        """Those of them that tell what is known of their place and driver, named or not."""
+        return tuple(f for f in self.physics if f.levels is not None)
 
     @property
     def of_rows(self) -> tuple[Found, ...]:
@@ -95,6 +120,7 @@ def _reply(document: Mapping[str, Any]) -> Reply | None:
         parameters=values,
         remainder=document.get("remainder") is not None,
         inclusion=tuple(said for said in listed if said.effect not in NAMELESS),
+        leveled="leading" in document or any(f.levels is not None for f in found),
     )
 
 
@@ -102,7 +128,14 @@ def _found(entry: Mapping[str, Any]) -> Found:
     name = _said(entry)
     certainty = float(entry.get("certainty", entry["probability"]))
     others = tuple(_said(other) for other in entry.get("equivalents", ()))
-    return Found(name, others, certainty, float(entry["log_bayes_factor"]))
+    return Found(name, others, certainty, float(entry["log_bayes_factor"]), _levels(entry.get("levels")))
+
+
+def _levels(entry: Mapping[str, Any] | None) -> Levels | None:
+    if entry is None:
+        return None
+    driver = entry["driver"]
+    return Levels(float(entry["place"]), str(driver["kind"]), float(driver["probability"]))
 
 
 def _said(entry: Mapping[str, Any]) -> Said:
@@ -167,6 +200,10 @@ class Judge:
     def _parts(self, place: Iterable[str]) -> frozenset[str]:
         return frozenset(map(element_of, self.place(place)))
 
+    def parts(self, effect: str, place: Sequence[str]) -> frozenset[str]:
+        """The parts that an effect is at; of coupled axes the one that is driven, which comes first."""
+        return self._parts(place[:1] if effect == COUPLING else place)
+
     def wider(self, said: Said, truth: Truth) -> bool:
         """Whether this names the truth at its places and at others."""
         return said.effect == truth.effect and self.place(said.place) > self.place(truth.place)
@@ -181,4 +218,4 @@ class Judge:
         return any(test(said, truth) for said in found.members for test in tests)
 
 
-__all__ = ["Found", "Judge", "Reply", "Said", "read_reply"]
+__all__ = ["FORM", "Found", "Judge", "Levels", "Reply", "Said", "read_reply"]

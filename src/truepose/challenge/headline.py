@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from truepose.challenge.calibration import calibration_error, reliability
+from truepose.challenge.calibration import error_of_cases, reliability
 from truepose.challenge.figures import (
     Figure,
     at_least,
@@ -19,13 +19,16 @@ from truepose.challenge.figures import (
     quantile,
     share,
 )
+from truepose.challenge.level_figures import level_figures
 from truepose.challenge.schedule import CONCEALED, NULL, OUTSIDE, REAL, TWO
-from truepose.challenge.score import SURE, Score
-from truepose.challenge.statements import Statement
+from truepose.challenge.score import Score
+from truepose.challenge.statements import SURE
 from truepose.challenge.strata import CLEAR
 
 ROUNDING = 0.999
 """Of a drawn size of three limits."""
+WORSE = 1.02
+"""Of plain calibration's error, from which on the improved model does harm."""
 
 
 def headline(scores: Sequence[Score]) -> tuple[Figure, ...]:
@@ -34,9 +37,11 @@ def headline(scores: Sequence[Score]) -> tuple[Figure, ...]:
         *_detection(scores),
         *_names(scores),
         *_real_like(scores),
+        *level_figures(scores),
         *calibration(scores),
         *_outside(scores),
         *_predictions(scores),
+        *_tool(scores),
         *_rows(scores),
         share("no diagnosis, or no prediction", scores, lambda s: bool(s.failure), at_most(0.0)),
     )
@@ -105,12 +110,8 @@ def calibration(scores: Sequence[Score]) -> list[Figure]:
             )
         )
         name = f"names{where}: expected calibration error"
-        out.append(bootstrapped(name, said, _error, at_most(0.04)))
+        out.append(bootstrapped(name, said, error_of_cases, at_most(0.04)))
     return out
-
-
-def _error(said: Sequence[Sequence[Statement]]) -> float:
-    return calibration_error([x for own in said for x in own]) or 0.0
 
 
 def _outside(scores: Sequence[Score]) -> list[Figure]:
@@ -147,6 +148,22 @@ def _predictions(scores: Sequence[Score]) -> list[Figure]:
             as_share=True,
             hits=inside,
             n=n,
+        ),
+    ]
+
+
+def _tool(scores: Sequence[Score]) -> list[Figure]:
+    known = [(s.pose_ratio, bool(s.solution.truths)) for s in scores if s.pose_ratio is not None]
+    name = "tool pose on fresh poses, improved over plain"
+    models = [s for s in scores if s.predicted.unphysical is not None]
+    return [
+        median(f"{name}, median", (ratio for ratio, truths in known if truths), at_most(0.5)),
+        share(f"{name}, cases above 1.02", known, lambda case: case[0] > WORSE, at_most(0.0)),
+        share(
+            "signs or bounds broken in improved.yaml",
+            models,
+            lambda s: bool(s.predicted.unphysical),
+            at_most(0.0),
         ),
     ]
 

@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 
 from truepose.challenge.empirical import best_empirical
 from truepose.challenge.nulls import Decoy
+from truepose.challenge.perfect import of_sensor
 from truepose.challenge.references import free_fit, oracle, oracle_terms, ordinary_fit, reference
 from truepose.challenge.rivals import equivalents, misfit, rivals
 from truepose.challenge.schedule import Seat
 from truepose.challenge.setup import Setup
 from truepose.challenge.simulator.base import SimulatedMachine
 from truepose.challenge.sizing import LIMIT_SNR
-from truepose.challenge.solutions import CONCEALED, Geometry, HeldOut, Reference, Solution, Truth
+from truepose.challenge.solutions import CONCEALED, Geometry, HeldOut, Reference, Solution, Table, Truth
 from truepose.challenge.strata import Draft
+from truepose.challenge.tool_pose import point_columns
 from truepose.errors import TrueposeError
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
@@ -67,6 +69,7 @@ def key(
         wild=_numbers(wild & ~setup.campaign.validation),
         rows=_numbers(~setup.campaign.validation),
         simulator=_simulator(setup.machine),
+        tool=_tool(found, exact_held),
     )
     told = _oracle(found, observed, wild, held_text, out)
     absent = {"ordinary fit": before, "free fit": free, "imitations": setup.known, "oracle": told}
@@ -93,6 +96,19 @@ def _numbers(rows: Mask) -> tuple[int, ...]:
 def _held_out(setup: Setup, exact: Array) -> HeldOut:
     truth = tuple(tuple(row) for row in exact.tolist())
     return HeldOut(setup.machine.columns, setup.machine.column_units, tuple(setup.sigma.tolist()), truth)
+
+
+def _tool(found: Draft, exact: Array) -> Table | None:
+    """Held-out readings (h, k) of a perfect instrument, where they are points; ``exact`` are those of the true one."""
+    if not point_columns(found.setup.machine.columns):
+        return None
+    kept = [
+        thing
+        for thing, kind in zip(found.imperfections, found.kinds, strict=True)
+        if kind.slug not in OF_ROWS and not of_sensor(thing.place)
+    ]
+    read = exact if len(kept) == len(found.imperfections) else found.setup.exact(kept)[1]
+    return tuple(tuple(row) for row in read.tolist())
 
 
 def _truths(found: Draft) -> tuple[Truth, ...]:

@@ -9,12 +9,14 @@ from pathlib import Path
 
 from truepose.challenge import solutions
 from truepose.challenge.examinee import DIAGNOSIS
-from truepose.challenge.findings import Found, Judge, Reply, read_reply
+from truepose.challenge.findings import FORM, Found, Judge, Reply, read_reply
+from truepose.challenge.levels import AtLevels, judged
 from truepose.challenge.measures import parameter_bias
 from truepose.challenge.predictions import Predicted, read_prediction
 from truepose.challenge.schedule import NULL, OUTSIDE, REAL
 from truepose.challenge.solutions import CONCEALED, Solution
 from truepose.challenge.statements import (
+    SURE,
     Rows,
     Statement,
     classes_said,
@@ -25,9 +27,9 @@ from truepose.challenge.statements import (
 )
 from truepose.models.effects.of_rows import OF_ROWS
 
-CONFIDENT, SURE = 0.95, 0.9
+CONFIDENT = 0.95
 LARGE = 5.0
-"""Detection limits from which on an effect of a real-like machine should be named."""
+"""Detection limits from which on an effect should be found."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Score:
     bias_ratio: the ordinary fit's over it; found: for each true effect whether some finding's class holds it; remainder:
     whether something unnamed was said; rows: which were set aside. statements, classes, aside, listed: names, classes,
     findings on rows and the whole list of effects, with their probabilities. A finding of outliers where none were put in is
-    a name that is wrong.
+    a name that is wrong; one without a law is no name. levels: places, drivers and laws.
     """
 
     solution: Solution
@@ -74,11 +76,18 @@ class Score:
     classes: tuple[Statement, ...] = ()
     aside: tuple[Statement, ...] = ()
     listed: tuple[Statement, ...] = ()
+    levels: AtLevels = field(default_factory=AtLevels)
+    answered: bool = True
 
     @property
     def held_out(self) -> float | None:
         """Error of predicted held-out readings, in sigma."""
         return self.predicted.error
+
+    @property
+    def pose_ratio(self) -> float | None:
+        """Error of the tool's points on held-out rows over that of plain calibration."""
+        return self.predicted.pose_ratio
 
     @property
     def right(self) -> bool:
@@ -97,6 +106,13 @@ class Score:
         hits = self.found or (False,) * len(self.solution.truths)
         pairs = zip(hits, self.solution.truths, strict=True)
         return tuple((hit, truth) for hit, truth in pairs if truth.factor > LARGE)
+
+    @property
+    def large_known(self) -> tuple[bool, ...]:
+        """The same effects: whether the place and driver of each were said for sure."""
+        known = self.levels.known or (False,) * len(self.solution.truths)
+        pairs = zip(known, self.solution.truths, strict=True)
+        return tuple(hit for hit, truth in pairs if truth.factor > LARGE)
 
     @property
     def factor(self) -> float:
@@ -132,7 +148,8 @@ def score(
 def _judged(solution: Solution, reply: Reply) -> Score:
     """What was said, against what is true."""
     judge, truths = Judge(solution), solution.truths
-    physics = _counted(reply, solution)
+    counted = _counted(reply, solution)
+    physics = tuple(f for f in counted if f.name.effect != FORM)
     top, outside = physics[:1], solution.stratum == OUTSIDE
     detected = reply.verdict != "adequate" or (_row_effect(solution) and bool(physics))
     lost = [f for f in physics if not any(judge.covers(f, t) for t in truths)]
@@ -163,6 +180,7 @@ def _judged(solution: Solution, reply: Reply) -> Score:
         classes=classes_said(judge, physics),
         aside=on_rows,
         listed=inclusion_said(judge, reply),
+        levels=judged(judge, reply, counted),
     )
 
 
@@ -178,6 +196,7 @@ def _unanswered(solution: Solution, seconds: float, failure: str) -> Score:
         honest=no,
         abstained=no,
         found=(False,) * len(solution.truths),
+        answered=False,
     )
 
 
@@ -221,7 +240,8 @@ def _right_verdict(solution: Solution, reply: Reply, detected: bool) -> bool:
         return reply.verdict == "adequate"
     if solution.stratum == OUTSIDE:
         acceptable = any(truth.equivalents for truth in solution.truths)
-        return reply.verdict == "unknown" or (acceptable and detected)
+        nameless = bool(reply.physics) and not reply.named
+        return reply.verdict == "unknown" or (detected and (acceptable or nameless))
     return reply.verdict == "missing-physics"
 
 
@@ -259,8 +279,16 @@ def _empirical_ratio(predicted: Predicted, solution: Solution) -> float | None:
 
 def _words(reply: Reply) -> str:
     """The verdict and what was named."""
-    names = [f"{f.name.effect}@{'+'.join(f.name.place)} {f.name.probability:.2f}" for f in reply.findings]
+    names = [_word(f) for f in reply.findings]
     return reply.verdict + (": " + "; ".join(names) if names else "")
+
+
+def _word(found: Found) -> str:
+    """A name, or what drives something without one, with its probability."""
+    what, probability = found.name.effect, found.name.probability
+    if what == FORM and found.levels is not None:
+        what, probability = f"something by {found.levels.kind}", found.levels.driver
+    return f"{what}@{'+'.join(found.name.place)} {probability:.2f}"
 
 
 __all__ = ["Score", "read_score", "score"]

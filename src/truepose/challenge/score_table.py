@@ -34,6 +34,11 @@ state sigma wrong by up to 1.5 and tolerances by up to 2, and a few of their row
   The oracle is the fit that is told effects, places, wild rows, sigma and tolerances. The best empirical model knows no
   names: smooth curves at the joints and mounts, as many columns as the answer has coefficients, chosen by cross-validation.
   **bias**: rms error in tolerances of the combinations of constants that readings know better than the drawing.
+* **place**, **driver**, **law**: a finding shares a part with the truth, or with what the data cannot tell from it; it also
+  says what drives that (load, the joint's own position, the side of arrival, heat ...); it names that very effect. A finding
+  may know the first two and no law: it is no name then, and outside the library an honest answer.
+* **tool pose**: rms distance of the tool's points on the held-out rows from where a perfect instrument would see them, after
+  a rigid refit, without what the models say of their sensor, over that of calibration without effects.
 * **names** for calibration are all members of all classes, and outliers where no row is wild; right is the very truth alone;
   `unknown` is right where something without a name is at that part.
 * A crash, or a diagnosis that takes too long, is wrong everywhere. 95 % intervals are Wilson's for shares, and by
@@ -59,6 +64,9 @@ class Table:
         sorts = {
             "names": [x for s in self.scores for x in s.statements],
             "names beside a remainder": [x for s in self.scores if s.remainder for x in s.statements],
+            "places": [x for s in self.scores for x in s.levels.places],
+            "places and drivers": [x for s in self.scores for x in s.levels.drivers],
+            "laws": [x for s in self.scores for x in s.levels.laws],
             "classes": [x for s in self.scores for x in s.classes],
             "rows set aside": [x for s in self.scores for x in s.aside],
             "all effects listed": [x for s in self.scores for x in s.listed],
@@ -135,7 +143,7 @@ def _calibration(found: Table) -> str:
         value = brier(statements)
         scores += [f"{what} {value:.3f}"] if value is not None else []
     grid = _grid(("statement", "said", "n", "right", "95 %", "holds what was said"), rows)
-    meaning = "A name is right when it is the very truth, a class when it holds it or what is as good."
+    meaning = "A name is right when it is the very truth, a law and a class also when as good."
     return f"Brier score: {', '.join(scores) or 'no statement'}. {meaning}\n\n{grid}"
 
 

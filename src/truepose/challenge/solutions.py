@@ -95,7 +95,7 @@ class Solution:
     their places and the wild rows, with the true sigma and tolerances. Each is None where it did not converge, or where the
     catalogue has no such effect. empirical: held-out error of the best model without names of 0, 1, 2 ... columns.
     noise, tolerance_scale: true over stated sigma and tolerances. wild: numbers of the rows that are off, from 1; rows: of
-    all that may be fitted.
+    all that may be fitted. tool: where the sensor reads points, what a perfect instrument would read on the held-out rows.
     """
 
     case: str
@@ -118,6 +118,7 @@ class Solution:
     rows: tuple[int, ...] = ()
     missing: tuple[str, ...] = ()
     simulator: str = ""
+    tool: Table | None = None
 
 
 _ADAPTER = TypeAdapter(Solution)

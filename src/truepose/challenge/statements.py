@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from truepose.challenge.findings import Found, Judge, Reply
+from truepose.challenge.findings import Found, Judge, Reply, Said
 from truepose.challenge.solutions import Solution
+
+SURE = 0.9
 
 
 @dataclass(frozen=True)
@@ -30,18 +32,16 @@ class Rows:
     invented: bool = False
 
 
+def name_said(judge: Judge, said: Said) -> Statement:
+    """One name: right when it is the very truth, at each of its places where it has several, or says without a name what
+    has none."""
+    right = judge.names(said) or judge.unnamed(said)
+    return Statement(said.probability, right, right or judge.as_good(said))
+
+
 def names_said(judge: Judge, found: Sequence[Found]) -> tuple[Statement, ...]:
-    """Every explanation in every class: right when it is the very truth, at each of its places where it has several, or
-    says without a name what has none."""
-    return tuple(
-        Statement(
-            said.probability,
-            right := judge.names(said) or judge.unnamed(said),
-            right or judge.as_good(said),
-        )
-        for one in found
-        for said in one.members
-    )
+    """Every explanation in every class."""
+    return tuple(name_said(judge, said) for one in found for said in one.members)
 
 
 def classes_said(judge: Judge, found: Sequence[Found]) -> tuple[Statement, ...]:
@@ -85,4 +85,6 @@ def rows_judged(reply: Reply, solution: Solution) -> Rows:
     )
 
 
-__all__ = ["Rows", "Statement", "classes_said", "inclusion_said", "names_said", "rows_judged", "rows_said"]
+__all__ = [
+    "SURE", "Rows", "Statement", "classes_said", "inclusion_said", "name_said", "names_said", "rows_judged", "rows_said",
+]  # fmt: skip

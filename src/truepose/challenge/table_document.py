@@ -16,7 +16,7 @@ _SHOWN = ("effect", "kind", "place", "factor", "factor_beside", "family", "snr",
 _KEPT = (
     "said", "failure", "seconds", "right", "verdict", "detected", "named", "top_effect", "top_place", "first", "exact",
     "confident_wrong", "wrong_class", "honest", "abstained", "flag", "remainder", "held_out", "held_out_ratio",
-    "empirical_ratio", "bias", "bias_ratio",
+    "empirical_ratio", "bias", "bias_ratio", "pose_ratio",
 )  # fmt: skip
 
 
@@ -63,6 +63,7 @@ def _score(s: Score) -> dict[str, Any]:
         **about,
         "truths": truths,
         "named_each": list(s.found),
+        "known_each": list(s.levels.known),
         "concealed": sol.concealed,
         "missing": list(sol.missing),
         **{name: getattr(s, name) for name in _KEPT},
