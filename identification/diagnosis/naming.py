@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.inclusion import Inclusion
 from truepose.identification.diagnosis.levels import UNKNOWN, Levels, Presence, driver_of, parts_of
 from truepose.identification.diagnosis.likeness import forms_hold
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause
-from truepose.identification.posterior.mode import supports
+from truepose.identification.posterior.mode import slot_odds, supports
 from truepose.models.effects.empirical import Empirical
 
 NAMED = 0.5
@@ -25,6 +26,8 @@ CERTAIN = 0.95
 SHOWN = 0.02
 """Share of a slot from which on an explanation belongs to its class."""
 CLASS_LIMIT = 8
+DRAWN = 0.999
+"""Largest probability that draws can tell from a larger one."""
 
 
 @dataclass(frozen=True)
@@ -135,12 +138,27 @@ def _weighed(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Name
     """With the log Bayes factor of each name and of its class, and with what is only like it or a part of something else."""
     if not names:
         return []
-    gains = supports(found.weighed.weighing, found.mode, [_places(found, n.candidates) for n in names])
+    alone = supports(found.weighed.weighing, found.mode, [_places(found, n.candidates) for n in names])
+    gains = [max(gain, _least(found, n)) for gain, n in zip(alone, names, strict=True)]
     held = forms_hold(found, said.nameless, [n.candidates for n in names])
     return [
         replace(_beside_alike(name, gain, like.itself), tested=like.tested)
         for name, gain, like in zip(names, gains, held, strict=True)
     ]
+
+
+def _least(found: Found, one: Named) -> float:
+    """Log Bayes factor that a name has at least: from its prior odds beside the others to those that it was drawn with.
+
+    What the likeliest state says of it may be less: other states hold it, too.
+    """
+    weighing, members = found.weighed.weighing, found.mode.members
+    own = [t for t, _ in members if set(found.weighed.candidates[t]) == set(one.candidates)]
+    if one.family or not own:
+        return -np.inf
+    prior_odds = weighing.terms.log_prior_of(own) + slot_odds(prior.RICHNESS, len(members) - 1)
+    drawn = min(max(one.probability, 1e-6), DRAWN)
+    return float(np.log(drawn / (1.0 - drawn)) - prior_odds)
 
 
 def _beside_alike(one: Named, gain: float, held: float) -> Named:

@@ -20,6 +20,7 @@ from truepose.identification.diagnosis.result import UNNAMED
 from truepose.identification.identifiability.note import Note
 from truepose.identification.prediction.simulate import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
+from truepose.models.effects.empirical import Empirical
 from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.load import resolve_place
 from truepose.models.machine import Machine
@@ -30,6 +31,9 @@ EXPECTED = 0.01
 amplitudes that a diagnosis takes to be equally likely (``evidence.AMPLITUDES`` up to 1)."""
 Form = tuple[PlacedEffect, ...]
 """Effects that act together as one version of an explanation (the orders of a harmonic)."""
+
+NO_NAMES = (Empirical.slug, *OF_ROWS)
+"""Effects of findings that are no explanation: forms without a name, rows."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,7 @@ def class_of(path: Path | str, machine: Machine, texts: Sequence[str] = ()) -> C
     Without ``texts`` the first finding that has equivalents is taken; with them, the finding that is among them,
     against the others. Raises InputError where there is nothing to tell apart.
     """
-    findings = [f for f in _findings(path) if f["effect"] in effects and f["effect"] not in OF_ROWS]
+    findings = [f for f in _findings(path) if f["effect"] in effects and f["effect"] not in NO_NAMES]
     wanted = [explanation(text, machine) for text in texts]
     names = {e.name for e in wanted}
     fitted = [_fitted(machine, f, f"{path}: findings[{k}]") for k, f in enumerate(findings)]
@@ -122,8 +126,8 @@ def class_of(path: Path | str, machine: Machine, texts: Sequence[str] = ()) -> C
 
 
 def _named_equivalents(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Rivals of a finding that have a name."""
-    return [e for e in finding.get("equivalents", ()) if e["effect"] != UNNAMED]
+    """Rivals of a finding that have a name, and that a recording of this machine can speak of."""
+    return [e for e in finding.get("equivalents", ()) if e["effect"] != UNNAMED and e.get("tested", True)]
 
 
 def _findings(path: Path | str) -> list[dict[str, Any]]:

@@ -198,9 +198,12 @@ def _class_table(finding: Finding) -> Table:
             ]
         )
     ordered = [[row[0], row[1], row[4], row[2], row[3]] for row in rows]
-    caption = "Explanations that these readings cannot tell apart, with their shares of the probability."
+    caption = (
+        "Explanations that these readings cannot tell apart, each with the probability that it is there at all:"
+        " several may be."
+    )
     return Table(
-        ["explanation", "place", "what would tell", "share", "log Bayes factor"],
+        ["explanation", "place", "what would tell", "probability", "log Bayes factor"],
         ordered,
         caption,
         text_columns=3,
