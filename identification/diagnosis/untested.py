@@ -3,7 +3,8 @@
 Without ``gravity:`` no effect of weight is a candidate, and what it does to the readings leaves its evidence to whatever
 resembles it most, often a wave of the same joint. So each name is compared with what a compliance of each joint would
 make if gravity pulled along the base's -z: a share R^2 of the name's signal, all geometry free in its tolerances. Had it been
-tested, it would have lost (1 - R^2) E / 2 nats against the name, E the sum of squares of that signal in the noise.
+tested, it would have lost (1 - R^2) E / (2 (1 + f^2 E)) nats against the name: E is the sum of squares of that signal in the
+noise, f the error of form (a tenth) that every formula has.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from truepose.identification.diagnosis.levels import Levels, parts_of
 from truepose.identification.diagnosis.naming import SHOWN, Member, Named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause
+from truepose.identification.signatures.forms import ERROR
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine
@@ -83,7 +85,7 @@ def _shared(
         (column,) = lin.indices([labels[placed.label]])
         length = float(left[column, column])
         alike = float(left[column] @ signal) ** 2 / max(energy * length, 1e-300) if length > 0.0 else 0.0
-        worth = np.exp(-0.5 * (1.0 - min(alike, 1.0)) * energy)
+        worth = np.exp(-0.5 * (1.0 - min(alike, 1.0)) * energy / (1.0 + ERROR**2 * energy))
         odds[placed.place] = max(odds.get(placed.place, 0.0), float(worth))
     rarer = _prior_ratio(found, name, len(odds), unseen[0].effect.commonness)
     return _with_rivals(found, name, {place: rarer * worth for place, worth in odds.items()})

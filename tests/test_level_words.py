@@ -1,0 +1,101 @@
+"""Findings in words at the deepest level that is known: the law, what drives the place, one of several places, the place."""
+
+from __future__ import annotations
+
+import pytest
+
+from truepose.identification.diagnosis.levels import Levels
+from truepose.identification.diagnosis.result import Alternative, Finding, Lead
+from truepose.identification.report.level_words import (
+    driver_clauses,
+    lead_words,
+    level_of,
+    levels_words,
+    pooled,
+    title,
+)
+from truepose.models.driver import DriverKind
+
+
+def finding(
+    effect: str,
+    place: str,
+    law: float,
+    driver: float,
+    known: float,
+    kind: DriverKind = "load",
+    equivalents: tuple[Alternative, ...] = (),
+) -> Finding:
+    return Finding(
+        effect=effect,
+        place=tuple(place.split("+")),
+        probability=law,
+        certainty=law,
+        log_bayes_factor=20.0,
+        equivalents=equivalents,
+        parameters={},
+        settings=({},),
+        prior_dependent=False,
+        flip_lambda=None,
+        explanation="",
+        experiment="",
+        levels=Levels(known, kind, driver),
+    )
+
+
+@pytest.mark.parametrize(
+    ("law", "driver", "place", "level"),
+    [
+        (0.95, 0.99, 1.0, "law"),
+        (0.5, 0.95, 1.0, "driver"),
+        (0.2, 0.6, 0.95, "place"),
+        (0.2, 0.5, 0.6, "none"),
+    ],
+)
+def test_the_deepest_level_that_is_known_is_spoken_of(
+    law: float, driver: float, place: float, level: str
+) -> None:
+    assert level_of(finding("joint-compliance", "q2", law, driver, place)) == level
+
+
+def test_what_has_no_law_is_never_known_by_one() -> None:
+    assert level_of(finding("empirical", "q2", 0.0, 0.99, 1.0)) == "driver"
+
+
+def test_places_of_one_driver_stand_together_with_what_is_known_of_their_laws() -> None:
+    soft = [finding("joint-compliance", f"q{k}", p, 0.99, 1.0) for k, p in ((2, 0.57), (3, 0.62))]
+    bent = finding("link-bending", "link2", 0.4, 0.95, 1.0)
+    curve = finding("empirical", "q5", 0.0, 0.95, 1.0, "coupling")
+    load, other = driver_clauses([*soft, curve, bent])
+    assert load.startswith("q2, q3 and link2 give way under the weight that they carry (")
+    assert f"{title('joint-compliance')}: 57 % to 62 %" in load and f"{title('link-bending')}: 40 %" in load
+    assert other == "q5 follows the position of other joints"
+
+
+def test_twins_are_pooled_where_they_agree() -> None:
+    """The mount that drifts is not known; that one of the two does, is."""
+    twin = Alternative("mount-drift", ("tool",), 0.41, 18.0, kind="time")
+    beside = Alternative("thermal-expansion", ("tool",), 0.02, 18.0, kind="temperature")
+    drift = finding("mount-drift", "base", 0.55, 0.56, 0.57, "time", (twin, beside))
+    assert level_of(drift) == "pooled"
+    places, probability = pooled(drift)
+    assert places == ["base", "tool"] and probability == pytest.approx(0.97)
+    (clause,) = driver_clauses([drift])
+    assert clause == "base or tool drifts with time (97.0 %; not told apart, base with 56 %)"
+
+
+def test_all_three_levels_are_told_of_a_finding() -> None:
+    said = levels_words(finding("joint-compliance", "q2", 0.57, 0.95, 0.99))
+    assert said == (
+        "Probability 99.0 % that something is at q2, 95.0 % that it follows the weight carried, "
+        "57 % that its law is joint-compliance."
+    )
+    nameless = levels_words(finding("empirical", "q5", 0.0, 0.95, 0.99, "coupling"))
+    assert nameless.endswith("95.0 % that it follows other joints; no law of the catalogue stands for it.")
+    coupled = levels_words(finding("axis-coupling", "q4+q3", 0.6, 0.9, 0.95, "coupling"))
+    assert "something is at q4," in coupled  # the driven joint errs, not the one that drives
+
+
+def test_what_leads_below_the_level_of_a_finding_is_shown() -> None:
+    lead = Lead("backlash", ("q3",), Levels(0.46, "arrival", 0.45), 0.4)
+    assert lead_words(lead) == "backlash at q3 (40 %; something follows the side of arrival there: 45 %)"
