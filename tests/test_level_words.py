@@ -67,7 +67,7 @@ def test_places_of_one_driver_stand_together_with_what_is_known_of_their_laws() 
     bent = finding("link-bending", "link2", 0.4, 0.95, 1.0)
     curve = finding("empirical", "q5", 0.0, 0.95, 1.0, "coupling")
     load, other = driver_clauses([*soft, curve, bent])
-    assert load.startswith("q2, q3 and link2 give way under the weight that they carry (")
+    assert load.startswith("link2, q2 and q3 give way under the weight that they carry (")
     assert f"{title('joint-compliance')}: 57 % to 62 %" in load and f"{title('link-bending')}: 40 %" in load
     assert other == "q5 follows the position of other joints"
 

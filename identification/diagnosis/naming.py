@@ -26,6 +26,8 @@ CERTAIN = 0.95
 SHOWN = 0.02
 """Share of a slot from which on an explanation belongs to its class."""
 CLASS_LIMIT = 8
+TOLD = 1.0
+"""Log Bayes factor that readings must give a place of a family for it to be said."""
 DRAWN = 0.999
 """Largest probability that draws can tell from a larger one."""
 
@@ -67,8 +69,12 @@ class Named:
 
     @property
     def said(self) -> bool:
-        """Whether it is more probable than not: its place with its driver, or one of the names of its class."""
-        return max(self.levels.driver, self.certainty) >= NAMED
+        """Whether it is more probable than not: its place with its driver, or one of the names of its class.
+
+        A place of a family that readings say nothing of is as probable as it was before, and is not said.
+        """
+        told = not self.family or self.gain >= TOLD
+        return told and max(self.levels.driver, self.certainty) >= NAMED
 
 
 def named(found: Found, said: Inclusion) -> tuple[Named, ...]:

@@ -99,14 +99,12 @@ def _faults(findings: Sequence[Finding]) -> list[str]:
 
 
 def _or_alike(finding: Finding) -> str:
-    """A finding, and that look-alikes are as good where its own name is not sure."""
-    if finding.probability > CERTAIN or not finding.equivalents:
-        return named(finding)
+    """A finding, and that look-alikes with a name are as good where its own is not sure."""
     alike = [other for other in finding.equivalents if not other.nameless]
-    others = [named(alike[0])] if len(alike) == 1 else [f"one of {len(alike)} look-alikes"] if alike else []
-    if len(alike) < len(finding.equivalents):
-        others.append("something without a name")
-    return " or ".join([named(finding), *others])
+    if finding.probability > CERTAIN or not alike:
+        return named(finding)
+    others = named(alike[0]) if len(alike) == 1 else f"one of {len(alike)} look-alikes"
+    return f"{named(finding)} or {others}"
 
 
 def follows(left: Remainder) -> str:
@@ -194,13 +192,12 @@ def certainty_words(finding: Finding) -> str:
 
 
 def _class_words(finding: Finding) -> list[str]:
-    if not finding.equivalents or finding.nameless:
+    """How sure it is that one of the names of a class is right; nothing where there is one only."""
+    named_ones = [other for other in finding.equivalents if not other.nameless]
+    if not named_ones or finding.nameless:
         return []
-    several_words = several(len(finding.equivalents) + 1, "explanation")
-    return [
-        f"{percent(finding.certainty)} that it is one of the {several_words} below with a name, which these readings"
-        " cannot tell apart."
-    ]
+    count = several(len(named_ones) + 1, "explanation")
+    return [f"{percent(finding.certainty)} that it is one of the {count} below that have a name."]
 
 
 def tolerance_words(finding: Finding) -> str:

@@ -91,7 +91,7 @@ def _pooled_clause(finding: Finding) -> str:
 
 
 def _clause(level: str, kind: DriverKind, findings: Sequence[Finding]) -> str:
-    places = list(dict.fromkeys(part for f in findings for part in f.place[:1] or ("the sensor",)))
+    places = sorted({part for f in findings for part in f.place[:1] or ("the sensor",)}, key=_counted)
     shown = shortened(places, PLACES) if len(places) > PLACES else joined(places)
     if level == "driver":
         laws = _laws(findings)
@@ -99,6 +99,12 @@ def _clause(level: str, kind: DriverKind, findings: Sequence[Finding]) -> str:
     likely = [f.levels.driver for f in findings]
     said = f"something at {shown} errs, likely with {NAMES[kind]} ({_span(likely)})"
     return said if level == "place" else said.replace("something", "probably something", 1)
+
+
+def _counted(name: str) -> tuple[str, int]:
+    """q2 before q10."""
+    stem = name.rstrip("0123456789")
+    return stem, int(name[len(stem) :] or 0)
 
 
 def _laws(findings: Sequence[Finding]) -> str:
