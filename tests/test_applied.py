@@ -165,7 +165,7 @@ def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
             held = {e.label for e in fit.effects}  # type: ignore[attr-defined]
             return good if held <= {case.cat.candidates[label[name]].label for name in allowed} else bad
 
-        monkeypatch.setattr(Choice, "judged", compared)
+        monkeypatch.setattr(Choice, "compared", compared)
         chosen, model, _ = chosen_model(choice, everything, names, (), bad)
         return chosen, model
 

@@ -3,7 +3,8 @@
 A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
 models are tried in turn: all that was found, less what the sensor is said to do and may not, names alone, sure names
 alone. The first whose held-out readings and tool's position are no worse than plain calibration's is applied; without
-one, plain calibration is. Nor may geometry leave its tolerances to meet forms without a name.
+one, plain calibration is. Forms without a name must do so at the ends of what was seen, too (outermost poses, heaviest
+loads, warmest rows), and geometry may not leave its tolerances to meet them.
 """
 
 from __future__ import annotations
@@ -108,10 +109,17 @@ class Choice:
         known = {effect.label for effect in self.before.effects} | self.sure
         return {e.label for e in fit.effects if e.kind == "sensor" and e.label not in known}
 
+    def may_be_applied(self, model: Model, names: Model | None, held: Comparison) -> bool:
+        """Whether a model is no worse than plain calibration where it was not fitted.
+
+        Physics holds everywhere; forms without a name must not be worse at the ends of what was seen either.
+        """
+        if held.worse:
+            return False
+        return not (model.nameless(self.found) and (held.worse_beyond or self.strays(model, names)))
+
     def strays(self, model: Model, names: Model | None) -> bool:
         """Whether forms without a name move a constant out of its tolerance, as far as a true model never leaves one."""
-        if not model.nameless(self.found):
-            return False
         without = self.before if names is None else names.fit
         count, most = len(self.before.machine.parameters), worst_allowed(model.fit)
         own, other = model.fit.in_tolerances[:count], without.in_tolerances[:count]
@@ -126,7 +134,7 @@ class Choice:
         robot = {i: s for i, s in model.accepted.items() if cat.candidates[i].label not in silent}
         if len(robot) < len(model.accepted):
             less = refit(self.found, robot, model.shapes, self.outliers)
-            if less is not None and not self.strays(less, names):
+            if less is not None:
                 yield "robot", less
         if names is not None and model.nameless(self.found):
             yield "names", names
@@ -144,11 +152,11 @@ def chosen_model(
 
     ``whole``: all that was found (``model``), held out.
     """
-    if not whole.worse and not choice.strays(model, names):
+    if choice.may_be_applied(model, names, whole):
         return WHOLE, model, whole
     for label, less in choice.smaller(model, names, sure):
-        held = choice.judged(less.fit)
-        if not held.worse:
+        held = choice.compared(less.fit)
+        if choice.may_be_applied(less, names, held):
             return label, less, held
     return "plain", None, choice.plain.against(choice.plain)
 

@@ -29,7 +29,7 @@ LEVELS = 4
 """Levels that a driver must have for its largest values to be predicted from the others."""
 OUTERMOST = "outermost poses"
 ROLE = "role"
-VALIDATION = "validation rows"
+VALIDATION, QUARTER = "validation rows", "quarter"
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,11 @@ class Trial:
         """This model's errors beside those of ``other``, on the blocks that both have."""
         names = [name for name in self.blocks if name in other.blocks]
         squares = {name: _both(other.blocks[name].squares, self.blocks[name].squares) for name in names}
-        proofs = tuple(BlockProof(name, len(b), _ratio(b, a)) for name, (b, a) in squares.items() if len(b))
+        proofs = tuple(
+            self._proof(other, name, before, after)
+            for name, (before, after) in squares.items()
+            if len(before)
+        )
         counted = [VALIDATION] if VALIDATION in names else [name for name in names if len(squares[name][0])]
         if not counted:
             return Comparison("none", *_both(other.fitted.squares, self.fitted.squares), proofs, None)
@@ -70,6 +74,12 @@ class Trial:
         pose = (_rms(points[0]), _rms(points[1])) if len(points[0]) else None
         before, after = (np.concatenate(part) for part in zip(*(squares[n] for n in counted), strict=True))
         return Comparison(self.split, before, after, proofs, pose)
+
+    def _proof(self, other: Trial, name: str, before: Array, after: Array) -> BlockProof:
+        points = other.blocks[name].points, self.blocks[name].points
+        pose = _rms(points[1]) / max(_rms(points[0]), 1e-300) if len(points[0]) and len(points[1]) else None
+        inside = name == VALIDATION or name.startswith(QUARTER)
+        return BlockProof(name, len(before), _ratio(before, after), pose, extrapolates=not inside)
 
 
 @dataclass(frozen=True)
@@ -97,6 +107,11 @@ class Comparison:
         pose = self.pose is not None and self.pose[1] > NO_WORSE * self.pose[0]
         return pose or self.ratio > NO_WORSE
 
+    @property
+    def worse_beyond(self) -> bool:
+        """Whether readings or the tool's position get worse at the ends of what was seen: beyond them they would, too."""
+        return any(b.extrapolates and b.worst > NO_WORSE for b in self.blocks)
+
 
 def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]:
     """Name of the split, and its blocks: extrapolations first, then the validation rows or four blocks in time.
@@ -112,7 +127,7 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
     for k, part in enumerate(np.array_split(np.array(inner, dtype=int), FOLDS - 1), start=1):
         mask = np.zeros(len(used), dtype=bool)
         mask[part] = True
-        blocks.append(Block(f"quarter {k} in time", mask))
+        blocks.append(Block(f"{QUARTER} {k} in time", mask))
     return "blocks", [b for b in blocks if b.rows.any() and not np.array_equal(b.rows, used)]
 
 

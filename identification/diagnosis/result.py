@@ -136,11 +136,19 @@ class SetOfEffects:
 
 @dataclass(frozen=True)
 class BlockProof:
-    """Rms after over before on rows held out together, and how many they are."""
+    """Rms of readings after over before on rows held out together, how many they are, and the same of the tool's position;
+    extrapolates: whether they lie at the end of what was seen."""
 
     name: str
     rows: int
     ratio: float
+    pose: float | None = None
+    extrapolates: bool = False
+
+    @property
+    def worst(self) -> float:
+        """The larger of both."""
+        return max(self.ratio, self.pose or 0.0)
 
 
 @dataclass(frozen=True)
