@@ -70,13 +70,15 @@ def _open(found: Found, held: Collection[int]) -> dict[int, float]:
     """Named candidates outside the likeliest set that may well be there, with their largest size; the likeliest ones.
 
     A form without a name says nothing beyond the rows that were seen: a few chances in ten are no reason to carry it there.
+    What the likeliest set holds and its fit does not, because bounds left nothing of it, stays out.
     """
+    gone = set(chosen(found.weighed, found.mode)) - set(held)
     share, spread = defaultdict[int, float](float), defaultdict[int, float](float)
     for state, weight in found.posterior.states:
         for i, size in chosen(found.weighed, state).items():
             share[i] += weight
             spread[i] = max(spread[i], size)
-    named = [i for i in share if found.catalogue.named(i)]
+    named = [i for i in share if found.catalogue.named(i) and i not in gone]
     wanted = sorted((i for i in named if i not in held and share[i] >= OPEN), key=lambda i: -share[i])
     return {i: spread[i] for i in wanted[:FEW]}
 

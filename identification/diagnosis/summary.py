@@ -6,7 +6,7 @@ Nothing that is told is worked out anywhere else, so no number is told twice wit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from truepose.identification.diagnosis.inclusion import Inclusion, inclusion
 from truepose.identification.diagnosis.judgement import Judgement
@@ -36,12 +36,14 @@ class Summary:
 
 
 def summarised(found: Found, fit: Estimate) -> Summary:
-    """Of a posterior; names that the likeliest ``fit`` does not hold (bounds left nothing of them) are not told."""
+    """Of a posterior; terms that the likeliest ``fit`` does not hold (bounds left nothing of them) are not told."""
     said = inclusion(found.weighed, found.posterior)
     cat = found.catalogue
     held = {effect.label for effect in fit.effects}
-    every = [n for n in named(found, said) if all(cat.candidates[i].label in held for i in n.candidates)]
-    every = list(beside_untested(found, every))
+    kept = [
+        (n, tuple(i for i in n.candidates if cat.candidates[i].label in held)) for n in named(found, said)
+    ]
+    every = beside_untested(found, [replace(n, candidates=own) for n, own in kept if own])
     names = _told(found, [n for n in every if n.said])
     rest = [n for n in every if n not in names and max(n.levels.driver, n.certainty) >= LEADING]
     return Summary(names, tuple(rest), as_named(said, every))
