@@ -32,7 +32,7 @@ def summary(document: Json) -> dict[str, Any]:
         "concealed": document["concealed"],
         "alarms": {name: _alarm(alarm) for name, alarm in document["alarms"].items()},
         "findings": {_name(f): _finding(f) for f in sorted(document["findings"], key=_name)},
-        "applied": document["applied"]["model"],
+        "applied": (document["applied"] or {}).get("model"),
         "sets": {name: p for name, p in _sets(document["sets"]).items() if p >= LEAST},
         "inclusion": {k: p for k, p in _probabilities(document["inclusion"]).items() if p >= LEAST},
         "remainder": _remainder(document["remainder"]),
