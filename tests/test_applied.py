@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from support.searched_arm import ARM, PLAY, SCALE, Case
 from truepose.errors import InputError
@@ -20,12 +21,13 @@ from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.holdout import Comparison, held_out_blocks
 from truepose.identification.diagnosis.result import WHOLE, Applied, PoseError
 from truepose.identification.fit.bounded import beyond, coefficient_bounds, within_bounds
-from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tool_pose import ToolPoints, tool_points
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.identification.report.applied_words import applied_words, check_applicable, expected_pose
 from truepose.models import lie
 from truepose.models.effects.empirical import Empirical
@@ -187,10 +189,24 @@ def test_improved_predicts_the_tool_no_worse_than_plain_calibration(tmp_path: Pa
     read = simulate(machine, poses, [], seed=3)
     read["z"] += 0.3 * (read["x"] / 350.0) ** 2  # bent where the point is, as a volume or an arm may be
     pd.concat([table, read], axis=1).to_csv(tmp_path / "rows.csv", index=False)
-    found = diagnose(machine, load_recording(machine, [tmp_path / "rows.csv"]))
+    recording = load_recording(machine, [tmp_path / "rows.csv"])
+    found = diagnose(machine, recording)
+    plain, improved = (tool_error(fit, recording) for fit in (found.before, found.after))
+    assert improved <= 1.02 * plain
     assert found.applied is not None and found.applied.pose is not None
-    assert found.applied.pose.model <= 1.02 * found.applied.pose.plain
-    assert found.applied.ratio <= 1.02
+    assert found.applied.pose.plain == pytest.approx(plain, rel=1e-6)
+    assert found.applied.pose.model == pytest.approx(improved, rel=1e-6)
+
+
+def tool_error(fit: Estimate, recording: Recording) -> float:
+    """Rms error of the tool's origin on validation rows, as poses have it, moved rigidly onto the fitted rows (mm)."""
+    predictor = Predictor(fit.machine, recording, fit.effects)
+    poses, _ = predictor.poses(fit.p, fit.x)
+    at, read = poses[:, :3, 3], np.column_stack([recording.observations[axis] for axis in "xyz"])
+    own, onto = at[fit.used], read[fit.used]
+    turn, _ = Rotation.align_vectors(onto - onto.mean(axis=0), own - own.mean(axis=0))
+    off = turn.apply(at - own.mean(axis=0)) + onto.mean(axis=0) - read
+    return float(np.sqrt(np.mean(np.sum(off[recording.validation] ** 2, axis=1))))
 
 
 # -- what is said of it -------------------------------------------------------------------------------------------

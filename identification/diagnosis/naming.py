@@ -28,8 +28,6 @@ SHOWN = 0.02
 CLASS_LIMIT = 8
 TOLD = 1.0
 """Log Bayes factor that readings must give a place of a family for it to be said."""
-DRAWN = 0.999
-"""Largest probability that draws can tell from a larger one."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +161,8 @@ def _least(found: Found, one: Named) -> float:
     if one.family or not own:
         return -np.inf
     prior_odds = weighing.terms.log_prior_of(own) + slot_odds(prior.RICHNESS, len(members) - 1)
-    drawn = min(max(one.probability, 1e-6), DRAWN)
+    sweeps = found.posterior.sweeps  # so many draws tell no more than one in so many
+    drawn = (one.probability * sweeps + 1.0) / (sweeps + 2.0)
     return float(np.log(drawn / (1.0 - drawn)) - prior_odds)
 
 

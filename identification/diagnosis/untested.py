@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from truepose.identification.diagnosis.levels import Levels, parts_of
 from truepose.identification.diagnosis.naming import SHOWN, Member, Named
@@ -25,7 +26,7 @@ from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-GRAVITY = (0.0, 0.0, -9.80665)
+GRAVITY = (0.0, 0.0, -g)
 COMPLIANCE = "joint-compliance"
 
 
