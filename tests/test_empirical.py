@@ -21,10 +21,10 @@ from truepose.identification.fit.write_machine import covariance_of, write_calib
 from truepose.identification.prediction.predict import predict, predicted, predictor_for
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import parse_effect, simulate
-from truepose.identification.recording.empirical_forms import empirical_forms
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
+from truepose.identification.signatures.empirical_forms import empirical_forms
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.kinematics import symbolic_model

@@ -20,12 +20,12 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
-from truepose.identification.recording.empirical_forms import empirical_forms
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import _tolerance_notes
 from truepose.identification.selection.scales import noise_scales
 from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Catalogue
+from truepose.identification.signatures.empirical_forms import empirical_forms
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical

@@ -25,9 +25,9 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause, Weighed, weighed
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.posterior.mode import State, slot_odds
-from truepose.identification.recording.empirical_forms import empirical_forms
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
+from truepose.identification.signatures.empirical_forms import empirical_forms
 from truepose.identification.signatures.forms import ERROR, Forms
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.models.effects.base import PlacedEffect

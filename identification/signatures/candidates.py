@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from truepose.identification.recording.empirical_forms import empirical_forms
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.empirical_forms import empirical_forms
 from truepose.models.driver import Driver
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical

@@ -32,7 +32,8 @@ from truepose.wording import joined
 Array = NDArray[np.float64]
 LARGEST = {"mm": 1.0, "rad": 0.01}
 CURVE, LINE = 4, 1
-MOUNT_CURVE = 2
+MOUNT_CURVE, LOAD_CURVE = 2, 3
+"""Degrees of a mount's six motions, and of what yields to a load: its slope, and how that bends to either side."""
 LINES = 0.5
 """How likely a line is beside a curve."""
 LINE_END = 2.0
@@ -43,6 +44,10 @@ TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
 WARP = ("xx", "yy", "zz", "xy", "yz", "zx")
 """Squares and products of a point's coordinates: how a measuring volume bends; its linear part is scale and frame."""
 FROM, TO, DEGREE, WIDTH = "from.", "to.", "degree", "reach"
+LOAD = "load"
+"""A source that no column holds: gravity's load at the place itself, N along a length, N m about an angle."""
+TURNS = ("rx", "ry", "rz")
+"""Motions of a mount under load: each turns with gravity's moment about its own axis."""
 
 
 def seen_over(ranges: Mapping[str, tuple[float, float]], degree: int | None = None) -> dict[str, float]:
@@ -54,7 +59,7 @@ def seen_over(ranges: Mapping[str, tuple[float, float]], degree: int | None = No
 
 @dataclass(frozen=True)
 class Source:
-    """A reading or driver that a form is a function of, and the range in which it was seen."""
+    """A reading, a driver or the place's load that a form is a function of, and the range in which it was seen."""
 
     name: str
     low: float
@@ -74,12 +79,13 @@ class Empirical(Effect):
     """A smooth form that no physics was found for; its sources run from -1 to 1 over what was seen, and stop there.
 
     Settings ``from.NAME`` and ``to.NAME`` say what it is a function of, and over which range (mm, rad, turn, or the
-    driver's own unit): a joint's reading or any driver. With one source it is a curve, Chebyshev polynomials up to
-    ``degree`` (4; 2 for the six motions of a mount); a curve in the joint's own reading begins with the square. With
-    two it is their product. A sensor's volume bends by squares and products of a point's coordinates, in units of
-    ``reach`` (mm), and by no more than its maker's sigma is expected: what is larger, the robot does. Outside of what was
-    seen nothing is known: the form stays at its end's value, a line goes on for half the range seen, and predictions say
-    how little that means (``truepose.identification.prediction.predict``). No diagnosis takes it for a name.
+    driver's own unit): a joint's reading, any driver, or ``load``, what gravity exerts at the place (N m about an angle, N
+    along a length; a mount turns about each axis by the moment about it). With one source it is a curve, Chebyshev
+    polynomials up to ``degree`` (4; 2 for the six motions of a mount); a curve in the joint's own reading begins with the
+    square. With two it is their product. A sensor's volume bends by squares and products of a point's coordinates, in
+    units of ``reach`` (mm), and by no more than its maker's sigma is expected: what is larger, the robot does. Outside of
+    what was seen nothing is known: the form stays at its end's value, a line goes on for half the range seen, and
+    predictions say how little that means (``truepose.identification.prediction.predict``). No diagnosis takes it for a name.
     """
 
     slug = "empirical"
@@ -107,7 +113,8 @@ class Empirical(Effect):
         """Over the joints' whole travel, and what drivers the file names; what recordings saw: ``empirical_forms``."""
         if place[0] in sensor_names(machine):
             return ({WIDTH: REACH},)
-        drivers = {name: _usual_range(name) for name in dict.fromkeys((TIME, *machine.drivers))}
+        weighs = (LOAD,) if machine.loaded else ()
+        drivers = {name: _usual_range(name) for name in dict.fromkeys((TIME, *machine.drivers, *weighs))}
         if place[0] in FRAMES:
             return [seen_over({name: usual}, MOUNT_CURVE) for name, usual in drivers.items()]
         travel = {name: _travel(machine, name) for name in machine.mechanism.readings}
@@ -127,6 +134,7 @@ class Empirical(Effect):
                 Coefficient(f"{axis}{k}", unit, LARGEST[unit] / k)
                 for k in range(1, _degree(settings, MOUNT_CURVE) + 1)
                 for axis, unit in AXIS_UNITS.items()
+                if axis in TURNS or sources[0].name != LOAD
             )
         unit = machine.mechanism.actuator(place[0]).unit
         if len(sources) == 2:
@@ -140,17 +148,23 @@ class Empirical(Effect):
         return LINES if settings.get(DEGREE) == LINE else 1.0
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
-        """The sources that are no joints."""
+        """The sources that are columns and no joints."""
         if place[0] in sensor_names(machine):
             return ()
         names = [source.name for source in _sources(machine, place, settings)]
-        return tuple(name for name in names if name not in machine.mechanism.readings)
+        return tuple(name for name in names if name not in (*machine.mechanism.readings, LOAD))
+
+    def reads_load(self, settings: Settings) -> bool:
+        """Where the place's own load is a source."""
+        return f"{FROM}{LOAD}" in settings
 
     def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
         """The joint's own position, another joint, or what kind of driver its source is."""
         if place[0] in sensor_names(machine):
             return "sensor"
         names = [source.name for source in _sources(machine, place, settings)]
+        if LOAD in names:
+            return "load"
         joints = machine.mechanism.readings
         read = [
             kind
@@ -166,27 +180,30 @@ class Empirical(Effect):
             return _warp(site)
         sources = _sources(site.machine, site.place, site.settings)
         end = LINE_END if len(sources) == 1 and site.settings.get(DEGREE) == LINE else 1.0
-        t = [s.within(site.q[s.name] if s.name in site.q else site.driver(s.name), end) for s in sources]
-        if len(t) == 2:
-            return {site.port(place): site.c["c"] * t[0] * t[1]}
-        highest = max(int(name.lstrip("cxyzr")) for name in site.c)
-        powers = [ca.SX(1), t[0]]
-        for _ in range(2, highest + 1):
-            powers.append(2 * t[0] * powers[-1] - powers[-2])
-        if place in FRAMES:
-            return {
-                f"{place}.motion.{axis}": _sum(
-                    site.c[f"{axis}{k}"] * powers[k] for k in range(1, highest + 1)
-                )
-                for axis in AXES
-            }
-        return {site.port(place): _sum(c * powers[int(name[1:])] for name, c in site.c.items())}
+        if len(sources) == 2:
+            t, u = (source.within(_value(site, source.name)) for source in sources)
+            return {site.port(place): site.c["c"] * t * u}
+        ports = (
+            {axis: f"{place}.motion.{axis}" for axis in AXES} if place in FRAMES else {"c": site.port(place)}
+        )
+        out: dict[str, ca.SX] = {}
+        for axis, port in ports.items():
+            own = {name: c for name, c in site.c.items() if name.rstrip("0123456789") == axis}
+            if own:
+                t = sources[0].within(_value(site, sources[0].name, port), end)
+                out[port] = _series({int(name.removeprefix(axis)): c for name, c in own.items()}, t)
+        return out
 
-    def overshoot(self, machine: Machine, place: Place, settings: Settings, at: Mapping[str, Array]) -> Array:
+    def overshoot(
+        self, machine: Machine, place: Place, settings: Settings, at: Mapping[str, Array]
+    ) -> Array | None:
         """(n,) how far rows lie outside of what was seen: halves of a source's range, or shares of the reach.
 
-        A polynomial of degree k leaves its range k^2 times as steeply as a line.
+        A polynomial of degree k leaves its range k^2 times as steeply as a line. None for curves of a load: no column
+        holds it, and poses beyond what was seen tell of it.
         """
+        if self.reads_load(settings):
+            return None
         if place[0] not in sensor_names(machine):
             sources = _sources(machine, place, settings)
             usual = MOUNT_CURVE if place[0] in FRAMES else CURVE
@@ -287,6 +304,21 @@ def _warp(site: Site) -> Shifts:
     return shifts
 
 
+def _value(site: Site, source: str, port: str = "") -> ca.SX:
+    """A source at a site: a reading, the load at ``port``, or a driver."""
+    if source == LOAD:
+        return site.load(port)
+    return site.q[source] if source in site.q else site.driver(source)
+
+
+def _series(coefficients: Mapping[int, ca.SX], t: ca.SX) -> ca.SX:
+    """Sum of c_k T_k(t), T_k the Chebyshev polynomials."""
+    powers = [ca.SX(1), t]
+    for _ in range(2, max(coefficients) + 1):
+        powers.append(2 * t * powers[-1] - powers[-2])
+    return _sum(c * powers[k] for k, c in coefficients.items())
+
+
 def _sum(terms: Iterable[ca.SX]) -> ca.SX:
     return sum(terms, ca.SX(0))
 
@@ -296,4 +328,4 @@ def _outside(scaled: Array) -> Array:
     return np.maximum(np.abs(scaled) - 1.0, 0.0)
 
 
-__all__ = ["CURVE", "LINE", "MOUNT_CURVE", "Empirical", "seen_over"]
+__all__ = ["CURVE", "LINE", "LOAD", "LOAD_CURVE", "MOUNT_CURVE", "TURNS", "Empirical", "seen_over"]
