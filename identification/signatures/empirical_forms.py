@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from truepose.models.effects.empirical import (
     LINE,
     LOAD,
     LOAD_CURVE,
+    MOMENT,
     MOUNT_CURVE,
     TURNS,
     WIDTH,
@@ -48,16 +48,14 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     curves += [seen_over({a: seen[a], b: seen[b]}) for a, b in itertools.combinations(joints, 2)]
     lines: list[Settings] = [seen_over({name: seen[name]}, LINE) for name in seen]
     mounts: list[Settings] = [seen_over({name: seen[name]}, MOUNT_CURVE) for name in others]
-    effect, out, loads = Empirical(), list[PlacedEffect](), _loads(machine, recording)
+    effect, out, loads = Empirical(), list[PlacedEffect](), _of_load(machine, recording)
     for (name,) in effect.places(machine):
         if name in sensor_names(machine):
             forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
         else:
             own = [line for line in lines if f"{FROM}{name}" not in line]
             forms = [*mounts] if name in FRAMES else [*own, *curves]
-            if name in loads:
-                degrees = (LINE, LOAD_CURVE) if name in FRAMES else (LOAD_CURVE,)
-                forms += [seen_over({LOAD: loads[name]}, degree) for degree in degrees]
+            forms += loads.get(name, [])
         out += [PlacedEffect.at(effect, machine, (name,), settings) for settings in forms]
     return tuple(out)
 
@@ -77,29 +75,33 @@ def _seen(machine: Machine, recording: Recording) -> dict[str, tuple[float, floa
     }
 
 
-def _loads(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
-    """Smallest and largest load of each joint and mount where it varies, N or N m, at the drawing's geometry."""
+def _of_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]]:
+    """Forms of each joint and mount whose load varies, by the loads (N, N m) at the drawing's geometry."""
     if not machine.loaded:
         return {}
     predictor = Predictor(machine, recording, ports=True)
     x, assembled = predictor.assemble(predictor.model.p_home)
     loads = predictor.loads(predictor.model.p_home, x)
     rows = assembled & ~recording.validation
-    ports: dict[str, tuple[str, ...]] = {
-        name: (machine.mechanism.actuator(name).displacement,) for name in machine.mechanism.readings
-    }
-    ports |= {mount: tuple(f"{mount}.motion.{axis}" for axis in TURNS) for mount in FRAMES}
-    return {name: own for name, at in ports.items() if (own := _range(loads, at, rows)) is not None}
+    out: dict[str, list[Settings]] = {}
+    for name in machine.mechanism.readings:
+        own = _range(loads[machine.mechanism.actuator(name).displacement][rows])
+        if own is not None:
+            out[name] = [seen_over({LOAD: own}, LOAD_CURVE)]
+    for mount in FRAMES:
+        moment = np.array([loads[f"{mount}.motion.{axis}"][rows] for axis in TURNS])
+        each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
+        if each is not None and size is not None:
+            curves = [seen_over({LOAD: each}, LOAD_CURVE), seen_over({MOMENT: size}, LOAD_CURVE)]
+            out[mount] = [seen_over({LOAD: each}, LINE), *curves]
+    return out
 
 
-def _range(
-    loads: Mapping[str, Array], ports: tuple[str, ...], rows: NDArray[np.bool_]
-) -> tuple[float, float] | None:
-    """Of all these loads together; None where nothing is carried, or always the same."""
-    values = np.concatenate([loads[port][rows] for port in ports])
-    if not len(values) or np.ptp(values) <= SAME * max(float(np.max(np.abs(values))), SAME):
+def _range(load: Array) -> tuple[float, float] | None:
+    """Smallest and largest; None where nothing is carried, or always the same."""
+    if not len(load) or np.ptp(load) <= SAME * max(float(np.max(np.abs(load))), SAME):
         return None
-    return float(np.min(values)), float(np.max(values))
+    return float(np.min(load)), float(np.max(load))
 
 
 def _reach(machine: Machine, recording: Recording) -> float:

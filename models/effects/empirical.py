@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -24,6 +23,7 @@ from truepose.models.effects.base import (
     effects,
 )
 from truepose.models.effects.common import SECONDS_PER_HOUR, sensor_at, sensor_names, sensors_where, singly
+from truepose.models.effects.curves import LINE_END, Source, outside, series, total, yielding
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.mechanism import AXES, AXIS_UNITS
@@ -36,18 +36,17 @@ MOUNT_CURVE, LOAD_CURVE = 2, 3
 """Degrees of a mount's six motions, and of what yields to a load: its slope, and how that bends to either side."""
 LINES = 0.5
 """How likely a line is beside a curve."""
-LINE_END = 2.0
-"""Where a line ends, in halves of the range seen: most that is linear goes on, but not for ever."""
 REACH = 1000.0
 TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
 """Half of a joint's travel where its file states no range."""
 WARP = ("xx", "yy", "zz", "xy", "yz", "zx")
 """Squares and products of a point's coordinates: how a measuring volume bends; its linear part is scale and frame."""
 FROM, TO, DEGREE, WIDTH = "from.", "to.", "degree", "reach"
-LOAD = "load"
-"""A source that no column holds: gravity's load at the place itself, N along a length, N m about an angle."""
+LOAD, MOMENT = "load", "moment"
+"""Sources that no column holds: gravity's load at the place itself, N along a length, N m about an angle (at a mount, about
+each axis its own), and the size of the moment on a mount."""
 TURNS = ("rx", "ry", "rz")
-"""Motions of a mount under load: each turns with gravity's moment about its own axis."""
+"""Motions of a mount under load: it turns with gravity's moment."""
 
 
 def seen_over(ranges: Mapping[str, tuple[float, float]], degree: int | None = None) -> dict[str, float]:
@@ -57,35 +56,19 @@ def seen_over(ranges: Mapping[str, tuple[float, float]], degree: int | None = No
     return own | lows | {f"{TO}{name}": float(high) for name, (_, high) in ranges.items()}
 
 
-@dataclass(frozen=True)
-class Source:
-    """A reading, a driver or the place's load that a form is a function of, and the range in which it was seen."""
-
-    name: str
-    low: float
-    high: float
-
-    def within(self, value: ca.SX, end: float = 1.0) -> ca.SX:
-        """The value scaled to -1 ... 1 over the range, and held at -``end`` and ``end`` outside of it."""
-        return ca.fmax(-end, ca.fmin(end, (2 * value - (self.low + self.high)) / (self.high - self.low)))
-
-    def overshoot(self, values: Array) -> Array:
-        """(n,) how far values lie outside of the range, in halves of it."""
-        return _outside((2 * values - (self.low + self.high)) / (self.high - self.low))
-
-
 @effects.add("empirical")
 class Empirical(Effect):
     """A smooth form that no physics was found for; its sources run from -1 to 1 over what was seen, and stop there.
 
     Settings ``from.NAME`` and ``to.NAME`` say what it is a function of, and over which range (mm, rad, turn, or the
-    driver's own unit): a joint's reading, any driver, or ``load``, what gravity exerts at the place (N m about an angle, N
-    along a length; a mount turns about each axis by the moment about it). With one source it is a curve, Chebyshev
-    polynomials up to ``degree`` (4; 2 for the six motions of a mount); a curve in the joint's own reading begins with the
-    square. With two it is their product. A sensor's volume bends by squares and products of a point's coordinates, in
-    units of ``reach`` (mm), and by no more than its maker's sigma is expected: what is larger, the robot does. Outside of
-    what was seen nothing is known: the form stays at its end's value, a line goes on for half the range seen, and
-    predictions say how little that means (``truepose.identification.prediction.predict``). No diagnosis takes it for a name.
+    driver's own unit): a joint's reading, any driver, or ``load``, what gravity exerts at the place (N along a length, N m
+    about an angle, at a mount about each axis). ``moment``: a mount turns with its moment, by a curve of how large that is.
+    With one source it is a curve, Chebyshev polynomials up to ``degree`` (4; 2 for the six motions of a mount), in the
+    joint's own reading from the square on. With two it is their product. A sensor's volume bends by squares and products of
+    a point's coordinates, in units of ``reach`` (mm), and by no more than its maker's sigma is expected: what is larger, the
+    robot does. Outside of what was seen nothing is known: the form stays at its end's value, a line goes on for half the
+    range seen, and predictions say how little that means (``truepose.identification.prediction.predict``). No diagnosis
+    takes it for a name.
     """
 
     slug = "empirical"
@@ -113,7 +96,8 @@ class Empirical(Effect):
         """Over the joints' whole travel, and what drivers the file names; what recordings saw: ``empirical_forms``."""
         if place[0] in sensor_names(machine):
             return ({WIDTH: REACH},)
-        weighs = (LOAD,) if machine.loaded else ()
+        of_load = (LOAD, MOMENT) if place[0] in FRAMES else (LOAD,)
+        weighs = of_load if machine.loaded else ()
         drivers = {name: _usual_range(name) for name in dict.fromkeys((TIME, *machine.drivers, *weighs))}
         if place[0] in FRAMES:
             return [seen_over({name: usual}, MOUNT_CURVE) for name, usual in drivers.items()]
@@ -134,7 +118,7 @@ class Empirical(Effect):
                 Coefficient(f"{axis}{k}", unit, LARGEST[unit] / k)
                 for k in range(1, _degree(settings, MOUNT_CURVE) + 1)
                 for axis, unit in AXIS_UNITS.items()
-                if axis in TURNS or sources[0].name != LOAD
+                if axis in TURNS or sources[0].name not in (LOAD, MOMENT)
             )
         unit = machine.mechanism.actuator(place[0]).unit
         if len(sources) == 2:
@@ -152,18 +136,18 @@ class Empirical(Effect):
         if place[0] in sensor_names(machine):
             return ()
         names = [source.name for source in _sources(machine, place, settings)]
-        return tuple(name for name in names if name not in (*machine.mechanism.readings, LOAD))
+        return tuple(name for name in names if name not in (*machine.mechanism.readings, LOAD, MOMENT))
 
     def reads_load(self, settings: Settings) -> bool:
         """Where the place's own load is a source."""
-        return f"{FROM}{LOAD}" in settings
+        return any(f"{FROM}{name}" in settings for name in (LOAD, MOMENT))
 
     def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
         """The joint's own position, another joint, or what kind of driver its source is."""
         if place[0] in sensor_names(machine):
             return "sensor"
         names = [source.name for source in _sources(machine, place, settings)]
-        if LOAD in names:
+        if self.reads_load(settings):
             return "load"
         joints = machine.mechanism.readings
         read = [
@@ -183,16 +167,19 @@ class Empirical(Effect):
         if len(sources) == 2:
             t, u = (source.within(_value(site, source.name)) for source in sources)
             return {site.port(place): site.c["c"] * t * u}
-        ports = (
-            {axis: f"{place}.motion.{axis}" for axis in AXES} if place in FRAMES else {"c": site.port(place)}
-        )
-        out: dict[str, ca.SX] = {}
-        for axis, port in ports.items():
-            own = {name: c for name, c in site.c.items() if name.rstrip("0123456789") == axis}
-            if own:
-                t = sources[0].within(_value(site, sources[0].name, port), end)
-                out[port] = _series({int(name.removeprefix(axis)): c for name, c in own.items()}, t)
-        return out
+        (source,) = sources
+        if place not in FRAMES:
+            return {site.port(place): series(_of("c", site), source.within(_value(site, source.name), end))}
+        ports = {axis: f"{place}.motion.{axis}" for axis in AXES}
+        if source.name == LOAD:
+            own = {axis: source.within(site.load(ports[axis]), end) for axis in TURNS}
+            return {ports[axis]: series(_of(axis, site), t) for axis, t in own.items()}
+        if source.name == MOMENT:
+            moment = {axis: site.load(ports[axis]) for axis in TURNS}
+            turned = yielding(source, moment, {axis: _of(axis, site) for axis in TURNS}, end)
+            return {ports[axis]: turn for axis, turn in turned.items()}
+        t = source.within(_value(site, source.name), end)
+        return {port: series(_of(axis, site), t) for axis, port in ports.items()}
 
     def overshoot(
         self, machine: Machine, place: Place, settings: Settings, at: Mapping[str, Array]
@@ -211,7 +198,7 @@ class Empirical(Effect):
             return np.asarray(steep * np.sum([s.overshoot(at[s.name]) for s in sources], axis=0))
         names = [f"{p}{a}" for p in point_names(sensor_at(machine, place[0])) for a in XYZ]
         reach = settings.get(WIDTH, REACH)
-        return np.asarray(np.max([_outside(at[name] / reach) for name in names], axis=0))
+        return np.asarray(np.max([outside(at[name] / reach) for name in names], axis=0))
 
     def told(self, settings: Settings) -> str:
         """The sources, and whether it is a line in them: ranges are long, and terms of one place and source are one term."""
@@ -277,6 +264,8 @@ def _sources(machine: Machine, place: Place, settings: Settings) -> tuple[Source
                 f"{where}: found {FROM}{name}: {low} and {TO}{name}: {high}, expected two numbers, the first smaller"
             )
         out.append(Source(name, low, high))
+    if MOMENT in names and place[0] not in FRAMES:
+        raise InputError(f"{where}: found source {MOMENT}, expected {LOAD}: only a mount has a moment")
     most = 1 if place[0] in FRAMES else 2
     if len(out) > most:
         raise InputError(
@@ -299,33 +288,21 @@ def _warp(site: Site) -> Shifts:
     for name in point_names(sensor_at(site.machine, site.place[0])):
         inside = ca.fmax(-1.0, ca.fmin(1.0, seen_point(site, name) / reach))
         at = dict(zip(XYZ, ca.vertsplit(inside), strict=True))
-        moved = [_sum(site.c[f"{a}.{b}"] * at[b[0]] * at[b[1]] for b in WARP) for a in XYZ]
+        moved = [total(site.c[f"{a}.{b}"] * at[b[0]] * at[b[1]] for b in WARP) for a in XYZ]
         shifts |= moved_point(name, ca.vertcat(*moved))
     return shifts
 
 
-def _value(site: Site, source: str, port: str = "") -> ca.SX:
-    """A source at a site: a reading, the load at ``port``, or a driver."""
+def _value(site: Site, source: str) -> ca.SX:
+    """A source at a joint: a reading, the load at it, or a driver."""
     if source == LOAD:
-        return site.load(port)
+        return site.load(site.port(site.place[0]))
     return site.q[source] if source in site.q else site.driver(source)
 
 
-def _series(coefficients: Mapping[int, ca.SX], t: ca.SX) -> ca.SX:
-    """Sum of c_k T_k(t), T_k the Chebyshev polynomials."""
-    powers = [ca.SX(1), t]
-    for _ in range(2, max(coefficients) + 1):
-        powers.append(2 * t * powers[-1] - powers[-2])
-    return _sum(c * powers[k] for k, c in coefficients.items())
+def _of(stem: str, site: Site) -> dict[int, ca.SX]:
+    """Coefficients ``stem1``, ``stem2`` ... by their number."""
+    return {int(n.removeprefix(stem)): c for n, c in site.c.items() if n.rstrip("0123456789") == stem}
 
 
-def _sum(terms: Iterable[ca.SX]) -> ca.SX:
-    return sum(terms, ca.SX(0))
-
-
-def _outside(scaled: Array) -> Array:
-    """How far values that should lie in -1 ... 1 lie outside."""
-    return np.maximum(np.abs(scaled) - 1.0, 0.0)
-
-
-__all__ = ["CURVE", "LINE", "LOAD", "LOAD_CURVE", "MOUNT_CURVE", "TURNS", "Empirical", "seen_over"]
+__all__ = ["CURVE", "LINE", "LOAD", "LOAD_CURVE", "MOMENT", "MOUNT_CURVE", "TURNS", "Empirical", "seen_over"]
