@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from support.examples import examples
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
-from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
+from truepose.identification.diagnosis.holdout import LATEST, OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.scales import Grid
 from truepose.identification.selection.tolerance_classes import PartClass, inflations, part_classes
@@ -170,7 +170,7 @@ def campaign(n: int, drivers: Mapping[str, Array], validation: NDArray[np.bool_]
     )
 
 
-def test_blocks_extrapolate_in_reach_load_and_temperature_and_share_no_row() -> None:
+def test_blocks_extrapolate_in_reach_load_temperature_and_time_and_share_no_row() -> None:
     rng = np.random.default_rng(9)
     drivers = {
         "payload": rng.choice([0.0, 1.0, 2.0, 3.0, 5.0], 100),
@@ -179,7 +179,7 @@ def test_blocks_extrapolate_in_reach_load_and_temperature_and_share_no_row() -> 
     recording = campaign(100, drivers)
     split, blocks = held_out_blocks(recording, np.ones(100, dtype=bool))
     assert split == "blocks"
-    assert [b.name for b in blocks[:3]] == [OUTERMOST, "heaviest loads", "warmest rows"]
+    assert [b.name for b in blocks[:4]] == [OUTERMOST, "heaviest loads", "warmest rows", LATEST]
     assert np.sum([b.rows for b in blocks], axis=0).max() == 1
     assert np.any([b.rows for b in blocks], axis=0).all()
 
