@@ -170,7 +170,7 @@ def campaign(n: int, drivers: Mapping[str, Array], validation: NDArray[np.bool_]
     )
 
 
-def test_blocks_extrapolate_in_reach_load_temperature_and_time_and_share_no_row() -> None:
+def test_blocks_extrapolate_in_reach_load_and_temperature_and_share_no_row() -> None:
     rng = np.random.default_rng(9)
     drivers = {
         "payload": rng.choice([0.0, 1.0, 2.0, 3.0, 5.0], 100),
@@ -179,7 +179,7 @@ def test_blocks_extrapolate_in_reach_load_temperature_and_time_and_share_no_row(
     recording = campaign(100, drivers)
     split, blocks = held_out_blocks(recording, np.ones(100, dtype=bool))
     assert split == "blocks"
-    assert [b.name for b in blocks[:4]] == [OUTERMOST, "heaviest loads", "warmest rows", LATEST]
+    assert [b.name for b in blocks[:3]] == [OUTERMOST, "heaviest loads", "warmest rows"]
     assert np.sum([b.rows for b in blocks], axis=0).max() == 1
     assert np.any([b.rows for b in blocks], axis=0).all()
 
@@ -195,6 +195,18 @@ def test_validation_rows_are_the_split_where_there_are_any() -> None:
     split, blocks = held_out_blocks(campaign(50, {}, validation), ~validation)
     assert split == "role"
     np.testing.assert_array_equal(blocks[-1].rows, validation)
+
+
+def test_beside_validation_rows_the_latest_are_predicted_from_those_before() -> None:
+    """What is applied is applied tomorrow; quarters in time ask that already where there are no validation rows."""
+    validation = np.arange(90) % 3 == 0
+    _, blocks = held_out_blocks(campaign(90, {}, validation), ~validation)
+    held = {block.name: block.rows for block in blocks}
+    latest, taken = held[LATEST], held[OUTERMOST] | validation
+    assert 3 <= latest.sum() < 30
+    assert np.flatnonzero(latest).min() > np.flatnonzero(~latest & ~taken).max()
+    _, quarters = held_out_blocks(campaign(90, {}), np.ones(90, dtype=bool))
+    assert LATEST not in [block.name for block in quarters]
 
 
 @settings(max_examples=examples(25), deadline=None)

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.alarms import Alarm, replicate_noise
-from truepose.identification.diagnosis.holdout import LATEST, OUTERMOST, held_out_blocks
+from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.outliers import bridges, outlying_rows
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.recording.recording import Recording
@@ -154,7 +154,7 @@ def test_few_rows_that_tie_two_sessions_together_are_told_from_many(ties: int, a
     assert not bridges(replace(recording, from_row=None)).any()
 
 
-def test_extrapolations_are_farther_heavier_warmer_and_later_than_what_they_are_predicted_from() -> None:
+def test_extrapolations_are_farther_heavier_and_warmer_than_what_they_are_predicted_from() -> None:
     rng, n = np.random.default_rng(4), 300
     drivers = {
         "payload": rng.choice(np.arange(12.0), n),
@@ -168,12 +168,11 @@ def test_extrapolations_are_farther_heavier_warmer_and_later_than_what_they_are_
         OUTERMOST: np.hypot(*off.T),
         "heaviest loads": drivers["payload"],
         "warmest rows": drivers["temperature.leg"],
-        LATEST: np.arange(n),
     }
     left = np.ones(n, dtype=bool)
     found = {block.name: block.rows for block in blocks}
     for name, score in scores.items():  # each leaves its rows to itself
         held = found[name]
-        assert 0.05 * n < held.sum() < 0.25 * n
+        assert 0.1 * n < held.sum() < 0.25 * n
         assert score[held].min() > score[left & ~held].max()
         left &= ~held

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis.holdout import LATEST, OUTERMOST, held_out_blocks, ratio_interval
+from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.proof import _black_box, _injected, _linear_test
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import weighed
@@ -178,12 +178,12 @@ def test_repeats_of_a_pose_are_held_out_together(case: Case) -> None:
     n = len(recording)
     pose = np.arange(n, dtype=np.int64) // 2
     paired = replace(recording, pose=pose, drivers={}, q=recording.q[2 * pose])
-    _, (outermost, latest, *quarters) = held_out_blocks(paired, np.ones(n, dtype=bool))
+    _, (outermost, *quarters) = held_out_blocks(paired, np.ones(n, dtype=bool))
     assert outermost.name == OUTERMOST
     assert set(pose[outermost.rows]).isdisjoint(pose[~outermost.rows])
-    assert latest.name == LATEST and len(quarters) == 4
+    assert len(quarters) == 4
     sizes = [int(b.rows.sum()) for b in quarters]
-    assert max(sizes) - min(sizes) <= 1 and sum(sizes) + outermost.rows.sum() + latest.rows.sum() == n
+    assert max(sizes) - min(sizes) <= 1 and sum(sizes) + outermost.rows.sum() == n
 
 
 def test_the_interval_holds_the_ratio_of_a_large_sample() -> None:

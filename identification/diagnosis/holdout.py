@@ -118,9 +118,10 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
 
     ``used`` (n,) are the rows fitted.
     """
-    blocks = _extrapolations(recording, used)
     if recording.validation.sum() >= 3:
+        blocks = _extrapolations(recording, used, latest=True)
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
+    blocks = _extrapolations(recording, used, latest=False)
     taken = np.any([np.zeros(len(used), dtype=bool), *(b.rows for b in blocks)], axis=0)
     inner = [k for k in _in_time(recording) if used[k] and not taken[k]]
     for k, part in enumerate(np.array_split(np.array(inner, dtype=int), FOLDS - 1), start=1):
@@ -130,8 +131,11 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
     return "blocks", [b for b in blocks if b.rows.any() and not np.array_equal(b.rows, used)]
 
 
-def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
-    """Outermost poses, heaviest loads, warmest rows, latest rows, disjoint; repeats have the same score and stay together."""
+def _extrapolations(recording: Recording, used: Mask, *, latest: bool) -> list[Block]:
+    """Outermost poses, heaviest loads, warmest rows and, unless quarters in time follow, the latest rows, disjoint.
+
+    Repeats have the same score and stay together.
+    """
     free = used.copy()
     blocks = []
     centred = recording.q - recording.q[used].mean(axis=0)
@@ -141,7 +145,8 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
         values = recording.driver(name)
         if values is not None and len(np.unique(values[used])) >= LEVELS:
             scores.append((words, values))
-    scores.append((LATEST, np.argsort(_in_time(recording)).astype(float)))
+    if latest:
+        scores.append((LATEST, np.argsort(_in_time(recording)).astype(float)))
     for words, score in scores:
         limit = np.quantile(score[used], 1 - 1 / FOLDS)
         rows = free & (score >= limit)

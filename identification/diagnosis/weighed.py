@@ -226,10 +226,13 @@ def _of_family(family: Sequence[PlacedEffect]) -> Cause:
 
 
 def _forms_by_place(cat: Catalogue, free: Sequence[int]) -> list[tuple[int, ...]]:
-    """All forms without a name of each place together: it errs smoothly with everything at once."""
+    """All forms without a name of each place together: it errs smoothly with everything that is recorded at once.
+
+    What it does under load stays apart: together with the rest nobody could say what drives it.
+    """
     places: dict[tuple[str, ...], list[int]] = {}
     for i in free:
-        if not cat.named(i):
+        if not cat.named(i) and not cat.candidates[i].needs_load:
             places.setdefault(cat.candidates[i].place, []).append(i)
     return [tuple(forms) for forms in places.values() if len(forms) > 1]
 
