@@ -13,10 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from support.calibrated_machines import LOADED, SIX_AXES
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.diagnosis.result import Diagnosis, Form, Remainder
 from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.report.diagnosis_words import form_words
 from truepose.identification.signatures.empirical_forms import empirical_forms
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -145,3 +146,14 @@ def test_a_base_that_tips_is_found_at_the_base_and_driven_by_load(tipping: Diagn
     assert tipping.verdict == "missing-physics"
     assert tipping.applied is not None and tipping.applied.pose is not None
     assert tipping.applied.pose.model < 0.7 * tipping.applied.pose.plain
+
+
+@pytest.mark.parametrize(
+    ("driver", "words"),
+    [
+        ("load", "q3 errs as a smooth curve in the load that it carries"),
+        ("moment", "q3 errs as a smooth curve in the moment on it"),
+    ],
+)
+def test_what_no_column_holds_is_told_in_words(driver: str, words: str) -> None:
+    assert form_words(Remainder(("q3",), driver, Form("curve"), 1.0)).startswith(words)

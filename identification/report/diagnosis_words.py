@@ -11,6 +11,7 @@ from truepose.identification.report.level_words import driver_clauses, lead_word
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import known, percent, significant
 from truepose.models.effects.base import Effect, effects
+from truepose.models.effects.empirical import LOAD, MOMENT
 from truepose.models.effects.of_rows import OF_ROWS
 from truepose.wording import joined
 
@@ -115,9 +116,13 @@ def follows(left: Remainder) -> str:
     return f"follow {left.driver or 'no recorded driver'}{where} (a hypothesis)"
 
 
+_OF_WEIGHT = {LOAD: "the load that it carries", MOMENT: "the moment on it"}
+"""Sources that no column holds, in words."""
+
+
 def form_words(left: Remainder) -> str:
     """In which form the remainder goes with its driver, hypothetically."""
-    form, driver = left.form, left.driver
+    form, driver = left.form, _OF_WEIGHT.get(left.driver, left.driver)
     where = left.place[0] if left.place else ""
     said = {
         "order": "varies with the order of acquisition",
