@@ -17,8 +17,6 @@ UNNAMED_SHARE = 0.2
 """Probability that something that is there has no name in the catalogue."""
 FAMILY_SHARE = 0.2
 """Probability that an effect which is there acts at all its places, where it has three or more."""
-SEVERAL_FORMS = 1.0
-"""How likely all forms without a name of one place are at once, in terms of one of them alone."""
 ONLY_ALIKE, PART_OF_IT = 0.3, 1.0
 """Odds that what looks like an effect is something else, of another form: by itself, and beside something without a name."""
 IN_FAMILY = 0.5

@@ -203,7 +203,7 @@ def _terms(
         found.append(_of_family([cat.candidates[i] for i in family]))
     for forms in _forms_by_place(cat, free):
         members.append(forms)
-        odds.append(float(logsumexp([odds[free.index(i)] for i in forms]) + np.log(prior.SEVERAL_FORMS)))
+        odds.append(float(logsumexp([odds[free.index(i)] for i in forms])))
         found.append(Cause(*cat.cause(forms[0])))
     names = tuple(dict.fromkeys(found))
     number = {name: k for k, name in enumerate(names)}
