@@ -14,10 +14,12 @@ from scipy.spatial.transform import Rotation
 from support.calibrated_machines import LOADED, SIX_AXES
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis, Form, Remainder
+from truepose.identification.diagnosis.weighed import _forms_by_place
 from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import form_words
+from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.empirical_forms import empirical_forms
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -107,6 +109,15 @@ def test_beyond_its_range_a_curve_of_the_load_stays_where_it_ended(tmp_path: Pat
         sides.append(simulate(machine, replace(poses, q=moved), [], seed=None))
     either = np.minimum(*(np.abs(found - side).max(axis=1) for side in sides))
     assert float(either.max()) < 1e-9
+
+
+def test_a_place_that_errs_with_all_that_is_recorded_leaves_its_load_apart(tmp_path: Path) -> None:
+    """Else nobody could say what drives a mount that drifts, since its load would be in the same term."""
+    machine = machine_of(tmp_path, LOADED)
+    cat = catalogue(machine, poses_of(machine, tmp_path))
+    together = _forms_by_place(cat, range(len(cat.candidates)))
+    assert {cat.candidates[forms[0]].place for forms in together} >= {(name,) for name in JOINTS}
+    assert not any(cat.candidates[i].needs_load for forms in together for i in forms)
 
 
 def tipped(read: pd.DataFrame, turn: Rotation, size: float, settles: float) -> pd.DataFrame:
