@@ -97,6 +97,10 @@ class _Mixture:
         """(n,) from the likeliest state to the mean."""
         return np.asarray(self.shares @ self.means)
 
+    def of(self, kept: NDArray[np.bool_]) -> _Mixture:
+        """Of some of the n alone."""
+        return _Mixture(self.means[:, kept], self.shares, self.wider[kept])
+
     def around(self, at: Array) -> Array:
         """(n, k) root of the covariance, about ``at`` (n,), that the likeliest state lacks."""
         between = np.sqrt(self.shares)[:, None] * (self.means - at)
@@ -175,6 +179,7 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
     predictor = Predictor(machine, recording, terms, visits=FIT)
     prior, unit = _prior(likeliest, terms), prior_of(machine, terms).scale
     at, start = prior.free, start_from(likeliest, terms)
+    mixture = mixture.of(_free(prior, len(machine.parameters)))
     for part in PARTS:
         p = start.copy()
         p[at] += unit[at] * part * mixture.shift
@@ -188,6 +193,13 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
     further = (unit / prior.scale)[at][:, None] * mixture.around(part * mixture.shift)
     known = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
     return Averaged(**known, own=np.hstack([own, further]))
+
+
+def _free(prior: Prior, count: int) -> NDArray[np.bool_]:
+    """(n,) what of free geometry, first of ``count`` entries, and of all coefficients a fit may move: what no reading sees of
+    a form (the moment about a vertical axis is none) has no size."""
+    moves = np.isin(np.arange(len(prior.sigma)), prior.free)
+    return np.concatenate([moves[:count][moves[:count]], moves[count:]])
 
 
 def _prior(likeliest: Estimate, terms: Sequence[PlacedEffect]) -> Prior:
