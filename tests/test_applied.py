@@ -19,7 +19,6 @@ from truepose.errors import InputError
 from truepose.identification.diagnosis.applied import Choice, Model, chosen_model, refit
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.holdout import Comparison, held_out_blocks
-from truepose.identification.diagnosis.model import Shape
 from truepose.identification.diagnosis.result import WHOLE, Applied, PoseError
 from truepose.identification.fit.bounded import beyond, coefficient_bounds, within_bounds
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -177,32 +176,6 @@ def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
     assert answer({"backlash@q2"})[0] == "names"
     assert answer(set()) == ("plain", None)
     assert chosen_model(choice, everything, names, (), good)[0] == WHOLE
-
-
-def test_the_smooth_remainder_is_left_out_before_what_has_a_place(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Forms that are many and small may harm where those that the posterior holds do not."""
-    case = Case.of(tmp_path, PLAY)
-    found = case.found()
-    label = {c.label: i for i, c in enumerate(case.cat.candidates)}
-    at_q1 = [i for i, c in enumerate(case.cat.candidates) if c.place == ("q1",) and not case.cat.named(i)]
-    wide = Shape(at_q1[1], np.ones(len(case.cat.candidates[at_q1[1]].coefficients)), 1.0)
-    everything = refit(found, dict.fromkeys((label["backlash@q2"], at_q1[0]), 1.0), (wide,), case.exclude)
-    assert everything is not None
-    own = {case.cat.candidates[i].label for i in everything.accepted}
-    assert {e.label for e in everything.fit.effects} > own
-    choice = Choice.of(
-        found, case.null, case.exclude, held_out_blocks(case.signatures.recording, case.null.used), ()
-    )
-    monkeypatch.setattr(Choice, "strays", lambda *_: False)
-    good, bad = comparison(0.5, 0.5), comparison(0.5, 2.0)
-    monkeypatch.setattr(
-        Choice, "compared", lambda _, fit: good if {e.label for e in fit.effects} <= own else bad
-    )
-    chosen, model, _ = chosen_model(choice, everything, None, (), bad)
-    assert chosen == "terms"
-    assert model is not None and {e.label for e in model.fit.effects} == own
 
 
 def test_improved_predicts_the_tool_no_worse_than_plain_calibration(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from support.examples import examples
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
-from truepose.identification.diagnosis.holdout import LATEST, OUTERMOST, held_out_blocks, ratio_interval
+from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.scales import Grid
 from truepose.identification.selection.tolerance_classes import PartClass, inflations, part_classes
@@ -195,18 +195,6 @@ def test_validation_rows_are_the_split_where_there_are_any() -> None:
     split, blocks = held_out_blocks(campaign(50, {}, validation), ~validation)
     assert split == "role"
     np.testing.assert_array_equal(blocks[-1].rows, validation)
-
-
-def test_beside_validation_rows_the_latest_are_predicted_from_those_before() -> None:
-    """What is applied is applied tomorrow; quarters in time ask that already where there are no validation rows."""
-    validation = np.arange(90) % 3 == 0
-    _, blocks = held_out_blocks(campaign(90, {}, validation), ~validation)
-    held = {block.name: block.rows for block in blocks}
-    latest, taken = held[LATEST], held[OUTERMOST] | validation
-    assert 3 <= latest.sum() < 30
-    assert np.flatnonzero(latest).min() > np.flatnonzero(~latest & ~taken).max()
-    _, quarters = held_out_blocks(campaign(90, {}), np.ones(90, dtype=bool))
-    assert LATEST not in [block.name for block in quarters]
 
 
 @settings(max_examples=examples(25), deadline=None)

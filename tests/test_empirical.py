@@ -154,6 +154,7 @@ def test_beyond_its_range_a_form_stays_where_it_ended(arm: Machine, tmp_path: Pa
         ),
         ("place: [q2], degree: 2.5, from.q3: -1, to.q3: 1", r"degree: 2\.5, expected a whole number"),
         ("place: [base], from.q1: 0, to.q1: 1, from.q2: 0, to.q2: 1", r"sources q1 and q2, expected one"),
+        ("place: [q2], from.moment: 0, to.moment: 1", r"found source moment, expected load"),
         ("place: [link2], from.q1: 0, to.q1: 1", r"place: found \['link2'\]"),
     ],
 )

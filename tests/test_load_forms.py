@@ -15,7 +15,11 @@ from support.calibrated_machines import LOADED, SIX_AXES
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis, Form, Remainder
 from truepose.identification.diagnosis.weighed import _forms_by_place
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.write_machine import covariance_of, write_calibrated
+from truepose.identification.prediction.predict import predicted, predictor_for
 from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.spread import FORM_ERROR
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import form_words
@@ -60,7 +64,6 @@ def test_what_carries_a_load_that_varies_has_forms_of_it(tmp_path: Path) -> None
     assert {f.place[0] for f in loaded} == {*JOINTS[1:], "base", "tool"}
     assert all(not f.drivers for f in loaded)
     assert [f.label for f in loaded if f.place == ("base",)] == [
-        "empirical@base,load,line",
         "empirical@base,load",
         "empirical@base,moment",
     ]
@@ -111,13 +114,45 @@ def test_beyond_its_range_a_curve_of_the_load_stays_where_it_ended(tmp_path: Pat
     assert float(either.max()) < 1e-9
 
 
-def test_a_place_that_errs_with_all_that_is_recorded_leaves_its_load_apart(tmp_path: Path) -> None:
+def test_what_yields_to_load_is_one_thing_by_itself(tmp_path: Path) -> None:
     """Else nobody could say what drives a mount that drifts, since its load would be in the same term."""
     machine = machine_of(tmp_path, LOADED)
     cat = catalogue(machine, poses_of(machine, tmp_path))
     together = _forms_by_place(cat, range(len(cat.candidates)))
     assert {cat.candidates[forms[0]].place for forms in together} >= {(name,) for name in JOINTS}
     assert not any(cat.candidates[i].needs_load for forms in together for i in forms)
+    assert not any(cat.candidates[i].needs_load for i in cat.smooth)
+
+
+def test_beyond_what_was_seen_it_may_be_all_wrong(tmp_path: Path) -> None:
+    """A curve of the load is as unsure as large there, where a compliance errs by a tenth; inside nothing is added."""
+    machine = replace(machine_of(tmp_path, LOADED), effects=())
+    poses = poses_of(machine, tmp_path)
+    added = {}
+    for text in ("empirical@q2:from.load=-200,to.load=200,degree=1,c1=4e-4", "joint-compliance@q2:c=2e-6"):
+        true = parse_effect(text, machine)
+        frame = simulate(replace(machine, file=None), poses, [true], seed=5)
+        pd.concat([pd.read_csv(tmp_path / "poses.csv"), frame], axis=1).to_csv(
+            tmp_path / "rows.csv", index=False
+        )
+        recording = load_recording(machine, [tmp_path / "rows.csv"])
+        fit = estimate(machine, recording, (true,))
+        write_calibrated(tmp_path / "improved.yaml", fit, recording)
+        improved = load_machine(tmp_path / "improved.yaml")
+        far = replace(poses, q=poses.q * 3.0)
+        predictor = predictor_for(improved, far)
+        found = predicted(predictor)
+        assert found.std is not None
+        x, _ = predictor.assemble(predictor.model.p_home)
+        _, _, slopes, _ = predictor.columns(predictor.model.p_home, x)
+        known = covariance_of(fit)
+        order = [predictor.model.names.index(name) for name in known.names]
+        plain = known.std(slopes[..., order], fit.prior.scale[fit.prior.free]) ** 2
+        signal = slopes[..., -1] * improved.effects[0].amplitudes[0]
+        farther = np.abs(far.q).max(axis=1) > 2.0
+        added[true.effect.slug] = np.median((found.std**2 - plain)[farther] / signal[farther] ** 2)
+    assert added["empirical"] == pytest.approx(2.0, rel=0.2)
+    assert added["joint-compliance"] == pytest.approx(2.0 * FORM_ERROR**2, rel=0.2)
 
 
 def tipped(read: pd.DataFrame, turn: Rotation, size: float, settles: float) -> pd.DataFrame:

@@ -1,10 +1,10 @@
 """What may be applied: the model whose tool is no worse than plain calibration's on rows that were not fitted.
 
 A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
-models are tried in turn: all that was found, less what the sensor is said to do and may not, less the smooth remainder,
-names alone, sure names alone. The first whose held-out readings and tool's position are no worse than plain calibration's
-is applied; without one, plain calibration is. Forms without a name must do so at the ends of what was seen, too (outermost
-poses, heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
+models are tried in turn: all that was found, less what the sensor is said to do and may not, names alone, sure names
+alone. The first whose held-out readings and tool's position are no worse than plain calibration's is applied; without
+one, plain calibration is. Forms without a name must do so at the ends of what was seen, too (outermost poses, heaviest
+loads, warmest rows), and geometry may not leave its tolerances to meet them.
 """
 
 from __future__ import annotations
@@ -136,10 +136,6 @@ class Choice:
             less = refit(self.found, robot, model.shapes, self.outliers)
             if less is not None:
                 yield "robot", less
-        if model.shapes and robot:
-            terms = refit(self.found, robot, (), self.outliers)
-            if terms is not None:
-                yield "terms", terms
         if names is not None and model.nameless(self.found):
             yield "names", names
         known = {i: s for i, s in model.accepted.items() if i in sure or i in cat.stated}

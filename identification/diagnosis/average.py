@@ -196,9 +196,11 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
 
 
 def _free(prior: Prior, count: int) -> NDArray[np.bool_]:
-    """(n,) what of free geometry, first of ``count`` entries, and of all coefficients a fit may move: what no reading sees of
-    a form (the moment about a vertical axis is none) has no size."""
-    moves = np.isin(np.arange(len(prior.sigma)), prior.free)
+    """(n,) what a fit moves, of free geometry (among the first ``count`` entries) and all coefficients.
+
+    A coefficient of the remainder that no reading sees has no size, and is not moved.
+    """
+    moves = prior.sigma > 0.0
     return np.concatenate([moves[:count][moves[:count]], moves[count:]])
 
 

@@ -1,6 +1,6 @@
 """Rows held out, fixed before any fit: validation rows, or blocks in time; and regions outside training.
 
-Extrapolation is asked for: the outermost poses, the heaviest loads, the warmest and the latest rows are blocks of their own.
+Extrapolation is asked for: the outermost poses, the heaviest loads and the warmest rows are blocks of their own.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FOLDS = 5
 BOOTSTRAP = 1000
 LEVELS = 4
 """Levels that a driver must have for its largest values to be predicted from the others."""
-OUTERMOST, LATEST = "outermost poses", "latest rows"
+OUTERMOST = "outermost poses"
 ROLE = "role"
 VALIDATION, QUARTER = "validation rows", "quarter"
 
@@ -118,12 +118,12 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
 
     ``used`` (n,) are the rows fitted.
     """
+    blocks = _extrapolations(recording, used)
     if recording.validation.sum() >= 3:
-        blocks = _extrapolations(recording, used, latest=True)
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
-    blocks = _extrapolations(recording, used, latest=False)
     taken = np.any([np.zeros(len(used), dtype=bool), *(b.rows for b in blocks)], axis=0)
-    inner = [k for k in _in_time(recording) if used[k] and not taken[k]]
+    order = order_in_time(recording.time, recording.source_file, recording.source_row)
+    inner = [k for k in order if used[k] and not taken[k]]
     for k, part in enumerate(np.array_split(np.array(inner, dtype=int), FOLDS - 1), start=1):
         mask = np.zeros(len(used), dtype=bool)
         mask[part] = True
@@ -131,11 +131,8 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
     return "blocks", [b for b in blocks if b.rows.any() and not np.array_equal(b.rows, used)]
 
 
-def _extrapolations(recording: Recording, used: Mask, *, latest: bool) -> list[Block]:
-    """Outermost poses, heaviest loads, warmest rows and, unless quarters in time follow, the latest rows, disjoint.
-
-    Repeats have the same score and stay together.
-    """
+def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
+    """Outermost poses, heaviest loads, warmest rows, disjoint; repeats have the same score and stay together."""
     free = used.copy()
     blocks = []
     centred = recording.q - recording.q[used].mean(axis=0)
@@ -145,8 +142,6 @@ def _extrapolations(recording: Recording, used: Mask, *, latest: bool) -> list[B
         values = recording.driver(name)
         if values is not None and len(np.unique(values[used])) >= LEVELS:
             scores.append((words, values))
-    if latest:
-        scores.append((LATEST, np.argsort(_in_time(recording)).astype(float)))
     for words, score in scores:
         limit = np.quantile(score[used], 1 - 1 / FOLDS)
         rows = free & (score >= limit)
@@ -154,11 +149,6 @@ def _extrapolations(recording: Recording, used: Mask, *, latest: bool) -> list[B
             blocks.append(Block(words, rows))
             free &= ~rows
     return blocks
-
-
-def _in_time(recording: Recording) -> NDArray[np.int64]:
-    """(n,) rows in order of acquisition."""
-    return order_in_time(recording.time, recording.source_file, recording.source_row)
 
 
 def _thermometers(recording: Recording) -> list[tuple[str, str]]:

@@ -181,9 +181,9 @@ class Applied:
     """Which model ``improved.yaml`` holds, and how it was judged on rows that were not fitted.
 
     model: ``whole`` (all that was found, averaged over explanations), ``robot`` (less what the sensor may or may not do),
-    ``terms`` (less the smooth remainder), ``names``, ``sure-names`` (place and driver known), or ``plain`` (plain calibration).
-    held_out: the split; pose: None where no sensor reads the tool's position; ratio: of the rms of readings, over plain
-    calibration's. whole_pose, whole_ratio: the same of all that was found.
+    ``names``, ``sure-names`` (place and driver known), or ``plain`` (plain calibration). held_out: the split; pose: None where
+    no sensor reads the tool's position; ratio: of the rms of readings, over plain calibration's. whole_pose, whole_ratio: the
+    same of all that was found.
     """
 
     model: str

@@ -17,7 +17,8 @@ from truepose.errors import InputError
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.effects.common import sensor_names
-from truepose.models.machine import Machine
+from truepose.models.effects.empirical import Empirical
+from truepose.models.machine import PAYLOAD, Machine
 from truepose.models.sensors.base import Sensor
 
 Array = NDArray[np.float64]
@@ -95,11 +96,12 @@ def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
         own = slice(first, first + len(effect.coefficients))
         first = own.stop
         over = effect.effect.overshoot(machine, effect.place, effect.settings_map, at)
-        if over is not None:
-            moved = np.sum((jacobian[..., own] * effect.amplitudes) ** 2, axis=2)
-        else:
-            over = _outside(seen, at, {*model.readings, *effect.drivers})
-            moved = (FORM_ERROR * (jacobian[..., own] @ np.array(effect.amplitudes))) ** 2
+        whole = over is not None or effect.effect.slug == Empirical.slug
+        if over is None:
+            weight = (PAYLOAD,) if effect.needs_load else ()
+            over = _outside(seen, at, {*model.readings, *effect.drivers, *weight})
+        signal = jacobian[..., own] * effect.amplitudes
+        moved = np.sum(signal**2, axis=2) if whole else (FORM_ERROR * np.sum(signal, axis=2)) ** 2
         out += -2.0 * np.expm1(-over)[:, None] * moved
     return out
 

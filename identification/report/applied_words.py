@@ -11,7 +11,6 @@ from truepose.models.machine_file import ExpectedPose
 _HOLDS = {
     WHOLE: "all that was found",
     "robot": "all that was found of the robot, and nothing that its sensor may or may not do",
-    "terms": "all that was found at a place, and no smooth remainder",
     "names": "effects with a name alone",
     "sure-names": "effects whose place and driver are sure alone",
     "plain": "plain calibration",

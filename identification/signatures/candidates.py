@@ -60,9 +60,14 @@ class Catalogue:
 
     @cached_property
     def smooth(self) -> tuple[int, ...]:
-        """Forms without a name that may make up a smooth remainder: those of the robot. Its sensors are as good as stated."""
+        """Forms without a name that may make up a smooth remainder: those of the robot, whose sensors are as good as stated.
+
+        What yields to load is one thing at one place, and no part of a remainder.
+        """
         return tuple(
-            i for i, placed in enumerate(self.candidates) if not self.named(i) and placed.kind != "sensor"
+            i
+            for i, placed in enumerate(self.candidates)
+            if not self.named(i) and placed.kind != "sensor" and not placed.needs_load
         )
 
     def named(self, index: int) -> bool:

@@ -38,7 +38,7 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
 
     Each joint as a line and as a curve in each source (joints, payload, time, thermometers) and as a product of two
     joints; each mount as a curve in each source that is no joint (in a joint, six motions would be a black box for anything);
-    each joint and mount as a curve in the load that it carries (a joint's line has a name), where the file states weights; each
+    each joint and mount as a curve in the load that it carries (lines of it have names), where the file states weights; each
     sensor of points with a volume that bends.
     """
     seen = _seen(machine, recording)
@@ -92,8 +92,7 @@ def _of_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]
         moment = np.array([loads[f"{mount}.motion.{axis}"][rows] for axis in TURNS])
         each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
         if each is not None and size is not None:
-            curves = [seen_over({LOAD: each}, LOAD_CURVE), seen_over({MOMENT: size}, LOAD_CURVE)]
-            out[mount] = [seen_over({LOAD: each}, LINE), *curves]
+            out[mount] = [seen_over({LOAD: each}, LOAD_CURVE), seen_over({MOMENT: size}, LOAD_CURVE)]
     return out
 
 

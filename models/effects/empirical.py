@@ -42,7 +42,7 @@ TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
 WARP = ("xx", "yy", "zz", "xy", "yz", "zx")
 """Squares and products of a point's coordinates: how a measuring volume bends; its linear part is scale and frame."""
 FROM, TO, DEGREE, WIDTH = "from.", "to.", "degree", "reach"
-LOAD, MOMENT = "load", "moment"
+OF_WEIGHT = LOAD, MOMENT = "load", "moment"
 """Sources that no column holds: gravity's load at the place itself, N along a length, N m about an angle (at a mount, about
 each axis its own), and the size of the moment on a mount."""
 TURNS = ("rx", "ry", "rz")
@@ -96,7 +96,7 @@ class Empirical(Effect):
         """Over the joints' whole travel, and what drivers the file names; what recordings saw: ``empirical_forms``."""
         if place[0] in sensor_names(machine):
             return ({WIDTH: REACH},)
-        of_load = (LOAD, MOMENT) if place[0] in FRAMES else (LOAD,)
+        of_load = OF_WEIGHT if place[0] in FRAMES else (LOAD,)
         weighs = of_load if machine.loaded else ()
         drivers = {name: _usual_range(name) for name in dict.fromkeys((TIME, *machine.drivers, *weighs))}
         if place[0] in FRAMES:
@@ -118,7 +118,7 @@ class Empirical(Effect):
                 Coefficient(f"{axis}{k}", unit, LARGEST[unit] / k)
                 for k in range(1, _degree(settings, MOUNT_CURVE) + 1)
                 for axis, unit in AXIS_UNITS.items()
-                if axis in TURNS or sources[0].name not in (LOAD, MOMENT)
+                if axis in TURNS or not self.reads_load(settings)
             )
         unit = machine.mechanism.actuator(place[0]).unit
         if len(sources) == 2:
@@ -136,11 +136,11 @@ class Empirical(Effect):
         if place[0] in sensor_names(machine):
             return ()
         names = [source.name for source in _sources(machine, place, settings)]
-        return tuple(name for name in names if name not in (*machine.mechanism.readings, LOAD, MOMENT))
+        return tuple(name for name in names if name not in (*machine.mechanism.readings, *OF_WEIGHT))
 
     def reads_load(self, settings: Settings) -> bool:
         """Where the place's own load is a source."""
-        return any(f"{FROM}{name}" in settings for name in (LOAD, MOMENT))
+        return any(f"{FROM}{name}" in settings for name in OF_WEIGHT)
 
     def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
         """The joint's own position, another joint, or what kind of driver its source is."""
@@ -186,8 +186,8 @@ class Empirical(Effect):
     ) -> Array | None:
         """(n,) how far rows lie outside of what was seen: halves of a source's range, or shares of the reach.
 
-        A polynomial of degree k leaves its range k^2 times as steeply as a line. None for curves of a load: no column
-        holds it, and poses beyond what was seen tell of it.
+        A polynomial of degree k leaves its range k^2 times as steeply as a line. None for curves of a load, which no column
+        holds: how far poses and payload lie outside tells it.
         """
         if self.reads_load(settings):
             return None
