@@ -42,7 +42,7 @@ def cuts(data: Path) -> None:
             fitted = whole.subset(_mask(order[:count], len(whole)))
             rest = whole.subset(_mask(order[count : count + PREDICTED], len(whole)))
             plain, found = calibrate(machine, fitted), diagnose(machine, fitted)
-            errors = [_errors(fit, fitted, rest) for fit in (plain.fit, found.after)]
+            errors = [errors(fit, fitted, rest) for fit in (plain.fit, found.after)]
             told = ", ".join(
                 f"{what} {a:.3f} -> {b:.3f} mm ({b / a:.2f})"
                 for what, a, b in zip(("readings", "tool"), *errors, strict=True)
@@ -58,7 +58,7 @@ def _mask(rows: np.ndarray, size: int) -> np.ndarray:
     return out
 
 
-def _errors(fit: Estimate, fitted: Recording, rest: Recording) -> tuple[float, float]:
+def errors(fit: Estimate, fitted: Recording, rest: Recording) -> tuple[float, float]:
     """Rms, mm, of points as the sensor should read them and of the tool's own, on rows that were not in the file."""
     silent = {effect.label for effect in fit.effects if effect.kind == "sensor"}
     own, other = (_points(fit, part, ()) for part in (fitted, rest))
