@@ -19,7 +19,7 @@ from truepose.errors import InputError
 from truepose.identification.diagnosis.applied import Choice, Model, chosen_model, refit
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.holdout import Comparison, held_out_blocks
-from truepose.identification.diagnosis.result import WHOLE, Applied, PoseError
+from truepose.identification.diagnosis.result import WHOLE, Applied, BlockProof, PoseError
 from truepose.identification.fit.bounded import beyond, coefficient_bounds, within_bounds
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tool_pose import ToolPoints, tool_points
@@ -142,6 +142,29 @@ def comparison(ratio: float, pose: float) -> Comparison:
 )
 def test_neither_readings_nor_the_tool_may_get_worse(ratio: float, pose: float, worse: bool) -> None:
     assert comparison(ratio, pose).worse is worse
+
+
+@pytest.mark.parametrize(
+    ("with_forms", "names", "worse"),
+    [
+        ((0.9, 0.9), None, False),
+        ((1.5, 0.9), None, True),
+        ((0.9, 1.5), None, True),
+        ((1.5, 1.5), (1.5, 1.5), False),
+        ((1.5, 1.5), (1.5, 1.2), True),
+        ((0.9, 0.9), (0.5, 0.5), False),
+    ],
+)
+def test_forms_answer_for_the_ends_that_they_make_worse(
+    with_forms: tuple[float, float], names: tuple[float, float] | None, worse: bool
+) -> None:
+    """What is as bad there with names alone is not their doing; what is better than plain calibration is no harm."""
+
+    def held(errors: tuple[float, float]) -> Comparison:
+        end = BlockProof("outermost poses", 10, *errors, extrapolates=True)
+        return replace(comparison(0.5, 0.5), blocks=(end, BlockProof("validation rows", 10, 9.0, 9.0)))
+
+    assert held(with_forms).worse_beyond(None if names is None else held(names)) is worse
 
 
 def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(

@@ -3,8 +3,8 @@
 A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
 models are tried in turn: all that was found, less what the sensor is said to do and may not, names alone, sure names
 alone. The first whose held-out readings and tool's position are no worse than plain calibration's is applied; without
-one, plain calibration is. Forms without a name must do so at the ends of what was seen, too (outermost poses, heaviest
-loads, warmest rows), and geometry may not leave its tolerances to meet them.
+one, plain calibration is. Forms without a name must make nothing worse at the ends of what was seen either (outermost poses,
+heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
 """
 
 from __future__ import annotations
@@ -112,11 +112,18 @@ class Choice:
     def may_be_applied(self, model: Model, names: Model | None, held: Comparison) -> bool:
         """Whether a model is no worse than plain calibration where it was not fitted.
 
-        Physics holds everywhere; forms without a name must not be worse at the ends of what was seen either.
+        Physics holds everywhere; forms without a name must make nothing worse at the ends of what was seen either. What is
+        worse there with names alone is not their doing.
         """
         if held.worse:
             return False
-        return not (model.nameless(self.found) and (held.worse_beyond or self.strays(model, names)))
+        return not (model.nameless(self.found) and (self._harms(held, names) or self.strays(model, names)))
+
+    def _harms(self, held: Comparison, names: Model | None) -> bool:
+        """Whether what stands beside names makes the ends of what was seen worse."""
+        if names is None or not held.worse_beyond():
+            return held.worse_beyond()
+        return held.worse_beyond(self.compared(names.fit))
 
     def strays(self, model: Model, names: Model | None) -> bool:
         """Whether forms without a name move a constant out of its tolerance, as far as a true model never leaves one."""

@@ -107,10 +107,13 @@ class Comparison:
         pose = self.pose is not None and self.pose[1] > NO_WORSE * self.pose[0]
         return pose or self.ratio > NO_WORSE
 
-    @property
-    def worse_beyond(self) -> bool:
-        """Whether readings or the tool's position get worse at the ends of what was seen: beyond them they would, too."""
-        return any(b.extrapolates and b.worst > NO_WORSE for b in self.blocks)
+    def worse_beyond(self, other: Comparison | None = None) -> bool:
+        """Whether readings or the tool's position get worse at the ends of what was seen: beyond them they would, too.
+
+        Where ``other`` gets worse there, it is worse than that.
+        """
+        known = {} if other is None else {block.name: block for block in other.blocks}
+        return any(b.extrapolates and b.worse_than(known.get(b.name)) for b in self.blocks)
 
 
 def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]:

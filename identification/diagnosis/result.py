@@ -16,6 +16,7 @@ from truepose.models.driver import DriverKind
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
+from truepose.models.machine_file import NO_WORSE
 
 
 @dataclass(frozen=True)
@@ -145,10 +146,10 @@ class BlockProof:
     pose: float | None = None
     extrapolates: bool = False
 
-    @property
-    def worst(self) -> float:
-        """The larger of both."""
-        return max(self.ratio, self.pose or 0.0)
+    def worse_than(self, other: BlockProof | None) -> bool:
+        """Whether either is worse than before, and than after another model where that is worse than before, too."""
+        readings, pose = (1.0, 1.0) if other is None else (max(other.ratio, 1.0), max(other.pose or 1.0, 1.0))
+        return self.ratio > NO_WORSE * readings or (self.pose or 0.0) > NO_WORSE * pose
 
 
 @dataclass(frozen=True)
