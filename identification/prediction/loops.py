@@ -8,13 +8,15 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.models.closure import closed
+from truepose.models.closure import ROUNDS, closed
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _STEPS = 8
+_FEW = 12
+"""Rounds of Newton's method for rows that are given up where it does not get there."""
 
 
 class Loops:
@@ -27,27 +29,34 @@ class Loops:
         """Equations, their derivative by x, and gaps."""
         self.scale = coordinate_scale(m.machine, len(m.home), m.gap.numel())
 
-    def assemble(self, q: Array, z: Array, p: Array, start: Array | None = None) -> tuple[Array, Mask]:
+    def assemble(
+        self, q: Array, z: Array, p: Array, start: Array | None = None, *, follow: bool = True
+    ) -> tuple[Array, Mask]:
         """Passive coordinates (n, nx) at readings (n, nq), drivers (n, nz) and parameters (np,), and which rows have them.
 
-        ``start`` (n, nx) is where Newton's method begins, by default home.
+        ``start`` (n, nx) is where Newton's method begins, by default home. ``follow``: whether rows out of its reach are
+        followed from others.
         """
         x = np.tile(self._model.home, (len(q), 1)) if start is None else start.copy()
         if x.shape[1] == 0:
             return x, np.ones(len(q), dtype=bool)
-        x, good = self._closed(x, q, z, p)
+        x, good = self._closed(x, q, z, p, ROUNDS if follow else _FEW)
+        if not follow:
+            return x, good
         if good.any() and not good.all():
             self._continue(x, good, (q, z, p), _nearest(q, good))
         if not good.all():
             self._continue(x, good, (q, z, p), None)
         return x, good
 
-    def _closed(self, x: Array, q: Array, z: Array, p: Array) -> tuple[Array, Mask]:
+    def _closed(
+        self, x: Array, q: Array, z: Array, p: Array, rounds: int = ROUNDS
+    ) -> tuple[Array, Mask]:
         def equations(x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
             g, gx, gap = self.closure(x, q[rows], z[rows], p)
             return g, gx, gap
 
-        return closed(equations, x, self.scale)
+        return closed(equations, x, self.scale, rounds=rounds)
 
     def _continue(
         self, x: Array, good: Mask, at: tuple[Array, Array, Array], origin: NDArray[np.intp] | None

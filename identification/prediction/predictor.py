@@ -6,6 +6,7 @@ implicit function theorem, dx/dp = -(dg/dx)^-1 dg/dp, never from differentiating
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Sequence
 
 import casadi as ca
@@ -49,13 +50,9 @@ class Predictor:
         ports: bool = False,
         visits: int = 1,
     ) -> None:
-        self.machine, self.recording = machine, recording
+        self.machine = machine
         self.model = symbolic_model(machine, effects, ports=ports)
-        self.q = recording.q
-        self.z = np.empty((len(self.q), len(self.model.drivers)))
-        for k, name in enumerate(self.model.drivers):
-            recorded = recording.driver(name)
-            self.z[:, k] = self.model.z_home[k] if recorded is None else recorded
+        self._read(recording)
         m = self.model
         inputs, flat, twist = [m.x, m.q, m.z, m.p], ca.vec(m.world[:3, :]), twist_rows(m.world)
         self.evaluations = visits * len(self.q)
@@ -69,7 +66,21 @@ class Predictor:
         outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
         self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
         self._sensors = sights(machine, m.names, n)
-        self.origin = _origin(recording) if any(s.differs_from_row for s in machine.sensors) else None
+
+    def _read(self, recording: Recording) -> None:
+        self.recording, self.q = recording, recording.q
+        self.z = np.empty((len(self.q), len(self.model.drivers)))
+        for k, name in enumerate(self.model.drivers):
+            recorded = recording.driver(name)
+            self.z[:, k] = self.model.z_home[k] if recorded is None else recorded
+        differs = any(s.differs_from_row for s in self.machine.sensors)
+        self.origin = _origin(recording) if differs else None
+
+    def over(self, recording: Recording) -> Predictor:
+        """The same functions over other rows."""
+        other = copy.copy(self)
+        other._read(recording)
+        return other
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -89,12 +100,14 @@ class Predictor:
         slow = dict.fromkeys(f.engine.why for f in functions if f.engine.missed)
         return (*told, *(f"{why}: evaluated by CasADi's virtual machine, more slowly" for why in slow))
 
-    def assemble(self, p: Array, start: Array | None = None) -> tuple[Array, Mask]:
+    def assemble(
+        self, p: Array, start: Array | None = None, *, follow: bool = True
+    ) -> tuple[Array, Mask]:
         """Passive coordinates (n, nx) that close the loops, from ``start`` (n, nx), and which rows could be assembled.
 
-        A row that reads the change since another needs both.
+        A row that reads the change since another needs both. Without ``follow`` rows out of Newton's reach are given up.
         """
-        x, good = self._loops.assemble(self.q, self.z, p, start)
+        x, good = self._loops.assemble(self.q, self.z, p, start, follow=follow)
         return x, good if self.origin is None else good & good[self.origin]
 
     def poses(self, p: Array, x: Array | None = None) -> tuple[Array, Mask]:

@@ -9,6 +9,7 @@ import typer
 
 from truepose.commands.catalogue import effects
 from truepose.commands.challenge import challenge
+from truepose.commands.check import check
 from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
 from truepose.commands.drift import drift
@@ -31,6 +32,7 @@ app = typer.Typer(
 )
 for _command in (
     demo,
+    check,
     calibrate,
     diagnose,
     identifiability,

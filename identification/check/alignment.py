@@ -1,0 +1,130 @@
+"""Where base and tool must stand so that a drawn machine meets what was measured: closed forms to start a fit from.
+
+Measured poses M_k = B F_k T of flange poses F_k give rotations from one null vector (M_k Y = B F_k with Y the inverse of T;
+Shah, J. Mechanisms Robotics 5, 2013, in its linear form) and translations from one linear system. Points alone give B by
+a rigid motion for the tool as it is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.fit.align import rigid_motion
+from truepose.models.machine import Machine
+from truepose.models.sensors.pose import Pose, Position
+from truepose.models.sensors.targets import Targets
+from truepose.identification.recording.recording import Recording
+from truepose.models import lie
+
+Array = NDArray[np.float64]
+Frames = tuple[Array, Array]
+"""Base and tool as transforms (4, 4), mm."""
+_SWEEPS = 12
+_FLAT = 1e-3
+"""Spread of points across a line, in parts of that along it, below which they show no attitude."""
+
+
+def starts(machine: Machine, rows: Recording, flange: Array, stated: Frames, points: Array | None) -> Iterator[Frames]:
+    """Places of base and tool for flange poses (n, 4, 4): as stated, then as closed forms have them.
+
+    ``points`` (m, 3): the targets of the tool, mm, where the sensor reads such.
+    """
+    yield stated
+    for sensor in machine.sensors:
+        columns = [rows.observations[name] for name in sensor.columns if name in rows.observations]
+        if len(columns) != len(sensor.columns) or not columns:
+            continue
+        read = np.column_stack(columns)
+        whole = np.isfinite(read).all(axis=1)
+        if whole.sum() < 3:
+            continue
+        read, seen = read[whole], flange[whole]
+        if isinstance(sensor, Pose):
+            yield from _by_poses(seen, _transforms(lie.exp_so3(read[:, 3:]), read[:, :3]), stated[1])
+        elif isinstance(sensor, Position):
+            yield _by_points(seen, read[:, None], np.zeros((1, 3)), stated[1])
+        elif isinstance(sensor, Targets) and points is not None:
+            clouds = read.reshape(len(read), -1, 3)
+            yield _by_points(seen, clouds, points, stated[1])
+            if _spread_out(points):
+                yield from _by_poses(seen, _poses_of(clouds, points), stated[1])
+
+
+def _spread_out(points: Array) -> bool:
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) if len(points) > 2 else np.zeros(3)
+    return bool(sizes[1] > _FLAT * max(sizes[0], 1e-12))
+
+
+def _transforms(rotation: Array, position: Array) -> Array:
+    out = np.zeros((len(rotation), 4, 4))
+    out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = rotation, position, 1.0
+    return out
+
+
+def _poses_of(clouds: Array, points: Array) -> Array:
+    """(n, 4, 4) poses of a body from its points (m, 3) as they were measured (n, m, 3)."""
+    middle, centre = clouds.mean(axis=1), points.mean(axis=0)
+    u, _, vt = np.linalg.svd(np.einsum("nmi,mj->nij", clouds - middle[:, None], points - centre))
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    rotation = u @ vt
+    return _transforms(rotation, middle - rotation @ centre)
+
+
+def _by_points(flange: Array, clouds: Array, points: Array, tool: Array) -> Frames:
+    """The base that brings the points of a stated tool onto the measured ones (n, m, 3)."""
+    carried = flange @ tool
+    predicted = np.einsum("nij,mj->nmi", carried[:, :3, :3], points) + carried[:, None, :3, 3]
+    rotation, shift = rigid_motion(predicted.reshape(-1, 3), clouds.reshape(-1, 3))
+    return _transforms(rotation[None], shift[None])[0], tool
+
+
+def _by_poses(flange: Array, measured: Array, tool: Array) -> Iterator[Frames]:
+    """Base and tool from measured poses: by the null vector, and by turns from the tool as stated.
+
+    With k_ijab = sum m_ij f_ab over the rows, the best base for a tool and the best tool for a base are nearest rotations.
+    """
+    f, m = flange[:, :3, :3], measured[:, :3, :3]
+    k = (m.reshape(-1, 9).T @ f.reshape(-1, 9)).reshape(3, 3, 3, 3)
+    for turn in (_turn_of_null_vector(f, m), tool[:3, :3]):
+        base = turned = turn
+        for _ in range(_SWEEPS):
+            base = nearest_rotation(np.tensordot(k, turned, ([1, 3], [1, 0])))
+            fresh = nearest_rotation(np.tensordot(k, base, ([0, 2], [0, 1])).T)
+            done = np.abs(fresh - turned).max() < 1e-6
+            turned = fresh
+            if done:
+                break
+        yield _with_shifts(flange, measured, base, turned, tool[:3, 3])
+
+
+def _turn_of_null_vector(flange: Array, measured: Array) -> Array:
+    """(3, 3) rotation of the tool: M_k Y - B F_k = 0 for all k, least squares in Y = T' and B."""
+    eye = np.eye(3)
+    # row-major vec: vec(M Y) = (M x I) vec(Y), vec(B F) = (I x F') vec(B)
+    left = np.einsum("nij,kl->nikjl", measured, eye).reshape(-1, 9)
+    right = np.einsum("ij,nlk->nikjl", eye, flange).reshape(-1, 9)
+    vector = np.linalg.svd(np.hstack([left, -right]), full_matrices=False)[2][-1]
+    inverse = vector[:9].reshape(3, 3)
+    return nearest_rotation(inverse * (1.0 if np.linalg.det(inverse) >= 0 else -1.0)).T
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """(3, 3) rotation closest to a matrix."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt)
+
+
+def _with_shifts(flange: Array, measured: Array, base: Array, tool: Array, near: Array) -> Frames:
+    """The linear part: B (R_k t + p_k) + b = y_k for t and b; t next to ``near`` where motions do not show it."""
+    turn = base @ flange[:, :3, :3]
+    right = measured[:, :3, 3] - np.einsum("ij,nj->ni", base, flange[:, :3, 3]) - turn @ near
+    system = np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape)], axis=2).reshape(-1, 6)
+    found = np.linalg.lstsq(system, right.reshape(-1), rcond=1e-6)[0]
+    ends = _transforms(np.array([base, tool]), np.array([found[3:], near + found[:3]]))
+    return ends[0], ends[1]
+
+
+__all__ = ["Frames", "nearest_rotation", "starts"]

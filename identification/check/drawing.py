@@ -1,0 +1,148 @@
+"""What the drawing's tolerances explain of a misfit, and at which price: a few linear steps of all constants.
+
+A hypothesis is right where little is left *and* no constant had to leave its tolerance for it. Both count in one number:
+the rms of whitened readings and of departures from the drawing, in units of the same noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.check.rig import KEPT, Rig, Stand
+from truepose.identification.prediction.predictor import Predictor
+from truepose.models.machine import FRAMES
+
+Array = NDArray[np.float64]
+_STEPS, _ENOUGH = 4, 0.01
+_LOOSE = 1e3
+"""Steps allowed to what is unknown (frames, infinite tolerances), in natural sizes: none is in the way."""
+
+
+def expected(rig: Rig, stand: Stand) -> float:
+    """Misfit (whitened rms) that the tolerances alone would leave once base and tool are fitted; at least the noise, 1."""
+    here, p = _over(rig, stand), stand.p
+    jacobian, _ = _rows(rig, here, p, stand)
+    known = np.flatnonzero(np.isfinite(rig.tolerance) & (rig.tolerance > 0) & ~_loose(rig))
+    if not len(known) or not len(jacobian):
+        return 1.0
+    carried = jacobian[:, :, known] * rig.tolerance[known]
+    flat = carried.reshape(-1, len(known))
+    basis = _basis(jacobian[:, :, _loose(rig)].reshape(len(flat), -1))
+    left = flat - basis @ (basis.T @ flat)
+    return float(np.sqrt(1.0 + np.sum(left**2) / max(len(flat), 1)))
+
+
+def priced(rig: Rig, stand: Stand, noise: float, free: tuple[str, ...] = FRAMES) -> float:
+    """Misfit with what it costs in tolerances, both in units of ``noise`` sigmas; inf where nothing can be fitted.
+
+    The frames ``free`` cost nothing wherever they stand.
+    """
+    if stand.bad:
+        return float("inf")
+    return _Priced(rig, stand, noise, free).settled()
+
+
+class _Priced:
+    """Readings and tolerances in one sum of squares, for one hypothesis."""
+
+    def __init__(self, rig: Rig, stand: Stand, noise: float, free: tuple[str, ...]) -> None:
+        self.rig, self.stand, self.noise = rig, stand, noise
+        self.here = _over(rig, stand)
+        tolerance = rig.tolerance.copy()
+        for frame in free:
+            tolerance[rig.at[frame]] = np.inf
+        self.moving = np.flatnonzero(tolerance > 0)
+        known = np.isfinite(tolerance[self.moving])
+        natural = np.array([100.0 if _long(rig, k) else 1.0 for k in self.moving])
+        self.scale = np.where(known, tolerance[self.moving], natural)
+        self.held = np.where(known, 1.0, 1.0 / _LOOSE)
+        self.known = known
+
+    def settled(self) -> float:
+        """The least sum within a few linear steps, as an rms over the readings."""
+        p = self.stand.p.copy()
+        best = self.price(p)
+        for _ in range(_STEPS if len(self.moving) else 0):
+            jacobian, residual = _rows(self.rig, self.here, p, self.stand)
+            if not len(residual):
+                break
+            keep = _kept(residual)
+            j = jacobian[keep][:, :, self.moving].reshape(-1, len(self.moving)) * self.scale / self.noise
+            off = self._off(p) * self.held
+            right = -np.concatenate([residual[keep].reshape(-1) / self.noise, np.where(self.known, off, 0.0)])
+            step = np.linalg.lstsq(np.vstack([j, np.diag(self.held)]), right, rcond=None)[0]
+            trial = p.copy()
+            trial[self.moving] += step * self.scale
+            price = self.price(trial)
+            if not price < best:
+                break
+            gained, best, p = (best - price) / best, price, trial
+            if gained < _ENOUGH:
+                break
+        return best
+
+    def _off(self, p: Array) -> Array:
+        out: Array = (p - self.stand.scene.p)[self.moving] / self.scale
+        return out
+
+    def price(self, p: Array) -> float:
+        """The sum at constants (np,)."""
+        x, good = self.here.assemble(p, follow=False)
+        scaled = _scaled(self.rig, self.stand)
+        residual = np.concatenate([b.residual for b in self.here.blocks(p, x)]) * scaled
+        residual = residual[good & np.isfinite(residual).all(axis=1)]
+        if len(residual) < 0.5 * len(good):
+            return float("inf")
+        kept = residual[_kept(residual)]
+        off = self._off(p)[self.known]
+        return float(np.sqrt((np.sum(kept**2) + self.noise**2 * np.sum(off**2)) / max(kept.size, 1)))
+
+
+def _rows(rig: Rig, here: Predictor, p: Array, stand: Stand) -> tuple[Array, Array]:
+    x, good = here.assemble(p, follow=False)
+    blocks = list(here.blocks(p, x))
+    residual = np.concatenate([b.residual for b in blocks]) * _scaled(rig, stand)
+    jacobian = np.concatenate([b.jacobian for b in blocks]) * _scaled(rig, stand)[:, None]
+    fine = good & np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+    return jacobian[fine], residual[fine]
+
+
+def _over(rig: Rig, stand: Stand) -> Predictor:
+    return rig.predictor.over(stand.scene.rows.subset(stand.rows))
+
+
+def _scaled(rig: Rig, stand: Stand) -> Array:
+    return np.where(rig.long, 1.0 / stand.scene.size, 1.0)
+
+
+def _loose(rig: Rig) -> NDArray[np.bool_]:
+    """(np,) what the cheap fit moves freely: the two frames."""
+    out = np.zeros(len(rig.names), dtype=bool)
+    for places in rig.at.values():
+        out[places] = True
+    return out
+
+
+def _long(rig: Rig, k: int) -> bool:
+    parameter = rig.machine.geometry.get(rig.names[k])
+    return parameter is not None and parameter.unit == "mm"
+
+
+def _kept(residual: Array) -> NDArray[np.bool_]:
+    """(n,) the rows that fit best."""
+    each = np.sum(residual**2, axis=1)
+    return np.asarray(each <= np.quantile(each, KEPT))
+
+
+def _basis(columns: Array) -> Array:
+    """Orthonormal basis of what columns span."""
+    size = np.linalg.norm(columns, axis=0)
+    columns = columns[:, size > 0] / size[size > 0]
+    if not columns.size:
+        return np.zeros((len(columns), 0))
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, s > 1e-9 * s[0]])
+
+
+__all__ = ["expected", "priced"]

@@ -1,0 +1,142 @@
+"""Measured axes with another sign or in another order, and targets that were exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.check.pair import Pair, Sheet
+from truepose.identification.check.rig import Rig, Scene
+from truepose.identification.check.slip import Slip
+from truepose.models.sensors.pose import Pose, Position
+from truepose.models.sensors.targets import Targets
+from truepose.wording import joined
+
+Array = NDArray[np.float64]
+_XYZ, _TURN = ("x", "y", "z"), ("rx", "ry", "rz")
+_MOST_TARGETS = 4
+
+
+def mirrored(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """A measuring frame of the other hand: one axis with the other sign, or two axes exchanged.
+
+    Where points alone are read, all of these differ by a turn of the base only: two stand for all, an exchange and a sign.
+    """
+    every = [m for m in _maps() if _hand(*m) < 0]
+    if not any(isinstance(sensor, Pose) for sensor in rig.machine.sensors):
+        known = np.isfinite(rig.tolerance[rig.at["base"]]).all()
+        every = every[:6] if known else [m for m in every if m == ((0, 1, 2), (1, 1, -1))]
+    for order, signs in every:
+        yield from _mapped(rig, order, signs)
+
+
+def turned(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Axes in another order or with other signs, of the same hand: seen only where turns are read too, or the base is known."""
+    for order, signs in _maps():
+        if _hand(order, signs) > 0 and (order, signs) != ((0, 1, 2), (1, 1, 1)):
+            yield from _mapped(rig, order, signs)
+
+
+def _maps() -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """The signed permutations, plain ones first."""
+    every = [(o, s) for o in permutations(range(3)) for s in product((1, -1), repeat=3)]
+    return iter(sorted(every, key=lambda m: sum(k != a for k, a in enumerate(m[0])) + sum(s < 0 for s in m[1])))
+
+
+def _hand(order: Sequence[int], signs: Sequence[int]) -> float:
+    matrix = np.zeros((3, 3))
+    matrix[range(3), order] = signs
+    return float(np.linalg.det(matrix))
+
+
+def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...]) -> Iterator[Slip]:
+    points = _points(rig)
+    if not points:
+        return
+    exchanged = [_XYZ[k] for k in range(3) if order[k] != k]
+    flipped = [_XYZ[k] for k in range(3) if signs[k] < 0]
+    parts = [f"{joined(exchanged)} {'exchanged' if len(exchanged) == 2 else 'in another order'}"] if exchanged else []
+    parts += [f"{joined(flipped)} with the other sign"] if flipped else []
+    swap = exchanged and not flipped
+    kind = "permutation" if swap else "handedness"
+    yield Slip(
+        kind,
+        tuple(exchanged if swap else dict.fromkeys([*exchanged, *flipped])),
+        f"measured {joined(parts)}",
+        f"{'exchange the headers of' if swap else 'change'} the sensor's columns: {joined(parts)}",
+        partial(_remapped, points, order, signs),
+        partial(_mend, points, order, signs),
+    )
+
+
+def _points(rig: Rig) -> list[tuple[str, str, str]]:
+    """Columns x, y, z of every point that is measured."""
+    out = []
+    for sensor in rig.machine.sensors:
+        names = list(sensor.columns)
+        if isinstance(sensor, (Pose, Position)):
+            out.append(("x", "y", "z"))
+        elif isinstance(sensor, Targets):
+            out += [(names[k], names[k + 1], names[k + 2]) for k in range(0, len(names), 3)]
+    return out
+
+
+def _remapped(points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int], scene: Scene) -> Scene:
+    return scene.with_columns(_columns(scene.rows.observations, points, order, signs))
+
+
+def _columns(
+    seen: Mapping[str, Array], points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int]
+) -> dict[str, Array]:
+    return {triple[k]: signs[k] * seen[triple[order[k]]] for triple in points for k in range(3)}
+
+
+def _mend(points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int], pair: Pair) -> Pair:
+    def change(sheet: Sheet) -> Sheet:
+        here = {n: sheet.numbers(n) for triple in points for n in triple if n in sheet.units}
+        return sheet.with_numbers(_columns(here, points, order, signs)) if here else sheet
+
+    return pair.each(change)
+
+
+def targets(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Targets exchanged: every order of a few, pairs of many."""
+    for sensor in rig.machine.sensors:
+        if not isinstance(sensor, Targets):
+            continue
+        labels = list(dict.fromkeys(n.rpartition(".")[0] for n in sensor.columns))
+        for order in _orders(len(labels)):
+            moved = [k for k in range(len(labels)) if order[k] != k]
+            called = {f"{labels[order[k]]}.{a}": f"{labels[k]}.{a}" for k in moved for a in _XYZ}
+            names = tuple(labels[k] for k in moved)
+            yield Slip(
+                "permutation",
+                names,
+                f"targets {joined(names)} {'exchanged' if len(names) == 2 else 'in another order'}",
+                "rename the columns: " + ", ".join(f"{labels[order[k]]} is {labels[k]}" for k in moved),
+                partial(_relabelled, called),
+                lambda pair, called=called: pair.each(lambda sheet: sheet.renamed(called)),
+            )
+
+
+def _orders(n: int) -> Iterator[tuple[int, ...]]:
+    still = tuple(range(n))
+    if n <= _MOST_TARGETS:
+        yield from sorted((o for o in permutations(still) if o != still), key=lambda o: sum(a != b for a, b in zip(o, still, strict=True)))
+        return
+    for i in range(n):
+        for j in range(i + 1, n):
+            order = list(still)
+            order[i], order[j] = j, i
+            yield tuple(order)
+
+
+def _relabelled(called: Mapping[str, str], scene: Scene) -> Scene:
+    return scene.with_columns({new: scene.rows.observations[old] for old, new in called.items()})
+
+
+__all__ = ["mirrored", "targets", "turned"]

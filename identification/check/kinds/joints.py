@@ -1,0 +1,175 @@
+"""Joints that turn the other way, that were exchanged, or whose zero is elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+
+from truepose.identification.check.pair import Pair, Sheet
+from truepose.identification.check.rig import Rig, Scene
+from truepose.identification.check.slip import Slip
+from truepose.models.units import convert
+from truepose.wording import joined
+
+QUARTERS = (90.0, -90.0, 180.0)
+"""Degrees that data sheets and controllers differ by."""
+_GRID = 24
+_NARROWED = 8
+
+
+def signs(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Each joint with the other sign."""
+    for k, a in enumerate(rig.machine.mechanism.actuators):
+        name = a.reading
+        yield Slip(
+            "sign",
+            (name,),
+            f"{name} counted the other way",
+            f"change the sign of column {name}, or turn its axis in the machine file",
+            partial(_times, k, -1.0),
+            partial(_negated, (name,)),
+        )
+
+
+def _times(k: int, factor: float, scene: Scene) -> Scene:
+    q = scene.rows.q.copy()
+    q[:, k] *= factor
+    return scene.with_joints(q)
+
+
+def _negated(names: Sequence[str], pair: Pair) -> Pair:
+    """Columns, and the sides and speeds of arrival of the same joints, with the other sign."""
+    def change(sheet: Sheet) -> Sheet:
+        every = [n for name in names for n in (name, f"approach.{name}", f"velocity.{name}") if n in sheet.units]
+        return sheet.with_numbers({n: -sheet.numbers(n) for n in every})
+
+    return pair.each(change)
+
+
+def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Two joints of one kind exchanged, or all of them in the other order, or one place along."""
+    actuators = rig.machine.mechanism.actuators
+    n = len(actuators)
+    orders: list[tuple[int, ...]] = []
+    for i, j in combinations(range(n), 2):
+        if actuators[i].reading_unit == actuators[j].reading_unit:
+            order = list(range(n))
+            order[i], order[j] = j, i
+            orders.append(tuple(order))
+    if len({a.reading_unit for a in actuators}) == 1 and n > 2:
+        orders += [tuple(range(n))[::-1], (*range(1, n), 0), (n - 1, *range(n - 1))]
+    for order in dict.fromkeys(orders):
+        moved = [k for k in range(n) if order[k] != k]
+        names = tuple(actuators[k].reading for k in moved)
+        called = {actuators[order[k]].reading: actuators[k].reading for k in moved}
+        yield Slip(
+            "permutation",
+            names,
+            f"{joined(names)} {'exchanged' if len(names) == 2 else 'in another order'}",
+            f"exchange the headers of columns {joined(names)}"
+            if len(names) == 2
+            else "rename the columns: " + ", ".join(f"{a} is {b}" for a, b in called.items()),
+            partial(_reordered, order),
+            partial(_renamed, called),
+        )
+
+
+def _reordered(order: Sequence[int], scene: Scene) -> Scene:
+    return scene.with_joints(scene.rows.q[:, list(order)])
+
+
+def _renamed(called: dict[str, str], pair: Pair) -> Pair:
+    every = {
+        f"{head}{a}": f"{head}{b}" for a, b in called.items() for head in ("", "approach.", "velocity.", "temperature.")
+    }
+    return pair.each(lambda sheet: sheet.renamed(every))
+
+
+def quarter_turns(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Each turning joint with its zero a quarter or half turn away."""
+    for k, a in enumerate(rig.machine.mechanism.actuators):
+        if a.reading_unit == "rad":
+            for degrees in QUARTERS:
+                yield offset(rig, k, np.radians(degrees))
+
+
+def offset(rig: Rig, k: int, size: float, cost: float = 1.0) -> Slip:
+    """Joint k with its zero elsewhere by ``size`` (in the unit of its reading inside)."""
+    a = rig.machine.mechanism.actuators[k]
+    unit = rig.machine.units.of_joint(a.reading_unit)
+    shown = f"{convert(size, a.reading_unit, unit):+.6g} {unit}"
+    return Slip(
+        "offset",
+        (a.reading,),
+        f"zero of {a.reading} off by {shown}",
+        f"add {shown} to the zero of {a.reading} in the machine file, or to its column",
+        partial(_plus, k, size),
+        partial(_shifted_zero, rig, k, size),
+        cost,
+    )
+
+
+def _plus(k: int, size: float, scene: Scene) -> Scene:
+    q = scene.rows.q.copy()
+    q[:, k] += size
+    return scene.with_joints(q)
+
+
+def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
+    """In the constant that is the joint's zero where the file has a field for it, else in the column."""
+    a = rig.machine.mechanism.actuators[k]
+    zero = a.drives if a.reading_unit == "rad" else a.reading
+    for name in (f"{zero}.theta", f"{zero}.r", f"{zero}.offset", a.offset or ""):
+        parameter = rig.machine.geometry.get(name)
+        fits = parameter is not None and parameter.unit == a.unit == a.reading_unit
+        if parameter is None or not fits or not parameter.field or name.endswith(".r") and a.unit == "rad":
+            continue
+        if name.endswith(".theta") and a.unit != "rad":
+            continue
+        value = pair.get(parameter.field)
+        if value is None or isinstance(value, (int, float)):
+            inside = convert(float(value or 0.0), rig.machine.units.written(a.unit), a.unit) + size
+            return pair.with_field(parameter.field, float(f"{convert(inside, a.unit, rig.machine.units.written(a.unit)):.9g}"))
+
+    def change(sheet: Sheet) -> Sheet:
+        unit = sheet.units.get(a.reading) or rig.machine.units.of_joint(a.reading_unit)
+        return sheet.with_numbers({a.reading: sheet.numbers(a.reading) + convert(size, a.reading_unit, unit)})
+
+    return pair.each(change)
+
+
+def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Each joint with the zero that fits best, wherever that is: one search a joint."""
+    for k, a in enumerate(rig.machine.mechanism.actuators):
+        if a.reading_unit == "rad":
+            grid = np.linspace(-np.pi, np.pi, _GRID, endpoint=False)
+        else:
+            span = float(np.ptp(scene.rows.q[:, k])) or 1.0
+            grid = span * np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
+        found = _narrowed(rig, scene, k, grid)
+        if found:
+            yield offset(rig, k, found, cost=2.0)
+
+
+def _narrowed(rig: Rig, scene: Scene, k: int, grid: np.ndarray) -> float:
+    """The best zero of joint k: the best of a grid, then halved steps around it."""
+    def misfit(size: float) -> float:
+        return rig.stand(_plus(k, size, scene)).misfit
+
+    tried = {float(size): misfit(float(size)) for size in grid}
+    best = min(tried, key=lambda size: tried[size])
+    order = sorted(tried)
+    at = order.index(best)
+    step = max(abs(order[min(at + 1, len(order) - 1)] - best), abs(best - order[max(at - 1, 0)]))
+    for _ in range(_NARROWED):
+        step /= 2
+        for size in (best - step, best + step):
+            tried[size] = misfit(size)
+        best = min((best - step, best, best + step), key=lambda size: tried[size])
+    return best
+
+
+__all__ = ["exchanged", "offset", "quarter_turns", "signs", "zeros"]

@@ -1,0 +1,158 @@
+"""Readings beside the wrong rows: shifted by some rows, or sorted by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from truepose.identification.check.pair import Pair, Sheet
+from truepose.identification.check.rig import Rig, Scene
+from truepose.identification.check.slip import Slip
+from truepose.identification.fit.align import rigid_motion
+from truepose.models.sensors.pose import Pose, Position
+from truepose.models.sensors.targets import Targets
+from truepose.wording import shortened
+
+Array = NDArray[np.float64]
+_FURTHEST = 3
+_MOST_SORTED = 400
+_ROUNDS = 12
+
+
+def shifted(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Readings that stand up to three rows too early or too late."""
+    columns = _columns(rig)
+    if len(scene.rows) < 4 + _FURTHEST or scene.rows.from_row is not None:
+        return
+    for by in (1, -1, 2, -2, 3, -3):
+        rows = f"{abs(by)} row{'s' if abs(by) > 1 else ''}"
+        yield Slip(
+            "rows-shifted",
+            columns,
+            f"readings {rows} {'too late' if by > 0 else 'too early'}",
+            f"move {shortened(columns, 3)} {rows} {'up' if by > 0 else 'down'}, against the joints",
+            partial(_rolled, by),
+            partial(_mend_shift, columns, by),
+        )
+
+
+def _columns(rig: Rig) -> tuple[str, ...]:
+    return tuple(n for s in rig.machine.sensors for n in s.columns)
+
+
+def _places(file: NDArray[np.int64], by: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """For each row the row that its readings stand in, and which have none, file by file."""
+    n = len(file)
+    source = np.arange(n) + by
+    inside = (source >= 0) & (source < n)
+    source = np.clip(source, 0, n - 1)
+    return source, ~(inside & (file[source] == file))
+
+
+def _rolled(by: int, scene: Scene) -> Scene:
+    source, lost = _places(scene.rows.source_file, by)
+    moved = scene.with_columns({n: v[source] for n, v in scene.rows.observations.items()})
+    return Scene(moved.rows, moved.p, moved.size, lost if scene.lost is None else lost | scene.lost)
+
+
+def _mend_shift(columns: tuple[str, ...], by: int, pair: Pair) -> Pair:
+    def change(sheet: Sheet) -> Sheet:
+        source, lost = _places(np.zeros(len(sheet.cells), dtype=np.int64), by)
+        cells = sheet.cells.copy()
+        for name in columns:
+            if name in cells:
+                cells[name] = sheet.cells[name].to_numpy()[source]
+        moved = Sheet(sheet.file, cells, sheet.units)
+        return moved.rows(np.flatnonzero(~lost))
+
+    return pair.each(change)
+
+
+def matched(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Where a column is sorted: each reading beside the row that it fits, by assignment and rigid motion in turns."""
+    rows = scene.rows
+    sorted_by = [n for n, v in rows.observations.items() if _monotone(v)]
+    sorted_by += [n for n, v in zip(rows.joints, rows.q.T, strict=True) if _monotone(v)]
+    points = _points(rig, scene)
+    if not sorted_by or points is None or not 8 <= len(rows) <= _MOST_SORTED or len(rows.files) > 1:
+        return
+    order = _assigned(rig, scene, points)
+    if order is None:
+        return
+    columns = _columns(rig)
+    yield Slip(
+        "rows-shifted",
+        tuple(sorted_by),
+        f"rows sorted by {shortened(sorted_by, 2)} in some of the columns only",
+        "put readings and joints back into one order",
+        lambda scene: scene.with_columns({n: v[order] for n, v in scene.rows.observations.items()}),
+        lambda pair: pair.each(lambda sheet: _mend_order(columns, order, sheet)),
+        2.0,
+    )
+
+
+def _monotone(values: Array) -> bool:
+    steps = np.diff(values)
+    return bool(len(values) >= 8 and np.ptp(values) > 0 and ((steps >= 0).all() or (steps <= 0).all()))
+
+
+def _points(rig: Rig, scene: Scene) -> Array | None:
+    for sensor in rig.machine.sensors:
+        if isinstance(sensor, (Pose, Position)):
+            return np.column_stack([scene.rows.observations[n] for n in ("x", "y", "z")])
+        if isinstance(sensor, Targets):
+            names = list(sensor.columns)
+            return np.column_stack([scene.rows.observations[n] for n in names[:3]])
+    return None
+
+
+def _assigned(rig: Rig, scene: Scene, points: Array) -> NDArray[np.intp] | None:
+    """The row whose reading belongs to each row: best of several starting attitudes."""
+    here = rig.predictor.over(scene.rows)
+    stand = rig.stand(scene, aligned=False)
+    x, _ = here.assemble(stand.p, follow=False)
+    drawn = here.poses(stand.p, x)[0][:, :3, 3]
+    best, chosen = np.inf, None
+    for start in _attitudes(drawn, points):
+        rotation, shift = start
+        order = np.arange(len(drawn))
+        for _ in range(_ROUNDS):
+            distance = cdist(drawn @ rotation.T + shift, points)
+            fresh = linear_sum_assignment(distance**2)[1]
+            rotation, shift = rigid_motion(drawn, points[fresh])
+            if (fresh == order).all():
+                break
+            order = fresh
+        left = float(np.sum((drawn @ rotation.T + shift - points[order]) ** 2))
+        if left < best:
+            best, chosen = left, order
+    return chosen
+
+
+def _attitudes(drawn: Array, points: Array) -> Iterator[tuple[Array, Array]]:
+    """As they stand, and with the main axes of both clouds brought together, every way round."""
+    yield np.eye(3), points.mean(axis=0) - drawn.mean(axis=0)
+    yield np.eye(3), np.zeros(3)
+    a = np.linalg.svd(drawn - drawn.mean(axis=0), full_matrices=False)[2].T
+    b = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
+    for first in (1.0, -1.0):
+        for second in (1.0, -1.0):
+            turn = b @ np.diag([first, second, 1.0]) @ a.T
+            turn = turn if np.linalg.det(turn) > 0 else b @ np.diag([first, second, -1.0]) @ a.T
+            yield turn, points.mean(axis=0) - turn @ drawn.mean(axis=0)
+
+
+def _mend_order(columns: tuple[str, ...], order: NDArray[np.intp], sheet: Sheet) -> Sheet:
+    cells = sheet.cells.copy()
+    for name in columns:
+        if name in cells:
+            cells[name] = sheet.cells[name].to_numpy()[order]
+    return Sheet(sheet.file, cells, sheet.units)
+
+
+__all__ = ["matched", "shifted"]

@@ -1,0 +1,145 @@
+"""Numbers in another unit than they are said to be in: readings, joints, the machine file's lengths and angles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+from truepose.identification.check.pair import Field, Pair
+from truepose.identification.check.rig import Rig, Scene
+from truepose.identification.check.slip import Slip
+from truepose.models.units import UnitSystem, convert
+from truepose.wording import joined, shortened
+
+LENGTHS = ("nm", "um", "mm", "cm", "inch", "ft", "m")
+ANGLES = ("rad", "deg", "mrad")
+_GROUPS = (("alpha",), ("theta",), ("alpha", "theta", "beta"), ("rx", "ry", "rz"))
+
+
+def units(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Every other unit for the readings, for the joints (all of a kind, and each alone), for the machine file's numbers."""
+    yield from _readings(rig)
+    yield from _joints(rig)
+    yield from _file_lengths(rig)
+    yield from _file_angles(rig)
+
+
+def _others(known: Sequence[str], unit: str) -> list[tuple[str, float]]:
+    """Other units, each with how many of ``unit`` it is."""
+    pairs = [(other, convert(1.0, other, unit)) for other in known]
+    return [(other, factor) for other, factor in pairs if abs(factor - 1.0) > 1e-9]
+
+
+def _readings(rig: Rig) -> Iterator[Slip]:
+    written = rig.machine.units
+    for inside, kind, known in (("mm", "unit-length", LENGTHS), ("rad", "unit-angle", ANGLES)):
+        names = tuple(n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == inside)
+        if not names:
+            continue
+        for unit, factor in _others(known, written.written(inside)):
+            yield Slip(
+                kind,
+                names,
+                f"readings in {unit}",
+                f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in names], 3)}",
+                partial(_scaled_columns, names, factor, factor if inside == "mm" else 1.0),
+                lambda pair, names=names, unit=unit: pair.each(lambda sheet: sheet.in_unit(names, unit)),
+            )
+
+
+def _scaled_columns(names: Sequence[str], factor: float, size: float, scene: Scene) -> Scene:
+    return scene.with_columns({n: factor * scene.rows.observations[n] for n in names}, size)
+
+
+def _joints(rig: Rig) -> Iterator[Slip]:
+    written = rig.machine.units
+    for inside, kind, known in (("mm", "unit-length", LENGTHS), ("rad", "unit-angle", ANGLES)):
+        like = [(k, a) for k, a in enumerate(rig.machine.mechanism.actuators) if a.reading_unit == inside]
+        sets = [like, *([pair] for pair in like)] if len(like) > 1 else [like]
+        for chosen in sets if like else ():
+            names = tuple(a.reading for _, a in chosen)
+            for unit, factor in _others(known, written.of_joint(inside)):
+                yield Slip(
+                    kind,
+                    names,
+                    f"{joined(names) if len(names) < 4 else 'joints'} in {unit}",
+                    f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in names], 3)}",
+                    partial(_scaled_joints, [k for k, _ in chosen], factor),
+                    lambda pair, names=names, unit=unit: pair.each(lambda sheet: sheet.in_unit(names, unit)),
+                )
+
+
+def _scaled_joints(places: Sequence[int], factor: float, scene: Scene) -> Scene:
+    q = scene.rows.q.copy()
+    q[:, places] *= factor
+    return scene.with_joints(q)
+
+
+def _file_lengths(rig: Rig) -> Iterator[Slip]:
+    """Lengths of the mechanism alone, or of the whole file, in another unit."""
+    written = rig.machine.units
+    own = {p.name for p in rig.machine.mechanism.parameters}
+    every = [k for k, n in enumerate(rig.names) if n in rig.machine.geometry and rig.machine.geometry[n].unit == "mm"]
+    for unit, factor in _others(LENGTHS, written.length):
+        for places, whole in (([k for k in every if rig.names[k] in own], False), (every, True)):
+            where = ("units.length",) if whole else ("mechanism",)
+            yield Slip(
+                "unit-length",
+                where,
+                f"the {'machine file' if whole else 'mechanism'}'s lengths in {unit}",
+                f"state 'units: {{length: {unit}}}' in the machine file, and the unit in the headers of the recording"
+                if whole
+                else f"write the lengths of 'mechanism' in {written.length}",
+                partial(_scaled_constants, places, factor),
+                partial(_file_in, rig.machine.units, unit, rig) if whole else partial(_mend_lengths, rig, factor),
+            )
+
+
+def _scaled_constants(places: Sequence[int], factor: float, scene: Scene) -> Scene:
+    p = scene.p.copy()
+    p[places] *= factor
+    return Scene(scene.rows, p, scene.size, scene.lost)
+
+
+def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
+    """The file said to be in another unit; columns of the recording say that they are in the one assumed so far."""
+    long = [a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "mm"]
+    long += [n for s in rig.machine.sensors for n, inside in s.columns.items() if inside == "mm"]
+    bare = pair.each(lambda s: s.in_unit([n for n in long if n in s.units and s.units[n] is None], written.length))
+    return bare.with_field(("units", "length"), unit)
+
+
+def _mend_lengths(rig: Rig, factor: float, pair: Pair) -> Pair:
+    return _scaled_fields(pair, [p.field for p in rig.machine.mechanism.parameters if p.unit == "mm"], factor)
+
+
+def _scaled_fields(pair: Pair, fields: Sequence[Field], factor: float) -> Pair:
+    for field in fields:
+        value = pair.get(field)
+        if field and isinstance(value, (int, float)) and value:
+            pair = pair.with_field(field, float(f"{value * factor:.12g}"))
+    return pair
+
+
+def _file_angles(rig: Rig) -> Iterator[Slip]:
+    written = rig.machine.units.angle
+    own = {p.name: p for p in rig.machine.mechanism.parameters if p.unit == "rad"}
+    for ends in _GROUPS:
+        places = [k for k, n in enumerate(rig.names) if n in own and n.rpartition(".")[2] in ends]
+        if not np.any(rig.scene.p[places]):
+            continue
+        for unit, factor in _others(ANGLES[:2], written):
+            fields = [own[rig.names[k]].field for k in places]
+            yield Slip(
+                "unit-angle",
+                tuple(f"mechanism.{end}" for end in ends if any(rig.names[k].endswith(f".{end}") for k in places)),
+                f"{joined(ends)} of the mechanism in {unit}",
+                f"write {joined(ends)} in {written} (or state 'units: {{angle: {unit}}}' for the whole file)",
+                partial(_scaled_constants, places, factor),
+                lambda pair, fields=fields, factor=factor: _scaled_fields(pair, fields, factor),
+            )
+
+
+__all__ = ["units"]

@@ -1,0 +1,97 @@
+"""What a check found: a verdict, and each slip with what it leaves of the misfit and how to mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from truepose.errors import InputError
+from truepose.identification.check.pair import Pair
+from truepose.identification.check.slip import Mend
+
+SCHEMA = "truepose/check/1"
+Verdict = Literal["ok", "suspect", "wrong"]
+
+
+class WrongInputError(InputError):
+    """The recording does not belong to this machine file as it stands; ``check`` says what was found."""
+
+    def __init__(self, message: str, check: Check) -> None:
+        super().__init__(message)
+        self.check = check
+
+
+@dataclass(frozen=True)
+class Found:
+    """One slip.
+
+    before, after: rms misfit after base and tool alone were fitted, without and with the slip mended, in ``unit``; None
+    where it needs no fit to be seen. instead: other slips that fit these readings as well.
+    """
+
+    kind: str
+    where: tuple[str, ...]
+    says: str
+    fix: str
+    verdict: Verdict
+    before: float | None = None
+    after: float | None = None
+    unit: str = "mm"
+    mend: Mend | None = None
+    instead: tuple[str, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """As in ``check --json``."""
+        return {
+            "kind": self.kind,
+            "where": list(self.where),
+            "before": self.before,
+            "after": self.after,
+            "unit": self.unit,
+            "verdict": self.verdict,
+            "says": self.says,
+            "fix": self.fix,
+            "instead": list(self.instead),
+        }
+
+
+@dataclass(frozen=True)
+class Check:
+    """Everything that a check found, worst first; ``left``: rms misfit (``unit``) with all of it mended."""
+
+    found: tuple[Found, ...]
+    rows: int
+    left: float | None
+    unit: str = "mm"
+    untestable: tuple[Mapping[str, Any], ...] = ()
+    pair: Pair | None = field(default=None, repr=False)
+
+    @property
+    def verdict(self) -> Verdict:
+        """``wrong`` where one of them is certain and spoils the fit, ``suspect`` where one may be, else ``ok``."""
+        verdicts = {f.verdict for f in self.found}
+        return "wrong" if "wrong" in verdicts else "suspect" if "suspect" in verdicts else "ok"
+
+    @property
+    def mended(self) -> Pair | None:
+        """The files with everything mended that can be."""
+        pair = self.pair
+        for found in self.found:
+            if pair is not None and found.mend is not None:
+                pair = found.mend(pair)
+        return pair
+
+    def document(self) -> dict[str, Any]:
+        """``truepose/check/1``."""
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "found": [f.document() for f in self.found],
+            "rows": self.rows,
+            "misfit": None if self.left is None else {"value": self.left, "unit": self.unit},
+            "untestable": [dict(item) for item in self.untestable],
+        }
+
+
+__all__ = ["SCHEMA", "Check", "Found", "Verdict", "WrongInputError"]

@@ -1,0 +1,69 @@
+"""The check itself: files in, findings out; and the gate that every fit goes through first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from truepose.errors import InputError
+from truepose.identification.check.bare import bare, no_tolerances, sigmas
+from truepose.identification.check.pair import Pair
+from truepose.identification.check.result import Check, Found
+from truepose.identification.check.rig import Rig
+from truepose.identification.check.search import search, shown
+from truepose.identification.check.sensorless import without_sensor
+from truepose.identification.check.sessions import moved
+from truepose.identification.fringes.load import load_recording
+from truepose.identification.recording.recording import Recording
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+_ORDER = {"wrong": 0, "suspect": 1, "ok": 2}
+
+
+def check_files(
+    machine: Path, recordings: Sequence[Path], *, irradiance: Sequence[Path] = ()
+) -> tuple[Check, Machine, Recording | None]:
+    """What may be wrong between a machine file and its recordings; the machine and the rows as they were loaded.
+
+    Raises InputError for what cannot be read, and for a joint out of its range where no slip explains it. There are no
+    rows where the machine file has no sensor.
+    """
+    pair = Pair.read(machine, recordings)
+    loaded = load_machine(machine)
+    if not loaded.sensors:
+        return without_sensor(pair), loaded, None
+    rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance)
+    check = check_loaded(loaded, rows, pair)
+    if check.verdict != "wrong":
+        rows = load_recording(loaded, recordings, irradiance=irradiance)
+    return check, loaded, rows
+
+
+def unbounded(machine: Machine) -> Machine:
+    """The machine without the ranges of its joints: a reading outside of them may be in another unit."""
+    actuators = tuple(replace(a, range=None) for a in machine.mechanism.actuators)
+    return replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))
+
+
+def check_loaded(machine: Machine, recording: Recording, pair: Pair | None = None) -> Check:
+    """What may be wrong between a machine and a recording of it, both as they were loaded."""
+    if recording.validation.all():
+        raise InputError(f"{', '.join(recording.files)}: found rows of role 'validation' only, expected rows to fit")
+    found: list[Found] = list(bare(machine, recording))
+    if any(f.verdict == "wrong" for f in found):
+        return Check(tuple(found), len(recording), None, pair=pair)
+    rig = Rig(machine, recording)
+    result = search(rig)
+    found += result.found
+    found += moved(rig, result.scene, result.stand, result.price)
+    found += no_tolerances(rig, result.stand)
+    if not any(f.verdict == "wrong" for f in found):
+        found += sigmas(rig, result.stand, result.price)
+    left, _, unit = shown(rig, result.stand, result.stand)
+    ordered = sorted(found, key=lambda f: _ORDER[f.verdict])
+    return Check(tuple(ordered), len(recording), left, unit, pair=pair)
+
+
+__all__ = ["check_files", "check_loaded", "unbounded"]

@@ -1,0 +1,78 @@
+"""Rows of two set-ups in one recording: the base (or the tool) stood elsewhere from some row on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.check.drawing import expected, priced
+from truepose.identification.check.result import Found
+from truepose.identification.check.rig import Rig, Scene, Stand
+
+Array = NDArray[np.float64]
+_PARTS = 8
+_FEWEST = 8
+_TIMES = 3.0
+
+
+def moved(rig: Rig, scene: Scene, stand: Stand, price: float) -> Iterator[Found]:
+    """A change of set-up, where two parts of the rows fit several times better each by itself."""
+    if price <= 2.0 or stand.bad or scene.rows.from_row is not None or stand.misfit < 3.0 * expected(rig, stand):
+        return
+    cuts = _cuts(scene)
+    sizes = {cut: _apart(rig, scene, cut) for cut in cuts}
+    if not sizes:
+        return
+    best = min(sizes, key=lambda cut: sizes[cut][0])
+    for _ in range(3):  # towards the very row
+        step = max((max(cuts) - min(cuts)) // (2 * _PARTS), 1)
+        near = [c for c in (best - step, best + step) if _FEWEST <= c <= len(scene.rows) - _FEWEST]
+        sizes |= {cut: _apart(rig, scene, cut) for cut in near if cut not in sizes}
+        best = min(sizes, key=lambda cut: sizes[cut][0])
+        cuts = [best - step, best + step]
+    size, length = sizes[best]
+    if stand.misfit < _TIMES * size:
+        return
+    row = scene.rows.where(min(best, len(scene.rows) - 1))
+    yield Found(
+        "sessions-mixed",
+        ("session",),
+        f"the set-up changes near {row}: before and after fit {stand.misfit / size:.0f} times better each by itself",
+        "give each set-up its own number in a column 'session', or calibrate them one by one",
+        "wrong",
+        stand.length,
+        length,
+        "mm",
+        lambda pair: replace(pair, sheets=tuple(_with_session(s, best) for s in pair.sheets)) if len(pair.sheets) == 1 else pair,
+    )
+
+
+def _cuts(scene: Scene) -> list[int]:
+    n = len(scene.rows)
+    edges = np.flatnonzero(np.diff(scene.rows.source_file) | np.diff(scene.rows.session)) + 1
+    even = np.linspace(0, n, _PARTS + 1).round().astype(int)[1:-1]
+    return sorted({int(c) for c in (*edges, *even) if _FEWEST <= c <= n - _FEWEST})
+
+
+def _apart(rig: Rig, scene: Scene, cut: int) -> tuple[float, float | None]:
+    """Misfit (and rms length) of the rows before and after a cut, each fitted by itself."""
+    parts = []
+    for mine in (slice(0, cut), slice(cut, None)):
+        lost = np.ones(len(scene.rows), dtype=bool)
+        lost[mine] = False
+        parts.append(rig.stand(Scene(scene.rows, scene.p, scene.size, lost)))
+    lengths = [p.length for p in parts if p.length is not None]
+    return max(p.misfit for p in parts), max(lengths) if lengths else None
+
+
+def _with_session(sheet, cut: int):  # type: ignore[no-untyped-def]
+    cells = sheet.cells.copy()
+    cells["session"] = ["1"] * cut + ["2"] * (len(cells) - cut)
+    return replace(sheet, cells=cells, units={**sheet.units, "session": None})
+
+
+__all__ = ["moved"]
+_ = priced

@@ -1,0 +1,34 @@
+"""A slip that may have been made between a machine and its files: what would be right, and how to mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from truepose.identification.check.pair import Pair
+from truepose.identification.check.rig import Rig, Scene
+
+Change = Callable[[Scene], Scene]
+Mend = Callable[[Pair], Pair]
+
+
+@dataclass(frozen=True)
+class Slip:
+    """One hypothesis: its kind, the columns or fields it is about, what it says, and what it does to scene and files.
+
+    says: what would be true ("readings are in m"); fix: what to change, in words; change: the scene as it would then be;
+    mend: the files as they then should be.
+    """
+
+    kind: str
+    where: tuple[str, ...]
+    says: str
+    fix: str
+    change: Change
+    mend: Mend
+    cost: float = 1.0
+    """How many times better it must fit than a plainer slip (a search over a size finds something more often)."""
+
+
+Maker = Callable[[Rig, Scene], Iterator[Slip]]
+__all__ = ["Change", "Maker", "Mend", "Slip"]

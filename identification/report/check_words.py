@@ -1,0 +1,56 @@
+"""What a check found, in words: for the terminal, and as the first line of a result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from truepose.identification.check.result import Check, Found
+
+_VERDICTS = {
+    "ok": "ok: the recording fits the machine file",
+    "suspect": "suspect: the recording may not belong to the machine file as it stands",
+    "wrong": "wrong: the recording does not belong to the machine file as it stands",
+}
+
+
+def check_lines(check: Check, written: Sequence[str] = ()) -> list[str]:
+    """Lines of ``truepose check``."""
+    lines = [_VERDICTS[check.verdict]]
+    for found in check.found:
+        lines.append(f"  {found.kind}: {found_words(found)}")
+        lines.append(f"    to mend: {found.fix}")
+        if found.instead:
+            lines.append(f"    fits as well: {'; '.join(found.instead[:3])}")
+    if check.left is not None:
+        mended = "with this mended, " if any(f.after is not None for f in check.found) else ""
+        lines.append(f"{mended}base and tool alone leave {check.left:.3g} {check.unit} rms over {check.rows} rows")
+    if written:
+        lines.append(f"written: {', '.join(written)}")
+    return lines
+
+
+def found_words(found: Found) -> str:
+    """One finding in a line: what it says and by how much it fits better."""
+    if found.before is None or found.after is None or found.kind == "sigma":
+        return found.says
+    times = found.before / found.after if found.after > 0 else float("inf")
+    return (
+        f"{found.says} {'fit' if found.kind != 'offset' else 'fits'} {times:,.3g} times better: "
+        f"rms {found.after:.3g} {found.unit}, {found.before:.3g} {found.unit} as it stands"
+    )
+
+
+def refusal(check: Check) -> str:
+    """One line for a command that refuses to go on."""
+    wrong = [f for f in check.found if f.verdict == "wrong"]
+    first = wrong[0]
+    more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+    return f"{first.kind}: {found_words(first)}; {first.fix}{more}; 'truepose check' says more, --anyway goes on"
+
+
+def caution(check: Check) -> list[str]:
+    """What stands first above a result where something may be wrong, or was passed over."""
+    return [f"{f.verdict.upper()}: {f.kind}: {found_words(f)}; {f.fix}" for f in check.found]
+
+
+__all__ = ["caution", "check_lines", "found_words", "refusal"]

@@ -1,0 +1,63 @@
+"""``check``: finds slips of units, signs, order and frames between a machine file and a recording of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truepose.commands.common import (
+    BAD_INPUT,
+    JsonOption,
+    MachineArg,
+    PluginOption,
+    RecordingsArg,
+    check_directory,
+    progress,
+    reported,
+)
+from truepose.commands.identify import IrradianceOption
+
+FixOption = Annotated[
+    Path | None,
+    typer.Option("--fix", metavar="DIR", help="Write the corrected machine file and recordings there.", show_default=False),
+]
+
+
+def check(
+    machine: MachineArg,
+    recordings: RecordingsArg,
+    fix: FixOption = None,
+    irradiance: IrradianceOption = None,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """Find slips of units, signs, order and frames, and say how to mend them; exit code 2 where something is wrong.
+
+    Example: truepose check machine.yaml recording.csv --fix mended
+    """
+    with reported(plugin):
+        from truepose.identification.check.run import check_files
+        from truepose.identification.report.check_words import check_lines
+        from truepose.identification.report.json_text import json_text
+
+        if fix is not None:
+            check_directory(fix)
+        with progress("checking"):
+            result, _, rows = check_files(machine, recordings, irradiance=irradiance or ())
+            written: list[str] = []
+            mended = result.mended
+            if fix is not None and mended is not None:
+                written = mended.write(fix)
+        if as_json:
+            notes = list(rows.notes) if rows is not None else []
+            typer.echo(json_text({**result.document(), "files": written, "notes": notes}), nl=False)
+        else:
+            for line in check_lines(result, written):
+                typer.echo(line)
+        if result.verdict == "wrong":
+            raise typer.Exit(BAD_INPUT)
+
+
+__all__ = ["check"]
