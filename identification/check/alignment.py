@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.fit.align import rigid_motion
+from truepose.identification.recording.recording import Recording
+from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets
-from truepose.identification.recording.recording import Recording
-from truepose.models import lie
 
 Array = NDArray[np.float64]
 Frames = tuple[Array, Array]
@@ -27,7 +27,9 @@ _FLAT = 1e-3
 """Spread of points across a line, in parts of that along it, below which they show no attitude."""
 
 
-def starts(machine: Machine, rows: Recording, flange: Array, stated: Frames, points: Array | None) -> Iterator[Frames]:
+def starts(
+    machine: Machine, rows: Recording, flange: Array, stated: Frames, points: Array | None
+) -> Iterator[Frames]:
     """Places of base and tool for flange poses (n, 4, 4): as stated, then as closed forms have them.
 
     ``points`` (m, 3): the targets of the tool, mm, where the sensor reads such.

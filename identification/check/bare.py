@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
+from truepose.identification.recording.file import SLACK
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.units import convert
@@ -59,8 +60,8 @@ def _duplicates(machine: Machine, recording: Recording) -> Iterator[Found]:
 
 
 def repeats(recording: Recording) -> NDArray[np.intp]:
-    """Places of rows that repeat an earlier one in joints, readings and time; changes since a row itself do not count."""
-    parts = [recording.q, *(v[:, None] for v in recording.observations.values())]
+    """Places of rows that repeat an earlier one in all that was logged; changes since a row itself do not count."""
+    parts = [recording.q, *(v[:, None] for v in (*recording.observations.values(), *recording.drivers.values()))]
     if not recording.observations:
         return np.zeros(0, dtype=np.intp)
     if recording.time is not None:
@@ -90,6 +91,25 @@ def _still(machine: Machine, recording: Recording) -> Iterator[Found]:
         )
 
 
+def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
+    """Joints that leave their range, where no other slip explains it: a zero elsewhere if a shift brings all rows inside."""
+    for a, q in zip(machine.mechanism.actuators, recording.q.T, strict=True):
+        if a.range is None:
+            continue
+        low, high = a.range
+        slack = SLACK * (high - low)
+        bad = np.flatnonzero((q < low - slack) | (q > high + slack))
+        if not len(bad):
+            continue
+        unit = machine.units.of_joint(a.reading_unit)
+        found, ends = convert(float(q[bad[0]]), a.reading_unit, unit), [convert(v, a.reading_unit, unit) for v in a.range]
+        says = f"{recording.where(int(bad[0]))}: {a.reading} is {found:.6g} {unit}, out of its range [{ends[0]:.6g}, {ends[1]:.6g}]"
+        if np.ptp(q) <= (1.0 + 2.0 * SLACK) * (high - low):
+            shift = convert((low + high) / 2 - (q.min() + q.max()) / 2, a.reading_unit, unit)
+            says += f", and a zero elsewhere, by about {shift:+.3g} {unit}, would bring all rows inside"
+        yield Found("offset", (a.reading,), says, f"compare the zero, the unit and the range of {a.reading}", "wrong")
+
+
 def _no_gravity(machine: Machine) -> Iterator[Found]:
     if machine.gravity is None and machine.masses:
         yield Found(
@@ -108,7 +128,9 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     if any(p.free for p in machine.mechanism.parameters) or not machine.mechanism.parameters:
         return
     size = float(f"{max(stand.length or 0.0, 0.01):.1g}")
-    reach = max((abs(p.nominal) for p in machine.mechanism.parameters if p.unit == "mm"), default=0.0) or 500.0
+    reach = (
+        max((abs(p.nominal) for p in machine.mechanism.parameters if p.unit == "mm"), default=0.0) or 500.0
+    )
     angle = float(f"{np.degrees(size / reach):.1g}")
     units = machine.units
     stated = {"length": convert(size, "mm", units.length), "angle": convert(angle, "deg", units.angle)}
@@ -165,7 +187,11 @@ def _scatters(rig: Rig, stand: Stand, price: float) -> dict[str, tuple[float | N
     out: dict[str, tuple[float | None, str]] = {}
     if len(rows) >= 2:
         labels = np.concatenate([np.full(len(r), k) for k, r in enumerate(rows)])
-        here = rig.predictor.over(rig.recording.subset(np.concatenate(rows))) if not _differs(rig.machine) else None
+        here = (
+            rig.predictor.over(rig.recording.subset(np.concatenate(rows)))
+            if not _differs(rig.machine)
+            else None
+        )
         if here is not None:
             x, good = here.assemble(stand.p, follow=False)
             residual = np.concatenate([b.residual for b in here.blocks(stand.p, x)])
@@ -196,7 +222,9 @@ def _within(residual: Array, labels: NDArray[np.int64], good: NDArray[np.bool_])
         own = own[np.isfinite(own).all(axis=1)]
         if len(own) >= 2:
             spare += (len(own) - 1) * own.shape[1]
-            sizes.append(float(np.sqrt(np.sum((own - own.mean(axis=0)) ** 2) / ((len(own) - 1) * own.shape[1]))))
+            sizes.append(
+                float(np.sqrt(np.sum((own - own.mean(axis=0)) ** 2) / ((len(own) - 1) * own.shape[1])))
+            )
     return float(np.median(sizes)) if spare >= _FEWEST else None
 
 

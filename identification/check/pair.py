@@ -121,7 +121,9 @@ class Pair:
             names = [names[0], *(f"{k}_{name}" for k, name in enumerate(names[1:], start=1))]
         sources = {Path(f).resolve() for f in (self.machine, *(s.file for s in self.sheets))}
         if any((directory / name).resolve() in sources for name in names):
-            raise InputError(f"--fix {directory}: holds the files that are checked, expected another directory")
+            raise InputError(
+                f"--fix {directory}: holds the files that are checked, expected another directory"
+            )
         with atomic_directory(directory) as partial:
             for name, text in zip(names, self._texts(), strict=True):
                 (partial / name).write_text(text, encoding="utf-8", newline="")

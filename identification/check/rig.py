@@ -77,9 +77,13 @@ class Rig:
 
     def __init__(self, machine: Machine, recording: Recording) -> None:
         self.machine, self.recording = machine, recording
-        self.predictor = Predictor(machine, recording.subset(slice(0, 1)) if not _differs(machine) else recording, machine.effects)
+        self.predictor = Predictor(
+            machine, recording.subset(slice(0, 1)) if not _differs(machine) else recording, machine.effects
+        )
         self.names = list(self.predictor.model.names)
-        self.at = {frame: np.array([self.names.index(f"{frame}.{axis}") for axis in AXES]) for frame in FRAMES}
+        self.at = {
+            frame: np.array([self.names.index(f"{frame}.{axis}") for axis in AXES]) for frame in FRAMES
+        }
         self.seen = [*FRAME_OF, *(p.name for s in machine.sensors for p in s.parameters)]
         """Constants between the flange and a reading: the only ones that the cheap fit moves."""
         self.places = np.array([self.names.index(name) for name in self.seen])
@@ -88,8 +92,11 @@ class Rig:
         self.tolerance = np.array([tolerance.get(name, 0.0) for name in self.names])
         self.scene = Scene(recording, self.predictor.model.p_home.copy())
         self.closed_form = any(
-            isinstance(s, Pose) or (isinstance(s, Targets) and len(s.parameters) >= 9) for s in machine.sensors
+            isinstance(s, Pose) or (isinstance(s, Targets) and len(s.parameters) >= 9)
+            for s in machine.sensors
         )
+        spans = np.ptp(recording.q, axis=0)
+        self.still = tuple(n for n, span in zip(recording.joints, spans, strict=True) if span == 0.0)
         self.long = np.array([c.unit == "mm" for c in machine.channels])
 
     def chosen(self, scene: Scene) -> NDArray[np.intp]:
@@ -112,7 +119,13 @@ class Rig:
         moved = rows[np.any(q[rows] != q[origin[rows]], axis=1)]
         first = np.sort(np.unique(told, axis=0, return_index=True)[1])
         wanted = np.intersect1d(rows[first], moved)
-        wanted = wanted[np.unique(np.linspace(0, len(wanted) - 1, min(MOST_ROWS, len(wanted))).round().astype(int))] if len(wanted) else rows[:1]
+        wanted = (
+            wanted[
+                np.unique(np.linspace(0, len(wanted) - 1, min(MOST_ROWS, len(wanted))).round().astype(int))
+            ]
+            if len(wanted)
+            else rows[:1]
+        )
         while True:
             closed = np.unique(np.concatenate([wanted, origin[wanted]]))
             if len(closed) == len(wanted):
@@ -133,7 +146,14 @@ class Rig:
             out[self.at[frame]] = [*pose[:3, 3], *lie.rpy_of(pose[:3, :3])]
         return out
 
-    def stand(self, scene: Scene | None = None, free: tuple[str, ...] = FRAMES, *, aligned: bool = True, quick: bool = False) -> Stand:
+    def stand(
+        self,
+        scene: Scene | None = None,
+        free: tuple[str, ...] = FRAMES,
+        *,
+        aligned: bool = True,
+        quick: bool = False,
+    ) -> Stand:
         """The best fit of the frames ``free``, wherever they are, others within their tolerance; ``aligned``: also from
         closed forms; ``quick``: a few steps only, none where a closed form has it."""
         scene = scene or self.scene
@@ -146,10 +166,16 @@ class Rig:
         fit = _Frames(self, here, flange, good, scene)
         stated = self.frames_of(scene.p)
         wide = [f for f in FRAMES if f in free or not np.isfinite(self.tolerance[self.at[f]]).all()]
-        begins = starts(self.machine, here.recording, flange, stated, self._points(scene.p)) if aligned and "base" in wide else [stated]
+        begins = (
+            starts(self.machine, here.recording, flange, stated, self._points(scene.p))
+            if aligned and "base" in wide
+            else [stated]
+        )
         best: tuple[float, Array] | None = None
         for frames in begins:
-            p = self.with_frames(scene.p, [f if name in wide else s for name, f, s in zip(FRAMES, frames, stated, strict=True)])
+            p = self.with_frames(
+                scene.p, [f if name in wide else s for name, f, s in zip(FRAMES, frames, stated, strict=True)]
+            )
             cost = fit.cost(p)
             if best is None or cost < best[0]:
                 best = (cost, p)
@@ -193,7 +219,9 @@ class _Frames:
         """Where damped steps from constants (np,) end; the instrument's are held by their tolerances."""
         rig, t, drawn = self.rig, p[self.rig.places], self.scene.p[self.rig.places]
         tolerance = rig.tolerance[rig.places]
-        tolerance[:12] = [np.inf if FRAME_OF[name] in free else tolerance[k] for k, name in enumerate(rig.seen[:12])]
+        tolerance[:12] = [
+            np.inf if FRAME_OF[name] in free else tolerance[k] for k, name in enumerate(rig.seen[:12])
+        ]
         moving = np.flatnonzero(tolerance > 0)
         size = np.array([100.0 if rig.machine.geometry[rig.seen[k]].unit == "mm" else 1.0 for k in moving])
         weight = size / tolerance[moving]
@@ -202,10 +230,14 @@ class _Frames:
         for _ in range(steps if len(moving) else 0):
             heed = _weights(residual) * self.good
             j = (jacobian[:, :, moving] * heed[:, None, None]).reshape(-1, len(moving)) * size
-            right = j.T @ (residual * heed[:, None]).reshape(-1) + weight * (t - drawn)[moving] / size * weight
+            right = (
+                j.T @ (residual * heed[:, None]).reshape(-1) + weight * (t - drawn)[moving] / size * weight
+            )
             normal = j.T @ j + np.diag(weight**2)
             floor = 1e-9 * max(float(np.diag(normal).max(initial=0.0)), 1e-300)
-            step = np.linalg.solve(normal + np.diag(damping * np.maximum(np.diag(normal), floor) + floor * 1e-3), right)
+            step = np.linalg.solve(
+                normal + np.diag(damping * np.maximum(np.diag(normal), floor) + floor * 1e-3), right
+            )
             trial = t.copy()
             trial[moving] -= step * size
             fresh, slopes = self._evaluate(trial)
@@ -241,7 +273,9 @@ class _Frames:
         about = _turning(t[3:6])
         twist[:, :3, :3] = np.eye(3)
         twist[:, 3:, 3:6] = about
-        twist[:, :3, 3:6] = np.cross(about.T[None], (pose[:, :3, 3] - base[:3, 3])[:, None]).transpose(0, 2, 1)
+        twist[:, :3, 3:6] = np.cross(about.T[None], (pose[:, :3, 3] - base[:3, 3])[:, None]).transpose(
+            0, 2, 1
+        )
         carried = base[:3, :3] @ self.flange[:, :3, :3]
         twist[:, :3, 6:9] = carried
         twist[:, 3:, 9:12] = carried @ _turning(t[9:12])

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from truepose.errors import InputError
-from truepose.identification.check.bare import bare, no_tolerances, sigmas
+from truepose.identification.check.bare import bare, no_tolerances, out_of_range, sigmas
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
@@ -37,6 +37,8 @@ def check_files(
     rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance)
     check = check_loaded(loaded, rows, pair)
     if check.verdict != "wrong":
+        check = replace(check, found=(*out_of_range(loaded, rows), *check.found))
+    if check.verdict != "wrong":
         rows = load_recording(loaded, recordings, irradiance=irradiance)
     return check, loaded, rows
 
@@ -50,18 +52,22 @@ def unbounded(machine: Machine) -> Machine:
 def check_loaded(machine: Machine, recording: Recording, pair: Pair | None = None) -> Check:
     """What may be wrong between a machine and a recording of it, both as they were loaded."""
     if recording.validation.all():
-        raise InputError(f"{', '.join(recording.files)}: found rows of role 'validation' only, expected rows to fit")
+        raise InputError(
+            f"{', '.join(recording.files)}: found rows of role 'validation' only, expected rows to fit"
+        )
     found: list[Found] = list(bare(machine, recording))
     if any(f.verdict == "wrong" for f in found):
         return Check(tuple(found), len(recording), None, pair=pair)
     rig = Rig(machine, recording)
     result = search(rig)
+    if any(f.kind == "joint-never-moves" for f in result.found):
+        found = [f for f in found if f.kind != "joint-never-moves"]
     found += result.found
     found += moved(rig, result.scene, result.stand, result.price)
     found += no_tolerances(rig, result.stand)
     if not any(f.verdict == "wrong" for f in found):
         found += sigmas(rig, result.stand, result.price)
-    left, _, unit = shown(rig, result.stand, result.stand)
+    left, _, unit = shown(result.stand, result.stand)
     ordered = sorted(found, key=lambda f: _ORDER[f.verdict])
     return Check(tuple(ordered), len(recording), left, unit, pair=pair)
 

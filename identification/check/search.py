@@ -24,6 +24,7 @@ from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import Rig, Scene, Stand
 from truepose.identification.check.slip import Slip
 from truepose.models.machine import FRAMES
+from truepose.wording import joined
 
 SURE, LIKELY = 3.0, 1.7
 """How many times better than as it stands a slip must fit to be certain, or to be worth a word."""
@@ -33,9 +34,9 @@ ALIKE = 1.15
 """Slips that fit within this factor of the best one fit as well."""
 ABSURD = 0.02
 """Share of what the tool moves that no drawing is wrong by."""
-_DEEPEST, _POLISHED, _MOST = 3, 8, 800
+_DEEPEST, _POLISHED, _MOST = 3, 8, 300
 QUICK = (units, signs, exchanged, quarter_turns, conventions, mirrored, targets, poses, shifted)
-SLOW = (turned, zeros, matched)
+SLOW = (turned, zeros)
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def search(rig: Rig) -> Search:
         found.append(_as_found(rig, best, others, stand, price))
         scene, stand, price = best.scene, best.stand, best.price
     if not found and _absurd(rig, stand):
-        found.append(_unexplained(stand))
+        found.append(_unexplained(rig, stand))
     rig.scene = scene
     frames = _frames(rig, scene, stand)
     return Search((*found, *frames), scene, stand, price)
@@ -82,12 +83,13 @@ def _best(rig: Rig, scene: Scene, stand: Stand, price: float) -> list[Tried]:
     """The best slip of a scene and those as good, if it explains enough; quick kinds first."""
     tried: list[Tried] = []
     good: list[Tried] = []
-    for makers in (QUICK, SLOW) if price > SURE and _off(rig, stand) else (QUICK,):
+    thorough = price > SURE and _off(rig, stand) and not rig.still
+    for makers in ((matched,), QUICK, SLOW) if thorough else (QUICK,):
         tried += _tried(rig, scene, makers)
         good = _polished(rig, tried, stand, price)
         if good and price / good[0].price >= SURE:
             return good
-    if good:
+    if good or not thorough:
         return good
     return _two(rig, tried, stand, price)
 
@@ -103,7 +105,9 @@ def _tried(rig: Rig, scene: Scene, makers: Iterable[Callable[[Rig, Scene], Itera
 
 def _polished(rig: Rig, tried: Sequence[Tried], stand: Stand, price: float) -> list[Tried]:
     """Those that fit best, priced; the best first, with those as good; none where it explains too little."""
-    order = sorted((t for t in tried if t.stand.misfit < stand.misfit), key=lambda t: t.stand.misfit)[:_POLISHED]
+    order = sorted((t for t in tried if t.stand.misfit < stand.misfit), key=lambda t: t.stand.misfit)[
+        :_POLISHED
+    ]
     order = [replace(t, stand=rig.stand(t.scene)) for t in order]
     if not order:
         return []
@@ -154,7 +158,7 @@ def _joined(first: Tried, second: Tried) -> Tried:
 
 
 def _as_found(rig: Rig, best: Tried, others: Sequence[Tried], stand: Stand, price: float) -> Found:
-    before, after, unit = shown(rig, stand, best.stand)
+    before, after, unit = shown(stand, best.stand)
     better = price / best.price
     verdict: Verdict = "wrong" if better >= SURE and best.slip.cost <= better else "suspect"
     slip = best.slip
@@ -162,7 +166,7 @@ def _as_found(rig: Rig, best: Tried, others: Sequence[Tried], stand: Stand, pric
     return Found(slip.kind, slip.where, slip.says, slip.fix, verdict, before, after, unit, slip.mend, instead)
 
 
-def shown(rig: Rig, before: Stand, after: Stand) -> tuple[float | None, float | None, str]:
+def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]:
     """Two misfits in a unit that users know: mm of the position where there is one, else sigmas."""
     if before.length is not None and after.length is not None:
         return before.length, after.length, "mm"
@@ -193,17 +197,30 @@ def motion(rig: Rig, stand: Stand) -> float:
     return float(np.sqrt(np.mean(np.square(spread)))) / stand.scene.size if spread else float("inf")
 
 
-def _unexplained(stand: Stand) -> Found:
+def _unexplained(rig: Rig, stand: Stand) -> Found:
+    """A misfit that no slip explains; where a joint is said never to move, that may be it."""
     size = f"{stand.length:.3g} mm" if stand.length is not None else f"{stand.misfit:.3g} sigma"
+    before, _, unit = shown(stand, stand)
+    misses = f"with base and tool fitted, the drawn machine misses the readings by {size}"
+    if rig.still:
+        names = joined(rig.still)
+        return Found(
+            "joint-never-moves",
+            rig.still,
+            f"{names} never moves in the recording, and {misses}: it may have moved without being logged",
+            f"record {names}",
+            "wrong",
+            before,
+            unit=unit,
+        )
     return Found(
         "unexplained",
         (),
-        f"with base and tool fitted, the drawn machine misses the readings by {size}, and no slip that was tried explains it",
+        f"{misses}, and no slip that was tried explains it",
         "compare the table of constants, the order of joints and the rows with their source",
         "wrong",
-        stand.length if stand.length is not None else stand.misfit,
-        None,
-        "mm" if stand.length is not None else "sigma",
+        before,
+        unit=unit,
     )
 
 
@@ -213,15 +230,15 @@ def _frames(rig: Rig, scene: Scene, stand: Stand) -> list[Found]:
     free = priced(rig, stand, noise)
     held = rig.stand(scene, ())
     cost = priced(rig, held, noise, ())
-    if not np.isfinite(free) or cost / free < LIKELY or not _far(rig, held, stand):
+    if not np.isfinite(free) or cost / free < LIKELY or cost < QUIET:
         return []
     tried = [
         Tried(slip, slip.change(scene), rig.stand(slip.change(scene), ()))
         for maker in (frames_swapped, turned)
         for slip in maker(rig, scene)
     ]
-    dear = [replace(t, price=priced(rig, t.stand, noise, ())) for t in sorted(tried, key=lambda t: t.stand.misfit)[:4]]
-    before, after, unit = shown(rig, held, stand)
+    dear = [replace(t, price=priced(rig, t.stand, noise, ())) for t in tried]
+    before, after, unit = shown(held, stand)
     sure: Verdict = "wrong" if cost / free >= SURE else "suspect"
     good = [t for t in dear if cost / t.price >= SURE and t.price <= 2.0 * free]
     if good:
@@ -234,11 +251,6 @@ def _frames(rig: Rig, scene: Scene, stand: Stand) -> list[Found]:
             slips = [frame_unknown(rig, (f,), p) for f in frames]
             return [Found(s.kind, s.where, s.says, s.fix, sure, before, after, unit, s.mend) for s in slips]
     return []
-
-
-def _far(rig: Rig, held: Stand, free: Stand) -> bool:
-    """Whether stated frames leave more than the drawing's own errors can."""
-    return held.bad or held.misfit > 3.0 * max(expected(rig, free), free.misfit)
 
 
 __all__ = ["LIKELY", "SURE", "Search", "search", "shown"]

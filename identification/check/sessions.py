@@ -20,7 +20,12 @@ _TIMES = 3.0
 
 def moved(rig: Rig, scene: Scene, stand: Stand, price: float) -> Iterator[Found]:
     """A change of set-up, where two parts of the rows fit several times better each by itself."""
-    if price <= 2.0 or stand.bad or scene.rows.from_row is not None or stand.misfit < 3.0 * expected(rig, stand):
+    if (
+        price <= 2.0
+        or stand.bad
+        or scene.rows.from_row is not None
+        or stand.misfit < 3.0 * expected(rig, stand)
+    ):
         return
     cuts = _cuts(scene)
     sizes = {cut: _apart(rig, scene, cut) for cut in cuts}
@@ -46,7 +51,11 @@ def moved(rig: Rig, scene: Scene, stand: Stand, price: float) -> Iterator[Found]
         stand.length,
         length,
         "mm",
-        lambda pair: replace(pair, sheets=tuple(_with_session(s, best) for s in pair.sheets)) if len(pair.sheets) == 1 else pair,
+        lambda pair: (
+            replace(pair, sheets=tuple(_with_session(s, best) for s in pair.sheets))
+            if len(pair.sheets) == 1
+            else pair
+        ),
     )
 
 

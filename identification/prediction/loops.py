@@ -49,9 +49,7 @@ class Loops:
             self._continue(x, good, (q, z, p), None)
         return x, good
 
-    def _closed(
-        self, x: Array, q: Array, z: Array, p: Array, rounds: int = ROUNDS
-    ) -> tuple[Array, Mask]:
+    def _closed(self, x: Array, q: Array, z: Array, p: Array, rounds: int = ROUNDS) -> tuple[Array, Mask]:
         def equations(x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
             g, gx, gap = self.closure(x, q[rows], z[rows], p)
             return g, gx, gap

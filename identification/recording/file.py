@@ -24,7 +24,8 @@ _LOGGED: Final = ("payload", "pressure", "humidity")
 _OF_A_JOINT: Final = (APPROACH, VELOCITY)
 _OTHER: Final = ("time", "session", "pose", "from", "role")
 _ROLES: Final = ("calibration", "validation")
-_SLACK: Final = 0.05  # of a range's width: commands overshoot a little
+SLACK: Final = 0.05
+"""Share of a range's width that readings may be beyond it: commands overshoot a little."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
     if joint.range is None:
         return readings
     low, high = joint.range
-    slack = _SLACK * (high - low)
+    slack = SLACK * (high - low)
     bad = np.flatnonzero((readings < low - slack) | (readings > high + slack))
     if bad.size:
         row = int(bad[0])

@@ -23,7 +23,9 @@ def check_lines(check: Check, written: Sequence[str] = ()) -> list[str]:
             lines.append(f"    fits as well: {'; '.join(found.instead[:3])}")
     if check.left is not None:
         mended = "with this mended, " if any(f.after is not None for f in check.found) else ""
-        lines.append(f"{mended}base and tool alone leave {check.left:.3g} {check.unit} rms over {check.rows} rows")
+        lines.append(
+            f"{mended}base and tool alone leave {check.left:.3g} {check.unit} rms over {check.rows} rows"
+        )
     if written:
         lines.append(f"written: {', '.join(written)}")
     return lines
@@ -45,7 +47,9 @@ def refusal(check: Check) -> str:
     wrong = [f for f in check.found if f.verdict == "wrong"]
     first = wrong[0]
     more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
-    return f"{first.kind}: {found_words(first)}; {first.fix}{more}; 'truepose check' says more, --anyway goes on"
+    return (
+        f"{first.kind}: {found_words(first)}; {first.fix}{more}; 'truepose check' says more, --anyway goes on"
+    )
 
 
 def caution(check: Check) -> list[str]:

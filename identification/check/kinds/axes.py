@@ -44,7 +44,9 @@ def turned(rig: Rig, scene: Scene) -> Iterator[Slip]:
 def _maps() -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
     """The signed permutations, plain ones first."""
     every = [(o, s) for o in permutations(range(3)) for s in product((1, -1), repeat=3)]
-    return iter(sorted(every, key=lambda m: sum(k != a for k, a in enumerate(m[0])) + sum(s < 0 for s in m[1])))
+    return iter(
+        sorted(every, key=lambda m: sum(k != a for k, a in enumerate(m[0])) + sum(s < 0 for s in m[1]))
+    )
 
 
 def _hand(order: Sequence[int], signs: Sequence[int]) -> float:
@@ -59,7 +61,11 @@ def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...]) -> Iterato
         return
     exchanged = [_XYZ[k] for k in range(3) if order[k] != k]
     flipped = [_XYZ[k] for k in range(3) if signs[k] < 0]
-    parts = [f"{joined(exchanged)} {'exchanged' if len(exchanged) == 2 else 'in another order'}"] if exchanged else []
+    parts = (
+        [f"{joined(exchanged)} {'exchanged' if len(exchanged) == 2 else 'in another order'}"]
+        if exchanged
+        else []
+    )
     parts += [f"{joined(flipped)} with the other sign"] if flipped else []
     swap = exchanged and not flipped
     kind = "permutation" if swap else "handedness"
@@ -85,17 +91,24 @@ def _points(rig: Rig) -> list[tuple[str, str, str]]:
     return out
 
 
-def _remapped(points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int], scene: Scene) -> Scene:
+def _remapped(
+    points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int], scene: Scene
+) -> Scene:
     return scene.with_columns(_columns(scene.rows.observations, points, order, signs))
 
 
 def _columns(
-    seen: Mapping[str, Array], points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int]
+    seen: Mapping[str, Array],
+    points: Sequence[tuple[str, str, str]],
+    order: Sequence[int],
+    signs: Sequence[int],
 ) -> dict[str, Array]:
     return {triple[k]: signs[k] * seen[triple[order[k]]] for triple in points for k in range(3)}
 
 
-def _mend(points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int], pair: Pair) -> Pair:
+def _mend(
+    points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int], pair: Pair
+) -> Pair:
     def change(sheet: Sheet) -> Sheet:
         here = {n: sheet.numbers(n) for triple in points for n in triple if n in sheet.units}
         return sheet.with_numbers(_columns(here, points, order, signs)) if here else sheet
@@ -126,7 +139,10 @@ def targets(rig: Rig, scene: Scene) -> Iterator[Slip]:
 def _orders(n: int) -> Iterator[tuple[int, ...]]:
     still = tuple(range(n))
     if n <= _MOST_TARGETS:
-        yield from sorted((o for o in permutations(still) if o != still), key=lambda o: sum(a != b for a, b in zip(o, still, strict=True)))
+        yield from sorted(
+            (o for o in permutations(still) if o != still),
+            key=lambda o: sum(a != b for a, b in zip(o, still, strict=True)),
+        )
         return
     for i in range(n):
         for j in range(i + 1, n):

@@ -59,12 +59,18 @@ def frame_unknown(rig: Rig, frames: Sequence[str], found: Array) -> Slip:
         moved = found[rig.at[frame]] - rig.scene.p[rig.at[frame]]
         away = f"{np.linalg.norm(moved[:3]):.4g} mm and {np.degrees(_angle(rig, frame, found)):.3g} deg"
         if spec is None or not spec.present:
-            says.append(f"frames.{frame} is left out, which says that it is exactly the identity, and stands {away} away")
+            says.append(
+                f"frames.{frame} is left out, which says that it is exactly the identity, and stands {away} away"
+            )
         else:
             says.append(f"frames.{frame} stands {away} from where the file says")
     kind = f"{frames[0]}-missing"
-    words = "; add " if any(s is None or not s.present for s in (specs.get(f) for f in frames)) else "; state "
-    fix = joined(f"frames.{f} with 'tolerance: {{xyz: .inf, rpy: .inf}}' if nobody measured it" for f in frames)
+    words = (
+        "; add " if any(s is None or not s.present for s in (specs.get(f) for f in frames)) else "; state "
+    )
+    fix = joined(
+        f"frames.{f} with 'tolerance: {{xyz: .inf, rpy: .inf}}' if nobody measured it" for f in frames
+    )
     return Slip(
         kind,
         tuple(f"frames.{frame}" for frame in frames),
@@ -86,8 +92,12 @@ def _mend_unknown(rig: Rig, frames: Sequence[str], found: Array, pair: Pair) -> 
         at = found[rig.at[frame]]
         spec = FrameSpec("world" if frame == "base" else "flange")
         pair = pair.with_field(("frames", frame, "in"), pair.get(("frames", frame, "in")) or spec.in_)
-        pair = pair.with_field(("frames", frame, "xyz"), [float(f"{convert(v, 'mm', units.length):.6g}") for v in at[:3]])
-        pair = pair.with_field(("frames", frame, "rpy"), [float(f"{convert(v, 'rad', units.angle):.6g}") for v in at[3:]])
+        pair = pair.with_field(
+            ("frames", frame, "xyz"), [float(f"{convert(v, 'mm', units.length):.6g}") for v in at[:3]]
+        )
+        pair = pair.with_field(
+            ("frames", frame, "rpy"), [float(f"{convert(v, 'rad', units.angle):.6g}") for v in at[3:]]
+        )
         pair = pair.with_field(("frames", frame, "tolerance"), {"xyz": float("inf"), "rpy": float("inf")})
     return pair
 

@@ -42,8 +42,11 @@ def _times(k: int, factor: float, scene: Scene) -> Scene:
 
 def _negated(names: Sequence[str], pair: Pair) -> Pair:
     """Columns, and the sides and speeds of arrival of the same joints, with the other sign."""
+
     def change(sheet: Sheet) -> Sheet:
-        every = [n for name in names for n in (name, f"approach.{name}", f"velocity.{name}") if n in sheet.units]
+        every = [
+            n for name in names for n in (name, f"approach.{name}", f"velocity.{name}") if n in sheet.units
+        ]
         return sheet.with_numbers({n: -sheet.numbers(n) for n in every})
 
     return pair.each(change)
@@ -83,7 +86,9 @@ def _reordered(order: Sequence[int], scene: Scene) -> Scene:
 
 def _renamed(called: dict[str, str], pair: Pair) -> Pair:
     every = {
-        f"{head}{a}": f"{head}{b}" for a, b in called.items() for head in ("", "approach.", "velocity.", "temperature.")
+        f"{head}{a}": f"{head}{b}"
+        for a, b in called.items()
+        for head in ("", "approach.", "velocity.", "temperature.")
     }
     return pair.each(lambda sheet: sheet.renamed(every))
 
@@ -125,14 +130,16 @@ def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
     for name in (f"{zero}.theta", f"{zero}.r", f"{zero}.offset", a.offset or ""):
         parameter = rig.machine.geometry.get(name)
         fits = parameter is not None and parameter.unit == a.unit == a.reading_unit
-        if parameter is None or not fits or not parameter.field or name.endswith(".r") and a.unit == "rad":
+        if parameter is None or not fits or not parameter.field or (name.endswith(".r") and a.unit == "rad"):
             continue
         if name.endswith(".theta") and a.unit != "rad":
             continue
         value = pair.get(parameter.field)
         if value is None or isinstance(value, (int, float)):
             inside = convert(float(value or 0.0), rig.machine.units.written(a.unit), a.unit) + size
-            return pair.with_field(parameter.field, float(f"{convert(inside, a.unit, rig.machine.units.written(a.unit)):.9g}"))
+            return pair.with_field(
+                parameter.field, float(f"{convert(inside, a.unit, rig.machine.units.written(a.unit)):.9g}")
+            )
 
     def change(sheet: Sheet) -> Sheet:
         unit = sheet.units.get(a.reading) or rig.machine.units.of_joint(a.reading_unit)
@@ -156,6 +163,7 @@ def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
 def _narrowed(rig: Rig, scene: Scene, k: int, grid: np.ndarray) -> float:
     """The best zero of joint k: the best of a grid, then halved steps around it."""
+
     def misfit(size: float) -> float:
         return rig.stand(_plus(k, size, scene)).misfit
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from truepose.wording import shortened
 Array = NDArray[np.float64]
 _FURTHEST = 3
 _MOST_SORTED = 400
-_ROUNDS = 12
+_ROUNDS, _TRIED = 12, 3
 
 
 def shifted(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -90,7 +91,7 @@ def matched(rig: Rig, scene: Scene) -> Iterator[Slip]:
         tuple(sorted_by),
         f"rows sorted by {shortened(sorted_by, 2)} in some of the columns only",
         "put readings and joints back into one order",
-        lambda scene: scene.with_columns({n: v[order] for n, v in scene.rows.observations.items()}),
+        lambda scene: _reordered(scene, order),
         lambda pair: pair.each(lambda sheet: _mend_order(columns, order, sheet)),
         2.0,
     )
@@ -112,26 +113,51 @@ def _points(rig: Rig, scene: Scene) -> Array | None:
 
 
 def _assigned(rig: Rig, scene: Scene, points: Array) -> NDArray[np.intp] | None:
-    """The row whose reading belongs to each row: best of several starting attitudes."""
+    """The row whose reading belongs to each row: the best of several attitudes, then with base and tool fitted."""
     here = rig.predictor.over(scene.rows)
-    stand = rig.stand(scene, aligned=False)
-    x, _ = here.assemble(stand.p, follow=False)
-    drawn = here.poses(stand.p, x)[0][:, :3, 3]
+    x, _ = here.assemble(scene.p, follow=False)
+    drawn = here.poses(scene.p, x)[0][:, :3, 3]
+    ends = []
+    for rotation, shift in _attitudes(drawn, points):
+        order = _in_turns(drawn, points, rotation, shift)
+        left = float(np.sum((_moved(drawn, points[order]) - points[order]) ** 2))
+        ends.append((left, order))
     best, chosen = np.inf, None
-    for start in _attitudes(drawn, points):
-        rotation, shift = start
-        order = np.arange(len(drawn))
+    for _, start in sorted(ends, key=lambda end: end[0])[:_TRIED]:
+        order = start
         for _ in range(_ROUNDS):
-            distance = cdist(drawn @ rotation.T + shift, points)
-            fresh = linear_sum_assignment(distance**2)[1]
-            rotation, shift = rigid_motion(drawn, points[fresh])
+            stand = rig.stand(_reordered(scene, order))
+            if stand.misfit < best:
+                best, chosen = stand.misfit, order
+            if stand.bad:
+                break
+            seen = here.poses(stand.p, x)[0][:, :3, 3]
+            fresh = linear_sum_assignment(cdist(seen, points) ** 2)[1]
             if (fresh == order).all():
                 break
             order = fresh
-        left = float(np.sum((drawn @ rotation.T + shift - points[order]) ** 2))
-        if left < best:
-            best, chosen = left, order
     return chosen
+
+
+def _in_turns(drawn: Array, points: Array, rotation: Array, shift: Array) -> NDArray[np.intp]:
+    """Assignment and rigid motion in turns, from an attitude."""
+    order = np.arange(len(drawn))
+    for _ in range(_ROUNDS):
+        fresh = linear_sum_assignment(cdist(drawn @ rotation.T + shift, points) ** 2)[1]
+        rotation, shift = rigid_motion(drawn, points[fresh])
+        if (fresh == order).all():
+            break
+        order = fresh
+    return order
+
+
+def _moved(drawn: Array, points: Array) -> Array:
+    rotation, shift = rigid_motion(drawn, points)
+    return np.asarray(drawn @ rotation.T + shift)
+
+
+def _reordered(scene: Scene, order: NDArray[np.intp]) -> Scene:
+    return scene.with_columns({n: v[order] for n, v in scene.rows.observations.items()})
 
 
 def _attitudes(drawn: Array, points: Array) -> Iterator[tuple[Array, Array]]:
@@ -140,11 +166,11 @@ def _attitudes(drawn: Array, points: Array) -> Iterator[tuple[Array, Array]]:
     yield np.eye(3), np.zeros(3)
     a = np.linalg.svd(drawn - drawn.mean(axis=0), full_matrices=False)[2].T
     b = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
-    for first in (1.0, -1.0):
-        for second in (1.0, -1.0):
-            turn = b @ np.diag([first, second, 1.0]) @ a.T
-            turn = turn if np.linalg.det(turn) > 0 else b @ np.diag([first, second, -1.0]) @ a.T
-            yield turn, points.mean(axis=0) - turn @ drawn.mean(axis=0)
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            turn = (b[:, order] * np.array(signs)) @ a.T
+            if np.linalg.det(turn) > 0:
+                yield turn, points.mean(axis=0) - turn @ drawn.mean(axis=0)
 
 
 def _mend_order(columns: tuple[str, ...], order: NDArray[np.intp], sheet: Sheet) -> Sheet:

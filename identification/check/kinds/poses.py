@@ -25,8 +25,20 @@ def poses(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """The inverse pose, the inverse rotation, and all orders of Euler's angles, about moving or fixed axes."""
     if not any(isinstance(sensor, Pose) for sensor in rig.machine.sensors):
         return
-    yield _slip(rig, "inverse-pose", "poses of the measuring frame in the tool (inverse)", "give the pose of the tool in the measuring frame", _inverse)
-    yield _slip(rig, "rotation-convention", "rx, ry, rz of the inverse rotation", "give the rotation of the tool, not its inverse", _turned_back)
+    yield _slip(
+        rig,
+        "inverse-pose",
+        "poses of the measuring frame in the tool (inverse)",
+        "give the pose of the tool in the measuring frame",
+        _inverse,
+    )
+    yield _slip(
+        rig,
+        "rotation-convention",
+        "rx, ry, rz of the inverse rotation",
+        "give the rotation of the tool, not its inverse",
+        _turned_back,
+    )
     orders = [*("".join(order) for order in permutations("xyz")), *_PROPER]
     for fixed in (False, True):
         for order in orders:

@@ -71,7 +71,9 @@ def _mend(convention: str, typed: Mapping[str, str], pair: Pair) -> Pair:
     rows: Sequence[Mapping[str, Any]] = pair.get(("mechanism", "joints")) or ()
     called = {typed["a"]: "a", typed["d"]: "d"}
     mended = [{called.get(key, key): value for key, value in row.items() if key != "beta"} for row in rows]
-    return pair.with_field(("mechanism", "joints"), mended).with_field(("mechanism", "convention"), convention)
+    return pair.with_field(("mechanism", "joints"), mended).with_field(
+        ("mechanism", "convention"), convention
+    )
 
 
 __all__ = ["conventions"]

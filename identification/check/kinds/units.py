@@ -81,7 +81,11 @@ def _file_lengths(rig: Rig) -> Iterator[Slip]:
     """Lengths of the mechanism alone, or of the whole file, in another unit."""
     written = rig.machine.units
     own = {p.name for p in rig.machine.mechanism.parameters}
-    every = [k for k, n in enumerate(rig.names) if n in rig.machine.geometry and rig.machine.geometry[n].unit == "mm"]
+    every = [
+        k
+        for k, n in enumerate(rig.names)
+        if n in rig.machine.geometry and rig.machine.geometry[n].unit == "mm"
+    ]
     for unit, factor in _others(LENGTHS, written.length):
         for places, whole in (([k for k in every if rig.names[k] in own], False), (every, True)):
             where = ("units.length",) if whole else ("mechanism",)
@@ -93,7 +97,9 @@ def _file_lengths(rig: Rig) -> Iterator[Slip]:
                 if whole
                 else f"write the lengths of 'mechanism' in {written.length}",
                 partial(_scaled_constants, places, factor),
-                partial(_file_in, rig.machine.units, unit, rig) if whole else partial(_mend_lengths, rig, factor),
+                partial(_file_in, rig.machine.units, unit, rig)
+                if whole
+                else partial(_mend_lengths, rig, factor),
             )
 
 
@@ -107,7 +113,9 @@ def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
     """The file said to be in another unit; columns of the recording say that they are in the one assumed so far."""
     long = [a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "mm"]
     long += [n for s in rig.machine.sensors for n, inside in s.columns.items() if inside == "mm"]
-    bare = pair.each(lambda s: s.in_unit([n for n in long if n in s.units and s.units[n] is None], written.length))
+    bare = pair.each(
+        lambda s: s.in_unit([n for n in long if n in s.units and s.units[n] is None], written.length)
+    )
     return bare.with_field(("units", "length"), unit)
 
 
@@ -134,7 +142,11 @@ def _file_angles(rig: Rig) -> Iterator[Slip]:
             fields = [own[rig.names[k]].field for k in places]
             yield Slip(
                 "unit-angle",
-                tuple(f"mechanism.{end}" for end in ends if any(rig.names[k].endswith(f".{end}") for k in places)),
+                tuple(
+                    f"mechanism.{end}"
+                    for end in ends
+                    if any(rig.names[k].endswith(f".{end}") for k in places)
+                ),
                 f"{joined(ends)} of the mechanism in {unit}",
                 f"write {joined(ends)} in {written} (or state 'units: {{angle: {unit}}}' for the whole file)",
                 partial(_scaled_constants, places, factor),

@@ -21,7 +21,12 @@ from truepose.commands.identify import IrradianceOption
 
 FixOption = Annotated[
     Path | None,
-    typer.Option("--fix", metavar="DIR", help="Write the corrected machine file and recordings there.", show_default=False),
+    typer.Option(
+        "--fix",
+        metavar="DIR",
+        help="Write the corrected machine file and recordings there.",
+        show_default=False,
+    ),
 ]
 
 
