@@ -15,6 +15,7 @@ from truepose.commands.drift import drift
 from truepose.commands.export import export
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
+from truepose.commands.init import init
 from truepose.commands.plan import plan
 from truepose.commands.poses import poses
 from truepose.commands.tables import predict, simulate
@@ -31,6 +32,7 @@ app = typer.Typer(
 )
 for _command in (
     demo,
+    init,
     calibrate,
     diagnose,
     identifiability,
