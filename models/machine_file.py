@@ -32,6 +32,7 @@ from truepose.models.fields import (
     Vector,
     bad_value,
 )
+from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.tolerances import Tolerances
 from truepose.models.units import UnitSystem, parse_unit
 from truepose.models.yaml_document import document_text, read_document
@@ -47,6 +48,7 @@ __all__ = [
     "MachineFile",
     "MassSpec",
     "Tolerances",
+    "checked_machine",
     "input_error",
     "read_machine",
     "write_machine",
@@ -245,8 +247,11 @@ def read_machine(path: Path | str) -> MachineFile:
 
     Raises InputError naming file, field, what was found and what was expected.
     """
-    path = Path(path)
-    raw = read_document(path)
+    return checked_machine(Path(path), read_document(path))
+
+
+def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
+    """The machine of a document that stands, or is to stand, in the file ``path``. Raises InputError as `read_machine`."""
     if raw.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema: found {raw.get('schema')!r}, expected {SCHEMA!r}")
     units = _read_units(raw.get("units", {}), path)
@@ -290,8 +295,8 @@ def _expected_pose(found: _ExpectedPose | None) -> ExpectedPose | None:
 
 
 def write_machine(path: Path | str, document: Mapping[str, Any]) -> None:
-    """Write a machine file: whole or not at all, key order kept, floats at full precision."""
-    atomic_write_text(path, document_text(document))
+    """Write a machine file: whole or not at all, key order kept, floats at full precision, its schema named first."""
+    atomic_write_text(path, f"{SCHEMA_LINE}\n{document_text(document)}")
 
 
 def _frames(frames: _Frames) -> Frames:

@@ -16,6 +16,7 @@ from truepose.commands.drift import drift
 from truepose.commands.export import export
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
+from truepose.commands.init import init
 from truepose.commands.plan import plan
 from truepose.commands.poses import poses
 from truepose.commands.tables import predict, simulate
@@ -32,6 +33,7 @@ app = typer.Typer(
 )
 for _command in (
     demo,
+    init,
     check,
     calibrate,
     diagnose,
