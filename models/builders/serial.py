@@ -16,7 +16,7 @@ from pydantic import model_validator
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Length, Number, Section, bad_value
+from truepose.models.fields import Angle, Length, Number, Range, Section, bad_value
 from truepose.models.mechanism import BASE, Actuator, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
 from truepose.models.units import UnitSystem
@@ -34,15 +34,25 @@ class SerialJoint(Section):
     """One row of the table of constants."""
 
     name: str
+    """What the joint is called: the recording's column of its readings has this name."""
     kind: Literal["revolute", "prismatic"]
+    """Whether it turns about its z axis or slides along it."""
     beta: Angle = 0.0
+    """Hayati's extra turn about y, first of all; leave it out unless the drawing has one."""
     alpha: Angle = 0.0
+    """Twist: turn about x from the axis before to this one."""
     d: Length = 0.0
+    """Distance along x from the axis before to this one. It is not the `d` of the standard convention."""
     theta: Angle = 0.0
+    """Turn about z at reading 0; a revolute joint's reading adds to it."""
     r: Length = 0.0
-    range: tuple[Number, Number] | None = None
+    """Shift along z at reading 0; a prismatic joint's reading adds to it."""
+    range: Range | None = None
+    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Number | None = None
+    """Turns of the motor for one of the joint: errors that repeat with the motor's turn are looked for."""
     screw_pitch: Length | None = None
+    """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="after")
     def _ordered(self) -> SerialJoint:
@@ -55,7 +65,9 @@ class Serial(Section):
     """The section ``mechanism`` of a serial chain."""
 
     type: Literal["serial"]
+    """A chain of joints of one degree of freedom each."""
     joints: tuple[SerialJoint, ...]
+    """The rows of the table of constants, from the base to the flange."""
 
 
 @builders.add("serial")
