@@ -35,7 +35,7 @@ FLOORS = (
     ("models",),
     ("models.sensors", "models.builders"),
     ("models.effects",),
-    ("models.export",),
+    ("models.export", "models.schemas"),
     ("codegen",),
     ("codegen.evaluation",),
     ("identification.recording",),

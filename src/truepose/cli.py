@@ -17,6 +17,7 @@ from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
 from truepose.commands.plan import plan
 from truepose.commands.poses import poses
+from truepose.commands.schema import schema
 from truepose.commands.tables import predict, simulate
 from truepose.demo import demo
 
@@ -44,6 +45,7 @@ for _command in (
     export,
     challenge,
     effects,
+    schema,
 ):
     app.command()(_command)
 
