@@ -44,9 +44,19 @@ _MACHINE: Final = machine_schema()
 
 
 def keys(name: str) -> str:
-    """The table of a part of the machine file: ``document``, a key of it, ``mechanism.TYPE`` or ``sensor.TYPE``."""
-    schema = _part(name)
-    lines = [_row(key, field, needed) for key, field, needed in _fields(schema, shallow=name == "document")]
+    """The table of a part of the machine file: ``document``, a key of it, ``mechanism.TYPE`` or ``sensor.TYPE``.
+
+    A type that is written in several ways has a table for each.
+    """
+    others = [other for other in _MACHINE["$defs"] if other.startswith(f"{name}.")]
+    texts = [_table(_part(name), shallow=name == "document")]
+    for other in others:
+        texts += ["", _part(other)["description"].replace("``", "`"), "", _table(_part(other))]
+    return "\n".join(texts)
+
+
+def _table(schema: Schema, *, shallow: bool = False) -> str:
+    lines = [_row(key, field, needed) for key, field, needed in _fields(schema, shallow=shallow)]
     return "\n".join(["| key | value | default | meaning |", "|---|---|---|---|", *lines])
 
 
@@ -88,7 +98,7 @@ def schema_of(kind: str) -> str:
 def parts() -> list[str]:
     """Names of all tables of the machine file that pages must show."""
     nested = [key for key, field in _MACHINE["properties"].items() if _inner(field)]
-    return ["document", *nested, *_MACHINE["$defs"]]
+    return ["document", *nested, *(name for name in _MACHINE["$defs"] if name.count(".") == 1)]
 
 
 def _part(name: str) -> Schema:

@@ -72,14 +72,17 @@ def _one_of(kind: str, known: Mapping[str, Schema]) -> Schema:
 def _by_type(registry: Registry[Any]) -> dict[str, Schema]:
     """Schemas of the sections whose ``type`` is registered. A plug-in that has no section may hold anything.
 
-    The sections of one type have the names ``type`` and ``type.class``.
+    Where a type has several, the one that is called like it comes first, and the others are named ``type.class``.
     """
     names = list(registry)  # which imports the modules with their sections
     sections = _below(Section)
     out: dict[str, Schema] = {}
     for name in names:
         anything: Schema = {"type": "object", "properties": {"type": {"const": name}}, "required": ["type"]}
-        found = [section for section in sections if _type(section) == name]
+        found = sorted(
+            (section for section in sections if _type(section) == name),
+            key=lambda section: (section.__name__.lower() != name, section.__name__),
+        )
         out |= {name if k == 0 else f"{name}.{s.__name__}": plain_schema(s) for k, s in enumerate(found)}
         out.setdefault(name, anything)
     return out
