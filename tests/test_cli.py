@@ -51,6 +51,7 @@ COMMANDS = (
     "export",
     "effects",
     "challenge",
+    "schema",
 )
 
 

@@ -163,7 +163,13 @@ LOGGED: Final = (
     KnownColumn(
         "pressure", "number", "hPa", "Pressure of the air; refraction needs it.", _missing("pressure")
     ),
-    KnownColumn("humidity", "number", "%", "Relative humidity of the air; no effect of the catalogue reads it.", _missing("humidity")),
+    KnownColumn(
+        "humidity",
+        "number",
+        "%",
+        "Relative humidity of the air; no effect of the catalogue reads it.",
+        _missing("humidity"),
+    ),
     KnownColumn(
         "approach.<joint>",
         "number",
