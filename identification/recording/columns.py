@@ -167,7 +167,7 @@ LOGGED: Final = (
         "humidity",
         "number",
         "%",
-        "Relative humidity of the air; no effect of the catalogue reads it.",
+        "Relative humidity of the air; no effect reads it.",
         _missing("humidity"),
     ),
     KnownColumn(
