@@ -21,7 +21,6 @@ from truepose.challenge.simulator.telescope_ring.ring import Ring
 from truepose.challenge.simulator.telescope_ring.rotations import Array
 from truepose.challenge.simulator.telescope_ring.simulation import Sensor, Simulation, TargetsSensor, simulate
 from truepose.challenge.simulator.telescope_ring.statics import Flexure, rigid_poses
-from truepose.models.schema_line import SCHEMA_LINE
 
 SEED = 20121009  # of the true machine; the sensor's noise takes the next one
 SECONDS_PER_POSE = 180
@@ -68,7 +67,12 @@ def machine_text(sensor: Sensor | None = None) -> str:
     """The machine file of the telescope as drawn, with the targets unless another sensor is given."""
     nominal = nominal_machine()
     home = rigid_poses(nominal, np.zeros((1, 6))).position[0, 2]
-    lines = [SCHEMA_LINE, "schema: truepose/machine/1", "name: telescope", "units: {length: mm, angle: deg}"]
+    lines = [
+        "# yaml-language-server: $schema=https://truepose.dev/schema/machine-1.json",
+        "schema: truepose/machine/1",
+        "name: telescope",
+        "units: {length: mm, angle: deg}",
+    ]
     lines += ["mechanism:", "  type: 6-pus", "  legs:"]
     for i in range(1, 7):
         a, b = (nominal.vector(f"leg{i}", (f"{p}.x", f"{p}.y", f"{p}.z")) for p in "ab")

@@ -14,7 +14,8 @@ _DEFS: Final = "#/$defs/"
 def plain_schema(section: type[Section]) -> Schema:
     """The JSON Schema (draft 2020-12) of a section of a file, by the names that the file uses."""
     made = section.model_json_schema(by_alias=True, mode="validation")
-    return _plain(made, made.get("$defs", {}))
+    plain: Schema = _plain(made, made.get("$defs", {}))
+    return plain
 
 
 def _plain(schema: Any, known: Mapping[str, Any]) -> Any:
