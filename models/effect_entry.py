@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, ValidationError, WithJsonSchema
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from truepose.errors import InputError
 from truepose.models.field_errors import input_error
@@ -54,20 +56,47 @@ def _as_list(value: object) -> object:
     return [str(item) if isinstance(item, int) and not isinstance(item, bool) else item for item in items]
 
 
+_NAME = {"type": ["string", "integer"]}
+_PLACE = WithJsonSchema({"anyOf": [_NAME, {"type": "array", "items": _NAME}]})
+
+
+@dataclass(frozen=True)
+class _OrNumber:
+    """In an ``Annotated`` type: a plain number will do as well."""
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return {"anyOf": [{"type": "number"}, handler(core)]}
+
+
+_NUMBER_TOO = _OrNumber()
+
+
 def _as_quantity(value: object) -> object:
     return value if isinstance(value, dict) else {"value": value}
 
 
 class _Quantity(Section):
     value: Number
+    """The coefficient's value."""
     unit: str = "1"
+    """Unit of `value` and `std`; `truepose effects SLUG` says which one to expect."""
     std: NumberTolerance | None = None
+    """1-sigma of the value, where a fit has found it."""
 
 
-class _Entry(Section):
+class EffectEntry(Section):
+    """One entry of ``effects``; what it has beside these fields are settings of that effect."""
+
     effect: str = Field(min_length=1)
-    place: Annotated[tuple[str, ...], BeforeValidator(_as_list)]
-    parameters: dict[str, Annotated[_Quantity, BeforeValidator(_as_quantity)]] = Field(default_factory=dict)
+    """Slug in the catalogue (`truepose effects`)."""
+    place: Annotated[tuple[str, ...], BeforeValidator(_as_list), _PLACE]
+    """Where it acts: a joint, leg, link, frame, sensor ... or several that share one cause."""
+    parameters: dict[str, Annotated[_Quantity, BeforeValidator(_as_quantity), _NUMBER_TOO]] = Field(
+        default_factory=dict
+    )
+    """Coefficients by name: a plain number, or value, unit and std."""
 
 
 _FIELDS = ("effect", "place", "parameters")
@@ -85,7 +114,7 @@ def _read_effect(entry: dict[str, Any], path: Path, prefix: str) -> EffectSpec:
         if key not in _FIELDS and near:  # a setting would not be called nearly like a field
             raise InputError(f"{where}.{key}: unknown field; did you mean {near[0]!r}?")
     try:
-        parsed = _Entry.model_validate({key: entry[key] for key in _FIELDS if key in entry})
+        parsed = EffectEntry.model_validate({key: entry[key] for key in _FIELDS if key in entry})
     except ValidationError as exc:
         raise input_error(exc, path, prefix) from None
     quantities = parsed.parameters

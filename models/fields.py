@@ -1,7 +1,10 @@
 """Fields of machine files: numbers with a dimension, converted while pydantic validates a `Section`.
 
 Give `context={"units": UnitSystem(...)}`: the annotated types (`Length`, `AngleVector`, ...) turn what a file states
-into the units of the program.
+into the units of the program. They also say their unit in the JSON Schema (``In``).
+
+Every field of a `Section` is described by the text below it; `docs/machine_file.md` and the JSON Schema are made from
+these texts (`python docs/reference_tables.py`).
 """
 
 from __future__ import annotations
@@ -11,8 +14,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, cast
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from truepose.models.units import UnitSystem
 from truepose.wording import close_matches
@@ -28,6 +40,22 @@ def _units(info: ValidationInfo) -> UnitSystem:
 def bad_value(expected: str, found: object) -> PydanticCustomError:
     """The error an annotated type raises: what was expected and what was found."""
     return PydanticCustomError("bad_value", "expected {expected}", {"expected": expected, "found": found})
+
+
+@dataclass(frozen=True)
+class In:
+    """In an ``Annotated`` type: what the field is measured in, for its JSON Schema.
+
+    ``unit`` is a unit, or ``length``, ``angle``, ``gain`` (the file's unit of it), ``reading`` (that of the joint).
+    """
+
+    unit: str
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """The schema of the type, with the keyword ``unit``."""
+        return {**handler(core), "unit": self.unit}
 
 
 @dataclass(frozen=True)
@@ -74,27 +102,40 @@ def _vector(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
     return BeforeValidator(validate)
 
 
+_TOLERANCE_SCHEMA = {"type": "number", "minimum": 0}
+_SIGMA_SCHEMA = WithJsonSchema({"type": "number", "exclusiveMinimum": 0})
+_ONE = WithJsonSchema(_TOLERANCE_SCHEMA)
+_ONE_OR_THREE = WithJsonSchema(
+    {
+        "anyOf": [
+            _TOLERANCE_SCHEMA,
+            {"type": "array", "items": _TOLERANCE_SCHEMA, "minItems": 3, "maxItems": 3},
+        ]
+    }
+)
+
 Triple = tuple[float, float, float]
 Number = Annotated[float, _scalar("number")]
-Length = Annotated[float, _scalar("length")]
-Angle = Annotated[float, _scalar("angle")]
-Gain = Annotated[float, _scalar("gain")]
+Length = Annotated[float, _scalar("length"), In("length")]
+Angle = Annotated[float, _scalar("angle"), In("angle")]
+Gain = Annotated[float, _scalar("gain"), In("gain")]
+Range = Annotated[tuple[Number, Number], In("reading")]
 Vector = Annotated[Triple, _vector("number")]
-LengthVector = Annotated[Triple, _vector("length")]
-AngleVector = Annotated[Triple, _vector("angle")]
-LengthSigma = Annotated[float, _scalar("length", _SIGMA)]
-AngleSigma = Annotated[float, _scalar("angle", _SIGMA)]
-NumberTolerance = Annotated[float, _scalar("number", _TOLERANCE)]
-LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE)]
-AngleTolerance = Annotated[float, _scalar("angle", _TOLERANCE)]
-LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE)]
-AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE)]
+LengthVector = Annotated[Triple, _vector("length"), In("length")]
+AngleVector = Annotated[Triple, _vector("angle"), In("angle")]
+LengthSigma = Annotated[float, _scalar("length", _SIGMA), _SIGMA_SCHEMA, In("length")]
+AngleSigma = Annotated[float, _scalar("angle", _SIGMA), _SIGMA_SCHEMA, In("angle")]
+NumberTolerance = Annotated[float, _scalar("number", _TOLERANCE), _ONE]
+LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE), _ONE, In("length")]
+AngleTolerance = Annotated[float, _scalar("angle", _TOLERANCE), _ONE, In("angle")]
+LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE), _ONE_OR_THREE, In("length")]
+AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE), _ONE_OR_THREE, In("angle")]
 
 
 class Section(BaseModel):
     """A part of the machine file: frozen, and every field it does not know is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, use_attribute_docstrings=True)
 
     @model_validator(mode="before")
     @classmethod

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError, WithJsonSchema
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
@@ -24,6 +24,7 @@ from truepose.models.fields import (
     AngleTolerance,
     AngleToleranceVector,
     AngleVector,
+    In,
     LengthTolerance,
     LengthToleranceVector,
     LengthVector,
@@ -40,11 +41,13 @@ from truepose.models.yaml_document import document_text, read_document
 __all__ = [
     "NO_WORSE",
     "SCHEMA",
+    "DefaultTolerances",
     "EffectSpec",
     "ExpectedPose",
     "FrameSpec",
     "FrameTolerance",
     "Frames",
+    "MachineDocument",
     "MachineFile",
     "MassSpec",
     "Tolerances",
@@ -146,20 +149,29 @@ class MachineFile:
 
 class _Units(Section):
     length: str = "mm"
+    """Unit of every length of the file and, unless a column says its own, of its recordings."""
     angle: str = "deg"
+    """Unit of every angle of the file and, unless a column says its own, of its recordings."""
     joint: str | None = None
+    """Unit of a hexapod's leg readings, where it is another than `length`: `turn` of a motor, say."""
 
 
 class _FrameTolerance(Section):
     xyz: LengthToleranceVector = _ZERO
+    """1-sigma of the place: one number for the three components, or three; .inf where it is unknown."""
     rpy: AngleToleranceVector = _ZERO
+    """1-sigma of roll, pitch and yaw: one number for the three, or three; .inf where they are unknown."""
 
 
 class _Frame(Section):
     in_: str | None = Field(default=None, alias="in")
+    """Frame that it is given in: `world` (the sensor's frame) for the base, `flange` for the tool."""
     xyz: LengthVector = _ZERO
+    """Where its origin stands."""
     rpy: AngleVector = _ZERO
+    """How it is turned: Rz(yaw) Ry(pitch) Rx(roll)."""
     tolerance: _FrameTolerance = _FrameTolerance()
+    """How well it is known before any measurement; left out: exactly."""
 
     def spec(self, default_in: str) -> FrameSpec:
         tolerance = FrameTolerance(self.tolerance.xyz, self.tolerance.rpy)
@@ -168,21 +180,31 @@ class _Frame(Section):
 
 class _Frames(Section):
     base: _Frame | None = None
+    """Where the machine's base stands in the sensor's frame; left out: the identity, exactly known."""
     tool: _Frame | None = None
+    """Where the tool frame stands on the flange; left out: the identity, exactly known (a 3ups-up-3r has its own)."""
 
 
 class _ExpectedPose(Section):
     than: str
-    before: Number = Field(ge=0.0)
-    after: Number = Field(ge=0.0)
+    """What it was compared with: `drawing` or `plain calibration`."""
+    before: Annotated[Number, In("mm")] = Field(ge=0.0)
+    """Rms error of the tool's position with that model, after a rigid refit."""
+    after: Annotated[Number, In("mm")] = Field(ge=0.0)
+    """The same with this file's model."""
     unit: Literal["mm"] = "mm"
+    """Unit of both, whatever `units` says."""
     rows: str
+    """On which rows, in words."""
 
 
 class _Mass(Section):
-    kg: Number = Field(ge=0.0)
+    kg: Annotated[Number, In("kg")] = Field(ge=0.0)
+    """Mass. That of the mass called `payload` is replaced by the recording's column `payload`."""
     com: LengthVector = _ZERO
+    """Centre of mass in the frame of `in`."""
     in_: str = Field(alias="in")
+    """Body that carries it: linkK of a serial arm, `platform`, a body of the graph or URDF, `flange`, `tool` or `base`."""
 
 
 def _typed_mapping(value: object) -> object:
@@ -213,33 +235,60 @@ def _interval(value: object) -> tuple[float, float]:
     return float(numbers[0]), float(numbers[1])
 
 
+_NOT_NEGATIVE = {"type": "number", "minimum": 0}
+_STATED = WithJsonSchema(
+    {"anyOf": [_NOT_NEGATIVE, {"type": "array", "items": _NOT_NEGATIVE, "minItems": 1, "maxItems": 6}]}
+)
+
 RawSection = Annotated[dict[str, Any], BeforeValidator(_typed_mapping)]
-_Override = Annotated[tuple[float, ...], BeforeValidator(_numbers)]
-_Interval = Annotated[tuple[float, float], BeforeValidator(_interval)]
+_Override = Annotated[tuple[float, ...], BeforeValidator(_numbers), _STATED]
+_Interval = Annotated[tuple[float, float], BeforeValidator(_interval), In("the parameter's")]
 
 
-class _Defaults(Section):
+class DefaultTolerances(Section):
+    """What the section ``tolerances`` says of every parameter that nothing else states a tolerance of."""
+
     length: LengthTolerance = 0.0
+    """1-sigma of every length of the mechanism (all `d` and `r`, all `a` and `b` ...)."""
     angle: AngleTolerance = 0.0
+    """1-sigma of every angle and direction of the mechanism (all `alpha`, all `theta`, all `u` ...)."""
 
 
-class _Document(Section):
-    schema_: Any = Field(alias="schema")
+class MachineDocument(Section):
+    """A machine file as it is written."""
+
+    schema_: Any = Field(alias="schema", json_schema_extra={"const": SCHEMA})
+    """Always `truepose/machine/1`: what kind of file this is."""
     name: str = Field(min_length=1)
+    """What the machine is called; files and functions of its C have this name."""
     units: _Units = _Units()
-    gravity: Vector | None = None
+    """The units that the file is written in."""
+    gravity: Annotated[Vector, In("m/s^2")] | None = None
+    """Acceleration of free fall in the base frame, [0, 0, -9.81] where z is up; left out: weights play no part."""
     mechanism: RawSection
+    """The machine's geometry as drawn. Its `type` says which keys it has."""
     frames: _Frames = _Frames()
+    """Where the machine stands and what it carries."""
     sensor: Annotated[list[RawSection], BeforeValidator(_one_or_several)] = Field(default_factory=list)
+    """What measures it: one sensor, or a list whose readings add up. Its `type` says which keys it has."""
     tolerances: dict[str, _Override] = Field(default_factory=dict)
+    """1-sigma of the hardware as built, before any measurement."""
     masses: dict[str, _Mass] = Field(default_factory=dict)
+    """What has weight, by a name of your own; used together with `gravity`."""
     drivers: tuple[str, ...] = ()
+    """What recordings log beyond the joints: `payload`, `temperature.base` ... A note: recordings are read without it, too."""
     effects: list[dict[str, Any]] = Field(default_factory=list)
+    """Physics beyond ideal geometry, one entry an effect at its place."""
     covariance: dict[str, Any] | None = None
+    """What the fit behind the file knows of its values. Written by truepose."""
     nominal: dict[str, Number] = Field(default_factory=dict)
+    """Drawing values (mm, rad) of a calibrated file, by parameter. Written by truepose."""
     sessions: tuple[int, ...] = ()
+    """Session numbers that the fit has seen. Written by truepose."""
     bounds: dict[str, _Interval] = Field(default_factory=dict)
+    """Between which values parameters may be estimated, `leg1.length: [499, 501]`; kept by `--solver ipopt`."""
     pose_error: _ExpectedPose | None = None
+    """What the fit was worth to the tool. Written by truepose."""
 
 
 def read_machine(path: Path | str) -> MachineFile:
@@ -259,13 +308,13 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
     stated = raw.get("tolerances")
     defaults = {}
     if isinstance(stated, dict):
-        defaults = {key: stated[key] for key in _Defaults.model_fields if key in stated}
+        defaults = {key: stated[key] for key in DefaultTolerances.model_fields if key in stated}
     try:
-        document = _Document.model_validate(copy.deepcopy(raw), context=context)
+        document = MachineDocument.model_validate(copy.deepcopy(raw), context=context)
     except ValidationError as exc:
         raise input_error(exc, path) from None
     try:
-        default = _Defaults.model_validate(defaults, context=context)
+        default = DefaultTolerances.model_validate(defaults, context=context)
     except ValidationError as exc:
         raise input_error(exc, path, "tolerances") from None
     overrides = {key: value for key, value in document.tolerances.items() if key not in defaults}
@@ -295,7 +344,7 @@ def _expected_pose(found: _ExpectedPose | None) -> ExpectedPose | None:
 
 
 def write_machine(path: Path | str, document: Mapping[str, Any]) -> None:
-    """Write a machine file: whole or not at all, key order kept, floats at full precision, its schema named first."""
+    """Write a machine file: whole or not at all, its schema named first, key order kept, floats at full precision."""
     atomic_write_text(path, f"{SCHEMA_LINE}\n{document_text(document)}")
 
 

@@ -1,7 +1,12 @@
-"""The first line of every machine file that is written: editors fetch the schema it names and check what is typed."""
+"""Where the JSON Schemas of truepose's files are found, and the line by which a YAML file names its own."""
 
 from __future__ import annotations
 
 from typing import Final
 
-SCHEMA_LINE: Final = "# yaml-language-server: $schema=https://truepose.dev/schema/machine-1.json"
+MACHINE_SCHEMA: Final = "https://truepose.dev/schema/machine-1.json"
+RECORDING_SCHEMA: Final = "https://truepose.dev/schema/recording-1.json"
+SCHEMA_LINE: Final = f"# yaml-language-server: $schema={MACHINE_SCHEMA}"
+"""First line of a machine file: editors complete and check what follows. For truepose it is a comment."""
+
+__all__ = ["MACHINE_SCHEMA", "RECORDING_SCHEMA", "SCHEMA_LINE"]

@@ -52,6 +52,7 @@ COMMANDS = (
     "export",
     "effects",
     "challenge",
+    "schema",
 )
 
 

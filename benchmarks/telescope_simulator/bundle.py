@@ -67,7 +67,12 @@ def machine_text(sensor: Sensor | None = None) -> str:
     """The machine file of the telescope as drawn, with the targets unless another sensor is given."""
     nominal = nominal_machine()
     home = rigid_poses(nominal, np.zeros((1, 6))).position[0, 2]
-    lines = ["schema: truepose/machine/1", "name: telescope", "units: {length: mm, angle: deg}"]
+    lines = [
+        "# yaml-language-server: $schema=https://truepose.dev/schema/machine-1.json",
+        "schema: truepose/machine/1",
+        "name: telescope",
+        "units: {length: mm, angle: deg}",
+    ]
     lines += ["mechanism:", "  type: 6-pus", "  legs:"]
     for i in range(1, 7):
         a, b = (nominal.vector(f"leg{i}", (f"{p}.x", f"{p}.y", f"{p}.z")) for p in "ab")

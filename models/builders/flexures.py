@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 from pydantic import model_validator
 
 from truepose.errors import InputError
 from truepose.models.context import BuildContext
-from truepose.models.fields import Length, Number, Section, bad_value
+from truepose.models.fields import In, Length, Number, Section, bad_value
 from truepose.models.flexure import SHAPE
 from truepose.models.home_directions import home_directions
 from truepose.models.mechanism import ElasticChain, Flexures, Mechanism
@@ -30,9 +30,12 @@ _LARGEST_SHAPE = 0.75
 class Bar(Section):
     """A round section: EI (N mm^2), EA (N), GJ (N mm^2); the report's k1, k2, k3."""
 
-    bending: Number
-    tension: Number
-    torsion: Number
+    bending: Annotated[Number, In("N*mm^2")]
+    """Bending stiffness EI, whatever `units` says."""
+    tension: Annotated[Number, In("N")]
+    """Tension stiffness EA."""
+    torsion: Annotated[Number, In("N*mm^2")]
+    """Torsion stiffness GJ, whatever `units` says."""
 
     @model_validator(mode="after")
     def _positive(self) -> Bar:
@@ -46,10 +49,15 @@ class Flexure(Section):
     """Flexures in place of joints: their length, beta of their shift, and their section where it is known."""
 
     length: Length
+    """Length of each flexure."""
     beta: Number = SHAPE
-    bending: Number | None = None
-    tension: Number | None = None
-    torsion: Number | None = None
+    """Shape factor: the tip runs on a circle of (1 - beta) of the length; 1/4 where the section is constant."""
+    bending: Annotated[Number, In("N*mm^2")] | None = None
+    """Bending stiffness EI; needed by the models stiffness and elastic."""
+    tension: Annotated[Number, In("N")] | None = None
+    """Tension stiffness EA; needed by the models stiffness and elastic."""
+    torsion: Annotated[Number, In("N*mm^2")] | None = None
+    """Torsion stiffness GJ; needed by the models stiffness and elastic."""
 
     @model_validator(mode="after")
     def _possible(self) -> Flexure:

@@ -16,7 +16,17 @@ from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.limbs import limbs_of, thermal_lengths
 from truepose.models.context import BuildContext
-from truepose.models.fields import AngleVector, Length, LengthVector, Number, Section, Vector, bad_value
+from truepose.models.fields import (
+    AngleVector,
+    In,
+    Length,
+    LengthVector,
+    Number,
+    Range,
+    Section,
+    Vector,
+    bad_value,
+)
 from truepose.models.mechanism import BASE, COORDINATES, Actuator, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
 from truepose.wording import close_matches
@@ -34,17 +44,29 @@ class GraphJoint(Section):
     """A joint: its frame in the parent (``xyz``, ``rpy``), then its motion about or along ``axis``."""
 
     name: str = Field(min_length=1)
+    """What the joint is called; of an actuated one, the recording's column of its readings has this name."""
     kind: Literal["revolute", "prismatic", "universal", "spherical", "fixed"]
+    """How it moves: universal joints turn about x, then y of their frame; fixed joints do not move."""
     parent: str
+    """Body that carries the joint."""
     child: str
+    """Body that it moves. A child that already has a parent closes a loop."""
     xyz: LengthVector = (0.0, 0.0, 0.0)
+    """Where the joint's frame stands in the parent."""
     rpy: AngleVector = (0.0, 0.0, 0.0)
+    """How the joint's frame is turned in the parent: Rz(yaw) Ry(pitch) Rx(roll)."""
     axis: Vector = (0.0, 0.0, 1.0)
+    """Axis of a revolute or prismatic joint, in the joint's frame; its length does not count."""
     actuated: bool = False
-    offset: Number = 0.0
-    range: tuple[Number, Number] | None = None
+    """Whether it is driven and its reading recorded; revolute and prismatic joints only."""
+    offset: Annotated[Number, In("reading")] = 0.0
+    """Added to the reading."""
+    range: Range | None = None
+    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Number | None = None
+    """Turns of the motor for one of the joint: errors that repeat with the motor's turn are looked for."""
     screw_pitch: Length | None = None
+    """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="after")
     def _sound(self) -> GraphJoint:
@@ -70,11 +92,17 @@ class Graph(Section):
     """
 
     type: Literal["graph"]
+    """Any mechanism, open or closed: bodies and the joints between them."""
     bodies: tuple[str, ...]
+    """Names of the bodies; the first is the base."""
     joints: tuple[GraphJoint, ...]
+    """The joints, parents before children."""
     flange: str | None = None
-    home: dict[str, Home] = Field(default_factory=dict)
+    """Body that carries the tool: by default the one called `flange`, else the last one."""
+    home: Annotated[dict[str, Home], In("reading")] = Field(default_factory=dict)
+    """Where the loops close, nearly, by joint: a number; two of a universal, three (roll, pitch, yaw) of a spherical one."""
     limbs: dict[str, str] = Field(default_factory=dict)
+    """Names of limbs, `leg1: q1`: places of effects on the limb of that actuated joint."""
 
 
 @builders.add("graph")

@@ -7,7 +7,7 @@ universal and spherical joints leave it free to turn about itself, so only the d
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -16,7 +16,7 @@ from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.flexures import Bar, Flexure, Model, flexed
 from truepose.models.context import BuildContext
-from truepose.models.fields import Gain, Length, LengthVector, Number, Section, Vector, bad_value
+from truepose.models.fields import Gain, In, Length, LengthVector, Number, Range, Section, Vector, bad_value
 from truepose.models.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
 from truepose.models.parameters import Parameter
 
@@ -27,14 +27,23 @@ LEGS = 6
 
 class _Leg(Section):
     name: str
+    """What the leg is called in parameters and places: `leg1`."""
     joint: str
+    """What its actuator is called: the recording's column of its readings has this name."""
     a: LengthVector
+    """Centre of the lower joint in the base frame; of a 6-PUS at reading 0 and offset 0."""
     b: LengthVector
+    """Centre of the upper joint in the platform's frame."""
     offset: Length = 0.0
+    """Added to gain * reading: the leg's length at reading 0 of a 6-UPS, the slider's zero of a 6-PUS."""
     gain: Gain = 1.0
-    range: tuple[Number, Number] | None = None
+    """Length for one unit of the reading; 1 unless `units.joint` says that readings are no lengths."""
+    range: Range | None = None
+    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     screw_pitch: Length | None = None
+    """Travel for one turn of the screw: errors that repeat with it are looked for."""
     gear_ratio: Number | None = None
+    """Turns of the motor for one of the joint: errors that repeat with the motor's turn are looked for."""
 
     @model_validator(mode="after")
     def _ordered(self) -> _Leg:
@@ -47,28 +56,41 @@ class PusLeg(_Leg):
     """A leg of fixed ``length`` from a slider at a + (reading + offset) u to b on the platform."""
 
     u: Vector = (0.0, 0.0, 1.0)
+    """Direction of the rail in the base frame; its length does not count."""
     length: Length
+    """Length of the leg between the centres of its joints."""
     flexure: Length | None = None
+    """Length of this leg's flexures, where it differs from `flexure.length` of all."""
     beta: Number | None = None
+    """Shape factor of this leg's flexures, where it differs from `flexure.beta` of all."""
 
 
 class Pus(Section):
     """The section ``mechanism`` of a 6-PUS."""
 
     type: Literal["6-pus"]
+    """Six legs of fixed length between sliders on the base and the platform."""
     legs: tuple[PusLeg, ...]
+    """The six legs."""
     model: Model = "spherical"
+    """Ball joints (`spherical`; `linear`: to first order about home), bent flexures (`beam`), or elastic legs (the others)."""
     flexure: Flexure | None = None
+    """Flexures in place of the universal and spherical joints; needed by the models beam, stiffness and elastic."""
     rod: Bar | None = None
-    home: tuple[Number, Number, Number, Number, Number, Number]
+    """Section of the legs' bars; needed by the models stiffness and elastic."""
+    home: Annotated[tuple[Number, Number, Number, Number, Number, Number], In("length, angle")]
+    """Where the forward solution starts, near readings of 0: x y z and the rotation vector of the platform."""
 
 
 class Ups(Section):
     """The section ``mechanism`` of a 6-UPS."""
 
     type: Literal["6-ups"]
+    """A Gough-Stewart platform: six legs of changing length, offset + gain * reading."""
     legs: tuple[_Leg, ...]
-    home: tuple[Number, Number, Number, Number, Number, Number]
+    """The six legs."""
+    home: Annotated[tuple[Number, Number, Number, Number, Number, Number], In("length, angle")]
+    """Where the forward solution starts, near readings of 0: x y z and the rotation vector of the platform."""
 
 
 @builders.add("6-pus")

@@ -11,14 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
 
 from truepose.models.builders.base import builders
 from truepose.models.builders.graph import Graph, mechanism_of
 from truepose.models.context import BuildContext
-from truepose.models.fields import Length, Number, Section, bad_value
+from truepose.models.fields import In, Length, Number, Section, bad_value
 from truepose.models.mechanism import Mechanism
 from truepose.models.units import UnitSystem
 
@@ -30,15 +30,25 @@ class Hybrid(Section):
     """The section ``mechanism`` of a 3UPS-UP + 3R; ``tool`` (P0 to P) only says where P is."""
 
     type: Literal["3ups-up-3r"]
+    """Three driven limbs and a passive one carry a platform, which carries a wrist of three axes."""
     base_radius: Length
+    """Radius of the circle on the base on which the limbs start."""
     platform_radius: Length
+    """Radius of the circle on the platform on which they end."""
     platform_offset: Length
+    """From the platform to the centre of the wrist, along z."""
     wrist_offset: Length = 0.0
+    """From the centre of the wrist to the head."""
     head: Length = 0.0
+    """Length of the head. Without `frames.tool` the tool frame stands wrist_offset + head along z of the flange."""
     tool: Length = 0.0
-    limb_range: tuple[Number, Number]
-    wrist_range: tuple[Number, Number]
+    """From the tool frame to the tool's point; only a note."""
+    limb_range: Annotated[tuple[Number, Number], In("length")]
+    """Shortest and longest limb: the range of q1, q2 and q3."""
+    wrist_range: Annotated[tuple[Number, Number], In("angle")]
+    """Range of the wrist's angles q4, q5 and q6."""
     screw_pitch: Length | None = None
+    """Travel of a limb for one turn of its screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Hybrid:

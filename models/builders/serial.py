@@ -21,7 +21,7 @@ from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.dh_table import CONVENTIONS, khalil_section, table_frames
 from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Length, Number, Section, bad_value
+from truepose.models.fields import Angle, Length, Number, Range, Section, bad_value
 from truepose.models.mechanism import BASE, Actuator, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
 from truepose.models.units import UnitSystem
@@ -46,15 +46,25 @@ class SerialJoint(Section):
     """One row of the table of constants."""
 
     name: str
+    """What the joint is called: the recording's column of its readings has this name."""
     kind: Literal["revolute", "prismatic"]
+    """Whether it turns about its z axis or slides along it."""
     beta: Angle = 0.0
+    """Hayati's extra turn about y, first of all; leave it out unless the drawing has one."""
     alpha: Angle = 0.0
+    """Twist: turn about x from the axis before to this one."""
     d: Length = 0.0
+    """Distance along x from the axis before to this one. It is not the `d` of the standard convention."""
     theta: Angle = 0.0
+    """Turn about z at reading 0; a revolute joint's reading adds to it."""
     r: Length = 0.0
-    range: tuple[Number, Number] | None = None
+    """Shift along z at reading 0; a prismatic joint's reading adds to it."""
+    range: Range | None = None
+    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Number | None = None
+    """Turns of the motor for one of the joint: errors that repeat with the motor's turn are looked for."""
     screw_pitch: Length | None = None
+    """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="before")
     @classmethod
@@ -74,16 +84,22 @@ class SerialFlange(Section):
     """The flange in the last link: RotX(alpha) TransX(d)."""
 
     alpha: Angle = 0.0
+    """Turn about x from the last link to the flange."""
     d: Length = 0.0
+    """Distance along x from the last link to the flange."""
 
 
 class Serial(Section):
     """The section ``mechanism`` of a serial chain in the program's own convention."""
 
     type: Literal["serial"]
+    """A chain of joints of one degree of freedom each."""
     convention: Literal["khalil"] = "khalil"
+    """Which table the rows are of: this one, or `standard` or `modified` (see below)."""
     joints: tuple[SerialJoint, ...]
+    """The rows of the table of constants, from the base to the flange."""
     flange: SerialFlange | None = None
+    """Where the flange stands in the last link; leave it out where it is that link's frame."""
 
 
 @builders.add("serial")

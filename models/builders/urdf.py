@@ -30,10 +30,15 @@ class Urdf(Section):
     """The section ``mechanism`` of a chain in a URDF; ``joints`` gives joints other names than the file's."""
 
     type: Literal["urdf"]
+    """An arm read from a URDF file."""
     file: str = Field(min_length=1)
+    """The URDF, found from the folder of the machine file."""
     base_link: str
+    """Link where the chain starts: the base."""
     tip_link: str
+    """Link where it ends: the flange."""
     joints: dict[str, str] = Field(default_factory=dict)
+    """Other names for joints, `name in the URDF: name in the recording`."""
 
 
 @builders.add("urdf")

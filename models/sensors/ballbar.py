@@ -19,20 +19,29 @@ _NOWHERE = (0.0, 0.0, 0.0)
 
 class _Sigma(Section):
     distance: LengthSigma
+    """1-sigma of one length, as the instrument's maker states it."""
 
 
 class _Tolerance(Section):
     centre: LengthToleranceVector = _NOWHERE
+    """1-sigma of the base ball's place."""
     ball: LengthToleranceVector = _NOWHERE
+    """1-sigma of the tool ball's place."""
 
 
 class _BallBarSection(Section):
     type: Literal["ballbar"]
+    """Distance between a ball on the base and a ball on the tool: column `length`."""
     name: str | None = None
+    """Tells several bars apart: the column is then `NAME.length`, the parameters `NAME.centre.x` ..."""
     centre: LengthVector
+    """Centre of the base ball, in the sensor's frame."""
     ball: LengthVector = _NOWHERE
+    """Centre of the tool ball, in the tool frame."""
     sigma: _Sigma
+    """How noisy a reading is; replicates tell whether it is right."""
     tolerance: _Tolerance = _Tolerance()
+    """How well the balls' places are known; left out: exactly."""
 
 
 @sensors.add("ballbar")

@@ -27,27 +27,40 @@ from truepose.models.sensors.base import TOOL, Channel, Sensor, flange_of, senso
 
 class _Beam(Section):
     in_: Literal["world"] = Field(default="world", alias="in")
+    """The beam stands in the sensor's frame."""
     xyz: LengthVector
+    """Where the light starts: the fibre's end."""
     rx: Angle = 0.0
+    """First turn of the beam, about x; the light travels along its z axis."""
     rz: Angle = 0.0
+    """Second turn of the beam, about z: Trans(xyz) RotX(rx) RotZ(rz)."""
 
 
 class _Mirror(Section):
     in_: Literal["flange", "tool"] = Field(default="flange", alias="in")
+    """What carries the mirror."""
     z: Length = 0.0
+    """Height of the mirror along z."""
     rx: Angle = 0.0
+    """Tilt of the mirror about x; the mirror is its own xy plane."""
     ry: Angle = 0.0
+    """Tilt of the mirror about y: Trans(0, 0, z) RotX(rx) RotY(ry)."""
 
 
 class _Sigma(Section):
     distance: LengthSigma
+    """1-sigma of one change of length, as the instrument's maker states it."""
 
 
 class _Tolerance(Section):
     beam_xyz: LengthToleranceVector = (0.0, 0.0, 0.0)
+    """1-sigma of where the light starts."""
     beam_angle: AngleTolerance = 0.0
+    """1-sigma of the beam's two turns."""
     mirror_z: LengthTolerance = 0.0
+    """1-sigma of the mirror's height."""
     mirror_angle: AngleTolerance = 0.0
+    """1-sigma of the mirror's two tilts."""
 
     model_config = Section.model_config | {"alias_generator": lambda name: name.replace("_", ".")}
 
@@ -56,14 +69,20 @@ class CavitySection(Section):
     """What every sensor of a cavity's length says of its geometry."""
 
     beam: _Beam
+    """The beam, fixed in the world."""
     mirror: _Mirror
+    """The plane mirror that the machine moves."""
     sigma: _Sigma
+    """How noisy a reading is; replicates tell whether it is right."""
     tolerance: _Tolerance = _Tolerance()
+    """How well beam and mirror are known; left out: exactly."""
 
 
 class _DistanceSection(CavitySection):
     type: Literal["distance"]
+    """Change of one distance along a fixed beam since the row that `from` names: column `dL`."""
     wavelength: Length | None = Field(default=None, gt=0.0)
+    """Wavelength of the light: errors that repeat with its fringes are looked for."""
 
 
 @sensors.add("distance")

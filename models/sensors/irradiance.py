@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, WithJsonSchema, model_validator
 
 from truepose.models.context import BuildContext
 from truepose.models.fabry_perot import Reflectivities
@@ -26,10 +26,23 @@ def _reflectivities(value: object) -> Reflectivities:
     return float(first), float(second)
 
 
+_SHARES = WithJsonSchema(
+    {
+        "type": "array",
+        "items": {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1},
+        "minItems": 2,
+        "maxItems": 2,
+    }
+)
+
+
 class _IrradianceSection(CavitySection):
     type: Literal["irradiance"]
+    """A cavity's photocurrent (`--irradiance FILE`: columns `pose t I`), turned into `dL` by counting fringes."""
     wavelength: Length
-    reflectivities: Annotated[Reflectivities, BeforeValidator(_reflectivities)]
+    """Wavelength of the light."""
+    reflectivities: Annotated[Reflectivities, BeforeValidator(_reflectivities), _SHARES]
+    """Reflectivities of the fibre's end and of the mirror, as shares of the intensity, between 0 and 1."""
 
     @model_validator(mode="after")
     def _check(self) -> _IrradianceSection:

@@ -20,21 +20,28 @@ _XYZ, _ROT = AXES[:3], AXES[3:]
 
 class _Sigma(Section):
     xyz: LengthSigma
+    """1-sigma of x, y and z each, as the instrument's maker states it."""
     rot: AngleSigma
+    """1-sigma of each component of the small rotation between the reading and the truth."""
 
 
 class _PoseSection(Section):
     type: Literal["pose"]
+    """Position and orientation of the tool frame: columns `x y z rx ry rz`, the last three a rotation vector."""
     sigma: _Sigma
+    """How noisy a reading is; replicates tell whether it is right."""
 
 
 class _PositionSigma(Section):
     xyz: LengthSigma
+    """1-sigma of x, y and z each, as the instrument's maker states it."""
 
 
 class _PositionSection(Section):
     type: Literal["position"]
+    """Position of the tool frame's origin: columns `x y z`."""
     sigma: _PositionSigma
+    """How noisy a reading is; replicates tell whether it is right."""
 
 
 @sensors.add("pose")

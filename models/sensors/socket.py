@@ -24,20 +24,29 @@ SET, PLACEMENT, SOCKET = "set", "placement", "socket"
 
 class _Sigma(Section):
     xyz: LengthSigma
+    """1-sigma of how the ball seats, in each direction."""
 
 
 class _Tolerance(Section):
     ball: LengthToleranceVector = (0.0, 0.0, 0.0)
+    """1-sigma of the ball's place."""
 
 
 class _SocketSection(Section):
     type: Literal["socket"]
+    """A ball on the tool sits in fixed sockets: no readings, but columns `placement`, `socket` and perhaps `set`."""
     name: str | None = None
+    """Tells several balls apart: the parameters are then `NAME.ball.x` ..."""
     sets: tuple[str, ...] = ()
+    """Labels in the column `set` that were recorded with this ball; left out: all."""
     ball: LengthVector = (0.0, 0.0, 0.0)
+    """Centre of the ball, in the tool frame."""
     spacing: Length | None = Field(default=None, gt=0.0)
+    """Known distance between the two sockets of one placement; left out: unknown."""
     sigma: _Sigma
+    """How exactly the ball comes back to the same point."""
     tolerance: _Tolerance = _Tolerance()
+    """How well the ball's place is known; left out: exactly."""
 
 
 @sensors.add("socket")

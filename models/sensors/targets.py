@@ -19,17 +19,23 @@ _XYZ = ("x", "y", "z")
 
 class _Sigma(Section):
     xyz: LengthSigma
+    """1-sigma of x, y and z of each point, as the instrument's maker states it."""
 
 
 class _Tolerance(Section):
     points: LengthTolerance = 0.0
+    """1-sigma of every coordinate of the points in the tool frame."""
 
 
 class _TargetsSection(Section):
     type: Literal["targets"]
+    """Several points on the tool: columns `P1.x P1.y P1.z P2.x ...` in the sensor's frame."""
     points: dict[str, LengthVector]
+    """The points by name, in the tool frame."""
     sigma: _Sigma
+    """How noisy a reading is; replicates tell whether it is right."""
     tolerance: _Tolerance = _Tolerance()
+    """How well the points are known on the tool; left out: exactly."""
 
 
 @sensors.add("targets")

@@ -19,6 +19,7 @@ from truepose.commands.identify import calibrate, diagnose
 from truepose.commands.init import init
 from truepose.commands.plan import plan
 from truepose.commands.poses import poses
+from truepose.commands.schema import schema
 from truepose.commands.tables import predict, simulate
 from truepose.demo import demo
 
@@ -48,6 +49,7 @@ for _command in (
     export,
     challenge,
     effects,
+    schema,
 ):
     app.command()(_command)
 

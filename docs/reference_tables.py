@@ -1,0 +1,202 @@
+"""The tables of keys in ``machine_file.md`` and ``recording.md``, and the shipped JSON Schemas, made from the code.
+
+A page marks where a table belongs: ``<!-- keys: sensor.pose -->`` ... ``<!-- end -->``, or ``<!-- columns: ORDER -->``.
+What stands between the marks is replaced. Run it after a field or column was added or described anew:
+
+    python docs/reference_tables.py
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from truepose.identification.recording import columns
+from truepose.identification.recording.row_schema import row_schema
+from truepose.models.schemas import FILES, MACHINE, RECORDING
+from truepose.models.schemas.machine import allowed, machine_schema, schema_text
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+PAGES: Final = (ROOT / "docs/machine_file.md", ROOT / "docs/recording.md")
+SCHEMAS: Final = {ROOT / "models/schemas" / FILES[kind]: kind for kind in (MACHINE, RECORDING)}
+Schema = dict[str, Any]
+_MARK: Final = re.compile(r"(<!-- (keys|columns): (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_UNITS: Final = {
+    "length": "mm",
+    "angle": "deg",
+    "reading": "mm or deg",
+    "reading/s": "mm/s or deg/s",
+    "gain": "1",
+    "length, angle": "mm, deg",
+}
+"""How the pages print units that a file may choose."""
+_WORDS: Final = {
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "object": "mapping",
+}
+_MACHINE: Final = machine_schema()
+
+
+def keys(name: str) -> str:
+    """The table of a part of the machine file: ``document``, a key of it, ``mechanism.TYPE`` or ``sensor.TYPE``.
+
+    A type that is written in several ways has a table for each.
+    """
+    others = [other for other in _MACHINE["$defs"] if other.startswith(f"{name}.")]
+    texts = [_table(_part(name), shallow=name == "document")]
+    for other in others:
+        texts += ["", _part(other)["description"].replace("``", "`"), "", _table(_part(other))]
+    return "\n".join(texts)
+
+
+def _table(schema: Schema, *, shallow: bool = False) -> str:
+    lines = [_row(key, field, needed) for key, field, needed in _fields(schema, shallow=shallow)]
+    return "\n".join(["| key | value | default | meaning |", "|---|---|---|---|", *lines])
+
+
+def recorded(group: str) -> str:
+    """The table of a group of ``truepose.identification.recording.columns``."""
+    known: Sequence[columns.KnownColumn] = getattr(columns, group)
+    sensors = group == "READINGS"
+    head = ["column", "value", "sensor" if sensors else "left out", "meaning"]
+    rows = []
+    for column in known:
+        value = ", ".join(str(v) for v in column.values) or _WORDS.get(column.holds, "label")
+        unit = _UNITS.get(column.unit, column.unit)
+        third = ", ".join(f"`{s}`" for s in column.sensor) if sensors else column.default
+        needed = "**needed**" if column in columns.JOINTS else ""
+        if not sensors and column.sensor:
+            needed = f"**needed** by {' and '.join(f'`{s}`' for s in column.sensor)}"
+        rows.append(
+            f"| `{column.name}` | {', '.join(filter(None, (value, unit)))} | {needed or third} | {column.text} |"
+        )
+    return "\n".join([f"| {' | '.join(head)} |", "|---|---|---|---|", *rows])
+
+
+def rendered(page: str) -> str:
+    """A page with its tables made anew."""
+    makers: dict[str, Callable[[str], str]] = {"keys": keys, "columns": recorded}
+    return _MARK.sub(lambda m: f"{m[1]}{makers[m[2]](m[3])}\n{m[4]}", page)
+
+
+def marks(page: str) -> list[str]:
+    """Names of the tables that a page asks for."""
+    return [found[3] for found in _MARK.finditer(page)]
+
+
+def schema_of(kind: str) -> str:
+    """The text of a schema, made now."""
+    return schema_text(_MACHINE if kind == MACHINE else row_schema())
+
+
+def parts() -> list[str]:
+    """Names of all tables of the machine file that pages must show."""
+    nested = [key for key, field in _MACHINE["properties"].items() if _inner(field)]
+    return ["document", *nested, *(name for name in _MACHINE["$defs"] if name.count(".") == 1)]
+
+
+def _part(name: str) -> Schema:
+    if name == "document":
+        return _MACHINE
+    if name in _MACHINE["$defs"]:
+        part: Schema = _MACHINE["$defs"][name]
+        return part
+    return {"properties": {name: _MACHINE["properties"][name]}, "heading": True}
+
+
+def _inner(field: Schema) -> list[tuple[str, Schema]]:
+    """Fields below a field, with what opens their names."""
+    if "oneOf" in field or "$ref" in field:
+        return []
+    out = [("", field)] if field.get("properties") else []
+    lists, named = field.get("items"), field.get("additionalProperties")
+    if isinstance(lists, dict):
+        out += [(f"[]{opening}", inner) for opening, inner in _inner(lists)]
+    if isinstance(named, dict):
+        out += [(f".NAME{opening}", inner) for opening, inner in _inner(named)]
+    for option in field.get("anyOf", ()):
+        out += _inner(option)
+    return out
+
+
+def _fields(schema: Schema, *, shallow: bool, before: str = "") -> Iterator[tuple[str, Schema, bool]]:
+    """Every key with its schema and whether it must be there, those below a key after it."""
+    required = schema.get("required", ())
+    for key, field in sorted(schema["properties"].items(), key=lambda item: item[0] != "type"):
+        name = f"{before}{key}"
+        if not schema.get("heading"):
+            yield name, field, key in required
+        if not shallow:
+            for opening, inner in _inner(field):
+                yield from _fields(inner, shallow=False, before=f"{name}{opening}.")
+
+
+def _row(key: str, field: Schema, needed: bool) -> str:
+    unit = field.get("unit", "")
+    value = ", ".join(filter(None, (_value(field), _UNITS.get(unit, unit))))
+    default = "**needed**" if needed else _default(field)
+    return f"| `{key}` | {value} | {default} | {field.get('description', '')} |"
+
+
+def _value(field: Schema) -> str:
+    if allowed(field):
+        shown = [f"`{value}`" for value in allowed(field)]
+        return "a slug" if len(shown) > 8 else ", ".join(shown)
+    if "anyOf" in field:
+        return " or ".join(dict.fromkeys(_value(option) for option in field["anyOf"]))
+    kinds = field.get("type", "object")
+    kind = next(k for k in ([kinds] if isinstance(kinds, str) else kinds) if k != "null")
+    if kind == "array":
+        return _list(field)
+    return _limited(_WORDS[kind], field)
+
+
+def _list(field: Schema) -> str:
+    items = field.get("items", {})
+    word = "mapping" if "oneOf" in items else _value(items)
+    if field.get("minItems") == field.get("maxItems") and "maxItems" in field:
+        return f"{field['maxItems']} {word.replace('number', 'numbers', 1)}"
+    return f"list of {word}s" if word in _WORDS.values() else f"list of {word}"
+
+
+def _limited(word: str, field: Schema) -> str:
+    low, above = field.get("minimum"), field.get("exclusiveMinimum")
+    if above == 0 and field.get("exclusiveMaximum") == 1:
+        return f"{word} in (0, 1)"
+    if low is not None:
+        return f"{word} >= {low:g}"
+    return f"{word} > {above:g}" if above is not None else word
+
+
+def _default(field: Schema) -> str:
+    value = field.get("default", ...)
+    if value is ... or value in ([], {}):
+        return "-"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"[{', '.join(f'{item:g}' for item in value)}]"
+    return f"{value:g}" if isinstance(value, float) else f"`{value}`"
+
+
+def main() -> None:
+    """Renew pages and schemas."""
+    for path in PAGES:
+        if path.is_file():
+            path.write_text(rendered(path.read_text(encoding="utf-8")), encoding="utf-8")
+            sys.stdout.write(
+                f"{path.relative_to(ROOT)}: {len(marks(path.read_text(encoding='utf-8')))} tables\n"
+            )
+    for path, kind in SCHEMAS.items():
+        path.write_text(schema_of(kind), encoding="utf-8")
+        sys.stdout.write(f"{path.relative_to(ROOT)}\n")
+
+
+if __name__ == "__main__":
+    main()

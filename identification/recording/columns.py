@@ -1,0 +1,191 @@
+"""Every column that a recording may have: what it holds, in which unit, and who needs it.
+
+`docs/recording.md` and the JSON Schema of a row are made from this list; `file` reads the columns.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from truepose.models.driver import Driver
+
+Holds = Literal["number", "integer", "text"]
+_PLACEHOLDER: Final = re.compile(r"<\w+>")
+
+
+@dataclass(frozen=True)
+class KnownColumn:
+    """One column, or all of one form: ``<joint>`` and the like stand for a name of the machine.
+
+    ``unit``: a unit, ``length`` or ``angle`` (that of the machine file), ``reading`` (that of the joint), or empty.
+    ``default``: what holds where the column is missing. ``sensor``: the types that read it, none where it is no reading.
+    """
+
+    name: str
+    holds: Holds
+    unit: str
+    text: str
+    default: str = ""
+    sensor: tuple[str, ...] = ()
+    values: tuple[str | int, ...] = ()
+    """All that a cell may say; anything when empty."""
+
+    @property
+    def pattern(self) -> str:
+        """A regular expression for its header: the name, with a unit in brackets where it has one."""
+        parts = [re.escape(part) for part in _PLACEHOLDER.split(self.name)]
+        suffix = r"( *\[[^\[\]]+\])?" if self.unit else ""
+        return f"^{'.+'.join(parts)}{suffix}$"
+
+
+def _missing(name: str) -> str:
+    """What a driver is taken to be where no column records it."""
+    driver = Driver.of(name)
+    return f"{driver.default:g} {driver.unit({})}".strip()
+
+
+JOINTS: Final = (
+    KnownColumn(
+        "<joint>",
+        "number",
+        "reading",
+        "Reading of a joint, as commanded or as its encoder says. Every joint of the machine has a column.",
+    ),
+)
+READINGS: Final = (
+    *(
+        KnownColumn(
+            axis, "number", "length", f"{axis} of the tool frame's origin.", sensor=("pose", "position")
+        )
+        for axis in "xyz"
+    ),
+    *(
+        KnownColumn(
+            axis,
+            "number",
+            "angle",
+            f"{axis[1]} of the rotation vector: axis times angle, no Euler angle.",
+            sensor=("pose",),
+        )
+        for axis in ("rx", "ry", "rz")
+    ),
+    *(
+        KnownColumn(
+            f"<target>.{axis}",
+            "number",
+            "length",
+            f"{axis} of a target, by its name in `points`.",
+            sensor=("targets",),
+        )
+        for axis in "xyz"
+    ),
+    KnownColumn(
+        "dL",
+        "number",
+        "length",
+        "Change of the distance since the row that `from` names.",
+        sensor=("distance", "irradiance"),
+    ),
+    KnownColumn("length", "number", "length", "Distance between the balls of the bar.", sensor=("ballbar",)),
+    KnownColumn(
+        "<bar>.length",
+        "number",
+        "length",
+        "The same of a bar that has a `name`.",
+        sensor=("ballbar",),
+    ),
+    KnownColumn("placement", "text", "", "Label of where the sockets stood.", sensor=("socket",)),
+    KnownColumn("socket", "text", "", "Label of the socket that held the ball.", sensor=("socket",)),
+    KnownColumn("set", "text", "", "Label of a mounting of the tool.", "one set", sensor=("socket",)),
+)
+ORDER: Final = (
+    KnownColumn(
+        "time",
+        "number",
+        "s",
+        "When the row was measured, on one clock. Drift, creep, slow heat and latency need it.",
+        "the order of the rows",
+    ),
+    KnownColumn(
+        "session",
+        "integer",
+        "",
+        "Number of the session: what happened between two homings or mountings.",
+        "each file is a session",
+    ),
+    KnownColumn(
+        "pose",
+        "integer",
+        "",
+        "Number of the pose. Rows of one number are repeats of it: they tell the noise.",
+        "no repeats",
+    ),
+    KnownColumn(
+        "from",
+        "integer",
+        "",
+        "Number of the pose that the reading is a change from: the latest earlier row that has it.",
+        sensor=("distance", "irradiance"),
+    ),
+    KnownColumn(
+        "role",
+        "text",
+        "",
+        "`validation` keeps a row out of every fit, to judge the result by.",
+        "calibration",
+        values=("calibration", "validation"),
+    ),
+)
+LOGGED: Final = (
+    KnownColumn(
+        "payload",
+        "number",
+        "kg",
+        "Mass carried: that of the mass called `payload`. Steps of it tell loads from geometry.",
+        "the machine file's, else 0 kg",
+    ),
+    KnownColumn(
+        "temperature.<place>",
+        "number",
+        "degC",
+        "Temperature of a place: `base`, `platform`, `tool`, `link2`, `leg1` ... Thermal expansion needs it.",
+        f"temperature.air, else {_missing('temperature.air')}",
+    ),
+    KnownColumn(
+        "temperature.air",
+        "number",
+        "degC",
+        "Temperature of the air. It serves every place without a column of its own.",
+        _missing("temperature.air"),
+    ),
+    KnownColumn(
+        "pressure", "number", "hPa", "Pressure of the air; refraction needs it.", _missing("pressure")
+    ),
+    KnownColumn(
+        "humidity",
+        "number",
+        "%",
+        "Relative humidity of the air; no effect reads it.",
+        _missing("humidity"),
+    ),
+    KnownColumn(
+        "approach.<joint>",
+        "number",
+        "",
+        "Side that the joint arrived from: +1 moving towards larger readings, -1 towards smaller, 0 unknown.",
+        "the order of the rows, for friction and piezos; no backlash is looked for",
+        values=(-1, 0, 1),
+    ),
+    KnownColumn(
+        "velocity.<joint>",
+        "number",
+        "reading/s",
+        "Velocity of the joint when the sensor read; latency needs it.",
+        "at rest",
+    ),
+)
+COLUMNS: Final = (*JOINTS, *READINGS, *ORDER, *LOGGED)
+
+__all__ = ["COLUMNS", "JOINTS", "LOGGED", "ORDER", "READINGS", "KnownColumn"]

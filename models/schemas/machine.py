@@ -1,0 +1,106 @@
+"""The JSON Schema of the machine file: what its sections say of themselves, mechanisms and sensors told apart by ``type``.
+
+It knows the types and effects that are registered when it is made, those of plug-ins that were loaded included.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, Final
+
+from truepose.models.builder import builders
+from truepose.models.effect import effects
+from truepose.models.effect_entry import EffectEntry
+from truepose.models.fields import Section
+from truepose.models.machine_file import DefaultTolerances, MachineDocument
+from truepose.models.registry import Registry
+from truepose.models.schema_line import MACHINE_SCHEMA
+from truepose.models.schemas.plain import Schema, plain_schema
+from truepose.models.sensor import sensors
+
+DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
+
+
+def machine_schema() -> Schema:
+    """The schema of a machine file. Lengths, angles and readings have the keyword ``unit`` with that word."""
+    document = plain_schema(MachineDocument)
+    fields = document["properties"]
+    mechanisms, instruments = _by_type(builders), _by_type(sensors)
+    _replace(fields["mechanism"], _one_of("mechanism", mechanisms))
+    one = _one_of("sensor", instruments)
+    _replace(fields["sensor"], {"anyOf": [{"type": "array", "items": one}, one]})
+    defaults = plain_schema(DefaultTolerances)["properties"]
+    fields["tolerances"]["properties"] = defaults
+    fields["effects"]["items"] = _effect()
+    own = {f"mechanism.{name}": schema for name, schema in mechanisms.items()}
+    own |= {f"sensor.{name}": schema for name, schema in instruments.items()}
+    head = {"$schema": DIALECT, "$id": MACHINE_SCHEMA, "title": "truepose machine file"}
+    return {**head, **document, "$defs": own}
+
+
+def schema_text(schema: Schema) -> str:
+    """A schema as the text of a file: keys in order, one line a value."""
+    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+
+
+def _effect() -> Schema:
+    """An entry of ``effects``: whatever is no field of every entry is a setting of its effect."""
+    entry = plain_schema(EffectEntry)
+    entry["properties"]["effect"]["enum"] = list(effects)
+    return {**entry, "additionalProperties": True}
+
+
+def _replace(field: Schema, by: Schema) -> None:
+    """Give a field another schema, with the description it has."""
+    text = field["description"]
+    field.clear()
+    field.update(by, description=text)
+
+
+def _one_of(kind: str, known: Mapping[str, Schema]) -> Schema:
+    """Any of the sections; first the words that ``type`` may say, for a clear message."""
+    names = dict.fromkeys(name for schema in known.values() for name in allowed(schema["properties"]["type"]))
+    return {
+        "type": "object",
+        "required": ["type"],
+        "properties": {"type": {"enum": list(names)}},
+        "oneOf": [{"$ref": f"#/$defs/{kind}.{name}"} for name in known],
+    }
+
+
+def _by_type(registry: Registry[Any]) -> dict[str, Schema]:
+    """Schemas of the sections whose ``type`` is registered. A plug-in that has no section may hold anything.
+
+    Where a type has several, the one that is called like it comes first, and the others are named ``type.class``.
+    """
+    names = list(registry)  # which imports the modules with their sections
+    sections = _below(Section)
+    out: dict[str, Schema] = {}
+    for name in names:
+        anything: Schema = {"type": "object", "properties": {"type": {"const": name}}, "required": ["type"]}
+        found = sorted(
+            (section for section in sections if _type(section) == name),
+            key=lambda section: (section.__name__.lower() != name, section.__name__),
+        )
+        out |= {name if k == 0 else f"{name}.{s.__name__}": plain_schema(s) for k, s in enumerate(found)}
+        out.setdefault(name, anything)
+    return out
+
+
+def allowed(schema: Schema) -> list[Any]:
+    """The values that a schema names; none where it names none."""
+    return [schema["const"]] if "const" in schema else list(schema.get("enum", ()))
+
+
+def _below(section: type[Section]) -> list[type[Section]]:
+    return [kind for child in section.__subclasses__() for kind in (child, *_below(child))]
+
+
+def _type(section: type[Section]) -> str | None:
+    """What a section's ``type`` must say; None for a section without one."""
+    field = section.model_fields.get("type")
+    return None if field is None else str(*getattr(field.annotation, "__args__", ()))
+
+
+__all__ = ["allowed", "machine_schema", "schema_text"]

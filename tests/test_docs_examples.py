@@ -1,0 +1,73 @@
+"""Every example of the reference pages: machine files load, recordings are read, commands run."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from support.documents import Block, blocks, complete, write_files
+from truepose.cli import app
+from truepose.identification.recording.load import load_recording
+from truepose.models.builders import serial
+from truepose.models.load import load_machine
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+PAGES = [DOCS / f"{name}.md" for name in ("machine_file", "recording", "first_ten_minutes")]
+EXAMPLES = [(page, block) for page in PAGES for block in blocks(page)]
+LANGUAGES = {"yaml", "csv", "sh", "xml"}
+
+
+def of(language: str) -> list[object]:
+    """The examples in a language, named by page and place."""
+    return [
+        pytest.param(page, block, id=f"{page.stem}-{block.info or k}")
+        for k, (page, block) in enumerate(EXAMPLES)
+        if block.language == language
+    ]
+
+
+def test_every_block_is_tried() -> None:
+    assert {block.language for _, block in EXAMPLES} == LANGUAGES
+
+
+@pytest.mark.parametrize(("page", "block"), of("yaml"))
+def test_a_machine_file_loads(page: Path, block: Block, tmp_path: Path) -> None:
+    if block.info == "convention" and not hasattr(serial, "CONVENTIONS"):
+        pytest.skip("tables in other conventions are not read yet")
+    write_files(page, tmp_path)
+    (tmp_path / "whole.yaml").write_text(block.text, encoding="utf-8")
+    machine = load_machine(tmp_path / "whole.yaml" if block.whole else complete(block.fields, page, tmp_path))
+    assert machine.mechanism.actuators and machine.sensors
+
+
+@pytest.mark.parametrize(("page", "block"), of("csv"))
+def test_a_recording_is_read_and_every_column_means_something(
+    page: Path, block: Block, tmp_path: Path
+) -> None:
+    write_files(page, tmp_path)
+    machine = load_machine(tmp_path / block.text.splitlines()[0].removeprefix("# "))
+    recording = load_recording(machine, [tmp_path / block.file])
+    assert len(recording) > 1
+    assert recording.notes == ()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_files(page, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    known = {info.name or getattr(info.callback, "__name__", "") for info in app.registered_commands}
+    missing = []
+    for block in blocks(page):
+        for line in block.text.splitlines() if block.language == "sh" else ():
+            program, command, *rest = shlex.split(line)
+            assert program == "truepose"
+            if command not in known:
+                missing.append(command)
+                continue
+            result = CliRunner().invoke(app, [command, *rest])
+            assert result.exit_code == 0, f"{line}\n{result.output}"
+    if missing:
+        pytest.skip(f"no command {', '.join(missing)} yet")
