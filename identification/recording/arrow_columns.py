@@ -68,7 +68,7 @@ class ArrowCells(Sequence[object]):
             values = pc.cast(cells, pa.float64(), safe=False)
         except pa.ArrowException:
             return None
-        out: FloatArray = np.array(values.to_numpy(), dtype=np.float64)
+        out: FloatArray = np.array(values, dtype=np.float64)
         return out if np.count_nonzero(~np.isfinite(out)) == cells.null_count else None
 
 

@@ -108,7 +108,7 @@ def _all_empty(table: Table, name: str) -> bool:
 
 
 def _lost(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
-    """A note on the readings that were lost."""
+    """Notes on the readings that were lost, and on rows that have none left."""
     gone = sorted((int(row), name) for name, v in observations.items() for row in np.flatnonzero(np.isnan(v)))
     if not gone:
         return []
@@ -116,8 +116,17 @@ def _lost(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
     return [
         f"{file}: {len(gone)} reading is missing ({where}): this channel of this row is not fitted"
         if len(gone) == 1
-        else f"{file}: {len(gone)} readings are missing ({where}): these channels of these rows are not fitted"
+        else f"{file}: {len(gone)} readings are missing ({where}): these channels of these rows are not fitted",
+        *_unread(file, observations),
     ]
+
+
+def _unread(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
+    rows = np.flatnonzero(np.all([np.isnan(values) for values in observations.values()], axis=0)) + 1
+    if not rows.size:
+        return []
+    named = shortened([str(row) for row in rows], _NAMED)
+    return [f"{file}: no reading is left in row{'s' if rows.size > 1 else ''} {named}: not fitted"]
 
 
 def _converted(table: Table, name: str, default: str, internal: str) -> FloatArray:
