@@ -27,10 +27,12 @@ from truepose.models.fields import (
     LengthTolerance,
     LengthToleranceVector,
     LengthVector,
+    Mass,
     Number,
     Section,
     Vector,
     bad_value,
+    is_quantity,
 )
 from truepose.models.tolerances import Tolerances
 from truepose.models.units import UnitSystem, parse_unit
@@ -178,7 +180,7 @@ class _ExpectedPose(Section):
 
 
 class _Mass(Section):
-    kg: Number = Field(ge=0.0)
+    kg: Mass = Field(ge=0.0)
     com: LengthVector = _ZERO
     in_: str = Field(alias="in")
 
@@ -195,12 +197,18 @@ def _one_or_several(value: object) -> object:
     return value if isinstance(value, list) else [_typed_mapping(value)]
 
 
-def _numbers(value: object) -> tuple[float, ...]:
+def _numbers(value: object) -> tuple[float | str, ...]:
+    """Numbers in the file's units, and texts such as ``20um``, whose unit the parameter decides on."""
     items: list[Any] = value if isinstance(value, list) else [value]
-    plain = all(isinstance(item, (int, float)) and not isinstance(item, bool) for item in items)
-    if not items or not plain or not all(item >= 0 for item in items):
+    if not items or not all(_is_tolerance(item) for item in items):
         raise bad_value("a number >= 0 or .inf, or several for a vector", value)
-    return tuple(float(item) for item in items)
+    return tuple(item if isinstance(item, str) else float(item) for item in items)
+
+
+def _is_tolerance(item: object) -> bool:
+    if isinstance(item, str):
+        return is_quantity(item) and not item.lstrip().startswith("-")
+    return isinstance(item, (int, float)) and not isinstance(item, bool) and item >= 0
 
 
 def _interval(value: object) -> tuple[float, float]:
@@ -212,7 +220,7 @@ def _interval(value: object) -> tuple[float, float]:
 
 
 RawSection = Annotated[dict[str, Any], BeforeValidator(_typed_mapping)]
-_Override = Annotated[tuple[float, ...], BeforeValidator(_numbers)]
+_Override = Annotated[tuple[float | str, ...], BeforeValidator(_numbers)]
 _Interval = Annotated[tuple[float, float], BeforeValidator(_interval)]
 
 

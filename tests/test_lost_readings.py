@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 
 import truepose
-from truepose.codegen.evaluation import engine
+from support.engines import compile_all
+from support.generated_c import needs_compiler
 from truepose.errors import InputError
 from truepose.identification.diagnosis.alarms import replicate_noise
 from truepose.identification.fit.align import aligned_start
@@ -134,6 +135,7 @@ def test_the_gradient_vanishes_where_two_sensors_told_apart_say_so(tmp_path: Pat
     assert fit.n_observations == 26 * 6 - 9
 
 
+@needs_compiler
 def test_every_route_to_the_minimum_leaves_them_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Row by row, by compiled sums, and as one program."""
     machine = _machine(tmp_path, "pose")
@@ -147,7 +149,7 @@ def test_every_route_to_the_minimum_leaves_them_out(tmp_path: Path, monkeypatch:
         sums.append(weight)
         return rows_of_sums(self, p, weight, scale, least)
 
-    monkeypatch.setattr(engine, "FEWEST_ROWS", 1)
+    compile_all(monkeypatch, tmp_path / "cache")
     monkeypatch.setattr(NormalEquations, "rows", counted)
     summed = estimate(machine, recording)
     monkeypatch.undo()

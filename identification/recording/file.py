@@ -207,7 +207,9 @@ def _from_row(table: Table, pose: IntArray | None, time: FloatArray | None) -> I
 
 
 def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tuple[str, ...]:
-    ignored = [name for name in table.names if name not in known]
+    of_averages = {"samples", *(f"{name}.sigma" for name in known)}
+    of_averages |= {f"{name.rpartition('.')[0]}.samples" for name in known}
+    ignored = [name for name in table.names if name not in known | of_averages]
     if not ignored:
         return ()
     optional = {*known, *_LOGGED, *_of_joints(joints)}

@@ -36,7 +36,7 @@ _SI_UNITS: Final = {"mm": "m", "rad": "rad"}
 _HEADER: Final = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$")
 _ROUND: Final = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
 _PARQUET_MAGIC: Final = b"PAR1"
-_BAG_MAGIC: Final = (b"\x89MCAP0\r\n", b"SQLite format 3\0")
+_BAG_MAGIC: Final = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V")
 _LARGEST_INTEGER: Final = 2**53  # beyond it a float holds no odd number
 
 
