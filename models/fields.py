@@ -35,7 +35,8 @@ def bad_value(expected: str, found: object) -> PydanticCustomError:
 
 
 _QUANTITY = re.compile(
-    r"\s*(?P<value>[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|\.?inf))\s*(?P<unit>[^\d\s.+-].*?)\s*", re.IGNORECASE
+    r"\s*(?P<value>[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|\.?inf))\s*(?P<unit>[^\d\s.+-].*?)\s*",
+    re.IGNORECASE,
 )
 
 

@@ -17,8 +17,8 @@ _AXES, _TURNS, _DIRECTION = ("x", "y", "z"), ("rx", "ry", "rz"), "u"
 class Tolerances:
     """Default 1-sigma tolerances and overrides.
 
-    `length` mm, `angle` rad, 0.0 where the file has none. `overrides` are as written, in the file's
-    units, or as texts with their own (`20um`): one number for a name, or numbers for a vector, keyed by a parameter (`leg3.a.x`), by what it
+    `length` mm, `angle` rad, 0.0 where the file has none. `overrides` are as written, in the file's units, or as texts
+    with their own (`20um`): one number for a name, or numbers for a vector, keyed by a parameter (`leg3.a.x`), by what it
     is a component of (`leg3.a`, `tool`, `tool.xyz`, `tool.rpy`), or by the end of its name (`gain`, `a`,
     `u.x`), which then holds for every element. The more specific key wins.
     """
@@ -60,7 +60,9 @@ class Tolerances:
             own = "rad" if _is_direction(parameter) else unit
             stated = quantity(value, own)
             if stated is None:
-                raise InputError(f"{where}: found {value!r}, expected a number with a unit convertible to {own}")
+                raise InputError(
+                    f"{where}: found {value!r}, expected a number with a unit convertible to {own}"
+                )
             return stated
         if _is_direction(parameter):
             return convert(value, self.units.angle, "rad", where)

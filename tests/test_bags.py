@@ -91,7 +91,9 @@ def run(see: Callable[[float, int, np.random.Generator], list[tuple[str, Any]]])
         goal, phase = divmod(k, 150)
         last = GOALS[goal - 1] if goal else (0.0, 0.0)
         share = min(phase / 50, 1.0)
-        q = [a + share * (b - a) + 1e-6 * rng.standard_normal() for a, b in zip(last, GOALS[goal], strict=True)]
+        q = [
+            a + share * (b - a) + 1e-6 * rng.standard_normal() for a, b in zip(last, GOALS[goal], strict=True)
+        ]
         said.append((t, "/joint_states", joint_state(t, ["b", "a", "gripper"], [q[1], q[0], 0.0])))
         if k % 2 == 0:
             said += [(t + 0.004, topic, message) for topic, message in see(t + 0.004, goal, rng)]
@@ -99,7 +101,9 @@ def run(see: Callable[[float, int, np.random.Generator], list[tuple[str, Any]]])
 
 
 def tracker(t: float, goal: int, rng: np.random.Generator) -> list[tuple[str, Any]]:
-    turn = Rotation.from_rotvec([np.pi - 1e-4, 0.1 * goal, 0]) * Rotation.from_rotvec(1e-5 * rng.standard_normal(3))
+    turn = Rotation.from_rotvec([np.pi - 1e-4, 0.1 * goal, 0]) * Rotation.from_rotvec(
+        1e-5 * rng.standard_normal(3)
+    )
     xyz = np.array([1.0 + goal, 2.0, -0.5]) + 2e-5 * rng.standard_normal(3)
     return [("/tracker/pose", pose_stamped(t, xyz, turn.as_rotvec()))]
 
@@ -156,10 +160,14 @@ def test_one_frame_among_several_is_chosen(tmp_path: Path) -> None:
         return [("/tf", tf(*both))]
 
     path = write(tmp_path / "bag", run(see))
-    with pytest.raises(InputError, match=r"bag: found poses in 'tracker->probe', 'tracker->link', expected one.*--topic"):
+    with pytest.raises(
+        InputError, match=r"bag: found poses in 'tracker->probe', 'tracker->link', expected one.*--topic"
+    ):
         read_bag(path)
     np.testing.assert_allclose(read_bag(path, "tracker->link").numbers("x"), [1, 2, 3], atol=1e-12)
-    with pytest.raises(InputError, match="--topic: found 'probe', expected 'tracker->probe' or 'tracker->link'"):
+    with pytest.raises(
+        InputError, match="--topic: found 'probe', expected 'tracker->probe' or 'tracker->link'"
+    ):
         read_bag(path, "probe")
 
 

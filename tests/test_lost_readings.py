@@ -140,7 +140,9 @@ def test_every_route_to_the_minimum_leaves_them_out(tmp_path: Path, monkeypatch:
     """Row by row, by compiled sums, and as one program."""
     machine = _machine(tmp_path, "pose")
     rows = _rows(machine, 60)
-    recording = truepose.load_recording(machine, _without(rows, [(k, "ry") for k in range(0, 30, 3)] + [(1, "x")]))
+    recording = truepose.load_recording(
+        machine, _without(rows, [(k, "ry") for k in range(0, 30, 3)] + [(1, "x")])
+    )
     plain = estimate(machine, recording)
     sums: list[np.ndarray] = []
     rows_of_sums = NormalEquations.rows
@@ -237,11 +239,13 @@ def test_text_and_columns_without_a_reading_are_refused(tmp_path: Path) -> None:
     rows = _rows(machine, 5)
     path = tmp_path / "r.csv"
     rows.assign(x=["nan", *map(str, rows["x"][1:])]).to_csv(path, index=False)
-    expected = r"r\.csv: row 1 \(line 2\), column 'x': found 'nan', .* leave the cell empty where a reading was lost"
+    expected = (
+        r"r\.csv: row 1 \(line 2\), column 'x': found 'nan', .* leave the cell empty where a reading was lost"
+    )
     with pytest.raises(InputError, match=expected):
         truepose.load_recording(machine, path)
     with pytest.raises(InputError, match="DataFrame: column 'x': every cell is empty"):
         truepose.load_recording(machine, rows.assign(x=np.nan))
-    with pytest.raises(InputError, match="column 'q2': found (nan|an empty cell)"):
+    with pytest.raises(InputError, match=r"column 'q2': found (nan|an empty cell)"):
         truepose.load_recording(machine, _without(rows, [(2, "q2")]))
     assert len(truepose.predict(machine, rows.assign(x=np.nan))) == 5

@@ -18,12 +18,18 @@ ROW_2 = "s,r,x,rx\n10,90,1,180\n{}\n"
 REFUSED = {
     "missing joint": ("r,x,rx,ss\n0,0,0,0\n", "a.csv: missing column 's'; did you mean 'ss'?"),
     "missing reading": ("s,r,x\n0,0,0\n", "a.csv: missing column 'rx'"),
-    "text": (ROW_2.format("10,abc,1,1"), "a.csv: row 2 (line 3), column 'r': found 'abc', expected a finite number"),
+    "text": (
+        ROW_2.format("10,abc,1,1"),
+        "a.csv: row 2 (line 3), column 'r': found 'abc', expected a finite number",
+    ),
     "grouped digits": (ROW_2.format("1_0,0,1,1"), "a.csv: row 2 (line 3), column 's': found '1_0'"),
     "nan": (ROW_2.format("10,0,nan,1"), "a.csv: row 2 (line 3), column 'x': found 'nan'"),
     "infinity": (ROW_2.format("10,0,1,-inf"), "a.csv: row 2 (line 3), column 'rx': found '-inf'"),
     "empty cell": (ROW_2.format("10,,0,1"), "a.csv: row 2 (line 3), column 'r': found an empty cell"),
-    "empty column": ("s,r,x,rx\n0,0,,0\n1,1,,0\n", "a.csv: column 'x': every cell is empty, expected readings"),
+    "empty column": (
+        "s,r,x,rx\n0,0,,0\n1,1,,0\n",
+        "a.csv: column 'x': every cell is empty, expected readings",
+    ),
     "short row": (ROW_2.format("10,0,1"), "a.csv: row 2 (line 3): found 3 cells, expected 4"),
     "above range": (
         ROW_2.format("105.1,0,1,1"),

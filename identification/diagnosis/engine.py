@@ -48,7 +48,8 @@ def diagnose(
 ) -> Diagnosis:
     """Say what physics the model of ``machine`` leaves out of ``recording``, model it and prove it.
 
-    A path, a DataFrame or a dict of columns is a recording, too. Raises InputError for unusable input and ConvergenceError when the fit without effects finds no minimum.
+    A path, a DataFrame or a dict of columns is a recording, too. Raises InputError for unusable input and
+    ConvergenceError when the fit without effects finds no minimum.
     """
     recording = as_recording(machine, recording)
     progress("fitting without effects")

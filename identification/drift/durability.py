@@ -157,9 +157,7 @@ class _Setting:
         return Check(rms, expected, units, float(p), enough or not (p < self.level and worse))
 
     def _rms(self, fit: Estimate) -> dict[str, float]:
-        return rms_by_kind(
-            fit.residual[fit.used], self.session.predictor.channels, fit.lost_among(fit.used)
-        )
+        return rms_by_kind(fit.residual[fit.used], self.session.predictor.channels, fit.lost_among(fit.used))
 
     def _expected(self, met: Estimate, kept: NDArray[np.bool_]) -> dict[str, float]:
         """rms if nothing carried over moved: noise, less what a refit takes up, and the first fit's errors."""

@@ -75,7 +75,9 @@ def summarise(fit: Estimate, validation: NDArray[np.bool_]) -> FitSummary:
     return FitSummary(
         rms=rms_by_kind(fit.residual[fit.used], channels, fit.lost_among(fit.used)),
         chi2_per_dof=fit.chi2_per_dof,
-        validation_rms=rms_by_kind(fit.residual[rows], channels, fit.lost_among(rows)) if rows.any() else None,
+        validation_rms=rms_by_kind(fit.residual[rows], channels, fit.lost_among(rows))
+        if rows.any()
+        else None,
         worst_parameter_sigma=fit.worst_parameter_sigma,
         worst_parameter=fit.prior.names[int(np.argmax(away))],
         worst_allowed=worst_allowed(fit),

@@ -37,7 +37,9 @@ def load_recording(
     counted = need_observations and any(isinstance(sensor, Irradiance) for sensor in machine.sensors)
     lacking = [k for k, table in enumerate(files) if "dL" not in table] if counted else []
     if lacking and not irradiance:
-        raise InputError(f"{files[lacking[0]].file}: missing column 'dL', and no --irradiance to count it from")
+        raise InputError(
+            f"{files[lacking[0]].file}: missing column 'dL', and no --irradiance to count it from"
+        )
     if counted and len(irradiance) != len(lacking):
         raise InputError(
             f"--irradiance: found {len(irradiance)} tables, expected {len(lacking)}: one for each recording "

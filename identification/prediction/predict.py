@@ -43,7 +43,8 @@ class Prediction:
 def predict(machine: Machine, recording: Recording | Sources) -> pd.DataFrame:
     """One row for each row, in order: sensor columns, ``<column>.std``, pose.x ... pose.rz (rotation vector).
 
-    A path, a DataFrame or a dict of columns is a recording, too; it needs no readings. Columns are in the units of the machine file. Rows that cannot be assembled are NaN (see ``unassembled``).
+    A path, a DataFrame or a dict of columns is a recording, too; it needs no readings. Columns are in the units of the
+    machine file. Rows that cannot be assembled are NaN (see ``unassembled``).
     """
     recording = as_recording(machine, recording, need_observations=False)
     found = predicted(predictor_for(machine, recording))

@@ -53,7 +53,9 @@ def joined(rows: slice, parts: Sequence[Block]) -> Block:
     here = np.concatenate([part.here for part in parts], axis=1)
     lost = None
     if any(part.lost is not None for part in parts):
-        lost = np.hstack([np.zeros(p.residual.shape, dtype=bool) if p.lost is None else p.lost for p in parts])
+        lost = np.hstack(
+            [np.zeros(p.residual.shape, dtype=bool) if p.lost is None else p.lost for p in parts]
+        )
     if all(part.compare is None for part in parts):
         return Block(rows, residual, here, lost=lost)
     ends = np.cumsum([part.here.shape[1] for part in parts])[:-1]

@@ -51,7 +51,9 @@ class _Log:
             self._pose(kind, topic, message.header, [*_xyz(pose.position), *_turn(pose.orientation)], logged)
         else:
             for name, position in zip(message.name, message.position, strict=False):
-                self.joints.setdefault(str(name), []).append((_stamp(message.header, logged), [float(position)]))
+                self.joints.setdefault(str(name), []).append(
+                    (_stamp(message.header, logged), [float(position)])
+                )
 
     def _pose(self, kind: str, name: str, header: Any, values: list[float], logged: float) -> None:
         self.kinds[name] = kind
@@ -69,15 +71,18 @@ def read_bag(
     """A row for each stretch in which all joints stand still for ``seconds`` within ``band`` (rad, m), with its time.
 
     ``topic``: the topic of poses or points, or the frame ``parent->child``, where there are several; ``joints``: those
-    that matter, by default all. Beside the pose's columns stand ``<column>.sigma``, the 1-sigma of the average by its scatter, and ``samples``. Raises InputError without
-    rosbags, for what is no bag, for one without joints or poses, and where several could be meant.
+    that matter, by default all. Beside the pose's columns stand ``<column>.sigma``, the 1-sigma of the average by its
+    scatter, and ``samples``. Raises InputError without rosbags, for what is no bag, for one without joints or poses,
+    and where several could be meant.
     """
     log = _read(path)
     if not log.joints:
         raise InputError(f"{path}: found no message of type JointState, expected the joints by name")
     unknown = [name for name in joints if name not in log.joints]
     if unknown:
-        raise InputError(f"{path}: found no joint {unknown[0]!r}, expected {joined(map(repr, log.joints), 'or')}")
+        raise InputError(
+            f"{path}: found no joint {unknown[0]!r}, expected {joined(map(repr, log.joints), 'or')}"
+        )
     streams = {name: Stream.of(log.joints[name]) for name in joints or log.joints}
     seen = {prefix: Stream.of(log.poses[name]) for prefix, name in _chosen(log, topic, path).items()}
     found = stretches(streams, band, seconds)
@@ -103,13 +108,17 @@ def _read(path: Path) -> _Log:
             for kind, topic, time, message in _messages(reader):
                 log.add(kind, topic, message, time)
     except (AnyReaderError, OSError, ValueError, KeyError) as exc:
-        raise InputError(f"{path}: cannot read the bag: {str(exc).splitlines()[0] if str(exc) else exc!r}") from None
+        raise InputError(
+            f"{path}: cannot read the bag: {str(exc).splitlines()[0] if str(exc) else exc!r}"
+        ) from None
     return log
 
 
 def _messages(reader: Any) -> Iterator[tuple[str, str, float, Any]]:
     kinds = {c.msgtype: c.msgtype.rpartition("/")[2] for c in reader.connections}
-    wanted = [c for c in reader.connections if kinds[c.msgtype] in _TYPES and not c.topic.endswith("tf_static")]
+    wanted = [
+        c for c in reader.connections if kinds[c.msgtype] in _TYPES and not c.topic.endswith("tf_static")
+    ]
     if wanted:
         for connection, time, data in reader.messages(connections=wanted):
             message = reader.deserialize(data, connection.msgtype)
@@ -120,17 +129,23 @@ def _chosen(log: _Log, topic: str | None, path: Path) -> Mapping[str, str]:
     """The stream of each point or pose by what its columns begin with."""
     if topic is not None:
         if topic not in log.poses:
-            raise InputError(f"{path}: --topic: found {topic!r}, expected {joined(map(repr, log.poses), 'or')}")
+            raise InputError(
+                f"{path}: --topic: found {topic!r}, expected {joined(map(repr, log.poses), 'or')}"
+            )
         return {"": topic}
     topics = [name for name, kind in log.kinds.items() if kind != _FRAME] or list(log.kinds)
     if not topics:
-        raise InputError(f"{path}: found no pose, expected PoseStamped, TransformStamped, TFMessage or PointStamped")
+        raise InputError(
+            f"{path}: found no pose, expected PoseStamped, TransformStamped, TFMessage or PointStamped"
+        )
     if len(topics) == 1:
         return {"": topics[0]}
     points = {f"{name.rstrip('/').rpartition('/')[2]}.": name for name in topics}
     if all(log.kinds[name] == _POINT for name in topics) and len(points) == len(topics):
         return points
-    raise InputError(f"{path}: found poses in {shortened([repr(t) for t in topics], 8)}, expected one; {_GIVEN}")
+    raise InputError(
+        f"{path}: found poses in {shortened([repr(t) for t in topics], 8)}, expected one; {_GIVEN}"
+    )
 
 
 def _table(
@@ -150,7 +165,10 @@ def _table(
         averages = [_average(stream.between(a, b), width) for a, b in rows]
         for k, (axis, unit) in enumerate(_AXES[:width]):
             columns += [Column(f"{prefix}{axis}", unit), Column(f"{prefix}{axis}.sigma", unit)]
-            cells += [np.array([found.mean[k] for found in averages]), np.array([found.sigma[k] for found in averages])]
+            cells += [
+                np.array([found.mean[k] for found in averages]),
+                np.array([found.sigma[k] for found in averages]),
+            ]
         columns.append(Column(f"{prefix}samples"))
         cells.append(np.array([float(found.count) for found in averages]))
         told.append(_words(prefix, averages))

@@ -40,7 +40,9 @@ def with_decimal_points(
     comma = found(commas[0], _COMMA)
     for k, array in enumerate(arrays):
         if pc.any(pc.match_substring_regex(array, _POINT)).as_py():
-            raise InputError(f"{where}: found {comma} and {found(k, _POINT)}, expected one decimal mark throughout")
+            raise InputError(
+                f"{where}: found {comma} and {found(k, _POINT)}, expected one decimal mark throughout"
+            )
     if separator != ";" and all(_all_grouped(arrays[k]) for k in commas):
         raise InputError(
             f"{where}: found {comma}: the comma may mark decimals or thousands; write a point, or a semicolon "

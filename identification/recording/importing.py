@@ -26,7 +26,12 @@ _XYZ: Final = ("x", "y", "z")
 
 
 def read_foreign(
-    path: Path, form: str = "auto", *, unit: str | None = None, topic: str | None = None, joints: Sequence[str] = ()
+    path: Path,
+    form: str = "auto",
+    *,
+    unit: str | None = None,
+    topic: str | None = None,
+    joints: Sequence[str] = (),
 ) -> Table:
     """A file of another program as a table; ``form`` is one of FORMATS.
 
@@ -106,12 +111,17 @@ def with_joints(points: Table, joints: Table) -> Table:
     own = [c for c in points.columns if c.name != "name" and c.name not in joints]
     twice = [c.name for c in points.columns if c.name in joints and c.name not in ("name", "time")]
     if twice:
-        raise InputError(f"{joints.file}: column {twice[0]!r}: found there and in {points.file}, expected it in one")
+        raise InputError(
+            f"{joints.file}: column {twice[0]!r}: found there and in {points.file}, expected it in one"
+        )
     cells = {c.name: [points.cells[c.name][k] for k in order] for c in own}
     kept = joints if key in (None, "pose") else joints.without([str(key)])
     note = f"{joints.file}: joined with {points.file} by " + ("order" if key is None else f"column {key!r}")
     return replace(
-        kept, columns=(*kept.columns, *own), cells={**kept.cells, **cells}, notes=(*kept.notes, *points.notes, note)
+        kept,
+        columns=(*kept.columns, *own),
+        cells={**kept.cells, **cells},
+        notes=(*kept.notes, *points.notes, note),
     )
 
 
@@ -127,15 +137,18 @@ def _matched(points: Table, joints: Table, key: str) -> list[int]:
     for row, name in enumerate(names):
         for known in dict.fromkeys((name, _short(name))):
             if known in at and key != "pose":
-                raise InputError(f"{points.where('name', row)}: found {known!r} again, expected names that differ")
+                raise InputError(
+                    f"{points.where('name', row)}: found {known!r} again, expected names that differ"
+                )
             at[known] = row
     missing = [name for name in wanted if name not in at]
     if missing:
         told = shortened([repr(name) for name in missing], 4)
         raise InputError(f"{joints.file}: column {key!r}: found {told}, no point of {points.file}")
-    again = next((name for k, name in enumerate(wanted) if name in wanted[:k]), None)
+    again = next((k for k, name in enumerate(wanted) if name in wanted[:k]), None)
     if again is not None:
-        raise InputError(f"{joints.where(key, wanted.index(again))}: found {again!r} again, expected names that differ")
+        found = f"{joints.where(key, again)}: found {wanted[again]!r} again"
+        raise InputError(f"{found}, expected names that differ")
     return [at[name] for name in wanted]
 
 
@@ -148,7 +161,9 @@ def renamed(table: Table, names: Mapping[str, str]) -> Table:
     """The table with other names for columns. Raises InputError for a column that is not there, or is already."""
     for old, new in names.items():
         if old not in table:
-            raise InputError(f"--rename {old}={new}: found no column {old!r}, expected {joined(table.names, 'or')}")
+            raise InputError(
+                f"--rename {old}={new}: found no column {old!r}, expected {joined(table.names, 'or')}"
+            )
         if new in table:
             raise InputError(f"--rename {old}={new}: found a column {new!r} already")
     return table.renamed(names)

@@ -49,7 +49,9 @@ def _table(source: Any, number: str) -> Table:
         return read_table(Path(source))
     if is_table(source):
         return table_in_memory(source, f"{type(source).__name__}{number}")
-    raise InputError(f"recording{number}: found {type(source).__name__}, expected a path, a DataFrame or a dict")
+    raise InputError(
+        f"recording{number}: found {type(source).__name__}, expected a path, a DataFrame or a dict"
+    )
 
 
 def load_recording(

@@ -50,7 +50,7 @@ def _cells(column: pd.Series[Any]) -> Sequence[object]:
     try:
         found = pa.array(column, from_pandas=True)
     except pa.ArrowException:  # cells of several kinds
-        return [None if cell is None or cell is pd.NA or cell != cell else cell for cell in column]
+        return [None if cell is None or pd.isna(cell) else cell for cell in column]
     return ArrowCells(found)
 
 

@@ -51,7 +51,11 @@ def missing_column(table: Table, name: str, known: Collection[str]) -> InputErro
 def _glued(written: str, name: str) -> bool:
     """Whether a column is ``x_mm``: the name and a unit."""
     start, unit = written[: len(name)], written[len(name) + 1 :]
-    return start.casefold() == name.casefold() and written[len(name) :][:1] in ("_", "-", ".", "/") and is_unit(unit)
+    return (
+        start.casefold() == name.casefold()
+        and written[len(name) :][:1] in ("_", "-", ".", "/")
+        and is_unit(unit)
+    )
 
 
 __all__ = ["in_known_case", "missing_column"]

@@ -48,7 +48,9 @@ class Average:
     count: int
 
 
-def stretches(joints: Mapping[str, Stream], band: float = BAND, seconds: float = SECONDS) -> list[tuple[float, float]]:
+def stretches(
+    joints: Mapping[str, Stream], band: float = BAND, seconds: float = SECONDS
+) -> list[tuple[float, float]]:
     """(start, end) of every stretch in which all joints stand still, s."""
     common: list[tuple[float, float]] | None = None
     for stream in joints.values():

@@ -25,9 +25,14 @@ def read_spreadsheet(path: Path) -> TextTable:
         ) from None
     try:
         with calamine.CalamineWorkbook.from_path(path) as book:
-            sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names}
+            sheets = {
+                name: book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+                for name in book.sheet_names
+            }
     except (calamine.CalamineError, OSError) as exc:
-        raise InputError(f"{path}: cannot read the file: no Excel workbook ({str(exc).splitlines()[0]})") from None
+        raise InputError(
+            f"{path}: cannot read the file: no Excel workbook ({str(exc).splitlines()[0]})"
+        ) from None
     full = {name: rows for name, rows in sheets.items() if any(map(_told, rows))}
     if len(full) != 1:
         found = ", ".join(repr(name) for name in full) or "none"

@@ -244,7 +244,9 @@ def _number(cell: object) -> float:
 
 def _empty(cell: object) -> bool:
     """Whether nothing is there; NaN outside of texts is nothing."""
-    return cell is None or (not cell.strip() if isinstance(cell, str) else cell != cell)
+    return cell is None or (
+        not cell.strip() if isinstance(cell, str) else isinstance(cell, float) and math.isnan(cell)
+    )
 
 
 def _fault(cell: object) -> str:

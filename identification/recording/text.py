@@ -63,7 +63,9 @@ def read_text(data: bytes, where: str, *, large: bool) -> TextTable:
     if not first:
         raise InputError(f"{where}: found no header, expected a line with the names of the columns")
     separator = separator or _separator(text, first, where)
-    headers = _cells(first, separator) if separator == SPACES else next(csv.reader([first], delimiter=separator))
+    headers = (
+        _cells(first, separator) if separator == SPACES else next(csv.reader([first], delimiter=separator))
+    )
     rows, lines = _rows(kept, separator)
     _check_lengths(where, headers, rows, lines, separator)
     columns: Sequence[Sequence[object]] = [[row[k] for row in rows] for k in range(len(headers))]
@@ -88,7 +90,9 @@ def decoded(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
         text, notes = data.decode("latin-1"), (f"{where}: read as Latin-1: it is no text in UTF-8",)
     found = _BINARY.search(text)
     if found:
-        raise InputError(f"{where}: cannot read the file: found the control character {found[0]!r}, expected text")
+        raise InputError(
+            f"{where}: cannot read the file: found the control character {found[0]!r}, expected text"
+        )
     return text, notes
 
 
@@ -97,7 +101,9 @@ class _Kept(Iterator[str]):
 
     def __init__(self, text: str) -> None:
         self.number = 0
-        self._lines = ((k, line) for k, line in enumerate(io.StringIO(text, newline=""), start=1) if counts(line))
+        self._lines = (
+            (k, line) for k, line in enumerate(io.StringIO(text, newline=""), start=1) if counts(line)
+        )
 
     def __next__(self) -> str:
         self.number, line = next(self._lines)

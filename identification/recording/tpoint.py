@@ -26,7 +26,9 @@ Array = NDArray[np.float64]
 DISTANCE: Final = 1000.0
 """mm: a direction's error of 1 mrad is one of 1 mm."""
 _OPTION: Final = re.compile(r"^\s*:\s*([A-Za-z]+)", re.MULTILINE)
-_OPTIONS: Final = frozenset({"NODA", "EQUAT", "ALTAZ", "ALLSKY", "GIMBAL", "J2000", "ROTNL", "ROTNR", "ROTTEL"})
+_OPTIONS: Final = frozenset(
+    {"NODA", "EQUAT", "ALTAZ", "ALLSKY", "GIMBAL", "J2000", "ROTNL", "ROTNR", "ROTTEL"}
+)
 _FIELDS = 14
 
 
@@ -52,7 +54,9 @@ def read_tpoint(text: str, file: str) -> Table:
     if "ALTAZ" in options:
         true, read = _horizontal(*true, latitude), _horizontal(*read, latitude)
     turned = -np.angle(np.exp(1j * read[0]))
-    point = np.column_stack([np.cos(true[1]) * np.cos(true[0]), -np.cos(true[1]) * np.sin(true[0]), np.sin(true[1])])
+    point = np.column_stack(
+        [np.cos(true[1]) * np.cos(true[0]), -np.cos(true[1]) * np.sin(true[0]), np.sin(true[1])]
+    )
     values = [np.degrees(turned), np.degrees(read[1]), *(DISTANCE * point).T]
     columns = (Column("q1", "deg"), Column("q2", "deg"), *(Column(axis, "mm") for axis in "xyz"))
     cells = {column.name: ArrowCells(v) for column, v in zip(columns, values, strict=True)}

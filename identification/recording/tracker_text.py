@@ -13,7 +13,7 @@ from typing import Final
 
 from truepose.errors import InputError
 from truepose.identification.recording.table import Column, Table
-from truepose.models.units import is_unit, parse_unit
+from truepose.models.units import parse_unit
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,12 @@ class Dialect:
 
 DIALECTS: Final[Mapping[str, Dialect]] = {
     "spatialanalyzer": Dialect(("//", "#"), re.compile(r"^\s*//|SpatialAnalyzer|\S::\S", re.MULTILINE)),
-    "leica": Dialect(("!", "%", "#", "*"), re.compile(r"leica|axyz|tracker\s*pilot|t-scan|t-probe|emscon", re.IGNORECASE)),
-    "faro": Dialect(("!", "#", "//", "*"), re.compile(r"\bfaro\b|\bcam2\b|\bX\s*[=:]?\s*[-+]?\d", re.IGNORECASE)),
+    "leica": Dialect(
+        ("!", "%", "#", "*"), re.compile(r"leica|axyz|tracker\s*pilot|t-scan|t-probe|emscon", re.IGNORECASE)
+    ),
+    "faro": Dialect(
+        ("!", "#", "//", "*"), re.compile(r"\bfaro\b|\bcam2\b|\bX\s*[=:]?\s*[-+]?\d", re.IGNORECASE)
+    ),
 }
 ANY: Final = Dialect(("!", "%", "#", "//", "*"), re.compile(""))
 _AXES: Final = ("x", "y", "z")
@@ -75,7 +79,7 @@ def read_points(text: str, file: str, dialect: Dialect, unit: str | None = None)
             continue
         words = _words(line.lstrip("/!%#* ") if comment else line)
         header = _header(words) or header if not points else header
-        if comment or (not points and not _numeric(words, header)):
+        if comment or (not points and not _numeric(words)):
             continue  # a heading
         name, xyz = _point(words, header, f"{file}: line {number}")
         names.append(name)
@@ -99,9 +103,13 @@ def _table(
     notes = []
     known = unit or (header.unit if header and header.unit else said)
     if known is None:
-        notes.append(f"{file}: states no unit: its lengths are taken as {dialect.unit} (--unit says otherwise)")
+        notes.append(
+            f"{file}: states no unit: its lengths are taken as {dialect.unit} (--unit says otherwise)"
+        )
     if header and header.turns:
-        notes.append(f"{file}: {', '.join(header.turns)} left out: the file does not say which rotation they mean")
+        notes.append(
+            f"{file}: {', '.join(header.turns)} left out: the file does not say which rotation they mean"
+        )
     length = parse_unit(known or dialect.unit, "length", f"{file}: unit")
     cells: dict[str, Sequence[object]] = {"name": list(names)}
     cells |= {axis: [point[k] for point in points] for k, axis in enumerate(_AXES)}
@@ -134,19 +142,23 @@ def _header(words: Sequence[str]) -> _Header | None:
 
 def _length(word: str) -> str | None:
     """The unit of length that a word means."""
-    name = word.casefold()
-    return name if is_unit(name) and name in _LENGTHS else None
+    return _LENGTHS.get(word.casefold())
 
 
-_LENGTHS: Final = frozenset(
-    {"mm", "cm", "m", "um", "in", "ft", "inch", "inches", "foot", "feet"}
-    | {f"{scale}met{end}" for scale in ("", "milli", "centi", "micro") for end in ("er", "ers", "re", "res")}
-)
+_LENGTHS: Final[Mapping[str, str]] = {
+    **{unit: unit for unit in ("mm", "cm", "m", "um", "ft")},
+    **dict.fromkeys(("in", "inch", "inches"), "inch"),
+    **dict.fromkeys(("foot", "feet"), "ft"),
+    **{
+        f"{scale}met{end}": unit
+        for scale, unit in (("", "m"), ("milli", "mm"), ("centi", "cm"), ("micro", "um"))
+        for end in ("er", "ers", "re", "res")
+    },
+}
 
 
-def _numeric(words: Sequence[str], header: _Header | None) -> bool:
+def _numeric(words: Sequence[str]) -> bool:
     """Whether a line may be a point: three numbers in it."""
-    del header
     return sum(bool(_NUMBER.fullmatch(word)) for word in words) >= 3
 
 
@@ -159,7 +171,9 @@ def _point(words: Sequence[str], header: _Header | None, where: str) -> tuple[st
     cells = [words[k] if k < len(words) else "" for k in at]
     if not all(_NUMBER.fullmatch(cell) for cell in cells):
         raise InputError(f"{where}: found {' '.join(words)!r}, expected a name and x y z")
-    return "::".join(words[k] for k in own), [float(cell.replace("D", "e").replace("d", "e")) for cell in cells]
+    return "::".join(words[k] for k in own), [
+        float(cell.replace("D", "e").replace("d", "e")) for cell in cells
+    ]
 
 
 def _first_number(words: Sequence[str]) -> int:

@@ -36,7 +36,8 @@ TopicOption = Annotated[
     str | None, typer.Option(metavar="TOPIC", help="Of a bag's poses, or a frame parent->child.")
 ]
 JointOption = Annotated[
-    list[str] | None, typer.Option("--joint", metavar="NAME", help="Joint of a bag that matters (all); repeatable.")
+    list[str] | None,
+    typer.Option("--joint", metavar="NAME", help="Joint of a bag that matters (all); repeatable."),
 ]
 PrismaticOption = Annotated[
     list[str] | None,
