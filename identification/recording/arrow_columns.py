@@ -48,6 +48,16 @@ class ArrowCells(Sequence[object]):
         out: list[object] = self._cells.to_pylist()
         return out
 
+    @property
+    def empty(self) -> bool:
+        """Whether no cell holds anything but blanks."""
+        first = self._cells[0].as_py() if len(self) else None
+        if first is not None and str(first).strip():
+            return False
+        told = self._cells.drop_null()
+        text = pa.types.is_string(told.type) or pa.types.is_large_string(told.type)
+        return not len(told) or (text and not pc.any(pc.not_equal(pc.utf8_trim_whitespace(told), "")).as_py())
+
     def numbers(self, *, lost: bool = False) -> FloatArray | None:
         """(n,) values if every cell is a finite number or the plain text of one, else None.
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truepose.errors import InputError
+from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
@@ -104,7 +105,10 @@ def _all_empty(table: Table, name: str) -> bool:
     """Whether a column is there and holds nothing, as in a form that was not filled in."""
     if name not in table:
         return False
-    return all(cell is None or (isinstance(cell, str) and not cell.strip()) for cell in table.cells[name])
+    cells = table.cells[name]
+    if isinstance(cells, ArrowCells):
+        return cells.empty
+    return all(cell is None or (isinstance(cell, str) and not cell.strip()) for cell in cells)
 
 
 def _lost(file: str, observations: Mapping[str, FloatArray]) -> list[str]:

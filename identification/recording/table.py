@@ -95,7 +95,9 @@ class Table:
 
     def _numbers(self, name: str, *, lost: bool) -> FloatArray:
         cells = self.cells[name]
-        plain = cells.numbers(lost=lost) if isinstance(cells, ArrowCells) else None
+        plain = cells.numbers() if isinstance(cells, ArrowCells) else None
+        if plain is None and lost and isinstance(cells, ArrowCells):
+            plain = cells.numbers(lost=True)
         if plain is not None:
             return plain
         values = np.array([_number(cell) for cell in cells], dtype=np.float64)
@@ -188,9 +190,10 @@ def bag_table(
     path: Path, topic: str | None = None, joints: Sequence[str] = (), seconds: float | None = None
 ) -> Table:
     """A ROS bag as a table, a row for each stretch of ``seconds`` in which all joints stand; see ``bags.read_bag``."""
-    from truepose.identification.recording import bags
+    from truepose.identification.recording.bags import read_bag
+    from truepose.identification.recording.settled import SECONDS
 
-    found = bags.read_bag(path, topic, joints=joints, seconds=bags.SECONDS if seconds is None else seconds)
+    found = read_bag(path, topic, joints=joints, seconds=SECONDS if seconds is None else seconds)
     return _table(str(path), found)
 
 
