@@ -1,5 +1,7 @@
 """Fields of machine files: numbers with a dimension, converted while pydantic validates a `Section`.
 
+A number may be written with a unit of its own, as a text: ``20um``, ``0.5 deg``.
+
 Give `context={"units": UnitSystem(...)}`: the annotated types (`Length`, `AngleVector`, ...) turn what a file states
 into the units of the program. They also say their unit in the JSON Schema (``In``).
 
@@ -10,6 +12,7 @@ these texts (`python docs/reference_tables.py`).
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, cast
@@ -26,7 +29,8 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from truepose.models.units import UnitSystem
+from truepose.errors import InputError
+from truepose.models.units import UnitSystem, convert, is_unit
 from truepose.wording import close_matches
 
 
@@ -40,6 +44,29 @@ def _units(info: ValidationInfo) -> UnitSystem:
 def bad_value(expected: str, found: object) -> PydanticCustomError:
     """The error an annotated type raises: what was expected and what was found."""
     return PydanticCustomError("bad_value", "expected {expected}", {"expected": expected, "found": found})
+
+
+_QUANTITY = re.compile(
+    r"\s*(?P<value>[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|\.?inf))\s*(?P<unit>[^\d\s.+-].*?)\s*",
+    re.IGNORECASE,
+)
+
+
+def quantity(text: object, unit: str) -> float | None:
+    """The number of a text such as ``20um`` in ``unit``; None for what is no number with a unit of the same dimension."""
+    found = _QUANTITY.fullmatch(text) if isinstance(text, str) else None
+    if found is None:
+        return None
+    try:
+        return convert(float(found["value"].lower().replace(".inf", "inf")), found["unit"], unit)
+    except InputError:
+        return None
+
+
+def is_quantity(text: str) -> bool:
+    """Whether a text is a number with a unit."""
+    found = _QUANTITY.fullmatch(text)
+    return found is not None and is_unit(found["unit"])
 
 
 @dataclass(frozen=True)
@@ -70,6 +97,16 @@ class _Numbers:
         number = f"a {self.kind}number" if count == 1 else f"{count} {self.kind}numbers"
         return f"{number}{self.limits} ({unit})"
 
+    def read(self, value: object, dimension: str, units: UnitSystem, expected: str) -> float:
+        """A field's number in internal units."""
+        internal = units.internal(dimension)
+        own = None if dimension == "number" else quantity(value, internal)
+        if own is None:
+            return units.to_internal(self.checked(value, expected), dimension)
+        if not self.fits(own):
+            raise bad_value(expected, value)
+        return own
+
     def checked(self, value: object, expected: str) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not self.fits(float(value)):
             raise bad_value(expected, value)
@@ -84,7 +121,7 @@ _SIGMA = _Numbers("finite ", " > 0", lambda value: 0.0 < value < math.inf)
 def _scalar(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
     def validate(value: object, info: ValidationInfo) -> float:
         units = _units(info)
-        return units.to_internal(numbers.checked(value, numbers.words(units.of(dimension))), dimension)
+        return numbers.read(value, dimension, units, numbers.words(units.of(dimension)))
 
     return BeforeValidator(validate)
 
@@ -97,7 +134,7 @@ def _vector(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
             value = [value] * 3  # one tolerance for the three components
         if not isinstance(value, (list, tuple)) or len(value) != 3:
             raise bad_value(expected, value)
-        return tuple(units.to_internal(numbers.checked(item, expected), dimension) for item in value)
+        return tuple(numbers.read(item, dimension, units, expected) for item in value)
 
     return BeforeValidator(validate)
 
@@ -116,6 +153,7 @@ _ONE_OR_THREE = WithJsonSchema(
 
 Triple = tuple[float, float, float]
 Number = Annotated[float, _scalar("number")]
+Mass = Annotated[float, _scalar("mass"), In("kg")]
 Length = Annotated[float, _scalar("length"), In("length")]
 Angle = Annotated[float, _scalar("angle"), In("angle")]
 Gain = Annotated[float, _scalar("gain"), In("gain")]

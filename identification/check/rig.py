@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.check.alignment import Frames, starts
+from truepose.identification.prediction.lost import lost_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Sight, joined, sights
 from truepose.identification.recording.recording import Recording
@@ -207,6 +208,7 @@ class _Frames:
     def __init__(self, rig: Rig, here: Predictor, flange: Array, good: Mask, scene: Scene) -> None:
         self.rig, self.flange, self.good, self.scene = rig, flange, good, scene
         self.rows, self.comparisons = here.recording, here.comparisons()
+        self.lost = [lost_of(sensor, here.recording) for sensor in rig.machine.sensors]
         n, k = len(flange), sum(len(s.columns) for s in rig.machine.sensors)
         self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(rig.seen)))
         self.scale = np.where(rig.long, 1.0 / scene.size, 1.0)
@@ -280,8 +282,8 @@ class _Frames:
         twist[:, :3, 6:9] = carried
         twist[:, 3:, 9:12] = carried @ _turning(t[9:12])
         sight, rows = Sight(pose, twist, self.shift, self.shift_by), slice(0, len(pose))
-        pairs = zip(self.rig.sensors, self.comparisons, strict=True)
-        block = joined(rows, [f.block(sight, t, self.rows, rows, c) for f, c in pairs])
+        every = zip(self.rig.sensors, self.comparisons, self.lost, strict=True)
+        block = joined(rows, [f.block(sight, t, self.rows, rows, c, gone) for f, c, gone in every])
         residual = np.nan_to_num(block.residual, nan=1e12)
         return residual * self.scale, block.jacobian * self.scale[:, None]
 

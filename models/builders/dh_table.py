@@ -15,7 +15,7 @@ from typing import Any, Literal
 from pydantic import model_validator
 
 from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Length, Number, Section, bad_value
+from truepose.models.fields import Angle, Length, Number, Range, Section, bad_value
 
 CONVENTIONS = ("khalil", "modified", "standard")
 _KEPT = ("range", "gear_ratio", "screw_pitch")
@@ -26,14 +26,23 @@ class DhJoint(Section):
     """One row of a standard or modified table."""
 
     name: str
+    """What the joint is called: the recording's column of its readings has this name."""
     kind: Literal["revolute", "prismatic"]
+    """Whether it turns about its z axis or slides along it."""
     a: Length = 0.0
+    """Link length: distance along x. In a standard table it follows the joint, in a modified one it comes before."""
     alpha: Angle = 0.0
+    """Twist: turn about x, beside `a`."""
     d: Length = 0.0
+    """Shift along z at reading 0; a prismatic joint's reading adds to it."""
     theta: Angle = 0.0
-    range: tuple[Number, Number] | None = None
+    """Turn about z at reading 0; a revolute joint's reading adds to it."""
+    range: Range | None = None
+    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Number | None = None
+    """Turns of the motor for one of the joint: errors that repeat with the motor's turn are looked for."""
     screw_pitch: Length | None = None
+    """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="after")
     def _ordered(self) -> DhJoint:
@@ -46,8 +55,11 @@ class DhTable(Section):
     """The section ``mechanism`` of a serial chain as a data sheet has it."""
 
     type: Literal["serial"]
+    """A chain of joints of one degree of freedom each."""
     convention: Literal["modified", "standard"]
+    """Whose table the rows are: `standard` (Denavit and Hartenberg) or `modified` (Craig)."""
     joints: tuple[DhJoint, ...]
+    """The rows of the table, from the base to the flange."""
 
 
 def khalil_section(section: Mapping[str, Any], context: BuildContext) -> dict[str, Any]:

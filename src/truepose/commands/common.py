@@ -21,12 +21,17 @@ MachineArg = Annotated[
     Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).", show_default=False)
 ]
 RecordingArg = Annotated[
-    Path, typer.Argument(metavar="RECORDING", help="Recording (CSV or Parquet).", show_default=False)
+    Path,
+    typer.Argument(
+        metavar="RECORDING", help="Recording (text, Parquet, Excel or a ROS bag).", show_default=False
+    ),
 ]
 RecordingsArg = Annotated[
     list[Path],
     typer.Argument(
-        metavar="RECORDING...", help="One or several recordings (CSV or Parquet).", show_default=False
+        metavar="RECORDING...",
+        help="One or several recordings (text, Parquet, Excel or ROS bags).",
+        show_default=False,
     ),
 ]
 DirectoryOption = Annotated[
