@@ -22,7 +22,7 @@ from truepose.models.sensors.targets import Targets
 Array = NDArray[np.float64]
 Frames = tuple[Array, Array]
 """Base and tool as transforms (4, 4), mm."""
-_SWEEPS = 12
+_SWEEPS, _TURNS = 12, 3
 _FLAT = 1e-3
 """Spread of points across a line, in parts of that along it, below which they show no attitude."""
 
@@ -47,7 +47,9 @@ def starts(
         if isinstance(sensor, Pose):
             yield from _by_poses(seen, _transforms(lie.exp_so3(read[:, 3:]), read[:, :3]), stated[1])
         elif isinstance(sensor, Position):
-            yield _by_points(seen, read[:, None], np.zeros((1, 3)), stated[1])
+            # the tool as it is stated, none, and where the base is said to be: a wrong one leads into a false minimum
+            for tool in (stated[1], np.eye(4), stated[0]):
+                yield _by_points(seen, read[:, None], np.zeros((1, 3)), tool)
         elif isinstance(sensor, Targets) and points is not None:
             clouds = read.reshape(len(read), -1, 3)
             yield _by_points(seen, clouds, points, stated[1])
@@ -76,7 +78,16 @@ def _poses_of(clouds: Array, points: Array) -> Array:
 
 
 def _by_points(flange: Array, clouds: Array, points: Array, tool: Array) -> Frames:
-    """The base that brings the points of a stated tool onto the measured ones (n, m, 3)."""
+    """The base that brings the points (m, 3) of a tool onto the measured ones (n, m, 3), and the tool's shift, in turns."""
+    tool = tool.copy()
+    for _ in range(_TURNS):
+        carried = flange @ tool
+        predicted = np.einsum("nij,mj->nmi", carried[:, :3, :3], points) + carried[:, None, :3, 3]
+        rotation, shift = rigid_motion(predicted.reshape(-1, 3), clouds.reshape(-1, 3))
+        left = np.mean(clouds - predicted @ rotation.T - shift, axis=1)
+        turn = rotation @ flange[:, :3, :3]
+        system = np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape)], axis=2).reshape(-1, 6)
+        tool[:3, 3] += np.linalg.lstsq(system, left.reshape(-1), rcond=1e-6)[0][:3]
     carried = flange @ tool
     predicted = np.einsum("nij,mj->nmi", carried[:, :3, :3], points) + carried[:, None, :3, 3]
     rotation, shift = rigid_motion(predicted.reshape(-1, 3), clouds.reshape(-1, 3))

@@ -61,7 +61,10 @@ def _duplicates(machine: Machine, recording: Recording) -> Iterator[Found]:
 
 def repeats(recording: Recording) -> NDArray[np.intp]:
     """Places of rows that repeat an earlier one in all that was logged; changes since a row itself do not count."""
-    parts = [recording.q, *(v[:, None] for v in (*recording.observations.values(), *recording.drivers.values()))]
+    parts = [
+        recording.q,
+        *(v[:, None] for v in (*recording.observations.values(), *recording.drivers.values())),
+    ]
     if not recording.observations:
         return np.zeros(0, dtype=np.intp)
     if recording.time is not None:
@@ -102,12 +105,17 @@ def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
         if not len(bad):
             continue
         unit = machine.units.of_joint(a.reading_unit)
-        found, ends = convert(float(q[bad[0]]), a.reading_unit, unit), [convert(v, a.reading_unit, unit) for v in a.range]
+        found, ends = (
+            convert(float(q[bad[0]]), a.reading_unit, unit),
+            [convert(v, a.reading_unit, unit) for v in a.range],
+        )
         says = f"{recording.where(int(bad[0]))}: {a.reading} is {found:.6g} {unit}, out of its range [{ends[0]:.6g}, {ends[1]:.6g}]"
         if np.ptp(q) <= (1.0 + 2.0 * SLACK) * (high - low):
             shift = convert((low + high) / 2 - (q.min() + q.max()) / 2, a.reading_unit, unit)
             says += f", and a zero elsewhere, by about {shift:+.3g} {unit}, would bring all rows inside"
-        yield Found("offset", (a.reading,), says, f"compare the zero, the unit and the range of {a.reading}", "wrong")
+        yield Found(
+            "offset", (a.reading,), says, f"compare the zero, the unit and the range of {a.reading}", "wrong"
+        )
 
 
 def _no_gravity(machine: Machine) -> Iterator[Found]:

@@ -13,7 +13,6 @@ from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
 from truepose.identification.check.search import search, shown
 from truepose.identification.check.sensorless import without_sensor
-from truepose.identification.check.sessions import moved
 from truepose.identification.fringes.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
@@ -63,7 +62,6 @@ def check_loaded(machine: Machine, recording: Recording, pair: Pair | None = Non
     if any(f.kind == "joint-never-moves" for f in result.found):
         found = [f for f in found if f.kind != "joint-never-moves"]
     found += result.found
-    found += moved(rig, result.scene, result.stand, result.price)
     found += no_tolerances(rig, result.stand)
     if not any(f.verdict == "wrong" for f in found):
         found += sigmas(rig, result.stand, result.price)

@@ -15,13 +15,14 @@ import numpy as np
 from truepose.identification.check.drawing import expected, priced
 from truepose.identification.check.kinds.axes import mirrored, targets, turned
 from truepose.identification.check.kinds.frames import frame_unknown, frames_swapped
-from truepose.identification.check.kinds.joints import exchanged, quarter_turns, signs, zeros
+from truepose.identification.check.kinds.joints import end_zeros, exchanged, quarter_turns, signs, zeros
 from truepose.identification.check.kinds.order import matched, shifted
 from truepose.identification.check.kinds.poses import poses
 from truepose.identification.check.kinds.table import conventions
 from truepose.identification.check.kinds.units import units
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import Rig, Scene, Stand
+from truepose.identification.check.sessions import moved
 from truepose.identification.check.slip import Slip
 from truepose.models.machine import FRAMES
 from truepose.wording import joined
@@ -35,7 +36,7 @@ ALIKE = 1.15
 ABSURD = 0.02
 """Share of what the tool moves that no drawing is wrong by."""
 _DEEPEST, _POLISHED, _MOST = 3, 8, 300
-QUICK = (units, signs, exchanged, quarter_turns, conventions, mirrored, targets, poses, shifted)
+QUICK = (units, signs, end_zeros, exchanged, quarter_turns, conventions, mirrored, targets, poses, shifted)
 SLOW = (turned, zeros)
 
 
@@ -64,6 +65,9 @@ def search(rig: Rig) -> Search:
     scene, stand = rig.scene, rig.stand()
     noise = max(priced(rig, stand, 1.0), 1.0)
     price = priced(rig, stand, noise)
+    mixed = list(moved(rig, scene, stand, price))
+    if mixed:
+        return Search(tuple(mixed), scene, stand, price)
     found: list[Found] = []
     while len(found) < _DEEPEST and price > QUIET:
         chosen = _best(rig, scene, stand, price)
@@ -175,7 +179,9 @@ def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]
 
 def _off(rig: Rig, stand: Stand) -> bool:
     """Whether a misfit is more than the tolerances let one expect: then no search is too long."""
-    return stand.bad or stand.misfit > 2.0 * expected(rig, stand)
+    known = any(p.free for p in rig.machine.mechanism.parameters)
+    least = 2.0 * expected(rig, stand) if known else ABSURD * motion(rig, stand)
+    return stand.bad or stand.misfit > least
 
 
 def _absurd(rig: Rig, stand: Stand) -> bool:
@@ -234,7 +240,7 @@ def _frames(rig: Rig, scene: Scene, stand: Stand) -> list[Found]:
         return []
     tried = [
         Tried(slip, slip.change(scene), rig.stand(slip.change(scene), ()))
-        for maker in (frames_swapped, turned)
+        for maker in (frames_swapped, turned, end_zeros)
         for slip in maker(rig, scene)
     ]
     dear = [replace(t, price=priced(rig, t.stand, noise, ())) for t in tried]
@@ -242,7 +248,7 @@ def _frames(rig: Rig, scene: Scene, stand: Stand) -> list[Found]:
     sure: Verdict = "wrong" if cost / free >= SURE else "suspect"
     good = [t for t in dear if cost / t.price >= SURE and t.price <= 2.0 * free]
     if good:
-        slip = min(good, key=lambda t: t.price).slip
+        slip = min(good, key=lambda t: (t.slip.cost > 1.0, t.price)).slip
         return [Found(slip.kind, slip.where, slip.says, slip.fix, sure, before, after, unit, slip.mend)]
     for frames in (("base",), ("tool",), FRAMES):
         one = rig.stand(scene, frames)

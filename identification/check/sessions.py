@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.drawing import expected, priced
+from truepose.identification.check.drawing import expected
+from truepose.identification.check.pair import Sheet
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Scene, Stand
 
@@ -77,11 +78,10 @@ def _apart(rig: Rig, scene: Scene, cut: int) -> tuple[float, float | None]:
     return max(p.misfit for p in parts), max(lengths) if lengths else None
 
 
-def _with_session(sheet, cut: int):  # type: ignore[no-untyped-def]
+def _with_session(sheet: Sheet, cut: int) -> Sheet:
     cells = sheet.cells.copy()
     cells["session"] = ["1"] * cut + ["2"] * (len(cells) - cut)
     return replace(sheet, cells=cells, units={**sheet.units, "session": None})
 
 
 __all__ = ["moved"]
-_ = priced

@@ -36,6 +36,8 @@ def found_words(found: Found) -> str:
     if found.before is None or found.after is None or found.kind == "sigma":
         return found.says
     times = found.before / found.after if found.after > 0 else float("inf")
+    if times < 1.5:  # readings alone do not tell: it is the frames that the file states
+        return found.says
     return (
         f"{found.says} {'fit' if found.kind != 'offset' else 'fits'} {times:,.3g} times better: "
         f"rms {found.after:.3g} {found.unit}, {found.before:.3g} {found.unit} as it stands"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.rig import Rig, Scene
@@ -16,6 +17,8 @@ from truepose.wording import joined
 
 QUARTERS = (90.0, -90.0, 180.0)
 """Degrees that data sheets and controllers differ by."""
+LEAST = np.radians(3.0)
+"""A zero that is off by less is what a calibration is there to find."""
 _GRID = 24
 _NARROWED = 8
 
@@ -134,6 +137,8 @@ def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
             continue
         if name.endswith(".theta") and a.unit != "rad":
             continue
+        if pair.get(("mechanism", "convention")) not in (None, "khalil") and not name.endswith(".theta"):
+            continue
         value = pair.get(parameter.field)
         if value is None or isinstance(value, (int, float)):
             inside = convert(float(value or 0.0), rig.machine.units.written(a.unit), a.unit) + size
@@ -152,21 +157,37 @@ def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Each joint with the zero that fits best, wherever that is: one search a joint."""
     for k, a in enumerate(rig.machine.mechanism.actuators):
         if a.reading_unit == "rad":
-            grid = np.linspace(-np.pi, np.pi, _GRID, endpoint=False)
+            grid, span = np.linspace(-np.pi, np.pi, _GRID, endpoint=False), 0.0
         else:
             span = float(np.ptp(scene.rows.q[:, k])) or 1.0
             grid = span * np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
-        found = _narrowed(rig, scene, k, grid)
-        if found:
+        found = _narrowed(lambda size, k=k: rig.stand(_plus(k, size, scene), quick=True).misfit, grid)
+        if abs(found) > (LEAST if a.reading_unit == "rad" else 0.02 * span):
             yield offset(rig, k, found, cost=2.0)
 
 
-def _narrowed(rig: Rig, scene: Scene, k: int, grid: np.ndarray) -> float:
-    """The best zero of joint k: the best of a grid, then halved steps around it."""
+def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """The zero of the first and of the last joint with which base and tool stand where the file says.
 
-    def misfit(size: float) -> float:
-        return rig.stand(_plus(k, size, scene)).misfit
+    Such a zero is a turn of the base or of the tool: readings alone do not tell it.
+    """
+    mechanism = rig.machine.mechanism
+    if mechanism.closing or mechanism.rods:
+        return
+    for k in sorted({0, len(mechanism.actuators) - 1}):
+        if mechanism.actuators[k].reading_unit != "rad":
+            continue
 
+        def away(size: float, k: int = k) -> float:
+            return rig.away(rig.stand(_plus(k, size, scene), quick=True).p)
+
+        found = _narrowed(away, np.linspace(-np.pi, np.pi, _GRID, endpoint=False))
+        if abs(found) > LEAST:
+            yield offset(rig, k, found, cost=2.0)
+
+
+def _narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> float:
+    """Where a misfit is least: the best of a grid, then halved steps around it."""
     tried = {float(size): misfit(float(size)) for size in grid}
     best = min(tried, key=lambda size: tried[size])
     order = sorted(tried)
@@ -180,4 +201,4 @@ def _narrowed(rig: Rig, scene: Scene, k: int, grid: np.ndarray) -> float:
     return best
 
 
-__all__ = ["exchanged", "offset", "quarter_turns", "signs", "zeros"]
+__all__ = ["end_zeros", "exchanged", "offset", "quarter_turns", "signs", "zeros"]

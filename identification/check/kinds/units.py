@@ -120,7 +120,18 @@ def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
 
 
 def _mend_lengths(rig: Rig, factor: float, pair: Pair) -> Pair:
-    return _scaled_fields(pair, [p.field for p in rig.machine.mechanism.parameters if p.unit == "mm"], factor)
+    fields = _table_fields(rig, ("a", "d"))
+    return _scaled_fields(
+        pair, fields or [p.field for p in rig.machine.mechanism.parameters if p.unit == "mm"], factor
+    )
+
+
+def _table_fields(rig: Rig, keys: Sequence[str]) -> list[Field]:
+    """Fields of the rows of a standard or modified table, whose constants the program holds in another form."""
+    section = rig.machine.file.mechanism if rig.machine.file else {}
+    if section.get("convention", "khalil") == "khalil":
+        return []
+    return [("mechanism", "joints", k, key) for k in range(len(section["joints"])) for key in keys]
 
 
 def _scaled_fields(pair: Pair, fields: Sequence[Field], factor: float) -> Pair:
@@ -139,7 +150,7 @@ def _file_angles(rig: Rig) -> Iterator[Slip]:
         if not np.any(rig.scene.p[places]):
             continue
         for unit, factor in _others(ANGLES[:2], written):
-            fields = [own[rig.names[k]].field for k in places]
+            fields = _table_fields(rig, ends) or [own[rig.names[k]].field for k in places]
             yield Slip(
                 "unit-angle",
                 tuple(
