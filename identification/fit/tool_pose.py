@@ -48,7 +48,7 @@ class ToolPoints:
         """
         if not self.known:
             return np.zeros(0)
-        whole: Mask = np.isfinite(self.read).all(axis=2)
+        whole = np.asarray(np.isfinite(self.read).all(axis=2))
         own = fitted[:, None] & whole
         if own.sum() < FEWEST:
             return np.zeros(0)
