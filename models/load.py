@@ -12,20 +12,19 @@ from truepose.models.builder import builders
 from truepose.models.context import BuildContext
 from truepose.models.effect import effects
 from truepose.models.home_directions import home_directions
-from truepose.models.machine import FRAMES, Machine, Mass, body_of
+from truepose.models.machine import FRAMES, Machine
 from truepose.models.machine_file import (
     EffectSpec,
     FrameSpec,
     FrameTolerance,
     MachineFile,
-    MassSpec,
     read_machine,
 )
 from truepose.models.mechanism import AXIS_UNITS, Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.placed import Place, PlacedEffect
 from truepose.models.sensor import Sensor, sensors
-from truepose.wording import close_matches
+from truepose.models.weights import weights
 
 
 def load_machine(path: Path | str) -> Machine:
@@ -38,15 +37,17 @@ def build_machine(file: MachineFile) -> Machine:
     context = BuildContext(file, ("mechanism",))
     mechanism = builders.get(file.mechanism.get("type"), f"{context.where}.type")(file.mechanism, context)
     mechanism = replace(mechanism, home_directions=home_directions(mechanism, file))
+    masses, gravity, notes = weights(file, mechanism)
     machine = Machine(
         name=file.name,
         mechanism=mechanism,
         frames=_frames(file, mechanism),
         sensors=_sensors(file),
-        gravity=file.gravity,
-        masses=tuple(_mass(mechanism, mass, file) for mass in file.masses),
+        gravity=gravity,
+        masses=masses,
         drivers=file.drivers,
         file=file,
+        notes=notes,
     )
     _check_names(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]
@@ -96,14 +97,6 @@ def _fits(place: Place, known: Sequence[Place]) -> bool:
         return True
     alone = all((name,) in known for name in place)
     return bool(place) and alone and any(set(place) <= set(each) for each in known)
-
-
-def _mass(mechanism: Mechanism, mass: MassSpec, file: MachineFile) -> Mass:
-    body = body_of(mechanism, mass.in_)
-    if body is None:
-        hint = close_matches(mass.in_, (*mechanism.bodies, "flange", "tool"))
-        raise InputError(f"{file.path}: masses.{mass.name}.in: found {mass.in_!r}, expected a body; {hint}")
-    return Mass(mass.name, mass.kg, mass.com, body)
 
 
 def _frames(file: MachineFile, mechanism: Mechanism) -> tuple[Parameter, ...]:

@@ -51,7 +51,7 @@ class Machine:
     """Everything the machine file says, in internal units (mm, rad).
 
     ``frames`` holds the twelve parameters base.x ... tool.rz (rpy angles). ``gravity`` is m/s^2 in the base
-    frame.
+    frame. ``notes`` say what was taken from elsewhere than the file.
     """
 
     name: str
@@ -63,6 +63,7 @@ class Machine:
     effects: tuple[PlacedEffect, ...] = ()
     drivers: tuple[str, ...] = ()
     file: MachineFile | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

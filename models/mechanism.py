@@ -153,6 +153,15 @@ class Limb:
 
 
 @dataclass(frozen=True)
+class Inertial:
+    """What a body weighs by the description that the mechanism was read from: kg, and its centre in the body's frame, mm."""
+
+    body: str
+    kg: float
+    com: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class Mechanism:
     """Bodies, joints, loops and actuators with their named parameters.
 
@@ -163,7 +172,10 @@ class Mechanism:
     form has no field for every parameter; ``tool_length`` (mm) is how far along the flange's z the tool frame
     stands where the file gives none. ``loops`` says how loops close away from home; ``elastic`` needs elastic rods.
     ``home_directions`` are unit vectors along what joint ends carry, as drawn (``truepose.models.home_directions``);
-    the loading of a machine adds them.
+    the loading of a machine adds them. ``inertials`` are what the mechanism's own description says of masses,
+    ``gravity`` (m/s^2, base frame) of gravity; ``notes`` is what a user should know of how they were read.
+    ``table_frames`` are a (mm) and alpha (rad) of TransX(a) RotX(alpha) from a body's frame to the one that the file
+    means by its name, where they differ (standard Denavit-Hartenberg).
     """
 
     parameters: tuple[Parameter, ...]
@@ -179,6 +191,10 @@ class Mechanism:
     tool_length: float = 0.0
     loops: Loops = "exact"
     home_directions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    inertials: tuple[Inertial, ...] = ()
+    gravity: tuple[float, float, float] | None = None
+    notes: tuple[str, ...] = ()
+    table_frames: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def tree(self) -> tuple[Joint, ...]:

@@ -106,6 +106,8 @@ def _expand(document: dict[str, Any], machine: Machine) -> None:
     """The mechanism as the graph that its form is short for; a tool frame that the form implies is written out."""
     assert machine.file is not None
     document["mechanism"] = _unshared(machine.mechanism.expanded)
+    if machine.mechanism.inertials or machine.mechanism.table_frames:
+        _write_weights(document, machine)
     if machine.file.frames.tool.present or not machine.mechanism.tool_length:
         return
     frames = document.setdefault("frames", {})
@@ -117,6 +119,19 @@ def _expand(document: dict[str, Any], machine: Machine) -> None:
         tool[part][k % 3] = in_file_units(parameter, parameter.nominal, machine.file.units)
         tolerance[part][k % 3] = in_file_units(parameter, parameter.tolerance, machine.file.units)
     frames["tool"] = {**tool, "tolerance": tolerance}
+
+
+def _write_weights(document: dict[str, Any], machine: Machine) -> None:
+    """Gravity and masses as the machine has them: a written-out mechanism has no other source of them, and no other frames
+    for its links than its own."""
+    if machine.gravity is not None:
+        document["gravity"] = list(machine.gravity)
+    if machine.masses:
+        com = [[float(machine.units.from_internal(v, "length")) for v in mass.com] for mass in machine.masses]
+        document["masses"] = {
+            mass.name: {"kg": mass.kg, "com": at, "in": mass.body}
+            for mass, at in zip(machine.masses, com, strict=True)
+        }
 
 
 def in_file_units(parameter: Parameter, value: float, units: UnitSystem) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from truepose.identification.recording.file import LABEL
@@ -31,7 +32,7 @@ def load_recording(
     if without:
         required = (*required, *(name for name in columns if name != without))
         need_observations = False
-    return read_recording(
+    recording = read_recording(
         files,
         joint_columns(machine),
         columns,
@@ -40,3 +41,4 @@ def load_recording(
         required=required,
         optional_labels=optional,
     )
+    return replace(recording, notes=(*machine.notes, *recording.notes)) if machine.notes else recording

@@ -2,19 +2,24 @@
 
 T(i-1, i) = RotY(beta) RotX(alpha) TransX(d) RotZ(theta) TransZ(r); the reading adds to theta (revolute)
 or r (prismatic). Hayati's beta keeps the description continuous where neighbouring axes are parallel;
-elsewhere it is redundant and the tolerances decide how it shares with theta and r.
+elsewhere it is redundant and the tolerances decide how it shares with theta and r. A ``flange`` turned by alpha about,
+and shifted by d along, the last link's x axis is fixed to it. Tables in the conventions of data sheets become such rows
+(``truepose.models.builders.dh_table``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
 
 from pydantic import model_validator
+from pydantic_core import PydanticCustomError
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
+from truepose.models.builders.dh_table import CONVENTIONS, khalil_section, table_frames
 from truepose.models.context import BuildContext
 from truepose.models.fields import Angle, Length, Number, Range, Section, bad_value
 from truepose.models.mechanism import BASE, Actuator, Joint, Mechanism, Step
@@ -27,6 +32,13 @@ _STEPS = (
     ("tx", "d", "mm"),
     ("rz", "theta", "rad"),
     ("tz", "r", "mm"),
+)
+FLANGE = "flange"
+_FLANGE_STEPS = (("rx", "alpha", "rad"), ("tx", "d", "mm"))
+_WHAT_D_MEANS = (
+    "unknown field; here `d` is the length of the link (a in standard tables) and `r` the offset along the joint's "
+    "axis (d there); to write a table with a, alpha, d and theta as it stands, add `convention: standard` (or "
+    "`modified`, Craig's) beside `joints`"
 )
 
 
@@ -54,6 +66,13 @@ class SerialJoint(Section):
     screw_pitch: Length | None = None
     """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _no_other_convention(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and "a" in data:
+            raise PydanticCustomError("unknown_field", _WHAT_D_MEANS, {"field": "a", "found": data["a"]})
+        return data
+
     @model_validator(mode="after")
     def _ordered(self) -> SerialJoint:
         if self.range and self.range[0] >= self.range[1]:
@@ -61,19 +80,45 @@ class SerialJoint(Section):
         return self
 
 
+class SerialFlange(Section):
+    """The flange in the last link: RotX(alpha) TransX(d)."""
+
+    alpha: Angle = 0.0
+    """Turn about the last link's x axis."""
+    d: Length = 0.0
+    """Shift along the last link's x axis."""
+
+
 class Serial(Section):
-    """The section ``mechanism`` of a serial chain."""
+    """The section ``mechanism`` of a serial chain in the program's own convention."""
 
     type: Literal["serial"]
+    type: Literal["serial"]
     """A chain of joints of one degree of freedom each."""
+    convention: Literal["khalil"] = "khalil"
+    """The program's own convention, that of Khalil and Kleinfinger."""
     joints: tuple[SerialJoint, ...]
     """The rows of the table of constants, from the base to the flange."""
+    flange: SerialFlange | None = None
+    """Where the flange sits on the last link; left out: at the last joint's frame."""
 
 
 @builders.add("serial")
 def serial(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
-    """Mechanism of a serial chain; bodies ``link1 ... linkN``, flange ``linkN``."""
-    chain = context.parse(Serial, section)
+    """Mechanism of a serial chain; bodies ``link1 ... linkN``, flange ``linkN``, or ``flange`` where one is fixed to it."""
+    convention = section.get("convention", "khalil")
+    if convention not in CONVENTIONS:
+        raise InputError(
+            f"{context.where}.convention: found {convention!r}, expected one of {', '.join(CONVENTIONS)}"
+        )
+    if convention == "khalil":
+        return _chain(context.parse(Serial, section), context)
+    own = khalil_section(section, context)
+    chain = _chain(context.parse(Serial, own), context)
+    return replace(chain, expanded=own, table_frames=table_frames(section, context))
+
+
+def _chain(chain: Serial, context: BuildContext) -> Mechanism:
     names = [joint.name for joint in chain.joints]
     if not names or len(set(names)) != len(names):
         raise InputError(
@@ -91,9 +136,26 @@ def serial(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
         parent = BASE if k == 1 else f"link{k - 1}"
         joints.append(Joint(row.name, row.kind, parent, f"link{k}", placement))
         actuators.append(_actuator(row, context.file.units))
-    return Mechanism(
-        tuple(parameters), tuple(joints), tuple(actuators), f"link{len(names)}", lengths=_lengths(names)
-    )
+    lengths, flange = _lengths(names), joints[-1].child
+    if chain.flange is not None:
+        parameters += _flange(chain.flange, names, context)
+        placement = tuple(Step(kind, f"{FLANGE}.{field}") for kind, field, _ in _FLANGE_STEPS)
+        joints.append(Joint(FLANGE, "fixed", flange, FLANGE, placement))
+        lengths[flange] = (*lengths.get(flange, ()), f"{FLANGE}.d")
+        flange = FLANGE
+    return Mechanism(tuple(parameters), tuple(joints), tuple(actuators), flange, lengths=lengths)
+
+
+def _flange(flange: SerialFlange, names: list[str], context: BuildContext) -> list[Parameter]:
+    if FLANGE in names:
+        raise InputError(
+            f"{context.where}.joints: found a joint called {FLANGE!r}, expected another name beside the fixed flange"
+        )
+    values = flange.model_dump()
+    return [
+        context.parameter(f"{FLANGE}.{field}", unit, values[field], (FLANGE, field))
+        for _, field, unit in _FLANGE_STEPS
+    ]
 
 
 def _actuator(row: SerialJoint, units: UnitSystem) -> Actuator:

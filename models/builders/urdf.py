@@ -2,33 +2,28 @@
 
 A URDF is a tree, so that it holds no closed loops; those are described as ``type: graph``. Its lengths are m and
 its angles rad; the graph's are in the units of the machine file. Fixed joints stay: what their frames err by is
-redundant with their neighbours', and the tolerances decide how they share it.
+redundant with their neighbours', and the tolerances decide how they share it. What its links weigh is read by
+``truepose.models.builders.urdf_inertials``.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any, Literal
-from xml.etree import ElementTree
 
 from pydantic import Field
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.graph import Graph, mechanism_of
+from truepose.models.builders.urdf_file import Robot
+from truepose.models.builders.urdf_inertials import gravity_in, inertials_of
 from truepose.models.context import BuildContext
 from truepose.models.fields import Section
 from truepose.models.mechanism import BASE, Mechanism
 from truepose.models.units import UnitSystem
 from truepose.wording import close_matches
-
-_KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
-_MM_PER_M = 1000.0
-_AXIS = (1.0, 0.0, 0.0)
-"""Axis of a joint that states none."""
 
 
 class Urdf(Section):
@@ -53,12 +48,15 @@ def urdf(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
     Raises InputError naming the URDF and its element, or the field of the machine file.
     """
     parsed = context.parse(Urdf, section)
-    robot = _Robot.read(context.file.path.parent / parsed.file)
+    robot = Robot.read(context.file.path.parent / parsed.file)
     graph = expanded(parsed, robot, context.file.units, context.where)
-    return replace(mechanism_of(context.parse(Graph, graph), context), expanded=graph)
+    inertials, notes = inertials_of(robot, graph["bodies"])
+    mechanism = mechanism_of(context.parse(Graph, graph), context)
+    gravity = gravity_in(robot, parsed.base_link) if inertials else None
+    return replace(mechanism, expanded=graph, inertials=inertials, gravity=gravity, notes=notes)
 
 
-def expanded(section: Urdf, robot: _Robot, units: UnitSystem, where: str) -> dict[str, Any]:
+def expanded(section: Urdf, robot: Robot, units: UnitSystem, where: str) -> dict[str, Any]:
     """The section of the chain as a graph, in the file's units; ``where`` opens messages."""
     chain = robot.chain(section.base_link, section.tip_link, where)
     links = [section.base_link, *(robot.end(joint, "child") for joint in chain)]
@@ -96,150 +94,6 @@ def _names(section: Urdf, chain: list[str], where: str) -> list[str]:
             f"{where}.joints: found {twice[0]!r} twice, expected every joint to have its own name"
         )
     return names
-
-
-@dataclass(frozen=True)
-class _Robot:
-    """A URDF's links and joints; every message names the file and the element."""
-
-    path: Path
-    links: frozenset[str]
-    above: Mapping[str, ElementTree.Element]
-    """The joint that carries each link."""
-
-    @classmethod
-    def read(cls, path: Path) -> _Robot:
-        """Read and check what all joints share. Raises InputError for a missing file and broken XML."""
-        try:
-            root = ElementTree.fromstring(path.read_bytes())
-        except OSError as exc:
-            raise InputError(f"{path}: cannot read the URDF: {exc.strerror or exc}") from None
-        except (ElementTree.ParseError, ValueError, LookupError) as exc:
-            raise InputError(f"{path}: cannot read the URDF: broken XML: {exc}") from None
-        if root.tag != "robot":
-            raise InputError(f"{path}: found <{root.tag}>, expected <robot>")
-        links = [link.get("name", "") for link in root.findall("link")]
-        joints = [joint.get("name", "") for joint in root.findall("joint")]
-        for what, names in (("link", links), ("joint", joints)):
-            wrong = sorted({name for name in names if not name or names.count(name) > 1})
-            if wrong:
-                found = f"{wrong[0]!r} twice" if wrong[0] else "one without a name"
-                raise InputError(f"{path}: {what}: found {found}, expected each with a name of its own")
-        robot = cls(path, frozenset(links), {})
-        above: dict[str, ElementTree.Element] = {}
-        for joint in root.findall("joint"):
-            for end in ("parent", "child"):
-                robot.end(joint, end)
-            child = robot.end(joint, "child")
-            if child in above:
-                raise robot.wrong(
-                    joint,
-                    "child",
-                    f"found {child!r}, which {above[child].get('name')!r} carries already",
-                    "a tree",
-                )
-            above[child] = joint
-        return replace(robot, above=above)
-
-    def chain(self, base: str, tip: str, where: str) -> list[ElementTree.Element]:
-        """Joints from the link ``base`` to the link ``tip``, in order."""
-        for field, link in (("base_link", base), ("tip_link", tip)):
-            if link not in self.links:
-                raise InputError(
-                    f"{where}.{field}: found {link!r}, no link of {self.path}; {close_matches(link, self.links)}"
-                )
-        out: list[ElementTree.Element] = []
-        link = tip
-        while link != base and link in self.above and self.above[link] not in out:
-            out.append(self.above[link])
-            link = self.end(out[-1], "parent")
-        if link != base or not out:
-            raise InputError(
-                f"{where}.tip_link: found {tip!r}, which no joint of {self.path} carries from {base!r} on, "
-                "expected a link further from the base than base_link"
-            )
-        return out[::-1]
-
-    def joint_name(self, joint: ElementTree.Element) -> str:
-        """The joint's name."""
-        return joint.get("name", "")
-
-    def end(self, joint: ElementTree.Element, which: str) -> str:
-        """The link at an end of a joint, ``parent`` or ``child``."""
-        element = joint.find(which)
-        link = "" if element is None else element.get("link", "")
-        if link not in self.links:
-            raise self.wrong(joint, which, f"found {link!r}", f"a link; {close_matches(link, self.links)}")
-        return link
-
-    def joint(self, joint: ElementTree.Element, units: UnitSystem) -> dict[str, Any]:
-        """Kind, frame, axis and range of a joint as a graph states them, in the file's units."""
-        kind = joint.get("type", "")
-        if kind not in _KINDS:
-            expected = f"{', '.join(_KINDS)} (describe the machine as type: graph)"
-            raise self.wrong(joint, "type", f"found {kind!r}", expected)
-        mimic = joint.find("mimic")
-        if mimic is not None:
-            raise self.wrong(
-                joint, "mimic", f"found one, of {mimic.get('joint')!r}", "joints with readings of their own"
-            )
-        xyz, rpy = self._numbers(joint, "origin", "xyz"), self._numbers(joint, "origin", "rpy")
-        out: dict[str, Any] = {"kind": _KINDS[kind]}
-        out["xyz"] = [float(units.from_internal(_MM_PER_M * v, "length")) for v in xyz]
-        out["rpy"] = [float(units.from_internal(v, "angle")) for v in rpy]
-        if kind == "fixed":
-            return out
-        axis = self._numbers(joint, "axis", "xyz", _AXIS)
-        if not any(axis):
-            raise self.wrong(joint, "axis", "found 0 0 0", "a direction")
-        out |= {"axis": list(axis), "actuated": True}
-        limits = self._range(joint, kind)
-        if limits is not None:
-            slides = kind == "prismatic"
-            dimension, factor = ("length", _MM_PER_M) if slides else ("angle", 1.0)
-            out["range"] = [float(units.from_internal(factor * v, dimension)) for v in limits]
-        return out
-
-    def _range(self, joint: ElementTree.Element, kind: str) -> tuple[float, float] | None:
-        """Lower and upper limit; None for a joint that turns without end or states none."""
-        limit = joint.find("limit")
-        if kind == "continuous" or limit is None or not {"lower", "upper"} & set(limit.keys()):
-            return None
-        low, high = (self._number(joint, "limit", limit.get(side, "0")) for side in ("lower", "upper"))
-        if low >= high:
-            raise self.wrong(joint, "limit", f"found lower {low:g}, upper {high:g}", "lower < upper")
-        return low, high
-
-    def _numbers(
-        self,
-        joint: ElementTree.Element,
-        tag: str,
-        attribute: str,
-        default: tuple[float, ...] = (0.0, 0.0, 0.0),
-    ) -> tuple[float, ...]:
-        element = joint.find(tag)
-        text = None if element is None else element.get(attribute)
-        if text is None:
-            return default
-        values = tuple(self._number(joint, tag, word) for word in text.split())
-        if len(values) != len(default):
-            raise self.wrong(joint, f"{tag}.{attribute}", f"found {text!r}", "3 numbers")
-        return values
-
-    def _number(self, joint: ElementTree.Element, tag: str, text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise self.wrong(joint, tag, f"found {text!r}", "finite numbers")
-        return value
-
-    def wrong(self, joint: ElementTree.Element, element: str, found: str, expected: str) -> InputError:
-        """The error of one element of a joint."""
-        return InputError(
-            f"{self.path}: joint {self.joint_name(joint)!r}: {element}: {found}, expected {expected}"
-        )
 
 
 __all__ = ["Urdf", "urdf"]

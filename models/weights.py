@@ -1,0 +1,64 @@
+"""Masses and gravity of a machine: what its file states, else what the description of its mechanism says (a URDF)."""
+
+from __future__ import annotations
+
+import math
+
+from truepose.errors import InputError
+from truepose.models.machine import PAYLOAD, Mass, body_of
+from truepose.models.machine_file import MachineFile, MassSpec
+from truepose.models.mechanism import Mechanism
+from truepose.wording import close_matches
+
+Triple = tuple[float, float, float]
+
+
+def weights(
+    file: MachineFile, mechanism: Mechanism
+) -> tuple[tuple[Mass, ...], Triple | None, tuple[str, ...]]:
+    """Masses, gravity (m/s^2, base frame) and notes on what did not come from the file.
+
+    What the file states wins: any mass but the payload, or an empty ``masses:``, stands in place of all inertials, and
+    ``gravity:`` in place of the description's. Raises InputError for a mass on an unknown body.
+    """
+    stated = tuple(_mass(mechanism, mass, file) for mass in file.masses)
+    own = "masses" in file.raw and (not stated or any(mass.name != PAYLOAD for mass in stated))
+    if own or not mechanism.inertials:
+        return stated, file.gravity, ()
+    read = tuple(
+        Mass(f"{i.body}_link" if i.body == PAYLOAD else i.body, i.kg, i.com, i.body)
+        for i in mechanism.inertials
+    )
+    gravity = file.gravity if "gravity" in file.raw else mechanism.gravity
+    return (*read, *stated), gravity, (_note(file, read, gravity), *mechanism.notes)
+
+
+def _note(file: MachineFile, read: tuple[Mass, ...], gravity: Triple | None) -> str:
+    total = math.fsum(mass.kg for mass in read)
+    source = file.mechanism.get("file", "the mechanism's description")
+    text = f"{file.path}: {len(read)} masses, {total:.4g} kg together, were read from {source}"
+    if "gravity" in file.raw or gravity is None:
+        return text
+    values = ", ".join(f"{value + 0.0:.6g}" for value in gravity)
+    return f"{text}; gravity [{values}] is that of its root link standing upright: state `gravity:` if it does not"
+
+
+def _mass(mechanism: Mechanism, mass: MassSpec, file: MachineFile) -> Mass:
+    body = body_of(mechanism, mass.in_)
+    if body is None:
+        hint = close_matches(mass.in_, (*mechanism.bodies, "flange", "tool"))
+        raise InputError(f"{file.path}: masses.{mass.name}.in: found {mass.in_!r}, expected a body; {hint}")
+    return Mass(mass.name, mass.kg, _in_body(mechanism, body, mass.com), body)
+
+
+def _in_body(mechanism: Mechanism, body: str, com: Triple) -> Triple:
+    """A centre in the frame that the file means by a body's name, in the body's own frame; mm."""
+    if body not in mechanism.table_frames:
+        return com
+    a, alpha = mechanism.table_frames[body]
+    x, y, z = com
+    c, s = math.cos(alpha), math.sin(alpha)
+    return (a + x, c * y - s * z, s * y + c * z)
+
+
+__all__ = ["weights"]
