@@ -1,5 +1,7 @@
 """Fields of machine files: numbers with a dimension, converted while pydantic validates a `Section`.
 
+A number may be written with a unit of its own, as a text: ``20um``, ``0.5 deg``.
+
 Give `context={"units": UnitSystem(...)}`: the annotated types (`Length`, `AngleVector`, ...) turn what a file states
 into the units of the program. They also say their unit in the JSON Schema (``In``).
 
@@ -10,6 +12,7 @@ these texts (`python docs/reference_tables.py`).
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, cast
@@ -26,7 +29,8 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from truepose.models.units import UnitSystem
+from truepose.errors import InputError
+from truepose.models.units import UnitSystem, convert, is_unit
 from truepose.wording import close_matches
 
 
@@ -42,20 +46,62 @@ def bad_value(expected: str, found: object) -> PydanticCustomError:
     return PydanticCustomError("bad_value", "expected {expected}", {"expected": expected, "found": found})
 
 
+_QUANTITY = re.compile(
+    r"\s*(?P<value>[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|\.?inf))\s*(?P<unit>[^\d\s.+-].*?)\s*",
+    re.IGNORECASE,
+)
+
+
+STATED = r"^\s*[-+]?((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|\.?inf)\s*[^\d\s.+-].*$"
+"""The same for a JSON Schema."""
+
+
+def quantity(text: object, unit: str) -> float | None:
+    """The number of a text such as ``20um`` in ``unit``; None for what is no number with a unit of the same dimension."""
+    found = _QUANTITY.fullmatch(text) if isinstance(text, str) else None
+    if found is None:
+        return None
+    try:
+        return convert(float(found["value"].lower().replace(".inf", "inf")), found["unit"], unit)
+    except InputError:
+        return None
+
+
+def is_quantity(text: str) -> bool:
+    """Whether a text is a number with a unit."""
+    found = _QUANTITY.fullmatch(text)
+    return found is not None and is_unit(found["unit"])
+
+
+def with_texts(schema: JsonSchemaValue) -> JsonSchemaValue:
+    """A JSON Schema whose numbers may be texts with a unit as well: ``20um``."""
+    out = dict(schema)
+    if out.get("type") == "number":
+        out |= {"type": ["number", "string"], "pattern": STATED}
+    for key in ("items", "prefixItems", "anyOf"):
+        if key in out:
+            inner = out[key]
+            out[key] = [with_texts(one) for one in inner] if isinstance(inner, list) else with_texts(inner)
+    return out
+
+
 @dataclass(frozen=True)
 class In:
     """In an ``Annotated`` type: what the field is measured in, for its JSON Schema.
 
     ``unit`` is a unit, or ``length``, ``angle``, ``gain`` (the file's unit of it), ``reading`` (that of the joint).
+    ``stated``: numbers may be texts with a unit of their own.
     """
 
     unit: str
+    stated: bool = False
 
     def __get_pydantic_json_schema__(
         self, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """The schema of the type, with the keyword ``unit``."""
-        return {**handler(core), "unit": self.unit}
+        schema = handler(core)
+        return {**(with_texts(schema) if self.stated else schema), "unit": self.unit}
 
 
 @dataclass(frozen=True)
@@ -69,6 +115,16 @@ class _Numbers:
     def words(self, unit: str, count: int = 1) -> str:
         number = f"a {self.kind}number" if count == 1 else f"{count} {self.kind}numbers"
         return f"{number}{self.limits} ({unit})"
+
+    def read(self, value: object, dimension: str, units: UnitSystem, expected: str) -> float:
+        """A field's number in internal units."""
+        internal = units.internal(dimension)
+        own = None if dimension == "number" else quantity(value, internal)
+        if own is None:
+            return units.to_internal(self.checked(value, expected), dimension)
+        if not self.fits(own):
+            raise bad_value(expected, value)
+        return own
 
     def checked(self, value: object, expected: str) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not self.fits(float(value)):
@@ -84,7 +140,7 @@ _SIGMA = _Numbers("finite ", " > 0", lambda value: 0.0 < value < math.inf)
 def _scalar(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
     def validate(value: object, info: ValidationInfo) -> float:
         units = _units(info)
-        return units.to_internal(numbers.checked(value, numbers.words(units.of(dimension))), dimension)
+        return numbers.read(value, dimension, units, numbers.words(units.of(dimension)))
 
     return BeforeValidator(validate)
 
@@ -97,11 +153,12 @@ def _vector(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
             value = [value] * 3  # one tolerance for the three components
         if not isinstance(value, (list, tuple)) or len(value) != 3:
             raise bad_value(expected, value)
-        return tuple(units.to_internal(numbers.checked(item, expected), dimension) for item in value)
+        return tuple(numbers.read(item, dimension, units, expected) for item in value)
 
     return BeforeValidator(validate)
 
 
+_LENGTH, _ANGLE = In("length", stated=True), In("angle", stated=True)
 _TOLERANCE_SCHEMA = {"type": "number", "minimum": 0}
 _SIGMA_SCHEMA = WithJsonSchema({"type": "number", "exclusiveMinimum": 0})
 _ONE = WithJsonSchema(_TOLERANCE_SCHEMA)
@@ -116,20 +173,21 @@ _ONE_OR_THREE = WithJsonSchema(
 
 Triple = tuple[float, float, float]
 Number = Annotated[float, _scalar("number")]
-Length = Annotated[float, _scalar("length"), In("length")]
-Angle = Annotated[float, _scalar("angle"), In("angle")]
-Gain = Annotated[float, _scalar("gain"), In("gain")]
+Mass = Annotated[float, _scalar("mass"), In("kg", stated=True)]
+Length = Annotated[float, _scalar("length"), _LENGTH]
+Angle = Annotated[float, _scalar("angle"), _ANGLE]
+Gain = Annotated[float, _scalar("gain"), In("gain", stated=True)]
 Range = Annotated[tuple[Number, Number], In("reading")]
 Vector = Annotated[Triple, _vector("number")]
-LengthVector = Annotated[Triple, _vector("length"), In("length")]
-AngleVector = Annotated[Triple, _vector("angle"), In("angle")]
-LengthSigma = Annotated[float, _scalar("length", _SIGMA), _SIGMA_SCHEMA, In("length")]
-AngleSigma = Annotated[float, _scalar("angle", _SIGMA), _SIGMA_SCHEMA, In("angle")]
+LengthVector = Annotated[Triple, _vector("length"), _LENGTH]
+AngleVector = Annotated[Triple, _vector("angle"), _ANGLE]
+LengthSigma = Annotated[float, _scalar("length", _SIGMA), _SIGMA_SCHEMA, _LENGTH]
+AngleSigma = Annotated[float, _scalar("angle", _SIGMA), _SIGMA_SCHEMA, _ANGLE]
 NumberTolerance = Annotated[float, _scalar("number", _TOLERANCE), _ONE]
-LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE), _ONE, In("length")]
-AngleTolerance = Annotated[float, _scalar("angle", _TOLERANCE), _ONE, In("angle")]
-LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE), _ONE_OR_THREE, In("length")]
-AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE), _ONE_OR_THREE, In("angle")]
+LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE), _ONE, _LENGTH]
+AngleTolerance = Annotated[float, _scalar("angle", _TOLERANCE), _ONE, _ANGLE]
+LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE), _ONE_OR_THREE, _LENGTH]
+AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE), _ONE_OR_THREE, _ANGLE]
 
 
 class Section(BaseModel):

@@ -28,10 +28,13 @@ from truepose.models.fields import (
     LengthTolerance,
     LengthToleranceVector,
     LengthVector,
+    Mass,
     Number,
     Section,
     Vector,
     bad_value,
+    is_quantity,
+    with_texts,
 )
 from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.tolerances import Tolerances
@@ -198,7 +201,7 @@ class _ExpectedPose(Section):
 
 
 class _Mass(Section):
-    kg: Annotated[Number, In("kg")] = Field(ge=0.0)
+    kg: Mass = Field(ge=0.0)
     """Mass. That of the mass called `payload` is replaced by the recording's column `payload`."""
     com: LengthVector = _ZERO
     """Centre of mass in the frame of `in`."""
@@ -218,12 +221,18 @@ def _one_or_several(value: object) -> object:
     return value if isinstance(value, list) else [_typed_mapping(value)]
 
 
-def _numbers(value: object) -> tuple[float, ...]:
+def _numbers(value: object) -> tuple[float | str, ...]:
+    """Numbers in the file's units, and texts such as ``20um``, whose unit the parameter decides on."""
     items: list[Any] = value if isinstance(value, list) else [value]
-    plain = all(isinstance(item, (int, float)) and not isinstance(item, bool) for item in items)
-    if not items or not plain or not all(item >= 0 for item in items):
+    if not items or not all(_is_tolerance(item) for item in items):
         raise bad_value("a number >= 0 or .inf, or several for a vector", value)
-    return tuple(float(item) for item in items)
+    return tuple(item if isinstance(item, str) else float(item) for item in items)
+
+
+def _is_tolerance(item: object) -> bool:
+    if isinstance(item, str):
+        return is_quantity(item) and not item.lstrip().startswith("-")
+    return isinstance(item, (int, float)) and not isinstance(item, bool) and item >= 0
 
 
 def _interval(value: object) -> tuple[float, float]:
@@ -236,11 +245,13 @@ def _interval(value: object) -> tuple[float, float]:
 
 _NOT_NEGATIVE = {"type": "number", "minimum": 0}
 _STATED = WithJsonSchema(
-    {"anyOf": [_NOT_NEGATIVE, {"type": "array", "items": _NOT_NEGATIVE, "minItems": 1, "maxItems": 6}]}
+    with_texts(
+        {"anyOf": [_NOT_NEGATIVE, {"type": "array", "items": _NOT_NEGATIVE, "minItems": 1, "maxItems": 6}]}
+    )
 )
 
 RawSection = Annotated[dict[str, Any], BeforeValidator(_typed_mapping)]
-_Override = Annotated[tuple[float, ...], BeforeValidator(_numbers), _STATED]
+_Override = Annotated[tuple[float | str, ...], BeforeValidator(_numbers), _STATED]
 _Interval = Annotated[tuple[float, float], BeforeValidator(_interval), In("the parameter's")]
 
 

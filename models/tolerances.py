@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from truepose.errors import InputError
+from truepose.models.fields import quantity
 from truepose.models.units import UnitSystem, compatible, convert
 from truepose.wording import close_matches
 
@@ -16,15 +17,15 @@ _AXES, _TURNS, _DIRECTION = ("x", "y", "z"), ("rx", "ry", "rz"), "u"
 class Tolerances:
     """Default 1-sigma tolerances and overrides.
 
-    `length` mm, `angle` rad, 0.0 where the file has none. `overrides` are as written, in the file's
-    units: one number for a name, or numbers for a vector, keyed by a parameter (`leg3.a.x`), by what it
+    `length` mm, `angle` rad, 0.0 where the file has none. `overrides` are as written, in the file's units, or as texts
+    with their own (`20um`): one number for a name, or numbers for a vector, keyed by a parameter (`leg3.a.x`), by what it
     is a component of (`leg3.a`, `tool`, `tool.xyz`, `tool.rpy`), or by the end of its name (`gain`, `a`,
     `u.x`), which then holds for every element. The more specific key wins.
     """
 
     length: float = 0.0
     angle: float = 0.0
-    overrides: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    overrides: Mapping[str, tuple[float | str, ...]] = field(default_factory=dict)
     units: UnitSystem = field(default_factory=UnitSystem)
     file: str = ""
 
@@ -53,8 +54,16 @@ class Tolerances:
                 hint = close_matches(key, meant)
                 raise InputError(f"{self.file}: tolerances.{key}: no such parameter; {hint}")
 
-    def _convert(self, value: float, parameter: str, unit: str, key: str) -> float:
+    def _convert(self, value: float | str, parameter: str, unit: str, key: str) -> float:
         where = f"{self.file}: tolerances.{key}"
+        if isinstance(value, str):
+            own = "rad" if _is_direction(parameter) else unit
+            stated = quantity(value, own)
+            if stated is None:
+                raise InputError(
+                    f"{where}: found {value!r}, expected a number with a unit convertible to {own}"
+                )
+            return stated
         if _is_direction(parameter):
             return convert(value, self.units.angle, "rad", where)
         dimensions = ("length", "angle", "gain")
@@ -88,7 +97,7 @@ def _keys(parameter: str) -> list[tuple[str, int | None]]:
     return keys
 
 
-def _pick(values: tuple[float, ...], place: int | None) -> float | None:
+def _pick(values: tuple[float | str, ...], place: int | None) -> float | str | None:
     if place is None:
         return values[0] if len(values) == 1 else None
     if len(values) == 1 and place < 3:

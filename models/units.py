@@ -112,6 +112,11 @@ def _expected(dimension: str) -> str:
     return f"a unit convertible to {dimension}"
 
 
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit."""
+    return _unit(text) is not None
+
+
 def compatible(unit: str, to: str) -> bool:
     """Whether a known unit can be converted to another."""
     return _unit(unit) is not None and _kind(unit) == _kind(to)

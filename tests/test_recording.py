@@ -86,7 +86,7 @@ def test_labels_are_texts(tmp_path: Path) -> None:
         "placement",
         "socket",
     }
-    assert "row 1, column 'placement': found an empty cell" in refusal(
+    assert "row 1 (line 2), column 'placement': found an empty cell" in refusal(
         tmp_path, text.replace("left", ""), sensor=sensor
     )
 

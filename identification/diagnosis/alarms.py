@@ -53,12 +53,16 @@ def replicate_noise(fit: Estimate, recording: Recording) -> Noise:
     """Pure error: scatter of residuals among rows of the same pose (all model error is alike there)."""
     labels = recording.replicates()[fit.used]
     residual = fit.residual[fit.used]
+    lost = fit.lost_among(fit.used)
+    told = np.ones(residual.shape, dtype=bool) if lost is None else ~lost
     total, dof = 0.0, 0
     order = np.argsort(labels, kind="stable")
     for group in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
         if len(group) > 1:
-            total += float(np.sum((residual[group] - residual[group].mean(axis=0)) ** 2))
-            dof += (len(group) - 1) * residual.shape[1]
+            own, count = told[group], told[group].sum(axis=0)
+            mean = np.sum(residual[group] * own, axis=0) / np.maximum(count, 1)
+            total += float(np.sum(((residual[group] - mean) * own) ** 2))
+            dof += int(np.sum(np.maximum(count - 1, 0)))
     return Noise(np.sqrt(total / dof) if dof else 1.0, dof)
 
 
@@ -97,6 +101,8 @@ class Structure:
 def structure_alarm(fit: Estimate, recording: Recording, *, seed: int = 1) -> Structure:
     """Runs, order and driver tests on whitened residuals, the largest of them judged against random draws."""
     residual = fit.residual[fit.used]
+    lost = fit.lost_among(fit.used)
+    told = 1.0 if lost is None else (~lost).astype(float)
     r = _standard(residual)
     bases = _bases(fit, recording)
     order = _order(fit, recording)
@@ -105,7 +111,7 @@ def structure_alarm(fit: Estimate, recording: Recording, *, seed: int = 1) -> St
     project = _projector(fit, recording)
     back = np.argsort(order)  # noise is drawn in the order of acquisition: shuffled rows get the same draws
     drawn = (project(rng.standard_normal(r.shape)[back]) for _ in range(_draws(r)))
-    null = _tests(np.array([_standard(noise) for noise in drawn]), bases, order)
+    null = _tests(np.array([_standard(noise * told) for noise in drawn]), bases, order)
     draws = np.max(list(null.values()), axis=0)
     worst = max(observed, key=lambda name: float(observed[name][0]))
     largest = float(observed[worst][0])

@@ -30,6 +30,7 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.summary import summarise
 from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import catalogue
@@ -43,12 +44,14 @@ CONCEALED = 1.3
 
 
 def diagnose(
-    machine: Machine, recording: Recording, *, progress: Callable[[str], None] = lambda _: None
+    machine: Machine, recording: Recording | Sources, *, progress: Callable[[str], None] = lambda _: None
 ) -> Diagnosis:
     """Say what physics the model of ``machine`` leaves out of ``recording``, model it and prove it.
 
-    Raises InputError for unusable input and ConvergenceError when the fit without effects finds no minimum.
+    A path, a DataFrame or a dict of columns is a recording, too. Raises InputError for unusable input and
+    ConvergenceError when the fit without effects finds no minimum.
     """
+    recording = as_recording(machine, recording)
     progress("fitting without effects")
     fits = _null_fits(machine, recording)
     cat = catalogue(machine, recording)

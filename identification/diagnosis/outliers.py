@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.stats import binom, chi2
 
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.lost import told
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
@@ -32,11 +33,14 @@ BY_CHANCE = 0.2
 """Where so large a share of all residuals would fit a whole number by chance, none is named."""
 
 
-def row_scale(residual: Array) -> tuple[Array, float]:
-    """(n,) rms of each row of the whitened residual (n, m), and a robust estimate of the noise scale of rows."""
-    size = np.sqrt(np.mean(residual**2, axis=1))
-    m = residual.shape[1]
-    typical = float(np.median(size)) / np.sqrt(chi2.ppf(0.5, m) / m)
+def row_scale(residual: Array, lost: NDArray[np.bool_] | None = None) -> tuple[Array, float]:
+    """(n,) rms of each row of the whitened residual (n, m), and a robust estimate of the noise scale of rows.
+
+    Channels whose reading was ``lost`` (n, m) do not count.
+    """
+    m = told(residual, lost)
+    size = np.sqrt(np.sum(residual**2, axis=1) / m)
+    typical = float(np.median(size / np.sqrt(chi2.ppf(0.5, m) / m)))
     return size, max(typical, 1e-300)
 
 
@@ -49,11 +53,13 @@ def outlying_rows(
     everywhere flags nothing. Rows that lie together, in poses, load or time, are physics and no outliers.
     """
     out = np.zeros(len(fit.residual), dtype=bool)
-    rows = np.flatnonzero(candidates & np.isfinite(fit.residual).all(axis=1))
+    seen = candidates & np.isfinite(fit.residual).all(axis=1)
+    rows = np.flatnonzero(seen if fit.lost is None else seen & ~fit.lost.all(axis=1))
     if len(rows) < 10:
         return out
-    size, typical = row_scale(fit.residual[rows])
-    m = fit.residual.shape[1]
+    lost = fit.lost_among(rows)
+    size, typical = row_scale(fit.residual[rows], lost)
+    m = told(fit.residual[rows], lost)
     scale = max(typical, 1.0)
     # heavy tails are common: the Gaussian limit, and half as much again
     limit = 1.5 * scale * np.sqrt(chi2.isf(significance / len(rows), m) / m)

@@ -130,6 +130,8 @@ def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers
     channel = rng.integers(0, m, count)
     extra = np.zeros((len(t), m, count))
     extra[:, channel, np.arange(count)] = waves
+    if before.lost is not None:
+        extra[before.lost] = 0.0
     split, blocks = held_out_blocks(recording, before.used)
     if split == ROLE:
         blocks = blocks[-1:]

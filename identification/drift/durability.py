@@ -157,7 +157,7 @@ class _Setting:
         return Check(rms, expected, units, float(p), enough or not (p < self.level and worse))
 
     def _rms(self, fit: Estimate) -> dict[str, float]:
-        return rms_by_kind(fit.residual[fit.used], self.session.predictor.channels)
+        return rms_by_kind(fit.residual[fit.used], self.session.predictor.channels, fit.lost_among(fit.used))
 
     def _expected(self, met: Estimate, kept: NDArray[np.bool_]) -> dict[str, float]:
         """rms if nothing carried over moved: noise, less what a refit takes up, and the first fit's errors."""
@@ -189,5 +189,5 @@ def _free_residual(fit: Estimate) -> tuple[float, int]:
 
 
 def _own(fit: Estimate) -> Check:
-    rms = rms_by_kind(fit.residual[fit.used], fit.machine.channels)
+    rms = rms_by_kind(fit.residual[fit.used], fit.machine.channels, fit.lost_among(fit.used))
     return Check(rms, rms, fit.machine.residual_units, 1.0, True)

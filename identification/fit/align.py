@@ -50,11 +50,14 @@ def seen_points(
 ) -> tuple[Array, Array]:
     """Predicted and measured points (k, 3) of every point that has three position channels; ``values`` (n, columns)."""
     predicted, measured = [], []
+    read = predictor.recording.observations
     channels = [c.name for c in predictor.channels if c.kind == "position" and c.name in names]
     for k in range(0, len(channels), 3):
         triple = channels[k : k + 3]
-        predicted.append(values[rows][:, [names.index(c) for c in triple]])
-        measured.append(np.column_stack([predictor.recording.observations[c][rows] for c in triple]))
+        points = np.column_stack([read[c][rows] for c in triple])
+        whole = np.isfinite(points).all(axis=1)  # a lost reading loses the point
+        predicted.append(values[rows][:, [names.index(c) for c in triple]][whole])
+        measured.append(points[whole])
     return (np.vstack(predicted), np.vstack(measured)) if predicted else (np.zeros((0, 3)), np.zeros((0, 3)))
 
 
@@ -76,8 +79,11 @@ def _turn_tool(predictor: Predictor, p: Array, rows: NDArray[np.bool_], predicte
     channels = [c.name for c in predictor.channels if c.kind == "rotation"]
     if len(channels) != 3:
         return False
-    measured = lie.exp_so3(np.column_stack([predictor.recording.observations[c][rows] for c in channels]))
-    mean = np.mean(np.swapaxes(predicted, 1, 2) @ measured, axis=0)
+    turns = np.column_stack([predictor.recording.observations[c][rows] for c in channels])
+    whole = np.isfinite(turns).all(axis=1)
+    if not whole.any():
+        return False
+    mean = np.mean(np.swapaxes(predicted[whole], 1, 2) @ lie.exp_so3(turns[whole]), axis=0)
     u, _, vt = np.linalg.svd(mean)
     turn = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
     at = [predictor.model.names.index(f"tool.{a}") for a in AXES]

@@ -29,6 +29,7 @@ from truepose.identification.fit.relinearised import TUNING, Scaling, relinearis
 from truepose.identification.fit.simultaneous import simultaneous
 from truepose.identification.fit.widening import untied
 from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.wording import meant
@@ -57,7 +58,7 @@ class Calibration:
 
 def calibrate(
     machine: Machine,
-    recording: Recording,
+    recording: Recording | Sources,
     *,
     estimator: str = "map",
     solver: str = "gn",
@@ -65,7 +66,7 @@ def calibrate(
     tuning: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
-    """Fit the machine with the effects of its file.
+    """Fit the machine with the effects of its file; a path, a DataFrame or a dict of columns is a recording, too.
 
     ``scaling`` is the unit of the columns of ``liu``, ``ridge`` and ``pcr``, on which their bias depends, and
     ``tuning`` Liu's d, ridge's k or the number of components where it is not to be chosen by rule (see
@@ -82,6 +83,7 @@ def calibrate(
             f"--solver: found 'ipopt' with --estimator {estimator}, which relinearises by itself and keeps no "
             "bounds; expected gn or lm, or the estimators map, ols or huber"
         )
+    recording = as_recording(machine, recording)
     work = _Work(machine, recording, solver, bounds_of(machine, machine.effects))
     progress("fitting")
     method = {"estimator": estimator, "solver": solver}

@@ -22,6 +22,7 @@ from truepose.identification.fit.relinearised import Shrunk
 from truepose.identification.fit.robust import robust
 from truepose.identification.fit.widening import widened
 from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
@@ -75,8 +76,14 @@ class Estimate:
     """What a linear (biased) estimator knows of itself; it has no prior, and its variance is not J'J's."""
     levels: int = 0
     """Unknowns that compared rows share; they cost readings."""
+    lost: NDArray[np.bool_] | None = None
+    """(n, m) channels whose reading was lost, with a residual of zero; None where none was."""
     parts: tuple[Array, ...] = ()
     """``factor`` of each sensor's kinds of reading alone, where there are several (``noise.channel_groups``)."""
+
+    def lost_among(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> NDArray[np.bool_] | None:
+        """(k, m) channels of some rows whose reading was lost; None where none was."""
+        return None if self.lost is None else self.lost[rows]
 
     @property
     def prior_weight(self) -> Array:
@@ -203,7 +210,7 @@ class Estimate:
 
 def estimate(
     machine: Machine,
-    recording: Recording,
+    recording: Recording | Sources,
     effects: Sequence[PlacedEffect] = (),
     *,
     widen: float = 1.0,
@@ -216,7 +223,7 @@ def estimate(
     tolerance: float = TOLERANCE,
     solver: Solver | None = None,
 ) -> Estimate:
-    """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording``.
+    """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording`` (or of a path, DataFrame or dict).
 
     ``damping`` is that of the first step; without it full steps are taken, and damped ones where those find no
     minimum. ``start`` (np,) are parameters and
@@ -225,6 +232,7 @@ def estimate(
     place of damped Gauss-Newton. Raises InputError for too few rows, ConvergenceError naming the parameters
     responsible when no minimum is reached.
     """
+    recording = as_recording(machine, recording)
     predictor = predictor or Predictor(machine, recording, effects, visits=FIT)
     prior = prior or prior_of(machine, effects)
     p = predictor.model.p_home.copy() if start is None else start.astype(float)
@@ -267,6 +275,7 @@ def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ..
         solution=solution,
         unassembled=problem.unassembled,
         levels=problem.levels,
+        lost=problem.lost,
         parts=tuple(parts),
     )
 

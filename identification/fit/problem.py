@@ -69,8 +69,9 @@ def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
 class Problem:
     """The whitened least-squares problem in scaled steps t (n_free,) from p (np,): readings, then prior.
 
-    ``used`` (n,) are the rows that are fitted, ``weights`` (n,) those of a robust loss, ``x`` (n, nx) the
-    passive coordinates at the latest step. Raises InputError when there are too few readings.
+    ``used`` (n,) are the rows that are fitted (a row whose every reading was lost is none of them), ``lost`` (n, m) the
+    channels that read nothing (None: all read), ``weights`` (n,) those of a robust loss, ``x`` (n, nx) the passive
+    coordinates at the latest step. Raises InputError when there are too few readings.
     """
 
     def __init__(self, predictor: Predictor, prior: Prior, p: Array, used: NDArray[np.bool_]) -> None:
@@ -80,9 +81,13 @@ class Problem:
         self.assembled = good
         self.unassembled = tuple(int(k) for k in np.flatnonzero(~good & used))
         self.used = used & good
+        self.lost = predictor.lost
+        if self.lost is not None:
+            self.used &= ~self.lost.all(axis=1)
         self.levels = sum(c.unknowns for c in predictor.comparisons(self.used) if c is not None)
         """Unknowns that compared rows share (points of sockets): readings that say nothing of parameters."""
-        self.n_observations = int(self.used.sum()) * len(predictor.channels) - self.levels
+        gone = 0 if self.lost is None else int(self.lost[self.used].sum())
+        self.n_observations = int(self.used.sum()) * len(predictor.channels) - gone - self.levels
         self._check_size()
         self._normal = NormalEquations.of(predictor, prior.free)
 
@@ -101,26 +106,37 @@ class Problem:
             return
         self.x = np.where(good[:, None], x, self.x) if x.shape[1] else x
         few = self._few_rows(p)
-        yield from self.data(p, self.x) if few is None else [few]
+        yield from self.data(p, self.x) if few is None else few
         yield self.prior_rows(p)
 
-    def _few_rows(self, p: Array) -> Array | None:
-        """Rows of [J r] with the sums of all readings, where they are many and steps cannot tell the difference."""
+    def _few_rows(self, p: Array) -> list[Array] | None:
+        """Rows of [J r] with the sums of all readings, where they are many and steps cannot tell the difference.
+
+        The sums are of rows without a loss; the others follow.
+        """
         if self._normal is None:
             return None
         free = self.prior.free
         scale = self.prior.scale[free]
         least = float(np.min((scale / self.prior.sigma[free]) ** 2, initial=np.inf))
-        rows = self._normal.rows(p, self.used * self.weights, scale, least)
+        gone = np.zeros_like(self.used) if self.lost is None else self.lost.any(axis=1)
+        rows = self._normal.rows(p, self.used * ~gone * self.weights, scale, least)
         if rows is None:
             self._normal = None
-        return rows
+            return None
+        at = np.flatnonzero(self.used & gone)
+        return [rows, *self._rows(self.predictor.of_rows(at), p, self.x[at], at)] if at.size else [rows]
 
     def data(self, p: Array, x: Array) -> Iterable[Array]:
         """Blocks (k, n + 1) of rows of [J r] of the readings alone, at ``p`` (np,) and ``x`` (rows, nx)."""
-        free, root = self.prior.free, np.sqrt(self.weights)
-        for block in self.predictor.blocks(p, x, self.used * self.weights):
-            rows = np.flatnonzero(self.used[block.rows])
+        return self._rows(self.predictor, p, x, np.arange(len(self.used)))
+
+    def _rows(self, predictor: Predictor, p: Array, x: Array, at: NDArray[np.intp]) -> Iterable[Array]:
+        """The same of a predictor for the rows ``at``."""
+        free, used, weights = self.prior.free, self.used[at], self.weights[at]
+        root = np.sqrt(weights)
+        for block in predictor.blocks(p, x, used * weights):
+            rows = np.flatnonzero(used[block.rows])
             w = root[block.rows][rows, None]
             jacobian = block.jacobian[rows][:, :, free] * self.prior.scale[free] * w[..., None]
             stacked = np.concatenate([jacobian, (block.residual[rows] * w)[..., None]], axis=2)

@@ -16,7 +16,7 @@ from truepose.identification.fit.bounds import directions
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Problem
 from truepose.identification.prediction.predictor import twist_rows
-from truepose.identification.prediction.sensor_rows import Block, Sight, joined, sights
+from truepose.identification.prediction.sensor_rows import Block, Sight, joined
 from truepose.models.home import coordinate_scale
 
 Array = NDArray[np.float64]
@@ -41,7 +41,6 @@ class Program:
             outputs += [value, ca.jacobian(value, model.p), ca.jacobian(value, model.x)]
         rows = problem.predictor.evaluations
         self._model = BatchFunction("simultaneous", [model.x, model.q, model.z, model.p], outputs, rows=rows)
-        self._sensors = sights(machine, model.names, rows)
         self._comparisons = problem.predictor.comparisons(problem.used * problem.weights)
         self._compares = any(c is not None for c in self._comparisons)
         # rows that are not fitted matter where readings compare rows
@@ -143,8 +142,7 @@ class Program:
         twist = np.concatenate([by_p, by_x], axis=2)
         sight = Sight(pose, twist, shift[..., 0], np.concatenate([shift_by_p, shift_by_x], axis=2))
         every = slice(0, len(pose))
-        pairs = zip(self._sensors, self._comparisons, strict=True)
-        return joined(every, [f.block(sight, p, predictor.recording, every, c) for f, c in pairs])
+        return joined(every, predictor.seen(sight, p, every, self._comparisons))
 
     def _closures(self, v: Array) -> tuple[Array, Array, Array]:
         """Of each row in play: closure (k, nx), and by steps (k, nx, n_free) and coordinates (k, nx, nx)."""

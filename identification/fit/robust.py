@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.problem import Problem
+from truepose.identification.prediction.lost import told
 
 Array = NDArray[np.float64]
 HUBER = 1.345
@@ -22,7 +23,8 @@ def robust(problem: Problem, loss: str, solve: Callable[[Array], Solution]) -> S
     if loss == "gauss":
         return solution
     for _ in range(REWEIGHTINGS):  # far rows may be why plain least squares found no rest
-        size = np.sqrt(np.mean(problem.residuals(problem.at(solution.t), problem.x) ** 2, axis=1))
+        squares = problem.residuals(problem.at(solution.t), problem.x) ** 2
+        size = np.sqrt(np.sum(squares, axis=1) / told(squares, problem.lost))
         scale = max(float(np.median(size[problem.used])), 1e-300)
         weights = np.minimum(1.0, HUBER * 1.2 * scale / np.maximum(size, 1e-300))
         settled = np.max(np.abs(weights - problem.weights)[problem.used]) < SETTLED

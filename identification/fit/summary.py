@@ -26,8 +26,15 @@ class FitSummary:
     worst_allowed: float
 
 
-def rms_by_kind(residual: Array, channels: Sequence[Channel]) -> dict[str, float]:
-    """Root of the mean over rows and points of the squared norm (mm, rad); ``residual`` (n, m) is whitened."""
+def rms_by_kind(
+    residual: Array, channels: Sequence[Channel], lost: NDArray[np.bool_] | None = None
+) -> dict[str, float]:
+    """Root of the mean over rows and points of the squared norm (mm, rad); ``residual`` (n, m) is whitened.
+
+    Points of which a reading was ``lost`` (n, m) do not count.
+    """
+    if lost is not None:
+        residual = np.where(lost, np.nan, residual)
     out = {}
     for kind in dict.fromkeys(channel.kind for channel in channels):
         squares = []
@@ -66,9 +73,11 @@ def summarise(fit: Estimate, validation: NDArray[np.bool_]) -> FitSummary:
     rows = validation & np.isfinite(fit.residual).all(axis=1)
     away = np.abs(fit.in_tolerances)
     return FitSummary(
-        rms=rms_by_kind(fit.residual[fit.used], channels),
+        rms=rms_by_kind(fit.residual[fit.used], channels, fit.lost_among(fit.used)),
         chi2_per_dof=fit.chi2_per_dof,
-        validation_rms=rms_by_kind(fit.residual[rows], channels) if rows.any() else None,
+        validation_rms=rms_by_kind(fit.residual[rows], channels, fit.lost_among(rows))
+        if rows.any()
+        else None,
         worst_parameter_sigma=fit.worst_parameter_sigma,
         worst_parameter=fit.prior.names[int(np.argmax(away))],
         worst_allowed=worst_allowed(fit),

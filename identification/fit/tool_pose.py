@@ -28,7 +28,10 @@ FEWEST = 3
 
 @dataclass(frozen=True)
 class ToolPoints:
-    """Points of the tool, predicted and read: (n, k, 3) each, mm, in the sensor's frame; k is 0 where none are read."""
+    """Points of the tool, predicted and read: (n, k, 3) each, mm, in the sensor's frame; k is 0 where none are read.
+
+    A point of which a reading was lost is NaN.
+    """
 
     predicted: Array
     read: Array
@@ -41,14 +44,18 @@ class ToolPoints:
     def squares(self, fitted: Mask, held: Mask) -> Array:
         """(h,) mean squared distance, mm^2, of the points of each row held out, moved rigidly onto the rows fitted.
 
-        Empty where nothing is read or too few rows are fitted.
+        Rows without a point are left out. Empty where nothing is read or too few rows are fitted.
         """
-        own = self.predicted[fitted].reshape(-1, 3)
-        if not self.known or len(own) < FEWEST:
+        if not self.known:
             return np.zeros(0)
-        rotation, shift = rigid_motion(own, self.read[fitted].reshape(-1, 3))
+        whole = np.isfinite(self.read).all(axis=2)
+        own = fitted[:, None] & whole
+        if own.sum() < FEWEST:
+            return np.zeros(0)
+        rotation, shift = rigid_motion(self.predicted[own], self.read[own])
+        held = held & whole.any(axis=1)
         off = self.predicted[held] @ rotation.T + shift - self.read[held]
-        return np.asarray(np.mean(np.sum(off**2, axis=2), axis=1))
+        return np.asarray(np.nanmean(np.sum(off**2, axis=2), axis=1))
 
 
 def tool_points(predictor: Predictor, p: Array, x: Array, silent: Collection[str] = ()) -> ToolPoints:

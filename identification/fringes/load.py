@@ -10,33 +10,36 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.identification.fringes.lengths import read_fringes, sensor_of, with_lengths
+from truepose.identification.recording.load import Sources, tables
 from truepose.identification.recording.load import load_recording as load_rows
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.table import read_table
 from truepose.models.machine import Machine
 from truepose.models.sensors.irradiance import Irradiance
 
 
 def load_recording(
     machine: Machine,
-    paths: Sequence[Path | str],
+    source: Sources,
     *,
     need_observations: bool = True,
     irradiance: Sequence[Path | str] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Recording:
-    """One or several files as one recording. Raises InputError naming file, row and column.
+    """One or several recordings as one: paths, DataFrames or dicts of columns, in the units of the machine file unless
+    a header says otherwise. Raises InputError naming file, row and column.
 
     ``irradiance``: tables of photocurrents, one for each file without a column ``dL``, in the same order; their
     fringes are counted.
     """
     if irradiance:
         sensor_of(machine)
-    files = [Path(p) for p in paths]
+    files = tables(source)
     counted = need_observations and any(isinstance(sensor, Irradiance) for sensor in machine.sensors)
-    lacking = [k for k, file in enumerate(files) if "dL" not in read_table(file)] if counted else []
+    lacking = [k for k, table in enumerate(files) if "dL" not in table] if counted else []
     if lacking and not irradiance:
-        raise InputError(f"{files[lacking[0]]}: missing column 'dL', and no --irradiance to count it from")
+        raise InputError(
+            f"{files[lacking[0]].file}: missing column 'dL', and no --irradiance to count it from"
+        )
     if counted and len(irradiance) != len(lacking):
         raise InputError(
             f"--irradiance: found {len(irradiance)} tables, expected {len(lacking)}: one for each recording "
@@ -45,9 +48,9 @@ def load_recording(
     if not lacking:
         return load_rows(machine, files, need_observations=need_observations)
     rows = load_rows(machine, files, without="dL")
-    tables = {k: Path(p) for k, p in zip(lacking, irradiance, strict=True)}
-    found = read_fringes(machine, rows, tables, progress)
-    others = [file for k, file in enumerate(files) if k not in lacking]
+    light = {k: Path(p) for k, p in zip(lacking, irradiance, strict=True)}
+    found = read_fringes(machine, rows, light, progress)
+    others = [table for k, table in enumerate(files) if k not in lacking]
     if others:
         recorded = ~np.isin(rows.source_file, lacking)
         found.change[recorded] = load_rows(machine, others).observations["dL"]

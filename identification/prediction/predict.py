@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.spread import column_std
+from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.driver import Driver
@@ -39,11 +40,13 @@ class Prediction:
     good: Mask
 
 
-def predict(machine: Machine, recording: Recording) -> pd.DataFrame:
+def predict(machine: Machine, recording: Recording | Sources) -> pd.DataFrame:
     """One row for each row, in order: sensor columns, ``<column>.std``, pose.x ... pose.rz (rotation vector).
 
-    Columns are in the units of the machine file. Rows that cannot be assembled are NaN (see ``unassembled``).
+    A path, a DataFrame or a dict of columns is a recording, too; it needs no readings. Columns are in the units of the
+    machine file. Rows that cannot be assembled are NaN (see ``unassembled``).
     """
+    recording = as_recording(machine, recording, need_observations=False)
     found = predicted(predictor_for(machine, recording))
     units = machine.units
     assert found.std is not None

@@ -7,6 +7,7 @@ implicit function theorem, dx/dp = -(dg/dx)^-1 dg/dp, never from differentiating
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 
 import casadi as ca
 import numpy as np
@@ -16,6 +17,7 @@ from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
 from truepose.identification.prediction.loops import Loops
+from truepose.identification.prediction.lost import all_lost, lost_of
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined, sights
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
@@ -69,6 +71,7 @@ class Predictor:
         outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
         self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
         self._sensors = sights(machine, m.names, n)
+        self._lost = [lost_of(sensor, recording) for sensor in machine.sensors]
         self.origin = _origin(recording) if any(s.differs_from_row for s in machine.sensors) else None
 
     @property
@@ -114,8 +117,27 @@ class Predictor:
         for start in range(0, len(self.q), max(step, 1)):
             rows = slice(start, min(start + step, len(self.q)))
             sight = self._sight(rows, p, x)
-            pairs = zip(self._sensors, comparisons, strict=True)
-            yield joined(rows, [f.block(sight, p, self.recording, rows, c) for f, c in pairs])
+            yield joined(rows, self.seen(sight, p, rows, comparisons))
+
+    def seen(
+        self, sight: Sight, p: Array, rows: slice, comparisons: Sequence[Comparison | None]
+    ) -> list[Block]:
+        """What each sensor makes of ``sight`` in some rows: whitened residuals and their derivatives."""
+        every = zip(self._sensors, comparisons, self._lost, strict=True)
+        return [f.block(sight, p, self.recording, rows, c, gone) for f, c, gone in every]
+
+    @property
+    def lost(self) -> Mask | None:
+        """(n, m) channels that read nothing, because a reading was lost; None where none was."""
+        return all_lost(self.machine, self._lost, len(self.q))
+
+    def of_rows(self, rows: NDArray[np.intp]) -> Predictor:
+        """The same for some rows, whose readings stand for themselves; what was compiled is shared."""
+        part = copy(self)
+        part.recording = self.recording.subset(rows)
+        part.q, part.z = self.q[rows], self.z[rows]
+        part._lost = [None if gone is None else gone[rows] for gone in self._lost]
+        return part
 
     def comparisons(self, weight: Array | Mask | None = None) -> list[Comparison | None]:
         """How each sensor compares rows of ``weight`` (n,); None where each reading depends on its own row alone."""

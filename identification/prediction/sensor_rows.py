@@ -18,6 +18,7 @@ from truepose.models.machine import Machine
 from truepose.models.sensors.base import Comparison, Sensor
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -25,13 +26,15 @@ class Block:
     """Some rows: residuals (n, m) whitened by sigma, and the derivative (n, k, np) of each row's prediction by p.
 
     Where a reading compares rows, ``compare`` turns changes (n, k, w) of the rows' predictions into changes
-    (n, m, w) of the residuals; elsewhere the two are the same.
+    (n, m, w) of the residuals; elsewhere the two are the same. ``lost`` (n, m): channels that read nothing there, whose
+    residuals are zero and stay so.
     """
 
     rows: slice
     residual: Array
     here: Array
     compare: Callable[[Array], Array] | None = None
+    lost: Mask | None = None
 
     @cached_property
     def jacobian(self) -> Array:
@@ -40,22 +43,28 @@ class Block:
 
     def changes(self, change: Array) -> Array:
         """(n, m, w) what changes (n, k, w) of the rows' predictions do to the residuals."""
-        return change if self.compare is None else self.compare(change)
+        changed = change if self.compare is None else self.compare(change)
+        return changed if self.lost is None else np.where(self.lost[..., None], 0.0, changed)
 
 
 def joined(rows: slice, parts: Sequence[Block]) -> Block:
     """The blocks of several sensors side by side."""
     residual = np.concatenate([part.residual for part in parts], axis=1)
     here = np.concatenate([part.here for part in parts], axis=1)
+    lost = None
+    if any(part.lost is not None for part in parts):
+        lost = np.hstack(
+            [np.zeros(p.residual.shape, dtype=bool) if p.lost is None else p.lost for p in parts]
+        )
     if all(part.compare is None for part in parts):
-        return Block(rows, residual, here)
+        return Block(rows, residual, here, lost=lost)
     ends = np.cumsum([part.here.shape[1] for part in parts])[:-1]
 
     def compare(change: Array) -> Array:
         pieces = zip(parts, np.split(change, ends, axis=1), strict=True)
         return np.concatenate([part.changes(piece) for part, piece in pieces], axis=1)
 
-    return Block(rows, residual, here, compare)
+    return Block(rows, residual, here, compare, lost)
 
 
 @dataclass(frozen=True)
@@ -112,14 +121,19 @@ class SensorFunctions:
         recording: Recording,
         rows: slice,
         comparison: Comparison | None,
+        lost: Mask | None = None,
     ) -> Block:
-        """Whitened residuals of what is seen in ``rows``, with their derivatives by the parameters p (np,)."""
+        """Whitened residuals of what is seen in ``rows``, with their derivatives by the parameters p (np,).
+
+        ``lost`` (n, m) are channels of all rows that read nothing.
+        """
+        gone = None if lost is None else lost[rows]
         columns = [recording.observations[c][rows] for c in self.sensor.columns]
         y = np.column_stack(columns) if columns else np.zeros((len(sight.pose), 0))
         if comparison is None:
             self._check_labels(recording)
-            value, jacobian = self._evaluate(self._residual, sight, p, y, -1.0)
-            return Block(rows, value / self._sigma, jacobian / self._sigma[:, None])
+            value, jacobian = self._evaluate(self._residual, sight, p, np.nan_to_num(y), -1.0)
+            return _block(rows, value / self._sigma, jacobian / self._sigma[:, None], None, gone)
         raw, jacobian = self._evaluate(self._predict, sight, p, np.zeros_like(y), 1.0)
         values = comparison.values(raw)
 
@@ -127,7 +141,7 @@ class SensorFunctions:
             out: Array = comparison.changes(raw, change) / self._sigma[:, None]
             return out
 
-        return Block(rows, (values - y if columns else values) / self._sigma, jacobian, compare)
+        return _block(rows, (values - y if columns else values) / self._sigma, jacobian, compare, gone)
 
     def _check_labels(self, recording: Recording) -> None:
         missing = [name for name in self.sensor.label_columns if name not in recording.labels]
@@ -158,6 +172,16 @@ class SensorFunctions:
         jacobian[:, :, self._own] += by_own
         jacobian += sign * (by_y @ sight.shift_by[:, self._columns])
         return value[..., 0], jacobian
+
+
+def _block(
+    rows: slice, residual: Array, here: Array, compare: Callable[[Array], Array] | None, lost: Mask | None
+) -> Block:
+    """The block, with nothing where a reading was lost; what a comparison makes of the rows' derivatives is masked there."""
+    if lost is None or not lost.any():
+        return Block(rows, residual, here, compare)
+    here = here if compare is not None else np.where(lost[..., None], 0.0, here)
+    return Block(rows, np.where(lost, 0.0, residual), here, compare, lost)
 
 
 def _differentiated(name: str, value: ca.SX, inputs: list[ca.SX], small: ca.SX, rows: int) -> BatchFunction:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.prediction.predict import predicted, predictor_for
+from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table
 from truepose.models.effects.base import Effect, PlacedEffect, effects
@@ -33,13 +34,14 @@ _FORM = "SLUG@PLACE:name=value[unit]"
 
 
 def simulate(
-    machine: Machine, poses: Recording, extra: Sequence[PlacedEffect] = (), *, seed: int | None = 0
+    machine: Machine, poses: Recording | Sources, extra: Sequence[PlacedEffect] = (), *, seed: int | None = 0
 ) -> pd.DataFrame:
-    """The sensor's columns for every row of ``poses``, in the machine file's units.
+    """The sensor's columns for every row of ``poses`` (a path, a DataFrame or a dict, too), in the machine file's units.
 
     Noise is the instrument's, drawn from ``seed``; None leaves it out. Raises InputError naming the first row
     that cannot be assembled, and a column of labels that a sensor without readings needs.
     """
+    poses = as_recording(machine, poses, need_observations=False)
     _check_labels(machine, poses)
     predictor = predictor_for(machine.with_effects((*machine.effects, *extra)), poses)
     found = predicted(predictor, with_std=False)

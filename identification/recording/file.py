@@ -12,10 +12,11 @@ import numpy.typing as npt
 
 from truepose.errors import InputError
 from truepose.identification.recording.history import latest_earlier_row
+from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.driver import APPROACH, VELOCITY, Driver
 from truepose.models.units import FloatArray, UnitSystem, convert
-from truepose.wording import close_matches, meant
+from truepose.wording import meant, shortened
 
 IntArray = npt.NDArray[np.int64]
 
@@ -24,6 +25,8 @@ _LOGGED: Final = ("payload", "pressure", "humidity")
 _OF_A_JOINT: Final = (APPROACH, VELOCITY)
 _OTHER: Final = ("time", "session", "pose", "from", "role")
 _ROLES: Final = ("calibration", "validation")
+_NAMED = 4
+"""Lost readings that a note names."""
 _SLACK: Final = 0.05  # of a range's width: commands overshoot a little
 
 
@@ -39,7 +42,10 @@ class JointColumn:
 
 @dataclass(frozen=True)
 class RecordingPart:
-    """One file's rows in internal units; `from_row` counts from this file's first row."""
+    """One file's rows in internal units; `from_row` counts from this file's first row.
+
+    Observations are NaN where a reading was lost.
+    """
 
     file: str
     q: FloatArray  # (n, n_joints)
@@ -63,17 +69,26 @@ def read_part(
 ) -> RecordingPart:
     """Read and check one file (or its table). `needed` names the columns it must have beside the joints."""
     table = path if isinstance(path, Table) else read_table(path)
-    for name in (*(joint.name for joint in joints), *needed):
-        _require(table, name)
+    names = [joint.name for joint in joints]
+    logged = [*_LOGGED, *_of_joints(joints)]
+    table = in_known_case(table, (*names, *sensor_columns, *logged, *_OTHER))
+    unread = [name for name, unit in sensor_columns.items() if unit != LABEL and _all_empty(table, name)]
+    table = table.without([name for name in unread if name not in needed])
+    for name in (*names, *needed):
+        if name not in table:
+            raise missing_column(table, name, (*names, *sensor_columns, *logged, *_OTHER))
+        if name in unread:
+            raise InputError(f"{table.where(name)}: every cell is empty, expected readings")
     present = {name: unit for name, unit in sensor_columns.items() if name in table}
+    observations = {n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL}
     time = _converted(table, "time", "s", "s") if "time" in table else None
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units)
-    known = {*(joint.name for joint in joints), *sensor_columns, *drivers, *_OTHER}
+    known = {*names, *sensor_columns, *drivers, *_OTHER}
     return RecordingPart(
         file=table.file,
         q=np.column_stack([_joint(table, joint, units) for joint in joints]),
-        observations={n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL},
+        observations=observations,
         labels={name: table.texts(name) for name, unit in present.items() if unit == LABEL},
         drivers=drivers,
         validation=_validation(table),
@@ -81,14 +96,37 @@ def read_part(
         pose=pose,
         time=time,
         from_row=_from_row(table, pose, time) if "from" in table else None,
-        notes=_notes(table, known, joints),
+        notes=(*table.notes, *_lost(table.file, observations), *_notes(table, known, joints)),
     )
 
 
-def _require(table: Table, name: str) -> None:
+def _all_empty(table: Table, name: str) -> bool:
+    """Whether a column is there and holds nothing, as in a form that was not filled in."""
     if name not in table:
-        hint = close_matches(name, table.names)
-        raise InputError(f"{table.file}: missing column {name!r}; {hint}")
+        return False
+    return all(cell is None or (isinstance(cell, str) and not cell.strip()) for cell in table.cells[name])
+
+
+def _lost(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
+    """Notes on the readings that were lost, and on rows that have none left."""
+    gone = sorted((int(row), name) for name, v in observations.items() for row in np.flatnonzero(np.isnan(v)))
+    if not gone:
+        return []
+    where = shortened([f"row {row + 1} {name}" for row, name in gone], _NAMED)
+    return [
+        f"{file}: {len(gone)} reading is missing ({where}): this channel of this row is not fitted"
+        if len(gone) == 1
+        else f"{file}: {len(gone)} readings are missing ({where}): these channels of these rows are not fitted",
+        *_unread(file, observations),
+    ]
+
+
+def _unread(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
+    rows = np.flatnonzero(np.all([np.isnan(values) for values in observations.values()], axis=0)) + 1
+    if not rows.size:
+        return []
+    named = shortened([str(row) for row in rows], _NAMED)
+    return [f"{file}: no reading is left in row{'s' if rows.size > 1 else ''} {named}: not fitted"]
 
 
 def _converted(table: Table, name: str, default: str, internal: str) -> FloatArray:
@@ -116,7 +154,8 @@ def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
 
 
 def _reading(table: Table, name: str, internal: str, units: UnitSystem) -> FloatArray:
-    return _converted(table, name, units.written(internal), internal)
+    unit = table.unit(name, units.written(internal), internal)
+    return convert(table.readings(name), unit, internal, table.where(name))
 
 
 def _drivers(table: Table, joints: Sequence[JointColumn], units: UnitSystem) -> dict[str, FloatArray]:
@@ -168,7 +207,9 @@ def _from_row(table: Table, pose: IntArray | None, time: FloatArray | None) -> I
 
 
 def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tuple[str, ...]:
-    ignored = [name for name in table.names if name not in known]
+    of_averages = {"samples", *(f"{name}.sigma" for name in known)}
+    of_averages |= {f"{name.rpartition('.')[0]}.samples" for name in known}
+    ignored = [name for name in table.names if name not in known | of_averages]
     if not ignored:
         return ()
     optional = {*known, *_LOGGED, *_of_joints(joints)}

@@ -1,14 +1,28 @@
-"""Read recordings for a machine: its joints and its sensors say which columns are needed."""
+"""Read recordings for a machine: its joints and its sensors say which columns are needed.
+
+What is a recording: a path, a DataFrame, a dict of columns, or several of these.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeAlias
 
+import pandas as pd
+
+from truepose.errors import InputError
 from truepose.identification.recording.file import LABEL
+from truepose.identification.recording.memory_tables import is_table
 from truepose.identification.recording.recording import JointColumn, Recording, read_recording
+from truepose.identification.recording.table import Table, read_table, table_in_memory
 from truepose.models.machine import Machine
+
+Source: TypeAlias = "str | os.PathLike[str] | Table | pd.DataFrame | Mapping[str, Any]"
+"""One recording: a file (text, Parquet, Excel, a ROS bag), a DataFrame, or a dict of columns; units as in a file."""
+Sources: TypeAlias = "Source | Sequence[Source]"
 
 
 def joint_columns(machine: Machine) -> list[JointColumn]:
@@ -16,14 +30,38 @@ def joint_columns(machine: Machine) -> list[JointColumn]:
     return [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
 
 
+def tables(source: Sources) -> list[Table]:
+    """The table of every recording in ``source``. Raises InputError for what is none, and as ``read_table`` does."""
+    several = not isinstance(source, (str, os.PathLike, Table)) and not is_table(source)
+    if several and not isinstance(source, Sequence):
+        raise InputError(
+            f"recording: found {type(source).__name__}, expected a path, a DataFrame, a dict of columns, "
+            "or several of these"
+        )
+    if not several:
+        return [_table(source, "")]
+    return [_table(item, f" {k}" if len(source) > 1 else "") for k, item in enumerate(source, start=1)]
+
+
+def _table(source: Any, number: str) -> Table:
+    if isinstance(source, Table):
+        return source
+    if isinstance(source, (str, os.PathLike)):
+        return read_table(Path(source))
+    if is_table(source):
+        return table_in_memory(source, f"{type(source).__name__}{number}")
+    raise InputError(
+        f"recording{number}: found {type(source).__name__}, expected a path, a DataFrame or a dict"
+    )
+
+
 def load_recording(
-    machine: Machine, paths: Sequence[Path | str], *, need_observations: bool = True, without: str = ""
+    machine: Machine, source: Sources, *, need_observations: bool = True, without: str = ""
 ) -> Recording:
-    """One or several files as one recording. Raises InputError naming file, row and column.
+    """One or several recordings as one. Raises InputError naming file, row and column.
 
     Without ``need_observations`` the sensors' columns may be missing; else only the column ``without`` may.
     """
-    files = [Path(p) for p in paths]
     columns = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
     columns |= {name: LABEL for sensor in machine.sensors for name in sensor.label_columns}
     optional = [name for sensor in machine.sensors for name in sensor.optional_labels]
@@ -33,7 +71,7 @@ def load_recording(
         required = (*required, *(name for name in columns if name != without))
         need_observations = False
     recording = read_recording(
-        files,
+        tables(source),
         joint_columns(machine),
         columns,
         machine.units,
@@ -42,3 +80,15 @@ def load_recording(
         optional_labels=optional,
     )
     return replace(recording, notes=(*machine.notes, *recording.notes)) if machine.notes else recording
+
+
+def as_recording(
+    machine: Machine, source: Recording | Sources, *, need_observations: bool = True
+) -> Recording:
+    """The recording itself, or what ``load_recording`` makes of anything that is one."""
+    if isinstance(source, Recording):
+        return source
+    return load_recording(machine, source, need_observations=need_observations)
+
+
+__all__ = ["Source", "Sources", "as_recording", "joint_columns", "load_recording", "tables"]

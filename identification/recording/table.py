@@ -1,8 +1,9 @@
-"""Tables of measured rows, from CSV or Parquet: headers, cells, and what is wrong with them.
+"""Tables of measured rows, from text, Parquet, Excel or memory: headers, cells, and what is wrong with them.
 
 Nothing here knows a robot. `read_table` keeps the cells as they stand; `Table.numbers`, `integers` and
 `texts` turn a column into values and refuse, naming file, row and column, whatever is not one. Rows count
-from 1: the first line of data. Large files are read by whole columns (`arrow_columns`).
+from 1: the first line of data; messages add the line of the file. Large files are read by whole columns
+(`arrow_columns`).
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -21,13 +22,21 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import ArrowCells, read_plain_csv
-from truepose.models.units import FloatArray, parse_unit
+from truepose.identification.recording.arrow_columns import ArrowCells
+from truepose.identification.recording.memory_tables import columns_of
+from truepose.identification.recording.spreadsheet import MAGIC, read_spreadsheet
+from truepose.identification.recording.text import read_text
+from truepose.models.units import FloatArray, is_unit, parse_unit
 
 LARGE = 1 << 20
 """Bytes from which a text is read by columns."""
+SI: Final = "SI"
+"""Unit of a column in the SI unit of whatever is in it, as ROS logs: metres for lengths, radians for angles."""
+_SI_UNITS: Final = {"mm": "m", "rad": "rad"}
 _HEADER: Final = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$")
+_ROUND: Final = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
 _PARQUET_MAGIC: Final = b"PAR1"
+_BAG_MAGIC: Final = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V")
 _LARGEST_INTEGER: Final = 2**53  # beyond it a float holds no odd number
 
 
@@ -41,12 +50,17 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Cells of one file as they stand: text in CSV; number, text, bool or None in Parquet."""
+    """Cells of one file as they stand: text in CSV; number, text, bool or None elsewhere.
+
+    `line` gives the line of the file that a 0-based row stands on, None where there are no lines.
+    """
 
     file: str
     columns: tuple[Column, ...]
     cells: Mapping[str, Sequence[object]]
     n_rows: int
+    line: Callable[[int], int] | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -58,25 +72,40 @@ class Table:
 
     def where(self, name: str, row: int | None = None) -> str:
         """Opening of a message about a column, or about its cell in 0-based `row`."""
-        place = f"{self.file}: " if row is None else f"{self.file}: row {row + 1}, "
-        return f"{place}column {name!r}"
+        if row is None:
+            return f"{self.file}: column {name!r}"
+        line = "" if self.line is None else f" (line {self.line(row)})"
+        return f"{self.file}: row {row + 1}{line}, column {name!r}"
 
     def unit(self, name: str, default: str, dimension: str) -> str:
         """The unit a column is in: its suffix, else `default`. Checked to be a `dimension`."""
         unit = next(column.unit for column in self.columns if column.name == name)
+        if unit == SI:
+            return _SI_UNITS.get(dimension, default)
         return default if unit is None else parse_unit(unit, dimension, self.where(name))
 
     def numbers(self, name: str) -> FloatArray:
         """(n,) finite numbers of a column. Raises InputError for text, an empty cell, NaN or infinity."""
+        return self._numbers(name, lost=False)
+
+    def readings(self, name: str) -> FloatArray:
+        """(n,) numbers of a column, NaN where its cell is empty: a reading that was lost.
+
+        Outside of texts NaN is an empty cell. Raises InputError for text, infinity, and `nan` as a text.
+        """
+        return self._numbers(name, lost=True)
+
+    def _numbers(self, name: str, *, lost: bool) -> FloatArray:
         cells = self.cells[name]
-        plain = cells.numbers() if isinstance(cells, ArrowCells) else None
+        plain = cells.numbers(lost=lost) if isinstance(cells, ArrowCells) else None
         if plain is not None:
             return plain
         values = np.array([_number(cell) for cell in cells], dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            row = int(bad[0])
-            raise InputError(f"{self.where(name, row)}: {_fault(cells[row])}, expected a finite number")
+        bad = [int(row) for row in np.flatnonzero(~np.isfinite(values)) if not (lost and _empty(cells[row]))]
+        if bad:
+            hint = "; leave the cell empty where a reading was lost" if lost else ""
+            where = self.where(name, bad[0])
+            raise InputError(f"{where}: {_fault(cells[bad[0]])}, expected a finite number{hint}")
         return values
 
     def integers(self, name: str) -> npt.NDArray[np.int64]:
@@ -101,44 +130,94 @@ class Table:
         cells = {name: ArrowCells(values) for name, values in added.items()}
         return replace(self, columns=columns, cells={**self.cells, **cells})
 
+    def renamed(self, names: Mapping[str, str]) -> Table:
+        """The table with other names for some of its columns."""
+        columns = tuple(replace(c, name=names.get(c.name, c.name)) for c in self.columns)
+        return replace(self, columns=columns, cells={names.get(n, n): c for n, c in self.cells.items()})
+
+    def with_note(self, note: str) -> Table:
+        """The table with one more note."""
+        return replace(self, notes=(*self.notes, note))
+
+    def without(self, names: Sequence[str]) -> Table:
+        """The table without some of its columns."""
+        columns = tuple(column for column in self.columns if column.name not in names)
+        return replace(self, columns=columns, cells={n: c for n, c in self.cells.items() if n not in names})
+
 
 def read_table(path: Path | str) -> Table:
-    """Read CSV (comma, ``#`` comments) or Parquet, told apart by content.
+    """Read text (columns apart by commas, semicolons, tabs or spaces; ``#`` comments), Parquet, Excel or a ROS bag.
 
-    Raises InputError for an unreadable file, a row of the wrong length, a column given twice (also
-    ``x`` and ``x [um]``) and a table without rows.
+    Kinds are told apart by content. Raises InputError for an unreadable or ambiguous file, a row of the wrong
+    length, a column given twice (also ``x`` and ``x [um]``) and a table without rows.
     """
     file = str(path)
     try:
-        headers, columns = _read(Path(path))
+        return _read(Path(path))
     except OSError as exc:
         reason = exc.strerror or str(exc)
         raise InputError(f"{file}: cannot read the file: {reason}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{file}: cannot read the file: neither text in UTF-8 nor Parquet") from None
     except (csv.Error, pa.ArrowException) as exc:
         raise InputError(f"{file}: cannot read the file: {str(exc).splitlines()[0]}") from None
+
+
+def table_in_memory(source: Any, name: str) -> Table:
+    """A DataFrame, a dict of columns or an Arrow table as a table; ``name`` opens messages. Raises InputError."""
+    headers, columns = columns_of(source, name)
+    return _table(name, headers, columns)
+
+
+def _read(path: Path) -> Table:
+    file = str(path)
+    if is_bag(path):
+        from truepose.identification.recording.bags import read_bag
+
+        return read_bag(path)
+    with path.open("rb") as stream:
+        start = stream.read(8)
+    if start.startswith(_PARQUET_MAGIC):
+        table: Any = pq.ParquetFile(path).read()
+        return _table(file, list(table.column_names), [ArrowCells(column) for column in table.columns])
+    if start.startswith(MAGIC):
+        found = read_spreadsheet(path)
+    else:
+        data = path.read_bytes()
+        found = read_text(data, file, large=len(data) >= LARGE)
+    return _table(file, found.headers, found.columns, found.line, found.notes)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a ROS bag: its folder, or a file of one."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    with path.open("rb") as stream:
+        return stream.read(16).startswith(_BAG_MAGIC)
+
+
+def _table(
+    file: str,
+    headers: Sequence[str],
+    columns: Sequence[Sequence[object]],
+    line: Callable[[int], int] | None = None,
+    notes: tuple[str, ...] = (),
+) -> Table:
     parsed = tuple(_parse_header(header) for header in headers)
     _refuse_duplicates(file, parsed)
     cells = {column.name: values for column, values in zip(parsed, columns, strict=True)}
     n_rows = len(columns[0]) if columns else 0
     if n_rows == 0:
         raise InputError(f"{file}: found no row of data, expected at least one")
-    return Table(file, parsed, cells, n_rows)
-
-
-def _read(path: Path) -> tuple[list[str], Sequence[Sequence[object]]]:
-    """Headers, and cells column by column."""
-    with path.open("rb") as stream:
-        if stream.read(4) == _PARQUET_MAGIC:
-            return _read_parquet(path)
-    plain = read_plain_csv(path.read_bytes()) if path.stat().st_size >= LARGE else None
-    return _read_csv(path) if plain is None else plain
+    return Table(file, parsed, cells, n_rows, line, notes)
 
 
 def _parse_header(header: str) -> Column:
-    match = _HEADER.match(header.strip())
-    return Column(match["name"], match["unit"].strip()) if match else Column(header.strip())
+    """``x [um]``, and ``x (um)`` where the brackets hold a unit."""
+    text = header.strip()
+    match = _HEADER.match(text)
+    if match is None:
+        round_ = _ROUND.match(text)
+        match = round_ if round_ and is_unit(round_["unit"]) and not round_["unit"].isdigit() else None
+    return Column(match["name"], match["unit"].strip()) if match else Column(text)
 
 
 def _refuse_duplicates(file: str, columns: Sequence[Column]) -> None:
@@ -147,33 +226,6 @@ def _refuse_duplicates(file: str, columns: Sequence[Column]) -> None:
         if column.name in seen and column.name:
             raise InputError(f"{file}: column {column.name!r}: found twice, expected once")
         seen.add(column.name)
-
-
-def _data_lines(stream: Iterator[str]) -> Iterator[str]:
-    return (line for line in stream if line.strip() and not line.lstrip().startswith("#"))
-
-
-def _read_csv(path: Path) -> tuple[list[str], list[list[object]]]:
-    with path.open(encoding="utf-8-sig", newline="") as stream:
-        reader = csv.reader(_data_lines(stream), strict=True)
-        headers = next(reader, [])
-        rows = list(reader)
-    if not headers:
-        raise InputError(f"{path}: found no header, expected a line with the names of the columns")
-    if len(headers) == 1 and (";" in headers[0] or "\t" in headers[0]):
-        raise InputError(
-            f"{path}: found {headers[0][:40]!r} as the only column, expected commas between columns"
-        )
-    for number, row in enumerate(rows, start=1):
-        if len(row) != len(headers):
-            raise InputError(f"{path}: row {number}: found {len(row)} cells, expected {len(headers)}")
-    columns: list[list[object]] = [[row[k] for row in rows] for k in range(len(headers))]
-    return headers, columns
-
-
-def _read_parquet(path: Path) -> tuple[list[str], list[ArrowCells]]:
-    table: Any = pq.ParquetFile(path).read()
-    return list(table.column_names), [ArrowCells(column) for column in table.columns]
 
 
 def _number(cell: object) -> float:
@@ -188,6 +240,13 @@ def _number(cell: object) -> float:
     if isinstance(cell, (int, float)) and not isinstance(cell, bool):
         return float(cell)
     return math.nan
+
+
+def _empty(cell: object) -> bool:
+    """Whether nothing is there; NaN outside of texts is nothing."""
+    return cell is None or (
+        not cell.strip() if isinstance(cell, str) else isinstance(cell, float) and math.isnan(cell)
+    )
 
 
 def _fault(cell: object) -> str:

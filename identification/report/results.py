@@ -254,7 +254,7 @@ def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str
         "place": list(place),
         "probability": 0.999,
         "certainty": 0.999,
-        "log_bayes_factor": 0.5 * float(np.sum(far - 1.0)),
+        "log_bayes_factor": 0.5 * float(np.sum(far[far != 0.0] - 1.0)),  # a lost reading says nothing
         "equivalents": [],
         "parameters": {},
         "settings": [],

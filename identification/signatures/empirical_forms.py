@@ -109,7 +109,8 @@ def _reach(machine: Machine, recording: Recording) -> float:
         f"{point}{axis}" for sensor in machine.sensors for point in point_names(sensor) for axis in XYZ
     ]
     read = [recording.observations[name] for name in columns if name in recording.observations]
-    return max((float(np.max(np.abs(values))) for values in read if len(values)), default=1.0) or 1.0
+    told = [values[np.isfinite(values)] for values in read]  # a lost reading is NaN
+    return max((float(np.max(np.abs(values))) for values in told if len(values)), default=1.0) or 1.0
 
 
 __all__ = ["empirical_forms"]

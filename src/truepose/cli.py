@@ -15,6 +15,7 @@ from truepose.commands.drift import drift
 from truepose.commands.export import export
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
+from truepose.commands.import_ import import_
 from truepose.commands.plan import plan
 from truepose.commands.poses import poses
 from truepose.commands.schema import schema
@@ -48,6 +49,7 @@ for _command in (
     schema,
 ):
     app.command()(_command)
+app.command("import")(import_)
 
 
 def _version(wanted: bool) -> None:

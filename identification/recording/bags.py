@@ -1,0 +1,222 @@
+"""ROS bags (MCAP, sqlite3, ROS 1) as tables: joints by name and poses joined by time, one row a settled stretch.
+
+Read by rosbags (extra ``ros``). Joints come from ``JointState``; poses from ``PoseStamped``, ``TransformStamped`` or
+``TFMessage``, points from ``PointStamped``: one of them, or several points, whose topics end in their names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.errors import InputError
+from truepose.identification.recording.arrow_columns import ArrowCells
+from truepose.identification.recording.settled import BAND, SECONDS, Average, Stream, average, stretches
+from truepose.identification.recording.table import SI, Column, Table
+from truepose.wording import joined, shortened
+
+Array = NDArray[np.float64]
+_AXES: Final = (("x", "m"), ("y", "m"), ("z", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad"))
+_POINT, _FRAME = "PointStamped", "TFMessage"
+_TYPES: Final = ("JointState", "PoseStamped", "TransformStamped", _FRAME, _POINT)
+_GIVEN: Final = 'choose one with --topic of "truepose import"'
+
+
+@dataclass
+class _Log:
+    """What a bag holds of joints, by name, and of poses, by topic (of frames by ``parent->child``), with their kind."""
+
+    joints: dict[str, list[tuple[float, list[float]]]] = field(default_factory=dict)
+    poses: dict[str, list[tuple[float, list[float]]]] = field(default_factory=dict)
+    kinds: dict[str, str] = field(default_factory=dict)
+
+    def add(self, kind: str, topic: str, message: Any, logged: float) -> None:
+        """One message, by its own stamp where it has one, else by when it was logged (s)."""
+        if kind == _FRAME:
+            for transform in message.transforms:
+                name = f"{transform.header.frame_id}->{transform.child_frame_id}"
+                self._pose(kind, name, transform.header, _of_transform(transform), logged)
+        elif kind == "TransformStamped":
+            self._pose(kind, topic, message.header, _of_transform(message), logged)
+        elif kind == _POINT:
+            self._pose(kind, topic, message.header, _xyz(message.point), logged)
+        elif kind == "PoseStamped":
+            pose = message.pose
+            self._pose(kind, topic, message.header, [*_xyz(pose.position), *_turn(pose.orientation)], logged)
+        else:
+            for name, position in zip(message.name, message.position, strict=False):
+                self.joints.setdefault(str(name), []).append(
+                    (_stamp(message.header, logged), [float(position)])
+                )
+
+    def _pose(self, kind: str, name: str, header: Any, values: list[float], logged: float) -> None:
+        self.kinds[name] = kind
+        self.poses.setdefault(name, []).append((_stamp(header, logged), values))
+
+
+def read_bag(
+    path: Path,
+    topic: str | None = None,
+    *,
+    joints: Sequence[str] = (),
+    band: float = BAND,
+    seconds: float = SECONDS,
+) -> Table:
+    """A row for each stretch in which all joints stand still for ``seconds`` within ``band`` (rad, m), with its time.
+
+    ``topic``: the topic of poses or points, or the frame ``parent->child``, where there are several; ``joints``: those
+    that matter, by default all. Beside the pose's columns stand ``<column>.sigma``, the 1-sigma of the average by its
+    scatter, and ``samples``. Raises InputError without rosbags, for what is no bag, for one without joints or poses,
+    and where several could be meant.
+    """
+    log = _read(path)
+    if not log.joints:
+        raise InputError(f"{path}: found no message of type JointState, expected the joints by name")
+    unknown = [name for name in joints if name not in log.joints]
+    if unknown:
+        raise InputError(
+            f"{path}: found no joint {unknown[0]!r}, expected {joined(map(repr, log.joints), 'or')}"
+        )
+    streams = {name: Stream.of(log.joints[name]) for name in joints or log.joints}
+    seen = {prefix: Stream.of(log.poses[name]) for prefix, name in _chosen(log, topic, path).items()}
+    found = stretches(streams, band, seconds)
+    rows = [(start, end) for start, end in found if any(len(s.between(start, end)) for s in seen.values())]
+    if not rows:
+        raise InputError(
+            f"{path}: found {len(found)} stretches in which all joints stand still for {seconds:g} s within {band:g} "
+            f"rad (m), none with a pose in it; expected at least one (joints: {', '.join(streams)})"
+        )
+    return _table(path, rows, streams, seen, len(found) - len(rows))
+
+
+def _read(path: Path) -> _Log:
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise InputError(f"{path}: a ROS bag needs rosbags: pip install 'truepose[ros]'") from None
+    log = _Log()
+    try:
+        # bags of sqlite3 hold no definitions of their messages
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            for kind, topic, time, message in _messages(reader):
+                log.add(kind, topic, message, time)
+    except (AnyReaderError, OSError, ValueError, KeyError) as exc:
+        raise InputError(
+            f"{path}: cannot read the bag: {str(exc).splitlines()[0] if str(exc) else exc!r}"
+        ) from None
+    return log
+
+
+def _messages(reader: Any) -> Iterator[tuple[str, str, float, Any]]:
+    kinds = {c.msgtype: c.msgtype.rpartition("/")[2] for c in reader.connections}
+    wanted = [
+        c for c in reader.connections if kinds[c.msgtype] in _TYPES and not c.topic.endswith("tf_static")
+    ]
+    if wanted:
+        for connection, time, data in reader.messages(connections=wanted):
+            message = reader.deserialize(data, connection.msgtype)
+            yield kinds[connection.msgtype], connection.topic, time * 1e-9, message
+
+
+def _chosen(log: _Log, topic: str | None, path: Path) -> Mapping[str, str]:
+    """The stream of each point or pose by what its columns begin with."""
+    if topic is not None:
+        if topic not in log.poses:
+            raise InputError(
+                f"{path}: --topic: found {topic!r}, expected {joined(map(repr, log.poses), 'or')}"
+            )
+        return {"": topic}
+    topics = [name for name, kind in log.kinds.items() if kind != _FRAME] or list(log.kinds)
+    if not topics:
+        raise InputError(
+            f"{path}: found no pose, expected PoseStamped, TransformStamped, TFMessage or PointStamped"
+        )
+    if len(topics) == 1:
+        return {"": topics[0]}
+    points = {f"{name.rstrip('/').rpartition('/')[2]}.": name for name in topics}
+    if all(log.kinds[name] == _POINT for name in topics) and len(points) == len(topics):
+        return points
+    raise InputError(
+        f"{path}: found poses in {shortened([repr(t) for t in topics], 8)}, expected one; {_GIVEN}"
+    )
+
+
+def _table(
+    path: Path,
+    rows: list[tuple[float, float]],
+    joints: Mapping[str, Stream],
+    seen: Mapping[str, Stream],
+    without: int,
+) -> Table:
+    columns, cells = [Column("time", "s")], [np.array([0.5 * (a + b) for a, b in rows])]
+    for name, stream in joints.items():
+        columns.append(Column(name, SI))
+        cells.append(np.array([stream.between(a, b).mean() for a, b in rows]))
+    told = []
+    for prefix, stream in seen.items():
+        width = stream.values.shape[1]
+        averages = [_average(stream.between(a, b), width) for a, b in rows]
+        for k, (axis, unit) in enumerate(_AXES[:width]):
+            columns += [Column(f"{prefix}{axis}", unit), Column(f"{prefix}{axis}.sigma", unit)]
+            cells += [
+                np.array([found.mean[k] for found in averages]),
+                np.array([found.sigma[k] for found in averages]),
+            ]
+        columns.append(Column(f"{prefix}samples"))
+        cells.append(np.array([float(found.count) for found in averages]))
+        told.append(_words(prefix, averages))
+    notes = [f"{path}: {len(rows)} settled stretches; an average's 1-sigma by its scatter: {'; '.join(told)}"]
+    if without:
+        notes.append(f"{path}: {without} settled stretches have no pose and make no row")
+    named = {column.name: ArrowCells(values) for column, values in zip(columns, cells, strict=True)}
+    return Table(str(path), tuple(columns), named, len(rows), notes=tuple(notes))
+
+
+def _average(values: Array, width: int) -> Average:
+    nothing = np.full(width, np.nan)
+    return average(values) if len(values) else Average(nothing, nothing, 0)
+
+
+def _words(prefix: str, averages: list[Average]) -> str:
+    """``x 0.0021 mm, ...``: the median over rows of what the averages are worth."""
+    sigma = np.array([found.sigma for found in averages if found.count > 1])
+    if not len(sigma):
+        return f"{prefix or 'pose'} unknown, one sample a row"
+    length = float(np.sqrt(np.mean(np.median(sigma[:, :3], axis=0) ** 2)))
+    words = f"{prefix}xyz {1e3 * length:.2g} mm"
+    if sigma.shape[1] == 6:
+        turn = float(np.sqrt(np.mean(np.median(sigma[:, 3:], axis=0) ** 2)))
+        words += f", rot {np.degrees(turn):.2g} deg"
+    return words
+
+
+def _stamp(header: Any, logged: float) -> float:
+    stamp = float(header.stamp.sec) + 1e-9 * float(header.stamp.nanosec)
+    return stamp or logged
+
+
+def _xyz(point: Any) -> list[float]:
+    return [float(point.x), float(point.y), float(point.z)]
+
+
+def _turn(quaternion: Any) -> list[float]:
+    """The rotation vector, rad."""
+    q = [float(quaternion.x), float(quaternion.y), float(quaternion.z), float(quaternion.w)]
+    if not np.isfinite(q).all() or not any(q):
+        raise ValueError(f"found the quaternion {q}, expected a rotation")
+    return [float(v) for v in Rotation.from_quat(q).as_rotvec()]
+
+
+def _of_transform(stamped: Any) -> list[float]:
+    moved = stamped.transform
+    return [*_xyz(moved.translation), *_turn(moved.rotation)]
+
+
+__all__ = ["read_bag"]

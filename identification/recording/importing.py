@@ -1,0 +1,190 @@
+"""Files of other programs as recordings: told apart by content, joined with a table of joints, ready to be written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from truepose.errors import InputError
+from truepose.identification.recording.names import in_known_case
+from truepose.identification.recording.spreadsheet import MAGIC
+from truepose.identification.recording.table import SI, Column, Table, is_bag, read_table
+from truepose.identification.recording.text import decoded
+from truepose.identification.recording.tpoint import is_tpoint, read_tpoint
+from truepose.identification.recording.tracker_text import ANY, DIALECTS, dialect_of, read_points
+from truepose.wording import joined, shortened
+
+FORMATS: Final = ("auto", *DIALECTS, "tpoint", "excel", "bag", "table")
+_KEYS: Final = ("name", "point", "target", "pose")
+"""Columns of a joints table that name each row's point."""
+_XYZ: Final = ("x", "y", "z")
+
+
+def read_foreign(
+    path: Path,
+    form: str = "auto",
+    *,
+    unit: str | None = None,
+    topic: str | None = None,
+    joints: Sequence[str] = (),
+) -> Table:
+    """A file of another program as a table; ``form`` is one of FORMATS.
+
+    ``unit``: of the lengths of a point list; ``topic``: of the poses in a bag; ``joints``: those of a bag that matter.
+    Raises InputError for an unknown format and for a file that is not of it.
+    """
+    if form not in FORMATS:
+        raise InputError(f"--format: found {form!r}, expected {joined(FORMATS, 'or')}")
+    try:
+        form = _form(path) if form == "auto" else form
+        if form in ("excel", "table"):
+            return _table(path, unit)
+        if form == "bag":
+            from truepose.identification.recording.bags import read_bag
+
+            return read_bag(path, topic, joints=joints)
+        text, notes = decoded(path.read_bytes(), str(path))
+    except OSError as exc:
+        raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
+    if form == "tpoint":
+        return read_tpoint(text, str(path))
+    dialect = DIALECTS.get(form) or dialect_of(text)
+    found = read_points(text, str(path), dialect, unit)
+    return replace(found, notes=(*notes, *found.notes))
+
+
+def _form(path: Path) -> str:
+    if is_bag(path):
+        return "bag"
+    data = path.read_bytes()
+    if data.startswith(MAGIC):
+        return "excel"
+    if data.startswith(b"PAR1"):
+        return "table"
+    text, _ = decoded(data, str(path))
+    if is_tpoint(text):
+        return "tpoint"
+    marked = dialect_of(text) is not ANY
+    return "points" if marked or not _is_table(path) else "table"
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a text has one header, with x y z among its columns, and rows of numbers below."""
+    try:
+        table = in_known_case(read_table(path), _XYZ)
+        for axis in _XYZ:
+            table.readings(axis)
+    except (InputError, KeyError):
+        return False
+    return True
+
+
+def _table(path: Path, unit: str | None) -> Table:
+    table = in_known_case(read_table(path), (*_XYZ, *_KEYS))
+    if unit is None:
+        return table
+    columns = tuple(replace(c, unit=c.unit or unit) if c.name in _XYZ else c for c in table.columns)
+    return replace(table, columns=columns)
+
+
+def with_joints(points: Table, joints: Table) -> Table:
+    """The points' columns beside those of the joints table, joined by its column of names, else in order.
+
+    Raises InputError where numbers of rows differ, or names are not the same.
+    """
+    joints = in_known_case(joints, _KEYS)
+    key = next((name for name in _KEYS if name in joints and "name" in points), None)
+    key = key if key != "pose" or _named_alike(points, joints) else None
+    order: Sequence[int] = range(points.n_rows)
+    if points.n_rows != joints.n_rows:
+        raise InputError(
+            f"{joints.file}: found {joints.n_rows} rows of joints, expected {points.n_rows}, one for each point of "
+            f"{points.file}"
+        )
+    if key is not None:
+        order = _matched(points, joints, key)
+    own = [c for c in points.columns if c.name != "name" and c.name not in joints]
+    twice = [c.name for c in points.columns if c.name in joints and c.name not in ("name", "time")]
+    if twice:
+        raise InputError(
+            f"{joints.file}: column {twice[0]!r}: found there and in {points.file}, expected it in one"
+        )
+    cells = {c.name: [points.cells[c.name][k] for k in order] for c in own}
+    kept = joints if key in (None, "pose") else joints.without([str(key)])
+    note = f"{joints.file}: joined with {points.file} by " + ("order" if key is None else f"column {key!r}")
+    return replace(
+        kept,
+        columns=(*kept.columns, *own),
+        cells={**kept.cells, **cells},
+        notes=(*kept.notes, *points.notes, note),
+    )
+
+
+def _named_alike(points: Table, joints: Table) -> bool:
+    """Whether the column `pose` holds the points' own names: a pose number may also say what is a repeat."""
+    return sorted(joints.texts("pose")) == sorted(_short(name) for name in points.texts("name"))
+
+
+def _matched(points: Table, joints: Table, key: str) -> list[int]:
+    """Row of the points for each row of the joints."""
+    names, wanted = points.texts("name"), joints.texts(key)
+    at: dict[str, int] = {}
+    for row, name in enumerate(names):
+        for known in dict.fromkeys((name, _short(name))):
+            if known in at and key != "pose":
+                raise InputError(
+                    f"{points.where('name', row)}: found {known!r} again, expected names that differ"
+                )
+            at[known] = row
+    missing = [name for name in wanted if name not in at]
+    if missing:
+        told = shortened([repr(name) for name in missing], 4)
+        raise InputError(f"{joints.file}: column {key!r}: found {told}, no point of {points.file}")
+    again = next((k for k, name in enumerate(wanted) if name in wanted[:k]), None)
+    if again is not None:
+        found = f"{joints.where(key, again)}: found {wanted[again]!r} again"
+        raise InputError(f"{found}, expected names that differ")
+    return [at[name] for name in wanted]
+
+
+def _short(name: str) -> str:
+    """``P1`` of ``Collection::Group::P1`` and of ``Station/P1``."""
+    return name.rpartition("::")[2].rpartition("/")[2]
+
+
+def renamed(table: Table, names: Mapping[str, str]) -> Table:
+    """The table with other names for columns. Raises InputError for a column that is not there, or is already."""
+    for old, new in names.items():
+        if old not in table:
+            raise InputError(
+                f"--rename {old}={new}: found no column {old!r}, expected {joined(table.names, 'or')}"
+            )
+        if new in table:
+            raise InputError(f"--rename {old}={new}: found a column {new!r} already")
+    return table.renamed(names)
+
+
+def frame_of(table: Table, prismatic: Sequence[str] = ()) -> pd.DataFrame:
+    """The table as it is written: units in the headers; joints of a bag in rad, in m where they are ``prismatic``."""
+    out: dict[str, object] = {}
+    for column in table.columns:
+        unit = column.unit if column.unit != SI else "m" if column.name in prismatic else "rad"
+        out[column.name if unit is None else f"{column.name} [{unit}]"] = _values(table, column)
+    return pd.DataFrame(out)
+
+
+def _values(table: Table, column: Column) -> object:
+    try:
+        values = table.readings(column.name)
+    except InputError:  # texts
+        return list(table.cells[column.name])
+    whole = column.unit is None and np.isfinite(values).all() and not np.mod(values, 1.0).any()
+    return values.astype(np.int64) if whole else values
+
+
+__all__ = ["FORMATS", "frame_of", "read_foreign", "renamed", "with_joints"]

@@ -1,0 +1,274 @@
+"""The same rows by any format are the same recording; what could be read in two ways is refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import truepose
+from support.examples import examples
+from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
+from support.workbook import write_workbook
+from truepose.errors import InputError
+from truepose.identification.recording import table
+from truepose.identification.recording.load import as_recording, load_recording, tables
+from truepose.identification.recording.recording import Recording, read_recording
+from truepose.identification.recording.table import read_table
+from truepose.models.load import load_machine
+from truepose.models.units import UnitSystem
+
+VALUES = st.floats(-99.0, 99.0, allow_nan=False).map(lambda v: v + 0.0)
+ROWS = st.lists(
+    st.tuples(
+        VALUES, VALUES, st.one_of(st.none(), VALUES), VALUES, st.sampled_from(["calibration", "validation"])
+    ),
+    min_size=2,
+    max_size=8,
+).filter(lambda rows: any(row[2] is not None for row in rows))
+HEADERS = ("s [mm]", "r", "x", "rx [rad]", "role")
+Write = Callable[[Path, pd.DataFrame], Any]
+
+
+def _text(separator: str, decimal: str = ".", encoding: str = "utf-8", start: str = "") -> Write:
+    def write(path: Path, frame: pd.DataFrame) -> Path:
+        text = start + frame.to_csv(index=False, sep=separator, decimal=decimal, lineterminator="\n")
+        path.write_bytes(text.encode(encoding))
+        return path
+
+    return write
+
+
+def _workbook(path: Path, frame: pd.DataFrame) -> Path:
+    pytest.importorskip("python_calamine")
+    cells = frame.astype(object).where(frame.notna(), None).to_numpy().tolist()
+    write_workbook(path, {"notes": [], "rows": [["# made by hand"], [], list(frame.columns), *cells]})
+    return path
+
+
+def _spaces(path: Path, frame: pd.DataFrame) -> Path:
+    """Columns of one width; a lost reading cannot be told by spaces, so it is quoted nowhere: not among these."""
+    path.write_text(frame.to_string(index=False) + "\n", encoding="utf-8")
+    return path
+
+
+def _parquet(path: Path, frame: pd.DataFrame) -> Path:
+    frame.to_parquet(path, index=False)
+    return path
+
+
+FORMATS: dict[str, Write] = {
+    "semicolons": _text(";"),
+    "semicolons and decimal commas": _text(";", ","),
+    "a tab": _text("\t"),
+    "a tab and decimal commas": _text("\t", ","),
+    "quoted decimal commas": _text(",", ","),
+    "UTF-8 with a mark": _text(",", encoding="utf-8-sig"),
+    "UTF-16": _text("\t", ",", encoding="utf-16"),
+    "UTF-16 without a mark": _text(";", encoding="utf-16-le"),
+    "Latin-1": _text(";", encoding="latin-1", start="# Prüfstand, 20 °C\n"),
+    "a spreadsheet's own": _text(";", ",", start="sep=;\n"),
+    "a workbook": _workbook,
+    "Parquet": _parquet,
+    "a DataFrame": lambda _, frame: frame,
+    "a dict": lambda _, frame: {name: frame[name].tolist() for name in frame},
+}
+
+
+def _load(source: Any) -> Recording:
+    return read_recording(tables(source), JOINTS, SENSOR, UnitSystem())
+
+
+def _same(one: Recording, other: Recording) -> None:
+    np.testing.assert_array_equal(one.q, other.q)
+    np.testing.assert_array_equal(one.validation, other.validation)
+    for name in SENSOR:
+        np.testing.assert_array_equal(one.observations[name], other.observations[name])
+
+
+def _frame(rows: list[tuple[Any, ...]]) -> pd.DataFrame:
+    frame = pd.DataFrame(rows, columns=list(HEADERS))
+    return frame.assign(**{"s [mm]": frame["s [mm]"].abs(), "x": frame["x"].astype(float)})
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@settings(max_examples=examples(12), deadline=None)
+@given(rows=ROWS)
+def test_the_same_rows_are_the_same_recording(
+    tmp_path_factory: pytest.TempPathFactory, form: str, rows: list[tuple[Any, ...]]
+) -> None:
+    folder, frame = tmp_path_factory.mktemp("rows"), _frame(rows)
+    frame["x"] += 0.5  # one number with another count of decimals than three: commas are no thousands
+    plain = _load(_text(",")(folder / "plain.csv", frame))
+    _same(_load(FORMATS[form](folder / "rows.dat", frame)), plain)
+
+
+@settings(max_examples=examples(12), deadline=None)
+@given(rows=ROWS)
+def test_spaces_stand_between_columns(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[Any, ...]]
+) -> None:
+    folder, frame = tmp_path_factory.mktemp("rows"), _frame(rows).fillna(1.0).round(6)
+    _same(_load(_spaces(folder / "rows.txt", frame)), _load(_text(",")(folder / "plain.csv", frame)))
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(";", ","), ("\t", "."), (";", ".")])
+def test_large_texts_are_read_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, separator: str, decimal: str
+) -> None:
+    frame = _frame([(1.25, -2.0, None, 0.5, "calibration"), (3.0, 4.5, 1.125, 0.25, "validation")])
+    path = _text(separator, decimal, start="# first\n\n")(tmp_path / "rows.csv", frame)
+    small = _load(path)
+    monkeypatch.setattr(table, "LARGE", 0)
+    _same(_load(path), small)
+    path.write_text(path.read_text().replace("validation", "later"))
+    with pytest.raises(InputError, match=r"rows\.csv: row 2 \(line 5\), column 'role': found 'later'"):
+        _load(path)
+
+
+AMBIGUOUS = {
+    "both decimal marks": (
+        "s;r;x;rx\n1,5;2;3.5;4\n",
+        "found '1,5' in row 1 (line 2), column 's' and '3.5' in row 1",
+    ),
+    "thousands": ("s\tr\tx\trx\n1,500\t2\t3\t4\n", "the comma may mark decimals or thousands"),
+    "decimal commas among commas": (
+        "s,r,x,rx\n1,5,2,5,3,5,4,5\n",
+        "found 8 cells, expected 4; decimal commas need",
+    ),
+    "two separators": ("s;r,x;rx\n1;2,3;4\n", "found a semicolon and a comma in the header"),
+    "spaces in some rows": ("s r x rx\n1 2 3 4\n1 2 3\n", "row 2 (line 3): found 3 cells, expected 4"),
+}
+
+
+@pytest.mark.parametrize("case", AMBIGUOUS)
+def test_what_could_be_read_in_two_ways_is_refused(tmp_path: Path, case: str) -> None:
+    text, expected = AMBIGUOUS[case]
+    assert expected in refusal(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    "content", [b"s;r\n1;\x93\n", b"s,r\n1,\x01\n", b"\xff\xfes,r", b"\x89PNG\r\n\x1a\n\0\0"]
+)
+def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"a\.csv: "):
+        read_table(path)
+
+
+def test_a_workbook_has_one_sheet_with_data_and_its_rows_are_lines(tmp_path: Path) -> None:
+    pytest.importorskip("python_calamine")
+    path = tmp_path / "book.xlsx"
+    rows = [list(BASIC.splitlines()[0].split(",")), [], [1.0, 2.0, "far", 4.0]]
+    write_workbook(path, {"rows": rows})
+    with pytest.raises(InputError, match=r"book\.xlsx: row 1 \(line 3\), column 'x': found 'far'"):
+        _load(path)
+    write_workbook(path, {"rows": rows, "more": rows})
+    with pytest.raises(InputError, match="found sheets with data: 'rows', 'more'; expected one"):
+        _load(path)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(InputError, match="no Excel workbook"):
+        _load(path)
+
+
+def test_names_without_case_are_read_with_a_note(tmp_path: Path) -> None:
+    found = read(tmp_path, BASIC.replace("s,r,x,rx", "S,r,X,Rx"))
+    _same(found, read(tmp_path, BASIC))
+    path = tmp_path / "a.csv"
+    assert found.notes == (f"{path}: read without case: 'S' as 's', 'X' as 'x', 'Rx' as 'rx'",)
+    both = BASIC.replace("s,r,x,rx", "s,r,RX,Rx")
+    assert "found the columns 'RX' and 'Rx', expected one column 'rx'" in refusal(tmp_path, both)
+    exact = read(tmp_path, "s,r,x,rx,X\n1,2,3,4,5\n")
+    np.testing.assert_array_equal(exact.observations["x"], [3.0])
+
+
+def test_a_gantry_may_have_x_twice(tmp_path: Path) -> None:
+    """Joint X and reading x: case tells them apart."""
+    joints = (type(JOINTS[0])("X", "mm"),)
+    found = read(tmp_path, "X,x\n1,2\n", joints=joints, sensor={"x": "mm"})
+    np.testing.assert_array_equal((found.q[0, 0], found.observations["x"][0]), (1.0, 2.0))
+    assert "missing column 'X'" in refusal(tmp_path, "x\n2\n", joints=joints, sensor={"x": "mm"})
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("s,r,lenght", "missing column 'length'; did you mean 'lenght'?"),
+        ("s,r,length_um", "missing column 'length'; found 'length_um': write it 'length [um]'"),
+        ("s,r,LENGTH_mm", "missing column 'length'; found 'LENGTH_mm': write it 'length [mm]'"),
+    ],
+)
+def test_names_nearby_are_named(tmp_path: Path, header: str, expected: str) -> None:
+    assert expected in refusal(tmp_path, header + "\n1,2,3\n", sensor={"length": "mm"})
+
+
+def test_units_may_stand_in_round_brackets(tmp_path: Path) -> None:
+    found = read(tmp_path, "s (m),r,x (um),rx,x (raw)\n0.01,0,5,6,7\n")
+    assert (found.q[0, 0], found.observations["x"][0]) == pytest.approx((10.0, 0.005))
+    assert found.notes == (f"{tmp_path / 'a.csv'}: ignored columns that mean nothing here: 'x (raw)'",)
+
+
+ARM = """
+schema: truepose/machine/1
+name: arm
+mechanism: {type: serial, joints: [{name: q1, kind: revolute}, {name: q2, kind: revolute, d: 300, alpha: 90}]}
+frames: {tool: {in: flange, xyz: [200, 0, 0]}}
+tolerances: {length: 0.1, angle: 0.1}
+sensor: {type: position, sigma: {xyz: 0.01}}
+"""
+
+
+def test_anything_that_is_a_recording_is_taken_by_the_public_functions(tmp_path: Path) -> None:
+    path = tmp_path / "arm.yaml"
+    path.write_text(ARM, encoding="utf-8")
+    machine = load_machine(path)
+    rng = np.random.default_rng(1)
+    joints = {name: rng.uniform(-90, 90, 12) for name in ("q1", "q2")}
+    rows = pd.concat([pd.DataFrame(joints), truepose.simulate(machine, joints, seed=2)], axis=1)
+    file = tmp_path / "r.csv"
+    rows.to_csv(file, index=False)
+    kept = truepose.load_recording(machine, rows)
+    assert as_recording(machine, kept) is kept
+    fits = [
+        truepose.estimate(machine, s).p for s in (kept, rows, rows.to_dict("list"), str(file), file, [file])
+    ]
+    for p in fits:
+        np.testing.assert_array_equal(p, fits[0])
+    assert truepose.calibrate(machine, str(file)).fit.used.sum() == 12
+    pd.testing.assert_frame_equal(truepose.predict(machine, rows), truepose.predict(machine, file))
+    both = load_recording(machine, [rows, str(file)])
+    assert both.files == ("DataFrame 1", str(file))
+    arrow = pytest.importorskip("pyarrow").Table.from_pandas(rows)
+    np.testing.assert_array_equal(load_recording(machine, arrow).q, kept.q)
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        (3.0, "recording: found float, expected a path, a DataFrame, a dict of columns"),
+        ([3.0], "recording: found float, expected a path"),
+        ([], "found no recording"),
+        ({"s": [1.0], "r": [1.0, 2.0], "x": [0.0], "rx": [0.0]}, "dict: found 1 values in 's' and 2 in 'r'"),
+        ({"s": 1.0}, "dict: column 's': expected a sequence of values"),
+        (pd.DataFrame({1: [0.0]}), "DataFrame: found the column 1, expected names that are texts"),
+        (
+            pd.DataFrame({"s": [math.nan], "r": [1.0], "x": [0.0], "rx": [0.0]}),
+            "DataFrame: row 1, column 's': found",
+        ),
+        (
+            pd.DataFrame({"s": ["1", 2.0], "r": [1, 2], "x": [True, 2], "rx": [0.0, 1]}),
+            "column 'x': found True",
+        ),
+    ],
+)
+def test_what_is_no_recording_is_refused(source: Any, expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        _load(source)
