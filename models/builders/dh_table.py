@@ -57,7 +57,7 @@ class DhTable(Section):
     type: Literal["serial"]
     """A chain of joints of one degree of freedom each, as a data sheet tables it."""
     convention: Literal["modified", "standard"]
-    """Which convention the table is in: see above."""
+    """`modified`: RotX(alpha) TransX(a) RotZ(theta) TransZ(d); `standard`: RotZ(theta) TransZ(d) TransX(a) RotX(alpha)."""
     joints: tuple[DhJoint, ...]
     """The rows of the table as they stand, from the base to the flange."""
 
