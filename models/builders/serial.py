@@ -93,7 +93,6 @@ class Serial(Section):
     """The section ``mechanism`` of a serial chain in the program's own convention."""
 
     type: Literal["serial"]
-    type: Literal["serial"]
     """A chain of joints of one degree of freedom each."""
     convention: Literal["khalil"] = "khalil"
     """The program's own convention, that of Khalil and Kleinfinger."""
