@@ -54,6 +54,7 @@ __all__ = [
     "MachineFile",
     "MassSpec",
     "Tolerances",
+    "checked_machine",
     "input_error",
     "read_machine",
     "write_machine",
@@ -306,8 +307,11 @@ def read_machine(path: Path | str) -> MachineFile:
 
     Raises InputError naming file, field, what was found and what was expected.
     """
-    path = Path(path)
-    raw = read_document(path)
+    return checked_machine(Path(path), read_document(path))
+
+
+def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
+    """The machine of a document that stands, or is to stand, in the file ``path``. Raises InputError as `read_machine`."""
     if raw.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema: found {raw.get('schema')!r}, expected {SCHEMA!r}")
     units = _read_units(raw.get("units", {}), path)

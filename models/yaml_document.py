@@ -106,6 +106,11 @@ def read_document(path: Path | str) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as exc:
         reason = exc.strerror if isinstance(exc, OSError) else "not a text in UTF-8"
         raise InputError(f"{path}: cannot read the file: {reason}") from None
+    return parse_document(text, path)
+
+
+def parse_document(text: str, path: Path | str) -> dict[str, Any]:
+    """The mapping that the text of the file ``path`` holds. Raises InputError as `read_document`."""
     try:
         document = yaml.load(text, _Loader)
     except yaml.MarkedYAMLError as exc:
@@ -119,6 +124,14 @@ def read_document(path: Path | str) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise InputError(f"{path}: expected a mapping of fields, found {type(document).__name__}")
     return document
+
+
+def flow_text(value: Any) -> str:
+    """A value as YAML on one line: ``{name: q1, range: [-3, 3]}``."""
+    text = yaml.dump(
+        value, Dumper=_Dumper, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6
+    )
+    return text.removesuffix("...\n").strip()
 
 
 def document_text(document: Mapping[str, Any]) -> str:

@@ -16,6 +16,7 @@ from truepose.commands.export import export
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
 from truepose.commands.import_ import import_
+from truepose.commands.init import init
 from truepose.commands.plan import plan
 from truepose.commands.poses import poses
 from truepose.commands.schema import schema
@@ -33,6 +34,7 @@ app = typer.Typer(
 )
 for _command in (
     demo,
+    init,
     calibrate,
     diagnose,
     identifiability,

@@ -1,0 +1,60 @@
+"""What a machine file starts from: a mechanism with what its source says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+UPRIGHT = (0.0, 0.0, -9.80665)
+"""Gravity in a base frame whose z points up, m/s^2."""
+TOLERANCES: Mapping[str, float] = {"length": 0.3, "angle": 0.1}
+"""mm and deg, 1-sigma: an industrial arm as its workshop leaves it."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A mechanism as a machine file's section, in mm and deg, and what stands beside it.
+
+    ``about`` are sources and notes, one line each. ``described_in`` names the file that says masses and gravity itself.
+    ``frames`` and ``sensor`` stand in place of unknown frames and of a pose sensor where the machine has its own.
+    ``readings`` are the joints' columns with their units, where the section does not name them (a URDF's).
+    ``tested``: the package's own tests build it.
+    """
+
+    name: str
+    title: str
+    mechanism: Mapping[str, Any]
+    about: tuple[str, ...] = ()
+    gravity: tuple[float, float, float] | None = UPRIGHT
+    masses: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    tolerances: Mapping[str, Any] = field(default_factory=lambda: dict(TOLERANCES))
+    frames: Mapping[str, Any] = field(default_factory=dict)
+    sensor: str = "pose"
+    described_in: str = ""
+    readings: Mapping[str, str] = field(default_factory=dict)
+    tested: bool = False
+
+
+def readings_of(mechanism: Mapping[str, Any]) -> dict[str, str]:
+    """Columns of the joints, each with its unit (mm or deg), of a section ``serial``, ``graph`` or ``6-ups``."""
+    if mechanism["type"] == "6-ups":
+        return {leg["joint"]: "mm" for leg in mechanism["legs"]}
+    moving = [j for j in mechanism["joints"] if mechanism["type"] == "serial" or j.get("actuated")]
+    return {joint["name"]: "mm" if joint["kind"] == "prismatic" else "deg" for joint in moving}
+
+
+def tidy(value: Any) -> Any:
+    """A copy with numbers as a person writes them: 12 significant digits, whole ones without a point, no minus zero."""
+    if isinstance(value, Mapping):
+        return {key: tidy(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [tidy(item) for item in value]
+    if not isinstance(value, float) or value in (float("inf"), float("-inf")):
+        return value
+    rounded = float(f"{value:.12g}")
+    rounded = 0.0 if abs(rounded) < 1e-12 else rounded
+    return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
+
+
+__all__ = ["TOLERANCES", "UPRIGHT", "Start", "readings_of", "tidy"]

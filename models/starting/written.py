@@ -1,0 +1,191 @@
+"""A start as files: the commented machine file, and an empty recording with the columns that the machine needs."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from truepose.errors import InputError
+from truepose.files import atomic_write_text
+from truepose.models.schema_line import SCHEMA_LINE
+from truepose.models.starting.sensors import PRESETS, Preset
+from truepose.models.starting.start import UPRIGHT, Start, readings_of, tidy
+from truepose.models.yaml_document import flow_text, parse_document
+
+_UNKNOWN = float("inf")
+_TOLD = {"xyz": 1.0, "rpy": 0.5}
+"""mm and deg, 1-sigma of a frame that was told without a tolerance."""
+_WORDS = {
+    "standard": "Standard Denavit-Hartenberg: RotZ(theta) TransZ(d) TransX(a) RotX(alpha), a and alpha beyond the joint.",
+    "modified": "Craig's: RotX(alpha) TransX(a) RotZ(theta) TransZ(d), a and alpha before the joint.",
+    "khalil": "Khalil's: RotY(beta) RotX(alpha) TransX(d) RotZ(theta) TransZ(r), d is the length of the link.",
+}
+_FORMS = {
+    "6-ups": "Six legs from a (base) to b (platform).",
+    "graph": "A joint's frame stands at xyz, rpy in its parent; it moves about or along axis.",
+    "urdf": "The chain between two links of a URDF.",
+}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What was told of the frames (xyz mm and rpy deg; None: unknown) and which sensor measures (empty: the start's own)."""
+
+    base: tuple[float, ...] | None = None
+    tool: tuple[float, ...] | None = None
+    sensor: str = ""
+
+
+@dataclass(frozen=True)
+class Written:
+    """Texts of the two files."""
+
+    machine_text: str
+    recording_text: str
+
+    @property
+    def header(self) -> str:
+        """The recording's columns."""
+        return self.recording_text.splitlines()[-1]
+
+
+def written(start: Start, asked: Asked) -> Written:
+    """Both texts; nothing is written. Raises InputError for an unknown sensor."""
+    sensor = asked.sensor or start.sensor
+    if sensor not in PRESETS:
+        raise InputError(f"--sensor: found {sensor!r}, expected one of {', '.join(PRESETS)}")
+    text = _machine_text(start, asked, PRESETS[sensor])
+    return Written(text, _recording_text(start, PRESETS[sensor]))
+
+
+def verify(files: Written, path: Path) -> None:
+    """Build the machine that is to stand at ``path``. Raises InputError where that cannot be done."""
+    from truepose.models.load import (
+        build_machine,
+    )  # the symbolic core takes longer to load than all else here
+    from truepose.models.machine_file import checked_machine
+
+    build_machine(checked_machine(path, parse_document(files.machine_text, path)))
+
+
+def write(files: Written, path: Path, recording: Path | None) -> None:
+    """Both files, or the machine file alone; each whole or not at all."""
+    atomic_write_text(path, files.machine_text)
+    if recording is not None:
+        atomic_write_text(recording, files.recording_text)
+
+
+def _machine_text(start: Start, asked: Asked, preset: Preset) -> str:
+    mechanism = tidy(dict(start.mechanism))
+    return (
+        _environment()
+        .get_template("machine.yaml.j2")
+        .render(
+            schema_line=SCHEMA_LINE,
+            start=start,
+            upright=start.gravity == UPRIGHT,
+            mechanism=textwrap.indent(_mechanism_text(mechanism), "  "),
+            mechanism_words=_mechanism_words(mechanism),
+            frames=_frames(start, asked, preset),
+            sensor=preset.section,
+            sensor_words=preset.words,
+            example_body="platform" if mechanism["type"] == "6-ups" else "flange",
+            first_joint=next(iter(_readings(start))),
+        )
+    )
+
+
+def _mechanism_words(mechanism: Mapping[str, Any]) -> str:
+    if mechanism["type"] == "serial":
+        return _WORDS[mechanism.get("convention", "khalil")]
+    return _FORMS.get(mechanism["type"], "")
+
+
+def _mechanism_text(mechanism: Mapping[str, Any]) -> str:
+    """YAML of the section: joints and legs one on a line."""
+    out = []
+    for key, value in mechanism.items():
+        if key in ("joints", "legs") and isinstance(value, list):
+            out += [f"{key}:", *(f"  - {flow_text(row)}" for row in value)]
+        else:
+            out.append(f"{key}: {flow_text(value)}")
+    return "\n".join(out)
+
+
+def _frames(start: Start, asked: Asked, preset: Preset) -> dict[str, Any]:
+    base = _frame("world", asked.base, sees_rotation=True)
+    tool = _frame("flange", asked.tool, sees_rotation=preset.sees_rotation)
+    own = start.frames
+    return {
+        "base": own["base"] if asked.base is None and "base" in own else base,
+        "tool": own["tool"] if asked.tool is None and "tool" in own else tool,
+    }
+
+
+def _frame(parent: str, told: tuple[float, ...] | None, *, sees_rotation: bool) -> dict[str, Any]:
+    """A frame told or unknown; a rotation that no reading shows is taken as it stands."""
+    values = [*(told or ()), *([0.0] * (6 - len(told or ())))]
+    tolerance = dict(_TOLD) if told else {"xyz": _UNKNOWN, "rpy": _UNKNOWN}
+    if not sees_rotation:
+        tolerance["rpy"] = 0.0
+    return {"in": parent, "xyz": values[:3], "rpy": values[3:], "tolerance": tolerance}
+
+
+def _readings(start: Start) -> Mapping[str, str]:
+    return start.readings or readings_of(start.mechanism)
+
+
+def _recording_text(start: Start, preset: Preset) -> str:
+    readings = _readings(start)
+    columns = {**readings, **preset.columns}
+    by_unit: dict[str, list[str]] = {}
+    for name, unit in columns.items():
+        by_unit.setdefault(unit, []).append(name)
+    first, unit = next(iter(readings.items()))
+    return (
+        _environment()
+        .get_template("recording.csv.j2")
+        .render(
+            name=start.name,
+            units="; ".join(f"{' '.join(names)} in {unit}" for unit, names in by_unit.items() if unit),
+            example=f"{first} [{'rad' if unit == 'deg' else 'um'}]",
+            first=first,
+            header=",".join(columns),
+        )
+    )
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("truepose.models.starting"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    environment.filters["flow"] = lambda value: flow_text(tidy(value))
+    environment.filters["comment"] = _comment
+    return environment
+
+
+def _comment(line: str) -> str:
+    """A line of text as comments of at most 118 characters; addresses stay whole."""
+    return "\n".join(
+        textwrap.wrap(
+            line,
+            118,
+            initial_indent="# ",
+            subsequent_indent="#   ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    )
+
+
+__all__ = ["Asked", "Written", "verify", "write", "written"]

@@ -1,0 +1,352 @@
+"""``truepose init``: files that load, whose recordings are accepted once they are filled, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from truepose.cli import app
+from truepose.errors import InputError
+from truepose.identification.fit.calibrate import calibrate
+from truepose.identification.prediction.simulate import simulate
+from truepose.identification.recording.load import load_recording
+from truepose.models.load import load_machine
+from truepose.models.schema_line import SCHEMA_LINE
+from truepose.models.starting import descriptions
+from truepose.models.starting.arms import bundled_names
+from truepose.models.starting.asked import asked_start
+from truepose.models.starting.sensors import PRESETS
+
+URDF = """<robot name="arm">
+  <link name="floor"/> <link name="post"/> <link name="boom"/> <link name="tool0"/> <link name="camera"/>
+  <joint name="q1" type="revolute"> <parent link="floor"/> <child link="post"/> <origin xyz="0 0 0.3"/>
+    <axis xyz="0 0 1"/> <limit lower="-3" upper="3"/> </joint>
+  <joint name="q2" type="prismatic"> <parent link="post"/> <child link="boom"/> <origin xyz="0.1 0 0" rpy="0 1.2 0"/>
+    <axis xyz="0 0 1"/> <limit lower="0" upper="0.5"/> </joint>
+  <joint name="plate" type="fixed"> <parent link="boom"/> <child link="tool0"/> <origin xyz="0 0 0.05"/> </joint>
+</robot>
+""".replace(' <link name="camera"/>', "")
+HEAVY = URDF.replace('<link name="boom"/>', '<link name="boom"><inertial><mass value="3"/></inertial></link>')
+
+
+def run(*words: object) -> Any:
+    return CliRunner().invoke(app, ["init", *map(str, words)])
+
+
+def filled(path: Path, rows: int = 4) -> Path:
+    """The recording beside a machine file, with joints in the middle of their ranges and no readings."""
+    machine, recording = load_machine(path), path.with_name(f"{path.stem}_recording.csv")
+    header = recording.read_text().splitlines()[-1].split(",")
+    rng = np.random.default_rng(0)
+    middle = {a.reading: sum(a.range) / 2 if a.range else 0.0 for a in machine.mechanism.actuators}
+    turn = {a.reading: 180 / np.pi if a.unit == "rad" else 1.0 for a in machine.mechanism.actuators}
+    data = {n: turn[n] * (v + rng.uniform(-0.2, 0.2, rows)) for n, v in middle.items()}
+    labels = {
+        "placement": ["A"] * rows,
+        "socket": ["1", "2"] * (rows // 2),
+        "pose": range(1, rows + 1),
+        "from": 1,
+    }
+    frame = pd.DataFrame({**data, **{n: v for n, v in labels.items() if n in header}})
+    frame.to_csv(recording, index=False)
+    return recording
+
+
+@pytest.mark.parametrize("name", bundled_names())
+def test_what_it_writes_loads_and_its_recording_is_read_once_filled(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "m.yaml"
+    done = run("--arm", name, "-o", path)
+    assert done.exit_code == 0, done.output
+    assert path.read_text().splitlines()[0] == SCHEMA_LINE
+    machine = load_machine(path)
+    lines = (tmp_path / "m_recording.csv").read_text().splitlines()
+    expected = [*machine.mechanism.readings, *(c for s in machine.sensors for c in s.columns)]
+    assert lines[-1].split(",") == expected
+    assert all(line.startswith("# ") for line in lines[:-1])
+    rows = load_recording(machine, [filled(path)], need_observations=False)
+    made = pd.concat([pd.read_csv(tmp_path / "m_recording.csv"), simulate(machine, rows, seed=None)], axis=1)
+    made[expected].to_csv(tmp_path / "full.csv", index=False)
+    assert load_recording(machine, [tmp_path / "full.csv"]).n_sessions == 1
+
+
+@pytest.mark.parametrize("sensor", PRESETS)
+def test_every_sensor_can_be_chosen(tmp_path: Path, sensor: str) -> None:
+    path = tmp_path / "m.yaml"
+    assert run("--arm", "ur5e", "--sensor", sensor, "-o", path).exit_code == 0
+    machine = load_machine(path)
+    assert [s.type for s in machine.sensors] == [sensor]
+    header = (tmp_path / "m_recording.csv").read_text().splitlines()[-1].split(",")
+    wanted = {*machine.mechanism.readings, *machine.sensors[0].columns, *machine.sensors[0].label_columns}
+    assert wanted <= set(header)
+    load_recording(machine, [filled(path)], need_observations=False)
+    tool = machine.geometry["tool.rx"].tolerance
+    assert np.isinf(tool) == (
+        sensor in ("pose", "targets")
+    )  # unknown where readings show it, else as it stands
+
+
+def test_an_empty_recording_is_refused_for_want_of_rows(tmp_path: Path) -> None:
+    run("--arm", "ur5e", "-o", tmp_path / "m.yaml")
+    with pytest.raises(InputError, match="row"):
+        load_recording(load_machine(tmp_path / "m.yaml"), [tmp_path / "m_recording.csv"])
+
+
+def test_base_and_tool_are_unknown_unless_told(tmp_path: Path) -> None:
+    run("--arm", "kr6", "-o", tmp_path / "a.yaml")
+    run("--arm", "kr6", "--base", "100,-20,5.5", "--tool", "0,0,120,0,90,0", "-o", tmp_path / "b.yaml")
+    unknown, told = load_machine(tmp_path / "a.yaml"), load_machine(tmp_path / "b.yaml")
+    assert all(np.isinf(p.tolerance) for p in unknown.frames)
+    assert not any(np.isinf(p.tolerance) for p in told.frames)
+    geometry = {name: p.nominal for name, p in told.geometry.items()}
+    assert [geometry[f"base.{axis}"] for axis in "xyz"] == [100, -20, 5.5]
+    assert geometry["tool.ry"] == pytest.approx(np.pi / 2)
+
+
+def test_an_arm_is_fitted_with_a_base_and_a_tool_that_nobody_told(tmp_path: Path) -> None:
+    """Readings of an arm that stands elsewhere, with another tool: the file as written finds both."""
+    where = ("--base", "900,-400,150,5,-10,140", "--tool", "20,-30,140,0,0,0")
+    run("--arm", "irb120", "--sensor", "position", *where, "-o", tmp_path / "true.yaml")
+    run("--arm", "irb120", "--sensor", "position", "-o", tmp_path / "m.yaml")
+    true, machine = load_machine(tmp_path / "true.yaml"), load_machine(tmp_path / "m.yaml")
+    ranges = np.degrees([a.range for a in machine.mechanism.actuators])
+    q = np.random.default_rng(2).uniform(0.8 * ranges[:, 0], 0.8 * ranges[:, 1], (60, 6))
+    frame = pd.DataFrame(q, columns=list(machine.mechanism.readings))
+    frame.to_csv(tmp_path / "q.csv", index=False)
+    read = simulate(true, load_recording(true, [tmp_path / "q.csv"], need_observations=False), seed=1)
+    pd.concat([frame, read], axis=1).to_csv(tmp_path / "rows.csv", index=False)
+    fit = calibrate(machine, load_recording(machine, [tmp_path / "rows.csv"])).fit
+    assert 0.7 < fit.chi2_per_dof < 1.3  # 2.6 sigma of 180 readings less 36 parameters
+    found = dict(zip(fit.prior.names, fit.p, strict=True))
+    assert abs(found["base.x"] - 900) < 1.5  # the first row's tolerances of 0.3 mm trade with it
+
+
+def test_a_gough_platform_stands_at_home(tmp_path: Path) -> None:
+    run("--arm", "gough", "-o", tmp_path / "m.yaml")
+    machine = load_machine(tmp_path / "m.yaml")
+    leg = np.sqrt((160.697 - 492.404) ** 2 + (191.511 - 86.824) ** 2 + 700.0**2)
+    pd.DataFrame({f"q{k}": [leg] for k in range(1, 7)}).to_csv(tmp_path / "q.csv", index=False)
+    read = simulate(
+        machine, load_recording(machine, [tmp_path / "q.csv"], need_observations=False), seed=None
+    )
+    np.testing.assert_allclose(
+        read.loc[0, ["x", "y", "z"]].to_numpy(float), [0, 0, 700], atol=1e-3
+    )  # b to 1e-3 mm
+
+
+def test_the_symbolic_core_is_not_loaded_for_a_bundled_machine(tmp_path: Path) -> None:
+    """It takes longer to load than all else that the command does."""
+    code = (
+        "import sys; from truepose.cli import app\n"
+        "try: app(['init', '--arm', 'ur5e', '-o', 'm.yaml'])\n"
+        "except SystemExit: pass\n"
+        "print(sorted({'casadi', 'scipy', 'pandas', 'pint'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert (tmp_path / "m.yaml").is_file()
+
+
+def test_a_table_becomes_a_machine(tmp_path: Path) -> None:
+    (tmp_path / "kr.csv").write_text(
+        "# KR 10\njoint,a [m],alpha,d [m],theta,range\n1,0.025,pi/2,0.4,θ1,±170\n2,0.455,0,0,θ2-90°,-190..45\n"
+    )
+    done = run("--table", tmp_path / "kr.csv", "--convention", "standard", "-o", tmp_path / "kr.yaml")
+    assert done.exit_code == 0, done.output
+    machine = load_machine(tmp_path / "kr.yaml")
+    geometry = {name: p.nominal for name, p in machine.geometry.items()}
+    assert geometry["q2.d"] == 25.0
+    assert geometry["flange.d"] == 455.0
+    assert geometry["q2.theta"] == pytest.approx(-np.pi / 2)
+    assert machine.mechanism.actuators[1].range == pytest.approx(np.radians((-190, 45)))
+
+
+def test_a_urdf_is_named_from_where_the_machine_file_stands(tmp_path: Path) -> None:
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "cell").mkdir()
+    (tmp_path / "urdf" / "arm.urdf").write_text(HEAVY)
+    path = tmp_path / "cell" / "m.yaml"
+    done = run("--urdf", tmp_path / "urdf" / "arm.urdf", "-o", path)
+    assert done.exit_code == 0, done.output
+    assert "file: ../urdf/arm.urdf" in path.read_text()
+    machine = load_machine(path)
+    assert machine.mechanism.flange == "tool0"
+    assert [mass.kg for mass in machine.masses] == [3.0]
+    assert (tmp_path / "cell" / "m_recording.csv").read_text().splitlines()[-1] == "q1,q2,x,y,z,rx,ry,rz"
+
+
+def test_a_urdf_written_out_is_the_same_machine(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(HEAVY)
+    run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "a.yaml")
+    run("--urdf", tmp_path / "arm.urdf", "--expand", "-o", tmp_path / "b.yaml")
+    named, out = load_machine(tmp_path / "a.yaml"), load_machine(tmp_path / "b.yaml")
+    assert "mechanism:\n  type: graph\n" in (tmp_path / "b.yaml").read_text()
+    assert named.masses == out.masses
+    assert named.gravity == out.gravity
+    for name, parameter in named.geometry.items():
+        assert out.geometry[name].nominal == pytest.approx(parameter.nominal, abs=1e-9)
+
+
+def test_a_urdf_without_masses_states_gravity(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF)
+    run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    assert load_machine(tmp_path / "m.yaml").gravity == (0.0, 0.0, -9.80665)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "options", "message"),
+    [
+        (
+            URDF.replace('type="prismatic"', 'type="fixed"').replace('type="revolute"', 'type="fixed"'),
+            (),
+            "no joint that moves",
+        ),
+        (
+            URDF.replace(
+                "</robot>",
+                '<link name="b"/><joint name="q3" type="revolute"><parent link="post"/><child link="b"/></joint></robot>',
+            ),
+            (),
+            "several ends of the chain from 'floor': b, boom, tool0, expected one: say which with --tip-link",
+        ),
+        (
+            URDF.replace('<link name="floor"/>', '<link name="floor"/><link name="sky"/>'),
+            (),
+            "root links floor, sky",
+        ),
+        (URDF, ("--tip-link", "tol0"), "--urdf.tip_link: found 'tol0'"),
+        ("<robot", (), "broken XML"),
+    ],
+)
+def test_a_urdf_that_does_not_say_which_chain_is_refused(
+    tmp_path: Path, urdf: str, options: tuple[str, ...], message: str
+) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf)
+    done = run("--urdf", tmp_path / "arm.urdf", *options, "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 2
+    assert message in done.output
+    assert not (tmp_path / "m.yaml").exists()
+
+
+def test_names_of_robot_descriptions_are_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a package of that name, which says where its files are."""
+    package = tmp_path / "robot_descriptions"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (tmp_path / "arm.urdf").write_text(HEAVY)
+    (package / "mine_description.py").write_text(f"URDF_PATH = {str(tmp_path / 'arm.urdf')!r}\n")
+    (package / "bare_description.py").write_text("XACRO_PATH = 'a.xacro'\n")
+    (package / "far_description.py").write_text("raise OSError('no network')\n")
+    for name in [name for name in sys.modules if name.split(".")[0] == "robot_descriptions"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert run("--arm", "mine_description", "-o", tmp_path / "m.yaml").exit_code == 0
+    assert load_machine(tmp_path / "m.yaml").mechanism.readings == ("q1", "q2")
+    for name, message in (
+        ("bare_description", "no URDF or MJCF in 'bare_description'"),
+        ("far_description", "could not fetch 'far_description': no network"),
+        ("no_description", "expected a name that robot_descriptions knows"),
+    ):
+        done = run("--arm", name, "-o", tmp_path / "n.yaml")
+        assert done.exit_code == 2
+        assert message in done.output
+
+
+def test_the_extra_is_named_where_robot_descriptions_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(descriptions.importlib.util, "find_spec", lambda _: None)
+    done = run("--arm", "ur5e_description", "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 2
+    assert "pip install 'truepose[descriptions]'" in done.output
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "found no source of the mechanism, expected --table, --urdf, --mjcf or --arm"),
+        (("--arm", "ur5e", "--table", "a.csv"), "found --table and --arm, expected one of them"),
+        (("--arm", "ur5e", "--convention", "standard"), "--convention: found it without --table"),
+        (("--arm", "ur5e", "--sensor", "radar"), "--sensor: found 'radar', expected one of pose, position"),
+        (("--arm", "ur5e", "--base", "1,2"), "--base: found '1,2', expected X,Y,Z or X,Y,Z,R,P,Y"),
+        (("--arm", "ur5e", "--tool", "a,b,c"), "--tool: found 'a,b,c'"),
+        (
+            ("--table", "nowhere.csv", "--convention", "standard"),
+            "nowhere.csv: cannot read the table: No such file",
+        ),
+        (("--urdf", "nowhere.urdf"), "nowhere.urdf: cannot read the URDF"),
+    ],
+)
+def test_what_it_cannot_do_is_said_and_nothing_is_written(
+    tmp_path: Path, words: tuple[str, ...], message: str
+) -> None:
+    done = run(*words, "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 2
+    assert message in done.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_that_are_there_are_kept(tmp_path: Path) -> None:
+    path, recording = tmp_path / "m.yaml", tmp_path / "m_recording.csv"
+    path.write_text("mine")
+    recording.write_text("measured")
+    assert "found a file that is there already" in run("--arm", "ur5e", "-o", path).output
+    assert path.read_text() == "mine"
+    done = run("--arm", "ur5e", "--force", "-o", path)
+    assert "m_recording.csv: left as it stands" in done.output
+    assert recording.read_text() == "measured"
+    assert path.read_text().startswith(SCHEMA_LINE)
+    assert (
+        "expected a machine file that ends in .yaml" in run("--arm", "ur5e", "-o", tmp_path / "m.csv").output
+    )
+    assert "found no file to write" in run("--arm", "ur5e").output
+
+
+def test_json_and_the_list(tmp_path: Path) -> None:
+    listed = json.loads(run("--list", "--json").output)["arms"]
+    assert listed["panda"].startswith("Franka Emika Panda")
+    assert "ur5e" in run("--list").output
+    said = json.loads(run("--arm", "panda", "-o", tmp_path / "m.yaml", "--json").output)
+    assert said["columns"][:2] == ["q1", "q2"]
+    assert said["files"] == [str(tmp_path / "m.yaml"), str(tmp_path / "m_recording.csv")]
+
+
+def answering(*answers: str) -> Any:
+    left = list(answers)
+    return lambda question, default: left.pop(0) or default
+
+
+def test_questions_describe_a_table() -> None:
+    """An empty answer takes what the question offers."""
+    rows = ("0 pi/2 0.3 0 -170 170", "0.4 0 0 -90", "0 0 d3+0.1 0 prismatic 0 0.2")
+    start = asked_start(answering("scara", "", "3", "m", "", *rows))
+    assert start.name == "scara"
+    assert start.mechanism["convention"] == "standard"
+    first, second, third = start.mechanism["joints"]
+    assert (first["alpha"], first["d"], first["range"]) == (90.0, 300.0, [-170.0, 170.0])
+    assert (second["a"], second["theta"]) == (400.0, -90.0)
+    assert (third["kind"], third["d"], third["range"]) == ("prismatic", pytest.approx(100.0), [0.0, 200.0])
+
+
+@pytest.mark.parametrize(
+    ("answers", "message"),
+    [
+        (("a", "craig"), "convention: found 'craig'"),
+        (("a", "", "none"), "number of joints: found 'none'"),
+        (("a", "", "1", "feet", "deg"), "lengths: found the unit 'feet'"),
+        (("a", "", "1", "", "", "0 90 100"), "joint 1: found '0 90 100', expected a alpha d theta"),
+        (("a", "", "1", "", "", "0 ninety 100 0"), "joint 1, column 'alpha': found 'ninety'"),
+    ],
+)
+def test_answers_that_are_none_are_refused(answers: tuple[str, ...], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        asked_start(answering(*answers))
