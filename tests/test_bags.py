@@ -12,9 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
-from truepose.identification.recording.bags import read_bag
 from truepose.identification.recording.recording import JointColumn, Recording, read_recording
 from truepose.identification.recording.settled import Stream, average, stretches
+from truepose.identification.recording.table import bag_table
 from truepose.models.units import UnitSystem
 
 pytest.importorskip("rosbags")
@@ -39,7 +39,7 @@ def joint_state(t: float, names: Sequence[str], q: Sequence[float]) -> Any:
     return T["sensor_msgs/msg/JointState"](_header(t), list(names), np.array(q, dtype=float), empty, empty)
 
 
-def pose_stamped(t: float, xyz: Sequence[float], turn: Sequence[float]) -> Any:
+def pose_stamped(t: float, xyz: Any, turn: Any) -> Any:
     return T["geometry_msgs/msg/PoseStamped"](
         _header(t),
         T["geometry_msgs/msg/Pose"](
@@ -133,7 +133,7 @@ def test_a_row_a_settled_stretch(tmp_path: Path, storage: StoragePlugin, as_file
 
 
 def test_the_sigma_of_each_average_is_known(tmp_path: Path) -> None:
-    table = read_bag(write(tmp_path / "bag", run(tracker)))
+    table = bag_table(write(tmp_path / "bag", run(tracker)))
     samples = table.numbers("samples")
     assert samples.min() > 30
     expected = 2e-5 / np.sqrt(samples)
@@ -163,27 +163,27 @@ def test_one_frame_among_several_is_chosen(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"bag: found poses in 'tracker->probe', 'tracker->link', expected one.*--topic"
     ):
-        read_bag(path)
-    np.testing.assert_allclose(read_bag(path, "tracker->link").numbers("x"), [1, 2, 3], atol=1e-12)
+        bag_table(path)
+    np.testing.assert_allclose(bag_table(path, "tracker->link").numbers("x"), [1, 2, 3], atol=1e-12)
     with pytest.raises(
         InputError, match="--topic: found 'probe', expected 'tracker->probe' or 'tracker->link'"
     ):
-        read_bag(path, "probe")
+        bag_table(path, "probe")
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     said = run(tracker)
     joints = [item for item in said if item[1] == "/joint_states"]
     with pytest.raises(InputError, match="found no pose"):
-        read_bag(write(tmp_path / "a", joints))
+        bag_table(write(tmp_path / "a", joints))
     with pytest.raises(InputError, match="no message of type JointState"):
-        read_bag(write(tmp_path / "b", [item for item in said if item[1] != "/joint_states"]))
+        bag_table(write(tmp_path / "b", [item for item in said if item[1] != "/joint_states"]))
     with pytest.raises(InputError, match="found 0 stretches in which all joints stand still for 30 s"):
-        read_bag(write(tmp_path / "c", said), seconds=30.0)
+        bag_table(write(tmp_path / "c", said), seconds=30.0)
     broken = shutil.copy(next((tmp_path / "c").glob("*.mcap")), tmp_path / "broken.mcap")
     Path(broken).write_bytes(Path(broken).read_bytes()[:300])
     with pytest.raises(InputError, match=r"broken\.mcap: cannot read the bag"):
-        read_bag(Path(broken))
+        bag_table(Path(broken))
 
 
 def test_joints_that_log_apart_stand_together() -> None:

@@ -46,11 +46,9 @@ def _load(folder: Path, **fields: str) -> Machine:
 def test_a_number_with_its_unit_is_the_same(tmp_path: Path, field: str) -> None:
     plain, stated = _load(tmp_path), _load(tmp_path, **{field: WITH_UNITS[field]})
     for one, other in zip(plain.parameters, stated.parameters, strict=True):
-        assert (other.name, other.nominal, other.tolerance) == (
-            one.name,
-            pytest.approx(one.nominal, rel=1e-12),
-            pytest.approx(one.tolerance, rel=1e-12),
-        )
+        assert other.name == one.name
+        assert other.nominal == pytest.approx(one.nominal, rel=1e-12)
+        assert other.tolerance == pytest.approx(one.tolerance, rel=1e-12)
     assert [c.sigma for c in stated.channels] == pytest.approx([c.sigma for c in plain.channels], rel=1e-12)
     assert plain.file is not None
     assert stated.file is not None

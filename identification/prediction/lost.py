@@ -52,7 +52,7 @@ def _depends(sensor: Sensor) -> Mask:
     names = [*(parameter.name for parameter in sensor.parameters), *sensor.reads]
     residual = sensor.residual(world, {name: ca.SX.sym(name) for name in names}, reading)
     pattern = ca.jacobian(residual, reading).sparsity()
-    return np.array(ca.DM(pattern, 1.0).full()) != 0
+    return np.asarray(ca.DM(pattern, 1.0).full() != 0, dtype=np.bool_)
 
 
 __all__ = ["all_lost", "lost_of", "told"]

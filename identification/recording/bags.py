@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.settled import BAND, SECONDS, Average, Stream, average, stretches
-from truepose.identification.recording.table import SI, Column, Table
+from truepose.identification.recording.text import SI, TextTable
 from truepose.wording import joined, shortened
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def read_bag(
     joints: Sequence[str] = (),
     band: float = BAND,
     seconds: float = SECONDS,
-) -> Table:
+) -> TextTable:
     """A row for each stretch in which all joints stand still for ``seconds`` within ``band`` (rad, m), with its time.
 
     ``topic``: the topic of poses or points, or the frame ``parent->child``, where there are several; ``joints``: those
@@ -154,29 +154,25 @@ def _table(
     joints: Mapping[str, Stream],
     seen: Mapping[str, Stream],
     without: int,
-) -> Table:
-    columns, cells = [Column("time", "s")], [np.array([0.5 * (a + b) for a, b in rows])]
-    for name, stream in joints.items():
-        columns.append(Column(name, SI))
-        cells.append(np.array([stream.between(a, b).mean() for a, b in rows]))
+) -> TextTable:
+    cells = {"time [s]": np.array([0.5 * (a + b) for a, b in rows])}
+    cells |= {
+        f"{name} [{SI}]": np.array([stream.between(a, b).mean() for a, b in rows])
+        for name, stream in joints.items()
+    }
     told = []
     for prefix, stream in seen.items():
         width = stream.values.shape[1]
         averages = [_average(stream.between(a, b), width) for a, b in rows]
         for k, (axis, unit) in enumerate(_AXES[:width]):
-            columns += [Column(f"{prefix}{axis}", unit), Column(f"{prefix}{axis}.sigma", unit)]
-            cells += [
-                np.array([found.mean[k] for found in averages]),
-                np.array([found.sigma[k] for found in averages]),
-            ]
-        columns.append(Column(f"{prefix}samples"))
-        cells.append(np.array([float(found.count) for found in averages]))
+            cells[f"{prefix}{axis} [{unit}]"] = np.array([found.mean[k] for found in averages])
+            cells[f"{prefix}{axis}.sigma [{unit}]"] = np.array([found.sigma[k] for found in averages])
+        cells[f"{prefix}samples"] = np.array([float(found.count) for found in averages])
         told.append(_words(prefix, averages))
     notes = [f"{path}: {len(rows)} settled stretches; an average's 1-sigma by its scatter: {'; '.join(told)}"]
     if without:
         notes.append(f"{path}: {without} settled stretches have no pose and make no row")
-    named = {column.name: ArrowCells(values) for column, values in zip(columns, cells, strict=True)}
-    return Table(str(path), tuple(columns), named, len(rows), notes=tuple(notes))
+    return TextTable(list(cells), [ArrowCells(values) for values in cells.values()], notes=tuple(notes))
 
 
 def _average(values: Array, width: int) -> Average:

@@ -13,8 +13,8 @@ import pandas as pd
 from truepose.errors import InputError
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.spreadsheet import MAGIC
-from truepose.identification.recording.table import SI, Column, Table, is_bag, read_table
-from truepose.identification.recording.text import decoded
+from truepose.identification.recording.table import Column, Table, bag_table, is_bag, read_table
+from truepose.identification.recording.text import SI, decoded
 from truepose.identification.recording.tpoint import is_tpoint, read_tpoint
 from truepose.identification.recording.tracker_text import ANY, DIALECTS, dialect_of, read_points
 from truepose.wording import joined, shortened
@@ -45,9 +45,7 @@ def read_foreign(
         if form in ("excel", "table"):
             return _table(path, unit)
         if form == "bag":
-            from truepose.identification.recording.bags import read_bag
-
-            return read_bag(path, topic, joints=joints)
+            return bag_table(path, topic, joints)
         text, notes = decoded(path.read_bytes(), str(path))
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None

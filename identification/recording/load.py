@@ -32,14 +32,13 @@ def joint_columns(machine: Machine) -> list[JointColumn]:
 
 def tables(source: Sources) -> list[Table]:
     """The table of every recording in ``source``. Raises InputError for what is none, and as ``read_table`` does."""
-    several = not isinstance(source, (str, os.PathLike, Table)) and not is_table(source)
-    if several and not isinstance(source, Sequence):
+    if isinstance(source, (str, os.PathLike, Table, pd.DataFrame, Mapping)) or is_table(source):
+        return [_table(source, "")]
+    if not isinstance(source, Sequence):
         raise InputError(
             f"recording: found {type(source).__name__}, expected a path, a DataFrame, a dict of columns, "
             "or several of these"
         )
-    if not several:
-        return [_table(source, "")]
     return [_table(item, f" {k}" if len(source) > 1 else "") for k, item in enumerate(source, start=1)]
 
 

@@ -25,13 +25,11 @@ from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.memory_tables import columns_of
 from truepose.identification.recording.spreadsheet import MAGIC, read_spreadsheet
-from truepose.identification.recording.text import read_text
+from truepose.identification.recording.text import SI, TextTable, read_text
 from truepose.models.units import FloatArray, is_unit, parse_unit
 
 LARGE = 1 << 20
 """Bytes from which a text is read by columns."""
-SI: Final = "SI"
-"""Unit of a column in the SI unit of whatever is in it, as ROS logs: metres for lengths, radians for angles."""
 _SI_UNITS: Final = {"mm": "m", "rad": "rad"}
 _HEADER: Final = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$")
 _ROUND: Final = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
@@ -101,7 +99,8 @@ class Table:
         if plain is not None:
             return plain
         values = np.array([_number(cell) for cell in cells], dtype=np.float64)
-        bad = [int(row) for row in np.flatnonzero(~np.isfinite(values)) if not (lost and _empty(cells[row]))]
+        rows: list[int] = np.flatnonzero(~np.isfinite(values)).tolist()
+        bad = [row for row in rows if not (lost and _empty(cells[row]))]
         if bad:
             hint = "; leave the cell empty where a reading was lost" if lost else ""
             where = self.where(name, bad[0])
@@ -164,26 +163,35 @@ def read_table(path: Path | str) -> Table:
 def table_in_memory(source: Any, name: str) -> Table:
     """A DataFrame, a dict of columns or an Arrow table as a table; ``name`` opens messages. Raises InputError."""
     headers, columns = columns_of(source, name)
-    return _table(name, headers, columns)
+    return _table(name, TextTable(headers, columns))
 
 
 def _read(path: Path) -> Table:
     file = str(path)
     if is_bag(path):
-        from truepose.identification.recording.bags import read_bag
-
-        return read_bag(path)
+        return bag_table(path)
     with path.open("rb") as stream:
         start = stream.read(8)
     if start.startswith(_PARQUET_MAGIC):
         table: Any = pq.ParquetFile(path).read()
-        return _table(file, list(table.column_names), [ArrowCells(column) for column in table.columns])
+        columns = [ArrowCells(column) for column in table.columns]
+        return _table(file, TextTable(list(table.column_names), columns))
     if start.startswith(MAGIC):
         found = read_spreadsheet(path)
     else:
         data = path.read_bytes()
         found = read_text(data, file, large=len(data) >= LARGE)
-    return _table(file, found.headers, found.columns, found.line, found.notes)
+    return _table(file, found)
+
+
+def bag_table(
+    path: Path, topic: str | None = None, joints: Sequence[str] = (), seconds: float | None = None
+) -> Table:
+    """A ROS bag as a table, a row for each stretch of ``seconds`` in which all joints stand; see ``bags.read_bag``."""
+    from truepose.identification.recording import bags
+
+    found = bags.read_bag(path, topic, joints=joints, seconds=bags.SECONDS if seconds is None else seconds)
+    return _table(str(path), found)
 
 
 def is_bag(path: Path) -> bool:
@@ -194,20 +202,14 @@ def is_bag(path: Path) -> bool:
         return stream.read(16).startswith(_BAG_MAGIC)
 
 
-def _table(
-    file: str,
-    headers: Sequence[str],
-    columns: Sequence[Sequence[object]],
-    line: Callable[[int], int] | None = None,
-    notes: tuple[str, ...] = (),
-) -> Table:
-    parsed = tuple(_parse_header(header) for header in headers)
+def _table(file: str, found: TextTable) -> Table:
+    parsed = tuple(_parse_header(header) for header in found.headers)
     _refuse_duplicates(file, parsed)
-    cells = {column.name: values for column, values in zip(parsed, columns, strict=True)}
-    n_rows = len(columns[0]) if columns else 0
+    cells = {column.name: values for column, values in zip(parsed, found.columns, strict=True)}
+    n_rows = len(found.columns[0]) if found.columns else 0
     if n_rows == 0:
         raise InputError(f"{file}: found no row of data, expected at least one")
-    return Table(file, parsed, cells, n_rows, line, notes)
+    return Table(file, parsed, cells, n_rows, found.line, found.notes)
 
 
 def _parse_header(header: str) -> Column:

@@ -19,6 +19,8 @@ from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import SEPARATORS, read_plain_csv
 from truepose.identification.recording.decimals import with_decimal_points
 
+SI: Final = "SI"
+"""Unit of a column in the SI unit of whatever is in it, as ROS logs: metres for lengths, radians for angles."""
 SPACES: Final = " "
 _NAMES: Final = {",": "a comma", ";": "a semicolon", "\t": "a tab", SPACES: "spaces"}
 _SAMPLE = 50
@@ -35,11 +37,14 @@ _MARKS: Final = (
 
 @dataclass(frozen=True)
 class TextTable:
-    """Headers and cells column by column, as they stand; ``line`` gives the line of the file of a 0-based row."""
+    """Headers and cells column by column, as they stand.
+
+    ``line`` gives the line of the file of a 0-based row, None where there are no lines.
+    """
 
     headers: Sequence[str]
     columns: Sequence[Sequence[object]]
-    line: Callable[[int], int]
+    line: Callable[[int], int] | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -179,4 +184,4 @@ def _check_lengths(
             )
 
 
-__all__ = ["SPACES", "TextTable", "counts", "decoded", "read_text"]
+__all__ = ["SI", "SPACES", "TextTable", "counts", "decoded", "read_text"]

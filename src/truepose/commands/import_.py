@@ -87,5 +87,6 @@ def import_(
                 table = importing.with_joints(table, read_table(joints))
             frame = importing.frame_of(importing.renamed(table, names), prismatic or ())
             write_table(output, frame, table.notes)
-        summary = {"command": "import", "rows": len(frame), "columns": list(frame), "files": [str(output)]}
-        finish(summary, [f"{output}: {len(frame)} rows: {', '.join(frame)}"], table.notes, as_json=as_json)
+        columns = [str(name) for name in frame.columns]
+        summary = {"command": "import", "rows": len(frame), "columns": columns, "files": [str(output)]}
+        finish(summary, [f"{output}: {len(frame)} rows: {', '.join(columns)}"], table.notes, as_json=as_json)
