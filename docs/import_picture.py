@@ -35,7 +35,7 @@ FLOORS = (
     ("models",),
     ("models.sensors", "models.builders"),
     ("models.effects",),
-    ("models.export", "models.schemas"),
+    ("models.export", "models.schemas", "models.starting"),
     ("codegen",),
     ("codegen.evaluation",),
     ("identification.recording",),

@@ -38,6 +38,7 @@ tolerances: {length: 0.1, angle: 0.1}
 """
 COMMANDS = (
     "demo",
+    "init",
     "calibrate",
     "diagnose",
     "identifiability",

@@ -26,7 +26,8 @@ FILES = {
 QUOTED = re.compile(r"`+([^`\n]+)`+")
 PLACE = re.compile(rf"^(?:{'|'.join(TOPS)})(?:/[\w.*-]+)*/?$")
 MODULE_FILE = re.compile(r"^(?:[\w.*-]+/)*[\w*]+\.py$")
-DOTTED = re.compile(r"(?<!//)\btruepose(?:\.[A-Za-z_]\w*)+")
+DOTTED = re.compile(r"(?<!://)\btruepose(?:\.[A-Za-z_]\w*)+")
+"""Modules and what they hold; an address is neither."""
 RUN = re.compile(r"python3? -m ((?:benchmarks|examples|truepose)[\w.]*)")
 WRITTEN = re.compile(r"(?:^|/)NAME_|^travel_cubic\.py$|CASE")
 """Generated files, the reader's own, and words that stand for any name."""

@@ -20,7 +20,6 @@ from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.schema_line import SCHEMA_LINE
-from truepose.models.starting import descriptions
 from truepose.models.starting.arms import bundled_names
 from truepose.models.starting.asked import asked_start
 from truepose.models.starting.sensors import PRESETS
@@ -116,7 +115,7 @@ def test_an_arm_is_fitted_with_a_base_and_a_tool_that_nobody_told(tmp_path: Path
     run("--arm", "irb120", "--sensor", "position", *where, "-o", tmp_path / "true.yaml")
     run("--arm", "irb120", "--sensor", "position", "-o", tmp_path / "m.yaml")
     true, machine = load_machine(tmp_path / "true.yaml"), load_machine(tmp_path / "m.yaml")
-    ranges = np.degrees([a.range for a in machine.mechanism.actuators])
+    ranges = np.degrees([a.range or (-3, 3) for a in machine.mechanism.actuators])
     q = np.random.default_rng(2).uniform(0.8 * ranges[:, 0], 0.8 * ranges[:, 1], (60, 6))
     frame = pd.DataFrame(q, columns=list(machine.mechanism.readings))
     frame.to_csv(tmp_path / "q.csv", index=False)
@@ -264,7 +263,7 @@ def test_names_of_robot_descriptions_are_understood(tmp_path: Path, monkeypatch:
 def test_the_extra_is_named_where_robot_descriptions_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(descriptions.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     done = run("--arm", "ur5e_description", "-o", tmp_path / "m.yaml")
     assert done.exit_code == 2
     assert "pip install 'truepose[descriptions]'" in done.output

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import casadi as ca
@@ -175,7 +176,7 @@ def test_loads_are_those_of_the_urdfs_own_links(tmp_path: Path) -> None:
 
     def energy(angle: float) -> float:
         fore = upper * Rotation.from_rotvec([angle, 0, 0])
-        return sum(
+        return math.fsum(
             9.80665 * kg * fore.apply(com)[2] / 1000.0 for kg, com in ((3, [300, 0, 0]), (0.5, [510, 20, 0]))
         )
 

@@ -49,7 +49,8 @@ class _Written:
     def start(self, bare: bool) -> Start:
         """``bare``: meshes were not at hand, so that bodies whose mass comes from them weigh nothing."""
         poses = _poses(self.model)
-        bodies, joints, shifts = [self._name(self.chain[0])], [], {self.chain[0]: np.zeros(3)}
+        bodies, shifts = [self._name(self.chain[0])], {self.chain[0]: np.zeros(3)}
+        joints: list[dict[str, Any]] = []
         for above, body in zip(self.chain, self.chain[1:], strict=False):
             self._add(body, np.linalg.inv(poses[above]) @ poses[body], shifts, bodies, joints, above)
         if shifts[self.chain[-1]].any():
@@ -82,7 +83,7 @@ class _Written:
         frame: Array,
         shifts: dict[int, Array],
         bodies: list[str],
-        joints: list[Any],
+        joints: list[dict[str, Any]],
         above: int,
     ) -> None:
         """A body's joints, each with a body of its own that stands where its anchor is; one without is fixed."""

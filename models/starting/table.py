@@ -28,7 +28,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 _ANGLES = ("alpha", "beta", "theta", "offset")
 _ALIASES = {
     "α": "alpha", "θ": "theta", "β": "beta", "joint": "name", "link": "name", "i": "name", "type": "kind", "lower": "min",
-    "upper": "max", "theta_offset": "offset", "q_offset": "offset", "limits": "range",
+    "upper": "max", "theta_offset": "offset", "θ_offset": "offset", "q_offset": "offset", "limits": "range",
 }  # fmt: skip
 _KNOWN = (
     "name",
@@ -43,7 +43,6 @@ _KNOWN = (
     "min",
     "max",
     "range",
-    "gear_ratio",
 )
 _KINDS = {
     "": "revolute", "revolute": "revolute", "r": "revolute", "rotary": "revolute", "rotational": "revolute",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import JsonOption, check_file, finish, reported
+from truepose.commands.common import JsonOption, PluginOption, check_file, finish, reported
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
@@ -102,6 +102,7 @@ def init(
     tool: ToolOption = "",
     force: ForceOption = False,
     as_json: JsonOption = False,
+    plugin: PluginOption = None,
 ) -> None:
     """A commented machine file to start from, and an empty recording beside it with the columns it needs.
 
@@ -112,7 +113,7 @@ def init(
 
     Example: truepose init --table kr10.csv --convention standard -o kr10.yaml
     """
-    with reported():
+    with reported(plugin):
         from truepose.models.starting.sources import Source, start_from
         from truepose.models.starting.written import Asked
 
