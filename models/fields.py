@@ -52,6 +52,10 @@ _QUANTITY = re.compile(
 )
 
 
+STATED = r"^\s*[-+]?((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|\.?inf)\s*[^\d\s.+-].*$"
+"""The same for a JSON Schema."""
+
+
 def quantity(text: object, unit: str) -> float | None:
     """The number of a text such as ``20um`` in ``unit``; None for what is no number with a unit of the same dimension."""
     found = _QUANTITY.fullmatch(text) if isinstance(text, str) else None
@@ -69,20 +73,35 @@ def is_quantity(text: str) -> bool:
     return found is not None and is_unit(found["unit"])
 
 
+def with_texts(schema: JsonSchemaValue) -> JsonSchemaValue:
+    """A JSON Schema whose numbers may be texts with a unit as well: ``20um``."""
+    out = dict(schema)
+    if out.get("type") == "number":
+        out |= {"type": ["number", "string"], "pattern": STATED}
+    for key in ("items", "prefixItems", "anyOf"):
+        if key in out:
+            inner = out[key]
+            out[key] = [with_texts(one) for one in inner] if isinstance(inner, list) else with_texts(inner)
+    return out
+
+
 @dataclass(frozen=True)
 class In:
     """In an ``Annotated`` type: what the field is measured in, for its JSON Schema.
 
     ``unit`` is a unit, or ``length``, ``angle``, ``gain`` (the file's unit of it), ``reading`` (that of the joint).
+    ``stated``: numbers may be texts with a unit of their own.
     """
 
     unit: str
+    stated: bool = False
 
     def __get_pydantic_json_schema__(
         self, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """The schema of the type, with the keyword ``unit``."""
-        return {**handler(core), "unit": self.unit}
+        schema = handler(core)
+        return {**(with_texts(schema) if self.stated else schema), "unit": self.unit}
 
 
 @dataclass(frozen=True)
@@ -139,6 +158,7 @@ def _vector(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
     return BeforeValidator(validate)
 
 
+_LENGTH, _ANGLE = In("length", stated=True), In("angle", stated=True)
 _TOLERANCE_SCHEMA = {"type": "number", "minimum": 0}
 _SIGMA_SCHEMA = WithJsonSchema({"type": "number", "exclusiveMinimum": 0})
 _ONE = WithJsonSchema(_TOLERANCE_SCHEMA)
@@ -153,21 +173,21 @@ _ONE_OR_THREE = WithJsonSchema(
 
 Triple = tuple[float, float, float]
 Number = Annotated[float, _scalar("number")]
-Mass = Annotated[float, _scalar("mass"), In("kg")]
-Length = Annotated[float, _scalar("length"), In("length")]
-Angle = Annotated[float, _scalar("angle"), In("angle")]
-Gain = Annotated[float, _scalar("gain"), In("gain")]
+Mass = Annotated[float, _scalar("mass"), In("kg", stated=True)]
+Length = Annotated[float, _scalar("length"), _LENGTH]
+Angle = Annotated[float, _scalar("angle"), _ANGLE]
+Gain = Annotated[float, _scalar("gain"), In("gain", stated=True)]
 Range = Annotated[tuple[Number, Number], In("reading")]
 Vector = Annotated[Triple, _vector("number")]
-LengthVector = Annotated[Triple, _vector("length"), In("length")]
-AngleVector = Annotated[Triple, _vector("angle"), In("angle")]
-LengthSigma = Annotated[float, _scalar("length", _SIGMA), _SIGMA_SCHEMA, In("length")]
-AngleSigma = Annotated[float, _scalar("angle", _SIGMA), _SIGMA_SCHEMA, In("angle")]
+LengthVector = Annotated[Triple, _vector("length"), _LENGTH]
+AngleVector = Annotated[Triple, _vector("angle"), _ANGLE]
+LengthSigma = Annotated[float, _scalar("length", _SIGMA), _SIGMA_SCHEMA, _LENGTH]
+AngleSigma = Annotated[float, _scalar("angle", _SIGMA), _SIGMA_SCHEMA, _ANGLE]
 NumberTolerance = Annotated[float, _scalar("number", _TOLERANCE), _ONE]
-LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE), _ONE, In("length")]
-AngleTolerance = Annotated[float, _scalar("angle", _TOLERANCE), _ONE, In("angle")]
-LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE), _ONE_OR_THREE, In("length")]
-AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE), _ONE_OR_THREE, In("angle")]
+LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE), _ONE, _LENGTH]
+AngleTolerance = Annotated[float, _scalar("angle", _TOLERANCE), _ONE, _ANGLE]
+LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE), _ONE_OR_THREE, _LENGTH]
+AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE), _ONE_OR_THREE, _ANGLE]
 
 
 class Section(BaseModel):

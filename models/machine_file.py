@@ -34,6 +34,7 @@ from truepose.models.fields import (
     Vector,
     bad_value,
     is_quantity,
+    with_texts,
 )
 from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.tolerances import Tolerances
@@ -245,7 +246,9 @@ def _interval(value: object) -> tuple[float, float]:
 
 _NOT_NEGATIVE = {"type": "number", "minimum": 0}
 _STATED = WithJsonSchema(
-    {"anyOf": [_NOT_NEGATIVE, {"type": "array", "items": _NOT_NEGATIVE, "minItems": 1, "maxItems": 6}]}
+    with_texts(
+        {"anyOf": [_NOT_NEGATIVE, {"type": "array", "items": _NOT_NEGATIVE, "minItems": 1, "maxItems": 6}]}
+    )
 )
 
 RawSection = Annotated[dict[str, Any], BeforeValidator(_typed_mapping)]

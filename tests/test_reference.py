@@ -222,6 +222,13 @@ WRONG: dict[str, Any] = {
     "a mechanism that is none": {"mechanism": {"type": "seriel", "joints": []}},
     "a kind that is none": {"mechanism": {"type": "serial", "joints": [{"name": "q", "kind": "revolut"}]}},
     "a joint without a name": {"mechanism": {"type": "serial", "joints": [{"kind": "revolute"}]}},
+    "a modified table's beta": {
+        "mechanism": {
+            "type": "serial",
+            "convention": "modified",
+            "joints": [{"name": "q", "kind": "revolute", "beta": 1}],
+        }
+    },
     "a negative tolerance": {"tolerances": {"length": -0.1}},
     "a mass without a body": {"masses": {"m": {"kg": 1}}},
     "a negative mass": {"masses": {"m": {"kg": -1, "in": "tool"}}},
@@ -229,6 +236,10 @@ WRONG: dict[str, Any] = {
     "an effect without a place": {"effects": [{"effect": "backlash"}]},
     "a frame that is none": {"frames": {"flange": {"xyz": [0, 0, 1]}}},
     "bounds of one number": {"bounds": {"q2.d": [1]}},
+    "a unit that is none": {"sensor": {"type": "position", "sigma": {"xyz": "um"}}},
+    "a standard row without its convention": {
+        "mechanism": {"type": "serial", "joints": [{"name": "q", "kind": "revolute", "a": 1}]}
+    },
 }
 
 
@@ -266,6 +277,14 @@ def test_a_plug_in_s_types_are_in_the_schema_that_is_made_with_it(tmp_path: Path
     assert made.exit_code == 0, made.output
     assert '"own-arm"' in (tmp_path / "s.json").read_text(encoding="utf-8")
     assert '"own-arm"' not in stored(MACHINE)
+
+
+@pytest.mark.parametrize("arm", ["kr6", "gough", "telescope-mount"])
+def test_what_init_writes_is_valid(arm: str, tmp_path: Path) -> None:
+    made = CliRunner().invoke(app, ["init", "--arm", arm, "-o", str(tmp_path / "own.yaml")])
+    assert made.exit_code == 0, made.output
+    READER.validate(read_document(tmp_path / "own.yaml"))
+    assert (tmp_path / "own.yaml").read_text(encoding="utf-8").startswith(f"{SCHEMA_LINE}\n")
 
 
 def test_a_kind_that_is_none_is_refused() -> None:

@@ -186,6 +186,17 @@ LOGGED: Final = (
         "at rest",
     ),
 )
-COLUMNS: Final = (*JOINTS, *READINGS, *ORDER, *LOGGED)
+AVERAGED: Final = (
+    KnownColumn("samples", "number", "", "How many samples the row is the average of; a note.", "-"),
+    KnownColumn("<target>.samples", "number", "", "The same of one target; a note.", "-"),
+    KnownColumn(
+        "<column>.sigma",
+        "number",
+        "",
+        "1-sigma of the average, from the scatter of its samples; a note.",
+        "-",
+    ),
+)
+COLUMNS: Final = (*JOINTS, *READINGS, *ORDER, *LOGGED, *AVERAGED)
 
-__all__ = ["COLUMNS", "JOINTS", "LOGGED", "ORDER", "READINGS", "KnownColumn"]
+__all__ = ["AVERAGED", "COLUMNS", "JOINTS", "LOGGED", "ORDER", "READINGS", "KnownColumn"]

@@ -30,11 +30,11 @@ class DhJoint(Section):
     kind: Literal["revolute", "prismatic"]
     """Whether it turns about its z axis or slides along it."""
     a: Length = 0.0
-    """Link length: distance along x. In a standard table it follows the joint, in a modified one it comes before."""
+    """Length of the link, along x."""
     alpha: Angle = 0.0
-    """Twist: turn about x, beside `a`."""
+    """Twist of the link, about x."""
     d: Length = 0.0
-    """Shift along z at reading 0; a prismatic joint's reading adds to it."""
+    """Offset along z at reading 0; a prismatic joint's reading adds to it."""
     theta: Angle = 0.0
     """Turn about z at reading 0; a revolute joint's reading adds to it."""
     range: Range | None = None
@@ -55,11 +55,11 @@ class DhTable(Section):
     """The section ``mechanism`` of a serial chain as a data sheet has it."""
 
     type: Literal["serial"]
-    """A chain of joints of one degree of freedom each."""
+    """A chain of joints of one degree of freedom each, as a data sheet tables it."""
     convention: Literal["modified", "standard"]
-    """Whose table the rows are: `standard` (Denavit and Hartenberg) or `modified` (Craig)."""
+    """`modified`: RotX(alpha) TransX(a) RotZ(theta) TransZ(d); `standard`: RotZ(theta) TransZ(d) TransX(a) RotX(alpha)."""
     joints: tuple[DhJoint, ...]
-    """The rows of the table, from the base to the flange."""
+    """The rows of the table as they stand, from the base to the flange."""
 
 
 def khalil_section(section: Mapping[str, Any], context: BuildContext) -> dict[str, Any]:

@@ -84,9 +84,9 @@ class SerialFlange(Section):
     """The flange in the last link: RotX(alpha) TransX(d)."""
 
     alpha: Angle = 0.0
-    """Turn about x from the last link to the flange."""
+    """Turn about the last link's x axis."""
     d: Length = 0.0
-    """Distance along x from the last link to the flange."""
+    """Shift along the last link's x axis."""
 
 
 class Serial(Section):
@@ -95,11 +95,11 @@ class Serial(Section):
     type: Literal["serial"]
     """A chain of joints of one degree of freedom each."""
     convention: Literal["khalil"] = "khalil"
-    """Which table the rows are of: this one, or `standard` or `modified` (see below)."""
+    """The program's own convention, that of Khalil and Kleinfinger."""
     joints: tuple[SerialJoint, ...]
     """The rows of the table of constants, from the base to the flange."""
     flange: SerialFlange | None = None
-    """Where the flange stands in the last link; leave it out where it is that link's frame."""
+    """Where the flange sits on the last link; left out: at the last joint's frame."""
 
 
 @builders.add("serial")

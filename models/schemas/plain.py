@@ -45,7 +45,8 @@ def _nullable(schema: Schema) -> Schema:
     if len(others) != 1 or len(options) != 2 or "type" not in others[0]:
         return schema
     rest = {key: value for key, value in schema.items() if key != "anyOf"}
-    return {**others[0], **rest, "type": [others[0]["type"], "null"]}
+    kind = others[0]["type"]
+    return {**others[0], **rest, "type": [*([kind] if isinstance(kind, str) else kind), "null"]}
 
 
 def _vector(schema: Schema) -> Schema:

@@ -1,7 +1,7 @@
 """Blocks of the pages in ``docs/``, and how their examples are tried.
 
-A fence may say more than its language: a file's name (```` ```yaml arm.yaml ````, written where the page's commands run), or
-a key that the code must know for the example to be tried.
+A fence may say more than its language: the name of the file that it shows (```` ```yaml arm.yaml ````), which is written where
+the page's commands run.
 """
 
 from __future__ import annotations
@@ -23,16 +23,11 @@ _OTHER_MACHINE = ("gravity", "masses", "tolerances")
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block: its language, what else its fence says, and its text."""
+    """A fenced block: its language, the name of the file that it shows (empty for none), and its text."""
 
     language: str
-    info: str
+    file: str
     text: str
-
-    @property
-    def file(self) -> str:
-        """Name of the file that it shows; empty for none."""
-        return self.info if "." in self.info else ""
 
     @property
     def whole(self) -> bool:
