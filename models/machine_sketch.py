@@ -24,7 +24,7 @@ def sketch(machine: Machine) -> str:
         ends = segments(machine)
     except TrueposeError:
         return ""
-    drawn = {name: [_seen(a, b) for a, b in found] for name, found in ends.items() if len(found)}
+    drawn = {name: [_seen(a, b) for a, b in found] for name, found in ends.items()}
     return lines(drawn, title=f"{machine.name} at home")
 
 
@@ -38,9 +38,12 @@ def segments(machine: Machine) -> dict[str, Array]:
     x = ca.SX.sym("x", passive)
     placed = assemble(plain, values, q, {}, x)
     origins = {name: pose[:3, 3] for name, pose in placed.bodies.items()}
+    legs = [(rod, *rod_ends(rod, placed.bodies, values)) for rod in mechanism.rods]
+    arms = [(joint.parent, origins[joint.child]) for joint in mechanism.tree if joint.kind != "free"]
+    arms += [(rod.body_a, a) for rod, a, _ in legs] + [(rod.body_b, b) for rod, _, b in legs]
     pairs = {
-        "links": [(origins[joint.parent], origins[joint.child]) for joint in mechanism.tree],
-        "legs": [rod_ends(rod, placed.bodies, values) for rod in mechanism.rods],
+        "links": [(origins[body], end) for body, end in arms],
+        "legs": [(a, b) for _, a, b in legs],
         "tool": [(origins[mechanism.flange], placed.tool[:3, 3])],
     }
     points = ca.horzcat(*(point for found in pairs.values() for pair in found for point in pair))

@@ -64,6 +64,14 @@ class Recording(Shown):
     _whole: Recording | None = None
     _rows: IntArray | None = None
 
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """As it was before it was pickled or copied: numpy forgets that an array is read-only."""
+        for value in state.values():
+            for array in value.values() if isinstance(value, Mapping) else (value,):
+                if isinstance(array, np.ndarray):
+                    array.setflags(write=False)
+        self.__dict__.update(state)
+
     def __len__(self) -> int:
         return len(self.q)
 

@@ -173,16 +173,16 @@ def _(found: Finding) -> View:
 
 @view.register
 def _(found: Drift) -> View:
-    chosen = [m for status in ("moved", "perhaps") for m in found.movements if m.status == status]
+    order = ("moved", "perhaps", "still", "masked", "unseen")
     rows = tuple(
         (
             m.name,
             m.status,
             measure(m.change[-1], m.unit) if m.change else "",
-            measure(m.std[-1], m.unit, 2) if m.change else "",
+            measure(m.std[-1] if m.change else m.hidden, m.unit, 2),
             percent(m.probability),
         )
-        for m in chosen
+        for m in sorted(found.movements, key=lambda m: order.index(m.status))
     )
     return View(
         f"Drift of {drift_words.headline(found)}",

@@ -101,9 +101,9 @@ def strips(
 def lines(groups: Mapping[str, Sequence[Segment]], *, title: str, height: float = 240.0) -> str:
     """Segments in the plane (y upwards), scaled to fit; one colour a group, with a dot at each end."""
     points = [point for segments in groups.values() for segment in segments for point in segment]
-    if not points:
-        return ""
     xs, ys = [p[0] for p in points], [p[1] for p in points]
+    if not points or max(xs) - min(xs) + max(ys) - min(ys) == 0.0:
+        return ""
     wide, tall = WIDTH - 120.0, height - 60.0
     size = max((max(xs) - min(xs)) / wide, (max(ys) - min(ys)) / tall) or 1.0
     mid = 0.5 * (max(xs) + min(xs)), 0.5 * (max(ys) + min(ys))
@@ -113,6 +113,8 @@ def lines(groups: Mapping[str, Sequence[Segment]], *, title: str, height: float 
 
     parts = []
     for number, (name, segments) in enumerate(groups.items()):
+        if not segments:
+            continue
         colour = ("currentColor", BLUE, ORANGE)[number % 3]
         path = "".join("M{:.1f} {:.1f}L{:.1f} {:.1f}".format(*at(a), *at(b)) for a, b in segments)
         parts.append(f'<path d="{path}" stroke="{colour}" stroke-width="2.5" fill="none"/>')
