@@ -111,7 +111,7 @@ def test_what_has_no_extent_is_not_drawn() -> None:
 
 
 class _Broken(Shown):
-    shown_by = "truepose.nothing"
+    shown_by = "no_such_module"
 
 
 def test_a_broken_result_still_has_a_repr() -> None:

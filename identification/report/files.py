@@ -13,11 +13,11 @@ from truepose.identification.drift.analysis import Drift
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.report import pages
 from truepose.identification.report.applied_words import expected_pose
 from truepose.identification.report.drift_page import drift_html
 from truepose.identification.report.drift_words import drift_json
 from truepose.identification.report.json_text import json_text
-from truepose.identification.report.pages import calibration_html, report_html
 from truepose.identification.report.results import calibration_json, diagnosis_json
 
 REPORT = "report.html"
@@ -42,12 +42,12 @@ def _html(result: object) -> str:
 
 @_html.register
 def _(result: Calibration) -> str:
-    return calibration_html(result.fit, result.free, result.recording)
+    return pages.calibration_html(result.fit, result.free, result.recording)
 
 
 @_html.register
 def _(result: Diagnosis) -> str:
-    return report_html(result)
+    return pages.report_html(result)
 
 
 @_html.register
@@ -91,7 +91,7 @@ def write_diagnosis(result: Diagnosis, output: Path, truth: Mapping[str, Any] | 
         atomic_write_text(partial / "diagnosis.json", json_text(diagnosis_json(result)))
         pose = expected_pose(result.applied)
         write_calibrated(partial / "improved.yaml", result.after, result.recording, pose)
-        atomic_write_text(partial / REPORT, report_html(result, truth))
+        atomic_write_text(partial / REPORT, pages.report_html(result, truth))
         return sorted(file.name for file in partial.iterdir())
 
 

@@ -82,6 +82,7 @@ def _wrapped(text: str, indent: str, most: int) -> list[str]:
         initial_indent=indent,
         subsequent_indent=indent + GAP,
         max_lines=most,
+        break_on_hyphens=False,
         placeholder=" ...",
     )
 
