@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.drift.analysis import Drift, drift
 from truepose.identification.fit.calibrate import Calibration, calibrate
-from truepose.identification.identifiability.analysis import identifiability
+from truepose.identification.identifiability.analysis import Identifiability, identifiability
 from truepose.identification.planning.plan import plan
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -67,14 +67,18 @@ def drifting(moved: float = 0.0) -> Drift:
         return drift(machine(), load_recording(machine(), [path]))
 
 
+def _told(name: str) -> Identifiability:
+    return identifiability(machine(name), machines=1)
+
+
 def _poses() -> np.ndarray[Any, Any]:
     solver = PoseSolver(machine())
     return solver.forward(recording().q[:4])[0]
 
 
 RESULTS: Mapping[str, Callable[[], Shown]] = {
-    **{f"machine {name}": (lambda name=name: machine(name)) for name in BUNDLED},
-    **{f"recording {name}": (lambda name=name: recording(name)) for name in BUNDLED},
+    **{f"machine {name}": partial(machine, name) for name in BUNDLED},
+    **{f"recording {name}": partial(recording, name) for name in BUNDLED},
     "machine with effects": lambda: diagnosis().after.machine.with_effects(
         diagnosis().after.fitted_effects()
     ),
@@ -86,10 +90,7 @@ RESULTS: Mapping[str, Callable[[], Shown]] = {
     "finding": lambda: diagnosis().findings[0],
     "drift": drifting,
     "moved base": lambda: drifting(0.2),
-    **{
-        f"identifiability {name}": cache(lambda name=name: identifiability(machine(name), machines=1))
-        for name in BUNDLED
-    },
+    **{f"identifiability {name}": cache(partial(_told, name)) for name in BUNDLED},
     "plan": cache(lambda: plan(machine(), 20, method="random")),
     "plan of changes": cache(lambda: plan(machine("nanopositioner"), 30, method="random")),
     "experiment": lambda: planned("arm", YIELDING, UNEVEN),
@@ -111,5 +112,6 @@ def same(a: Any, b: Any) -> bool:
         return len(a) == len(b) and all(map(same, a, b))
     if is_dataclass(a):
         return all(same(getattr(a, one.name), getattr(b, one.name)) for one in fields(a))
-    plain = type(a).__eq__ is object.__eq__  # an effect: a class of formulas
+    comparison: Any = type(a).__eq__
+    plain = comparison is object.__eq__  # an effect: a class of formulas
     return same(vars(a), vars(b)) if plain else bool(a == b)
