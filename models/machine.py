@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import AXES, AXIS_UNITS, BASE, Mechanism
@@ -16,6 +16,10 @@ from truepose.models.parameters import Parameter
 from truepose.models.placed import PlacedEffect
 from truepose.models.sensor import Channel, Sensor
 from truepose.models.units import UnitSystem
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FRAMES = ("base", "tool")
 FRAME_OF: Mapping[str, str] = {f"{frame}.{axis}": frame for frame in FRAMES for axis in AXES}
@@ -46,13 +50,15 @@ class Mass:
     body: str
 
 
-@dataclass(frozen=True)
-class Machine:
+@dataclass(frozen=True, repr=False)
+class Machine(Shown):
     """Everything the machine file says, in internal units (mm, rad).
 
     ``frames`` holds the twelve parameters base.x ... tool.rz (rpy angles). ``gravity`` is m/s^2 in the base
     frame. ``notes`` say what was taken from elsewhere than the file.
     """
+
+    shown_by: ClassVar[str] = "truepose.models.machine_view"
 
     name: str
     mechanism: Mechanism
@@ -143,6 +149,13 @@ class Machine:
     def motion(self, reading: str, axis: str) -> str:
         """Port of one error motion (x y z mm, rx ry rz rad) of the joint that ``reading`` drives."""
         return f"{self.mechanism.actuator(reading).drives}.motion.{axis}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Constants, one a row: ``parameter``, ``value``, ``nominal`` (of the drawing), ``unit``, ``tolerance``, ``free``.
+
+        mm, rad; coefficients of effects follow in their own units, NaN where there is no drawing.
+        """
+        return frame_of(self)
 
     def with_effects(self, effects: tuple[PlacedEffect, ...]) -> Machine:
         """The same machine with these effects and no others."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -24,6 +25,10 @@ from truepose.models import lie
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import Machine
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -48,8 +53,8 @@ class Reach(IntEnum):
     JOINT_RANGE = 3
 
 
-@dataclass(frozen=True)
-class Inverse:
+@dataclass(frozen=True, repr=False)
+class Inverse(Shown):
     """Readings q (n, nq) and passive coordinates x (n, nx) for n poses; ``status`` (n,) holds ``Reach`` numbers.
 
     ``position`` (n,) mm and ``rotation`` (n,) rad are what is left to the pose. Where joints would have to leave
@@ -69,6 +74,12 @@ class Inverse:
     def solved(self) -> Mask:
         """(n,) poses met with every joint in its range."""
         return np.asarray(self.status == Reach.SOLVED)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each pose: the joints (mm, rad or the column's own unit), ``status``, and what is left to the pose in
+        ``position`` (mm) and ``rotation`` (rad).
+        """
+        return frame_of(self)
 
     def saturated(self, row: int) -> tuple[str, ...]:
         """Joints that the pose of a row asks to leave their range."""

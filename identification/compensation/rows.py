@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,10 @@ from truepose.models import lie
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import Machine
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -32,8 +36,8 @@ _LONGEST = 0.1
 """Longest step of an unknown: part of the machine's size, or rad."""
 
 
-@dataclass(frozen=True)
-class Compensation:
+@dataclass(frozen=True, repr=False)
+class Compensation(Shown):
     """Readings ``command`` (n, nq) for the path's ``nominal`` ones, in mm and rad (or the column's own unit).
 
     target (n, 4, 4): the sensor-frame poses that are meant. before, after (n, 6): twists [mm, rad] from the target to
@@ -47,6 +51,12 @@ class Compensation:
     before: Array
     after: Array
     solved_by: str = "numpy"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Commands, one row for each of the path: the joints, ``<joint>.nominal``, then ``before.position``,
+        ``before.rotation``, ``after.position``, ``after.rotation`` (errors, mm and rad).
+        """
+        return frame_of(self)
 
 
 def ideal_constants(machine: Machine, model: SymbolicModel) -> Array:

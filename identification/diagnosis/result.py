@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.levels import UNKNOWN, Levels
@@ -17,6 +18,10 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 from truepose.models.machine_file import NO_WORSE
+from truepose.shown.result import Shown, Written, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -59,8 +64,8 @@ class Alternative:
         return self.effect == UNNAMED
 
 
-@dataclass(frozen=True)
-class Finding:
+@dataclass(frozen=True, repr=False)
+class Finding(Shown):
     """One named effect at its place (or places with one cause).
 
     explanation, experiment: what its entry of the catalogue says. family: the effect, where it was found at all its places
@@ -89,6 +94,10 @@ class Finding:
     def nameless(self) -> bool:
         """Whether only its place and its driver are known."""
         return self.effect == Empirical.slug
+
+    def to_frame(self) -> pd.DataFrame:
+        """Its coefficients, one a row: ``coefficient``, ``value``, ``std`` (1-sigma), ``unit``."""
+        return frame_of(self)
 
 
 @dataclass(frozen=True)
@@ -195,14 +204,17 @@ class Applied:
     whole_ratio: float
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Written):
     """The whole outcome.
 
     noise: in stated sigmas, and inflation: how many times wider than stated the tolerances of each class of parts look,
     both in the posterior. sets: the likeliest sets of effects; inclusion: every effect at every place with its probability;
     leading: what is less probable than not, but leads; disagreement: largest difference of a probability between the
     posterior's chains; applied: what ``after`` holds, and why. ``truepose.identification.report.results`` writes it down.
+
+    ``report(path)`` writes the report, ``write(directory)`` ``diagnosis.json``, ``improved.yaml`` and ``report.html``; the
+    constants are in ``after.to_frame()``.
     """
 
     machine: Machine
@@ -231,3 +243,10 @@ class Diagnosis:
     leading: tuple[Lead, ...] = ()
     disagreement: float = 0.0
     applied: Applied | None = None
+
+    def to_frame(self) -> pd.DataFrame:
+        """Findings, one a row: ``effect``, ``place``, ``probability`` (of the law; NaN where none is known),
+        ``place_probability``, ``driver`` (what it varies with), ``driver_probability``, ``or_else`` (explanations that are
+        as good), ``amplitudes`` (with 1-sigma and unit), ``explanation``, ``experiment`` (that would separate it).
+        """
+        return frame_of(self)

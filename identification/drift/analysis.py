@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,10 @@ from truepose.identification.identifiability.observability import Knowledge
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
+from truepose.shown.result import Written, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 ROUNDS = 4
@@ -36,8 +41,8 @@ SETTLED = 0.1
 """Linearised again until the readings of no session change by more than this many sigmas in all."""
 
 
-@dataclass(frozen=True)
-class Drift:
+@dataclass(frozen=True, repr=False)
+class Drift(Written):
     """What moved between sessions.
 
     labels, times (s, None where not recorded), movements of every free parameter, noise in stated sigmas,
@@ -61,6 +66,15 @@ class Drift:
     def moved(self) -> tuple[Movement, ...]:
         """Those that move with a probability above 0.95."""
         return tuple(m for m in self.movements if m.status == "moved")
+
+    def to_frame(self) -> pd.DataFrame:
+        """Free constants, one a row: ``parameter``, ``status``, ``probability`` (that it moves), ``change`` and ``std`` (from
+        the first session to the last), ``unit``, ``rate`` and ``rate_std`` (a second, a session without a clock), ``steady``,
+        ``hidden`` (1-sigma of a movement that could have stayed unseen), ``extrinsic`` (of a frame or sensor).
+
+        mm, rad or an effect's own unit. change and rate are NaN where the constant is taken as common to all sessions.
+        """
+        return frame_of(self)
 
 
 def drift(

@@ -15,7 +15,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,11 @@ from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
+from truepose.shown.result import Written, frame_of
 from truepose.wording import meant
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 ESTIMATORS = ("map", "ols", "liu", "ridge", "pcr", "huber")
@@ -45,15 +49,22 @@ SCALINGS: tuple[Scaling, ...] = ("tolerance", "unit", "raw")
 BIAS = "std is the estimator's 1-sigma with {} taken as known; its bias towards the drawing is not in it"
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """The fit, the free fit (None when it found no minimum), and what was fitted how."""
+@dataclass(frozen=True, repr=False)
+class Calibration(Written):
+    """The fit, the free fit (None when it found no minimum), and what was fitted how.
+
+    ``report(path)`` writes the report, ``write(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
+    """
 
     fit: Estimate
     free: Estimate | None
     recording: Recording
     notes: tuple[str, ...]
     method: dict[str, str]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The constants of the fit, with the columns of ``Estimate.to_frame``."""
+        return frame_of(self)
 
 
 def calibrate(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,10 @@ from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Solver = Callable[[Problem, Array], Solution]
@@ -51,8 +56,8 @@ UNKNOWN = 1e15
 """1-sigma, in steps, of a direction that nothing determines."""
 
 
-@dataclass(frozen=True)
-class Estimate:
+@dataclass(frozen=True, repr=False)
+class Estimate(Shown):
     """Result of a fit.
 
     p (np,) parameters then effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by
@@ -197,6 +202,14 @@ class Estimate:
     def worst_parameter_sigma(self) -> float:
         """Largest |estimate - nominal| / tolerance."""
         return float(np.max(np.abs(self.in_tolerances), initial=0.0))
+
+    def to_frame(self) -> pd.DataFrame:
+        """Free constants, one a row: ``parameter``, ``value``, ``std`` (1-sigma), ``nominal`` (of the drawing), ``unit``,
+        ``tolerance``, ``in_tolerances`` ((value - nominal) / tolerance), ``identifiable``.
+
+        mm, rad; coefficients of effects follow in their own units. std is inf where neither readings nor tolerances hold.
+        """
+        return frame_of(self)
 
     def fitted_effects(self) -> tuple[PlacedEffect, ...]:
         """The effects with their estimated coefficients."""

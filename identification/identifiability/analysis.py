@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,10 @@ from truepose.identification.identifiability.subset import Columns, Subset, inde
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 DRAWN_POSES = 100
@@ -64,8 +69,8 @@ class ParameterSight:
     partners: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Identifiability:
+@dataclass(frozen=True, repr=False)
+class Identifiability(Shown):
     """What a set of poses can tell.
 
     files: recordings, or none where poses were drawn (then ``seed`` says how); poses and readings used. rank:
@@ -92,6 +97,12 @@ class Identifiability:
     subset: Subset
     known: Knowledge
     notes: tuple[Note, ...] = ()
+
+    def to_frame(self) -> pd.DataFrame:
+        """Free constants, one a row: ``parameter``, ``unit``, ``tolerance``, ``std`` (to expect after the measurement, rms over
+        machines as built), ``std_at_drawing``, ``status``, ``trades_with`` (names). mm, rad or an effect's own unit.
+        """
+        return frame_of(self)
 
 
 def identifiability(

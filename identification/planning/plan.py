@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,10 @@ from truepose.identification.planning.information import PoseInformation, Poses
 from truepose.identification.planning.rounding import rounded
 from truepose.identification.planning.supply import Supply
 from truepose.models.machine import Machine
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 METHODS = ("continuous", "exchange", "random")
@@ -33,8 +38,8 @@ STEP = 1e-6
 """Joint values are rounded to about this share of their range."""
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(Shown):
     """Poses in the order of measurement.
 
     q (n, nq) joint values in internal units, span (nq,) their ranges' widths; origin (n,) the row each row counts
@@ -74,6 +79,12 @@ class Plan:
         if not np.isfinite(self.random).all():
             return None
         return float(np.mean(self.random)), float(np.std(self.random))
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows that ``truepose plan`` writes: ``pose``, ``from`` where readings are changes, then the joints, in the units
+        of the machine file.
+        """
+        return frame_of(self)
 
     def repeats(self, share: float) -> int:
         """How many poses have an earlier one whose joints are all within ``share`` of their ranges."""

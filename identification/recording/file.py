@@ -102,6 +102,19 @@ def read_part(
     )
 
 
+def written_units(
+    joints: Sequence[JointColumn],
+    sensor_columns: Mapping[str, str],
+    drivers: Sequence[str],
+    units: UnitSystem,
+) -> dict[str, tuple[str, str]]:
+    """Of each column with a unit, the internal one and that of a file of such `units`, unless its header says otherwise."""
+    internal, written = {j.name: j.unit for j in joints}, {j.name: units.of_joint(j.unit) for j in joints}
+    out = {name: (unit, written[name]) for name, unit in internal.items()}
+    out |= {name: (unit, units.written(unit)) for name, unit in sensor_columns.items() if unit != LABEL}
+    return out | {n: (Driver.of(n).unit(internal), Driver.of(n).unit(written)) for n in drivers}
+
+
 def _all_empty(table: Table, name: str) -> bool:
     """Whether a column is there and holds nothing, as in a form that was not filled in."""
     if name not in table:

@@ -10,17 +10,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from truepose.errors import InputError
-from truepose.identification.recording.file import JointColumn, RecordingPart, read_part
+from truepose.identification.recording.file import JointColumn, RecordingPart, read_part, written_units
 from truepose.identification.recording.memory import remembered
 from truepose.identification.recording.table import Column, Table
 from truepose.models.driver import TIME, Driver
 from truepose.models.units import FloatArray, UnitSystem
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -30,13 +34,16 @@ A = TypeVar("A", bound=npt.NDArray[Any])
 __all__ = ["Column", "JointColumn", "Recording", "read_recording"]
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Shown):
     """One or several recordings, validated; every array is read-only, n rows long.
 
     Lengths mm, angles rad, readings of joints in other units (`turn`) as recorded. Optional columns are
-    None, or absent from their mapping, unless every file has them.
+    None, or absent from their mapping, unless every file has them. written: of columns with a unit, the internal one
+    and the machine file's, which ``to_frame`` gives; columns that it lacks stay in internal units.
     """
+
+    shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
 
     joints: tuple[str, ...]
     q: FloatArray  # (n, n_joints)
@@ -53,8 +60,17 @@ class Recording:
     time: FloatArray | None = None  # s
     from_row: IntArray | None = None  # index into `whole`
     notes: tuple[str, ...] = ()
-    _whole: Recording | None = field(default=None, repr=False)
-    _rows: IntArray | None = field(default=None, repr=False)
+    written: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    _whole: Recording | None = None
+    _rows: IntArray | None = None
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """As it was before it was pickled or copied: numpy forgets that an array is read-only."""
+        for value in state.values():
+            for array in value.values() if isinstance(value, Mapping) else (value,):
+                if isinstance(array, np.ndarray):
+                    array.setflags(write=False)
+        self.__dict__.update(state)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -145,6 +161,14 @@ class Recording:
             _rows=frozen(self.rows[index]),
         )
 
+    def to_frame(self) -> pd.DataFrame:
+        """The rows with the columns of a recording file, in the machine file's units: read again they are the same rows.
+
+        ``pose``, ``from``, ``session``, ``time`` (s) and ``role`` where recorded, joints, labels, the sensors' columns, then
+        drivers. The index is ``row`` of the file, with ``file`` before it where there are several.
+        """
+        return frame_of(self)
+
     def where(self, row: int) -> str:
         """File and row of one of these rows, to name it in a message."""
         return f"{self.files[self.source_file[row]]}: row {self.source_row[row]}"
@@ -178,7 +202,8 @@ def read_recording(
     asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
     needed = (*(sensor_columns if need_observations else ()), *required)
     parts = [read_part(path, joints, asked, units, needed) for path in paths]
-    return _join(parts, tuple(joint.name for joint in joints), tuple(asked))
+    joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked))
+    return replace(joined, written=written_units(joints, sensor_columns, tuple(joined.drivers), units))
 
 
 def _join(

@@ -30,14 +30,19 @@ def compensation_json(found: Compensation) -> dict[str, object]:
 
 def compensation_lines(found: Compensation, output: Path) -> list[str]:
     """What was written, and the largest pose error with and without it."""
+    done = f"{output}: {len(found.command)} rows, solved by {found.solved_by}"
+    return [done, f"  {error_sentence(found)}"]
+
+
+def error_sentence(found: Compensation) -> str:
+    """The largest pose error with the path's commands and with the corrected ones."""
 
     def words(twists: NDArray[np.float64]) -> str:
         position = np.max(np.linalg.norm(twists[:, :3], axis=1))
         rotation = np.degrees(np.max(np.linalg.norm(twists[:, 3:], axis=1)))
         return f"{position:.4g} mm, {rotation:.4g} deg"
 
-    return [
-        f"{output}: {len(found.command)} rows, solved by {found.solved_by}",
-        f"  largest pose error, as the calibrated model has it: {words(found.before)} with the path's commands, "
-        f"{words(found.after)} with these",
-    ]
+    return (
+        f"largest pose error, as the calibrated model has it: {words(found.before)} with the path's commands, "
+        f"{words(found.after)} with these"
+    )

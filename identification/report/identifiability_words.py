@@ -23,7 +23,7 @@ def identifiability_lines(found: Identifiability, *, every: bool = False) -> lis
     ``every``: all parameters and directions, else the first few of each kind.
     """
     most = None if every else SHOWN
-    lines = [_poses_line(found), *_rank_lines(found)]
+    lines = [poses_line(found), *rank_lines(found)]
     lines += _titled("no reading sees:", unseen_sentences(found.unseen), most)
     lines += _titled(_as_built_title(found), [terms(found.known, d) for d in found.unseen_at_drawing], most)
     nearly = [
@@ -32,7 +32,7 @@ def identifiability_lines(found: Identifiability, *, every: bool = False) -> lis
         if d.size > 0
     ]
     lines += _titled("seen worse than the tolerances say, so that tolerances decide:", nearly, most)
-    lines += _status_lines(found)
+    lines += status_lines(found)
     left = len(found.subset.relations)
     if left:
         lines.append(
@@ -42,7 +42,7 @@ def identifiability_lines(found: Identifiability, *, every: bool = False) -> lis
     return [*lines, *_table(found, every)]
 
 
-def _poses_line(found: Identifiability) -> str:
+def poses_line(found: Identifiability) -> str:
     if found.seed is not None:
         source = f"{found.poses} poses drawn over the joints' ranges (seed {found.seed})"
     else:
@@ -50,7 +50,7 @@ def _poses_line(found: Identifiability) -> str:
     return f"{found.machine}: {source}, {found.n_observations} readings"
 
 
-def _rank_lines(found: Identifiability) -> list[str]:
+def rank_lines(found: Identifiability) -> list[str]:
     i = found.indices
     seen = f"  the readings see {found.rank} of {found.free} directions of the free parameters"
     if found.rank > found.rank_at_drawing:
@@ -78,7 +78,7 @@ def _titled(title: str, items: Sequence[str], most: int | None) -> list[str]:
     return [f"  {title}", *(f"    {item}" for item in shown), *more]
 
 
-def _status_lines(found: Identifiability) -> list[str]:
+def status_lines(found: Identifiability) -> list[str]:
     out = []
     for status in ("determined", "partly", "tolerance decides", "nothing decides"):
         names = [p.name for p in found.parameters if p.status == status]
@@ -93,8 +93,7 @@ def _table(found: Identifiability, every: bool) -> list[str]:
         return [f"  --json has the 1-sigma to expect of each of the {len(found.parameters)} parameters"]
     rows = [("parameter", "tolerance", "1-sigma to expect", "")]
     rows += [
-        (p.name, _quantity(p.tolerance, p.unit), _quantity(p.std, p.unit), _remark(p))
-        for p in found.parameters
+        (p.name, quantity(p.tolerance, p.unit), quantity(p.std, p.unit), _remark(p)) for p in found.parameters
     ]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     return [
@@ -109,7 +108,7 @@ def _remark(parameter: ParameterSight) -> str:
     return f"{parameter.status}; trades with {shortened(grouped(parameter.partners), 3)}"
 
 
-def _quantity(value: float, unit: str) -> str:
+def quantity(value: float, unit: str) -> str:
     if np.isinf(value):
         return "unknown"
     factor, name = {"rad": (180.0 / np.pi, "deg")}.get(unit, (1.0, unit))

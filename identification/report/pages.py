@@ -100,13 +100,13 @@ def _calibration_document(estimate: Estimate, free: Estimate | None, recording: 
         Section("residuals", "Residuals", residual_blocks(machine, recording, drawn, [])),
         Section("limits", "What the data cannot tell", limits),
     ]
-    said, well = _calibrated(machine.name, summaries["calibrated"])
+    said, well = calibrated_words(machine.name, summaries["calibrated"])
     facts = _facts(machine.name, recording, estimate)
     tone: Tone = "good" if well else "warn"
     return Document(f"truepose: calibration of {machine.name}", said, tone, facts, parts)
 
 
-def _calibrated(name: str, summary: FitSummary) -> tuple[str, bool]:
+def calibrated_words(name: str, summary: FitSummary) -> tuple[str, bool]:
     """The outcome of a calibration in a sentence or two, and whether nothing speaks against it."""
     within = not summary.worst_parameter_sigma > summary.worst_allowed
     good = within and not summary.chi2_per_dof > SUSPICIOUS

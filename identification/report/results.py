@@ -120,12 +120,12 @@ def calibration_json(found: Calibration) -> Json:
 
 def parameters_json(fit: Estimate) -> Json:
     """Every free parameter of the machine: value, std, nominal (mm, rad), unit, tolerance, identifiable."""
-    seen, std, drawing = identifiable(fit), fit.std, _drawing(fit.machine)
-    unbounded = _unbounded(fit)
+    seen, std, drawing = identifiable(fit), fit.std, drawing_of(fit.machine)
+    open_ended = unbounded(fit)
     return {
         p.name: {
             "value": float(fit.p[k]),
-            "std": None if p.name in unbounded else float(std[k]),
+            "std": None if p.name in open_ended else float(std[k]),
             "nominal": drawing.get(p.name, p.nominal),
             "unit": p.unit,
             "tolerance": p.tolerance,
@@ -136,11 +136,12 @@ def parameters_json(fit: Estimate) -> Json:
     }
 
 
-def _drawing(machine: Machine) -> Mapping[str, float]:
+def drawing_of(machine: Machine) -> Mapping[str, float]:
+    """Drawing values (mm, rad) by parameter, where a calibrated file has them."""
     return machine.file.nominal if machine.file else {}
 
 
-def _unbounded(fit: Estimate) -> set[str]:
+def unbounded(fit: Estimate) -> set[str]:
     """Parameters that neither readings nor tolerances hold: their 1-sigma is infinite."""
     std, free = fit.std, fit.prior.free
     return {fit.prior.names[k] for k in free if std[k] > 1e9 * fit.prior.scale[k]}

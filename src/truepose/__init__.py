@@ -3,14 +3,13 @@
 The names below are all that a script needs; they are imported when first used.
 """
 
-from __future__ import annotations
+import importlib as _importlib
+import typing as _typing
+from pathlib import Path as _Path
 
-import importlib
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
+if _typing.TYPE_CHECKING:
     from truepose.codegen.c import generate
+    from truepose.errors import ConvergenceError, InputError, TrueposeError
     from truepose.identification.compensation.compensate import compensate
     from truepose.identification.compensation.inverse import inverse
     from truepose.identification.diagnosis.engine import diagnose
@@ -29,11 +28,14 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_HERE = Path(__file__).parent
+_HERE = _Path(__file__).parent
 if not (_HERE / "models").is_dir():  # unpacked or cloned without links: models and its like are beside src
     __path__.append(str(_HERE.parents[1]))
 
 _HOMES = {
+    "ConvergenceError": "truepose.errors",
+    "InputError": "truepose.errors",
+    "TrueposeError": "truepose.errors",
     "calibrate": "truepose.identification.fit.calibrate",
     "compensate": "truepose.identification.compensation.compensate",
     "diagnose": "truepose.identification.diagnosis.engine",
@@ -55,6 +57,9 @@ _HOMES = {
 }
 
 __all__ = [
+    "ConvergenceError",
+    "InputError",
+    "TrueposeError",
     "__version__",
     "calibrate",
     "compensate",
@@ -80,4 +85,9 @@ __all__ = [
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'truepose' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
+    return getattr(_importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """The public names, also those that nobody has used yet: what completion offers."""
+    return sorted(__all__)

@@ -18,7 +18,6 @@ from truepose.commands.common import (
     reported,
     written,
 )
-from truepose.commands.identify import write_diagnosis
 from truepose.errors import InputError
 
 FIRST = "telescope"
@@ -55,6 +54,7 @@ def demo(
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose
         from truepose.identification.recording.load import load_recording
+        from truepose.identification.report.files import write_diagnosis
         from truepose.identification.report.notes import diagnosis_notes
         from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
         from truepose.models.load import load_machine

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,10 @@ from truepose.identification.planning.discriminate.factors import Factor
 from truepose.identification.planning.discriminate.rows import Rows
 from truepose.identification.planning.discriminate.targets import Target
 from truepose.models.machine import Machine
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 SPLIT = 3.0
@@ -57,8 +62,8 @@ class Worth:
     opened: float | None = None
 
 
-@dataclass(frozen=True)
-class Experiment:
+@dataclass(frozen=True, repr=False)
+class Experiment(Shown):
     """Rows to measure, in a sensible order, and what they are expected to tell.
 
     expected: of the worst pair; already: of the rows that exist; random (DRAWS,): of as many random rows.
@@ -92,3 +97,7 @@ class Experiment:
     def hopeless(self) -> bool:
         """Whether no row that may be taken tells any pair apart."""
         return not any(pair.separable for pair in self.pairs)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows that ``truepose plan --discriminate`` writes: joints and what else varies, in the machine file's units."""
+        return frame_of(self)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -21,9 +21,6 @@ from truepose.commands.common import (
     written,
 )
 from truepose.errors import InputError
-
-if TYPE_CHECKING:
-    from truepose.identification.drift.analysis import Drift
 
 OutputOption = Annotated[
     Path | None,
@@ -61,6 +58,7 @@ def drift(
         from truepose.identification.drift.analysis import drift as run
         from truepose.identification.recording.load import load_recording
         from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
+        from truepose.identification.report.files import write_drift
         from truepose.models.load import load_machine
 
         if output is not None:
@@ -71,7 +69,7 @@ def drift(
             recording = load_recording(loaded, recordings)
             accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
             found = run(loaded, recording, accuracy=accepted, progress=say)
-            files = [] if output is None else _write(found, output)
+            files = [] if output is None else written(output, write_drift(found, output))
         summary = {"command": "drift", **drift_json(found), "files": files}
         finish(summary, [*drift_lines(found), *files], drift_notes(found), as_json=as_json)
 
@@ -89,16 +87,3 @@ def _wanted(texts: Sequence[str]) -> dict[str, float]:
             raise InputError(f"--accuracy: found {text!r}, expected a length or an angle such as '50 nm'")
         out[internal] = convert(float(match["value"]), unit, internal)
     return out
-
-
-def _write(found: Drift, output: Path) -> list[str]:
-    """drift.json and report.html, both or none."""
-    from truepose.files import atomic_directory, atomic_write_text
-    from truepose.identification.report.drift_page import drift_html
-    from truepose.identification.report.drift_words import drift_json
-    from truepose.identification.report.json_text import json_text
-
-    with atomic_directory(output) as partial:
-        atomic_write_text(partial / "drift.json", json_text(drift_json(found)))
-        atomic_write_text(partial / "report.html", drift_html(found))
-    return written(output, ("drift.json", "report.html"))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -20,10 +19,6 @@ from truepose.commands.common import (
     reported,
     written,
 )
-
-if TYPE_CHECKING:
-    from truepose.identification.diagnosis.result import Diagnosis
-    from truepose.identification.fit.calibrate import Calibration
 
 EstimatorOption = Annotated[
     str,
@@ -69,6 +64,7 @@ def calibrate(
     with reported(plugin):
         from truepose.identification.fit.calibrate import calibrate as run
         from truepose.identification.fringes.load import load_recording
+        from truepose.identification.report.files import write_calibration
         from truepose.identification.report.results import calibration_json
         from truepose.identification.report.terminal import calibration_lines
         from truepose.models.load import load_machine
@@ -114,6 +110,7 @@ def diagnose(
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
         from truepose.identification.fringes.load import load_recording
+        from truepose.identification.report.files import write_diagnosis
         from truepose.identification.report.notes import diagnosis_notes
         from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
         from truepose.models.load import load_machine
@@ -130,38 +127,3 @@ def diagnose(
             diagnosis_notes(result),
             as_json=as_json,
         )
-
-
-def write_calibration(result: Calibration, document: Mapping[str, object], output: Path) -> list[str]:
-    """The three files of a calibration, whole or not at all; ``document`` is that of ``fit.json``."""
-    from truepose.files import atomic_directory, atomic_write_text
-    from truepose.identification.fit.tool_pose import calibrated_pose
-    from truepose.identification.fit.write_machine import write_calibrated
-    from truepose.identification.report.json_text import json_text
-    from truepose.identification.report.pages import calibration_html
-
-    with atomic_directory(output) as partial:
-        pose = calibrated_pose(result.fit, result.recording)
-        write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose)
-        atomic_write_text(partial / "fit.json", json_text(document))
-        atomic_write_text(
-            partial / "report.html", calibration_html(result.fit, result.free, result.recording)
-        )
-        return sorted(file.name for file in partial.iterdir())
-
-
-def write_diagnosis(result: Diagnosis, output: Path, truth: dict[str, object] | None = None) -> list[str]:
-    """The three files of a diagnosis, whole or not at all; ``truth`` is for the report's last page alone."""
-    from truepose.files import atomic_directory, atomic_write_text
-    from truepose.identification.fit.write_machine import write_calibrated
-    from truepose.identification.report.applied_words import expected_pose
-    from truepose.identification.report.json_text import json_text
-    from truepose.identification.report.pages import report_html
-    from truepose.identification.report.results import diagnosis_json
-
-    with atomic_directory(output) as partial:
-        atomic_write_text(partial / "diagnosis.json", json_text(diagnosis_json(result)))
-        pose = expected_pose(result.applied)
-        write_calibrated(partial / "improved.yaml", result.after, result.recording, pose)
-        atomic_write_text(partial / "report.html", report_html(result, truth))
-        return sorted(file.name for file in partial.iterdir())

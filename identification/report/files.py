@@ -1,0 +1,103 @@
+"""Results written down: a report alone, or what the command of the same name writes, whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import singledispatch
+from pathlib import Path
+from typing import Any
+
+from truepose.files import atomic_directory, atomic_write_text
+from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.drift.analysis import Drift
+from truepose.identification.fit.calibrate import Calibration
+from truepose.identification.fit.tool_pose import calibrated_pose
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.report import pages
+from truepose.identification.report.applied_words import expected_pose
+from truepose.identification.report.drift_page import drift_html
+from truepose.identification.report.drift_words import drift_json
+from truepose.identification.report.json_text import json_text
+from truepose.identification.report.results import calibration_json, diagnosis_json
+
+REPORT = "report.html"
+
+
+def write_report(result: Calibration | Diagnosis | Drift, path: Path | str) -> Path:
+    """The report of a result as one HTML file; its path."""
+    atomic_write_text(path, _html(result))
+    return Path(path)
+
+
+def write_files(result: Calibration | Diagnosis | Drift, directory: Path | str) -> list[Path]:
+    """All files of a result in a directory; their paths."""
+    output = Path(directory)
+    return [output / name for name in _written(result, output)]
+
+
+@singledispatch
+def _html(result: object) -> str:
+    raise TypeError(f"found a {type(result).__name__}, expected a result with a report")
+
+
+@_html.register
+def _(result: Calibration) -> str:
+    return pages.calibration_html(result.fit, result.free, result.recording)
+
+
+@_html.register
+def _(result: Diagnosis) -> str:
+    return pages.report_html(result)
+
+
+@_html.register
+def _(result: Drift) -> str:
+    return drift_html(result)
+
+
+@singledispatch
+def _written(result: object, output: Path) -> list[str]:
+    raise TypeError(f"found a {type(result).__name__}, expected a result with files")
+
+
+@_written.register
+def _(result: Calibration, output: Path) -> list[str]:
+    return write_calibration(result, calibration_json(result), output)
+
+
+@_written.register
+def _(result: Diagnosis, output: Path) -> list[str]:
+    return write_diagnosis(result, output)
+
+
+@_written.register
+def _(result: Drift, output: Path) -> list[str]:
+    return write_drift(result, output)
+
+
+def write_calibration(result: Calibration, document: Mapping[str, object], output: Path) -> list[str]:
+    """``calibrated.yaml``, ``fit.json`` (its ``document``) and ``report.html``; their names."""
+    with atomic_directory(output) as partial:
+        pose = calibrated_pose(result.fit, result.recording)
+        write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose)
+        atomic_write_text(partial / "fit.json", json_text(document))
+        write_report(result, partial / REPORT)
+        return sorted(file.name for file in partial.iterdir())
+
+
+def write_diagnosis(result: Diagnosis, output: Path, truth: Mapping[str, Any] | None = None) -> list[str]:
+    """``diagnosis.json``, ``improved.yaml`` and ``report.html``, whose last page holds the ``truth`` of a simulation."""
+    with atomic_directory(output) as partial:
+        atomic_write_text(partial / "diagnosis.json", json_text(diagnosis_json(result)))
+        pose = expected_pose(result.applied)
+        write_calibrated(partial / "improved.yaml", result.after, result.recording, pose)
+        atomic_write_text(partial / REPORT, pages.report_html(result, truth))
+        return sorted(file.name for file in partial.iterdir())
+
+
+def write_drift(result: Drift, output: Path) -> list[str]:
+    """``drift.json`` and ``report.html``; their names."""
+    with atomic_directory(output) as partial:
+        atomic_write_text(partial / "drift.json", json_text(drift_json(result)))
+        write_report(result, partial / REPORT)
+        return sorted(file.name for file in partial.iterdir())

@@ -1,0 +1,78 @@
+"""Small pictures of results for notebooks; the report's own figures, which move, are in ``figures``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.compensation.rows import Compensation
+from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.drift.analysis import Drift
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.identifiability.analysis import Identifiability
+from truepose.identification.planning.plan import Plan
+from truepose.models.units import convert
+from truepose.shown.drawing import bars, dots, strips
+
+Array = NDArray[np.float64]
+SHOWN = 12
+
+
+def tolerances(fit: Estimate) -> str:
+    """How far the farthest constants stand from their drawing."""
+    away = fit.in_tolerances
+    order = np.argsort(-np.abs(away))[:SHOWN]
+    values = {fit.prior.names[k]: float(away[k]) for k in order if away[k] != 0.0}
+    return bars(values, title="farthest from the drawing, in tolerances", limit=1.0)
+
+
+def residuals(fits: Mapping[str, Estimate]) -> str:
+    """Root mean square of each row's readings, in stated sigmas."""
+    sizes = {name: np.sqrt(np.mean(fit.residual**2, axis=1)).tolist() for name, fit in fits.items()}
+    return dots(sizes, title="residual of each row, in stated sigmas")
+
+
+def before_and_after(found: Diagnosis) -> str:
+    """Residuals under tolerances, and with what was found."""
+    fits = {"before": found.before}
+    return residuals({**fits, "after": found.after} if found.terms else fits)
+
+
+def movements(found: Drift) -> str:
+    """What moved most, in its own uncertainty."""
+    sizes = {m.name: m.change[-1] / m.std[-1] for m in found.movements if m.change and m.std[-1] > 0}
+    largest = dict(sorted(sizes.items(), key=lambda item: -abs(item[1]))[:SHOWN])
+    return bars(largest, title="change from the first session to the last, in 1-sigma") if largest else ""
+
+
+def sights(found: Identifiability) -> str:
+    """Which constants the readings say least about."""
+    left = {p.name: p.std / p.tolerance for p in found.parameters if 0.0 < p.tolerance < np.inf}
+    most = dict(sorted(left.items(), key=lambda item: -item[1])[:SHOWN])
+    title = "1-sigma to expect, in tolerances: 1 says that the readings tell nothing"
+    return bars(most, title=title, limit=1.0) if most else ""
+
+
+def poses(found: Plan) -> str:
+    """Where the poses lie in the joints' ranges."""
+    values, ends = {}, {}
+    for k, actuator in enumerate(found.machine.mechanism.actuators[:SHOWN]):
+        unit = found.machine.units.of_joint(actuator.reading_unit)
+        column = convert(found.q[:, k], actuator.reading_unit, unit)
+        low, high = actuator.range or (float(found.q[:, k].min()), float(found.q[:, k].max()))
+        ends[actuator.reading] = tuple(convert(end, actuator.reading_unit, unit) for end in (low, high))
+        values[actuator.reading] = column.tolist()
+    return strips(
+        values, {name: (a, b) for name, (a, b) in ends.items()}, title="poses in the joints' ranges"
+    )
+
+
+def path_errors(found: Compensation) -> str:
+    """Position errors along the path, before and after."""
+    size = {
+        name: np.linalg.norm(twist[:, :3], axis=1).tolist()
+        for name, twist in (("before", found.before), ("after", found.after))
+    }
+    return dots(size, title="position error along the path, mm")

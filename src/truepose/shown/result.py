@@ -1,0 +1,59 @@
+"""What results have in common: how they show themselves, and what they write.
+
+A result is data on a low floor; its words, tables and pages are made above it. So a class names the module that shows
+it, in ``shown_by``, and that module is imported when somebody looks. It has ``view(result)`` and ``frame(result)``.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, cast
+
+from truepose.shown.page import page
+from truepose.shown.view import View, screen
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+REPORT = "truepose.identification.report"
+
+
+class Shown:
+    """One screen of ``repr``, a table with a picture in notebooks. The repr of a broken object says so; it raises nothing."""
+
+    shown_by: ClassVar[str] = f"{REPORT}.views"
+
+    def __repr__(self) -> str:
+        try:
+            return screen(_view(self))
+        except Exception as exc:  # debuggers and messages show objects that are half made, or made up
+            return f"<{type(self).__name__}, which cannot be shown: {type(exc).__name__}>"
+
+    def _repr_html_(self) -> str:
+        return page(_view(self))
+
+
+class Written(Shown):
+    """A result with a report."""
+
+    def report(self, path: Path | str) -> Path:
+        """Write the report, one HTML file that loads nothing, whole or not at all; its path. Raises InputError."""
+        return cast(Path, _above("files", "write_report")(self, path))
+
+    def write(self, directory: Path | str) -> list[Path]:
+        """Write what the command of the same name writes, all or nothing; the paths. Raises InputError."""
+        return cast("list[Path]", _above("files", "write_files")(self, directory))
+
+
+def frame_of(result: Shown) -> pd.DataFrame:
+    """The table of a result."""
+    return cast("pd.DataFrame", importlib.import_module(result.shown_by).frame(result))
+
+
+def _view(result: Shown) -> View:
+    return cast(View, importlib.import_module(result.shown_by).view(result))
+
+
+def _above(module: str, name: str) -> Any:
+    return getattr(importlib.import_module(f"{REPORT}.{module}"), name)

@@ -1,0 +1,73 @@
+"""What ``truepose`` offers: its names, listed, imported when used, known to type checkers."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import truepose
+from truepose import errors
+
+SOURCE = Path(truepose.__file__).read_text(encoding="utf-8")
+
+
+def test_completion_offers_the_public_names_and_nothing_else() -> None:
+    assert dir(truepose) == sorted(truepose.__all__)
+    assert 12 <= len(dir(truepose)) <= 28
+    used = "import truepose, truepose.cli, truepose.models.load; print(dir(truepose) == sorted(truepose.__all__))"
+    done = subprocess.run([sys.executable, "-c", used], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
+
+
+def test_type_checkers_see_every_name() -> None:
+    (block,) = [
+        node
+        for node in ast.parse(SOURCE).body
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+    ]
+    seen = {alias.name for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert seen | {"__version__"} == set(truepose.__all__)
+    homes = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert homes == truepose._HOMES
+
+
+def test_source_completion_finds_no_other_public_name() -> None:
+    """Completers that read the file: whatever it defines beside the public names begins with an underscore."""
+    defined = {
+        target.id
+        for node in ast.parse(SOURCE).body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    imported = {
+        alias.asname or alias.name
+        for node in ast.parse(SOURCE).body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+    }
+    assert all(name.startswith("_") for name in defined | imported)
+
+
+def test_errors_are_caught_by_their_public_names() -> None:
+    assert truepose.TrueposeError is errors.TrueposeError
+    assert issubclass(truepose.InputError, truepose.TrueposeError)
+    assert issubclass(truepose.ConvergenceError, truepose.TrueposeError)
+    try:
+        truepose.load_machine("nowhere.yaml")
+    except truepose.InputError as exc:
+        assert "nowhere.yaml" in str(exc)
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    heavy = "[m for m in ('numpy', 'pandas', 'casadi', 'typer') if m in sys.modules]"
+    probe = f"import sys, truepose; truepose.InputError, dir(truepose); print({heavy})"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

@@ -1,0 +1,189 @@
+"""Every result on one screen, as a table with a picture, as a data frame, pickled and copied."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import pickle
+import re
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import joblib
+import numpy as np
+import pandas as pd
+import pytest
+
+from support.reports import arm, own_markup, synthetic
+from support.results import RESULTS, calibration, diagnosis, drifting, machine, recording, same
+from truepose.errors import InputError
+from truepose.identification.recording.recording import Recording
+from truepose.identification.report.diagnosis_words import headline
+from truepose.shown.result import Shown
+from truepose.shown.view import LINES, WIDTH
+
+HOSTILE = "<img src=x onerror=alert(1)>\x1b[31m\n&amp;"
+each = pytest.mark.parametrize("name", RESULTS)
+
+
+def _fits(result: Shown) -> list[str]:
+    shown = repr(result).split("\n")
+    assert len(shown) <= LINES and max(map(len, shown)) <= WIDTH
+    assert "cannot be shown" not in shown[0]
+    assert all(line.isprintable() for line in shown)
+    return shown
+
+
+@each
+def test_a_repr_is_one_screen(name: str) -> None:
+    _fits(RESULTS[name]())
+
+
+@each
+def test_html_is_small_and_well_formed_and_loads_nothing(name: str) -> None:
+    text = RESULTS[name]()._repr_html_()
+    assert len(text) < 50_000
+    tree = ET.fromstring(text)
+    assert tree.find(".//table") is not None
+    tags = {element.tag.rpartition("}")[2] for element in tree.iter()}
+    assert not tags & {"script", "img", "link", "iframe", "style"}
+    assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
+
+
+WITHOUT_PICTURE = ("finding", "experiment", "inverse", "no rows", "drift", "machine nanopositioner")
+"""Tables of numbers; where nothing moved; a machine whose axes meet in a point."""
+
+
+@each
+def test_html_has_a_picture(name: str) -> None:
+    assert ("<svg" in RESULTS[name]()._repr_html_()) is not name.startswith(WITHOUT_PICTURE)
+
+
+@each
+def test_frames_have_the_columns_that_are_documented(name: str) -> None:
+    result = RESULTS[name]()
+    frame = result.to_frame()  # type: ignore[attr-defined]
+    assert isinstance(frame, pd.DataFrame)
+    said = inspect.getdoc(type(result).to_frame) or ""  # type: ignore[attr-defined]
+    documented = set(re.findall(r"``([a-z_.]+)``", said))
+    joints_and_readings = name.startswith(
+        ("recording", "some", "no rows", "plan", "experiment", "compensation", "inverse")
+    )
+    if not joints_and_readings and "Estimate" not in said:
+        assert documented >= set(frame.columns)
+    elif name.startswith(("compensation", "inverse")):
+        assert documented - {"<joint>.nominal"} <= set(frame.columns)
+
+
+@each
+def test_pickles_and_copies_hold_the_same(name: str, tmp_path: Path) -> None:
+    result = RESULTS[name]()
+    joblib.dump(result, tmp_path / "result.joblib")
+    for again in (
+        pickle.loads(pickle.dumps(result)),
+        copy.deepcopy(result),
+        joblib.load(tmp_path / "result.joblib"),
+    ):
+        assert same(again, result)
+        assert repr(again) == repr(result)
+
+
+def test_a_recording_stays_read_only() -> None:
+    for again in (pickle.loads(pickle.dumps(recording())), copy.deepcopy(recording().subset([0, 1]))):
+        arrays = [again.q, again.time, *again.observations.values(), again.whole.q]
+        assert isinstance(again, Recording) and not any(array.flags.writeable for array in arrays)
+
+
+def test_workers_take_results_and_give_them_back() -> None:
+    for result in (machine(), recording()):
+        (back,) = joblib.Parallel(n_jobs=2)(joblib.delayed(copy.copy)(one) for one in [result])
+        assert same(back, result)
+
+
+def test_the_same_differs_where_results_do() -> None:
+    assert not same(recording(), recording().subset([0, 1]))
+    assert not same(calibration(), replace(calibration(), notes=("another",)))
+    assert same(np.array([np.nan, 1.0]), np.array([np.nan, 1.0]))
+
+
+def test_a_diagnosis_says_the_report_s_headline_and_what_it_is_worth() -> None:
+    text = " ".join(line.strip() for line in _fits(diagnosis()))
+    assert diagnosis().verdict in text and headline(diagnosis())[0] in text
+    assert "before: rms position 12.1 µm" in text and "after: position 8.51 µm" in text
+    assert "platform-deformation at platform" in text
+
+
+def test_a_calibration_says_the_report_s_sentence() -> None:
+    shown = _fits(calibration())
+    assert "misfit chi2/dof" in shown[0] and shown[0].startswith("telescope")
+    frame = calibration().to_frame()
+    worst = frame["parameter"].iloc[int(frame["in_tolerances"].abs().argmax())]
+    assert any(line.startswith(f"  {worst} ") for line in shown)
+
+
+def test_a_machine_says_its_joints_and_how_many_constants_are_free() -> None:
+    shown = _fits(machine("polisher"))
+    free = sum(p.free for p in machine("polisher").parameters)
+    assert f"{len(machine('polisher').parameters)} constants, {free} of them free" in shown[0]
+    assert any("q4" in line and "-60 .. 60" in line and "deg" in line for line in shown)
+
+
+def test_hostile_names_are_escaped(tmp_path: Path) -> None:
+    made_up = synthetic(replace(arm(tmp_path), name=HOSTILE))
+    read = replace(
+        made_up.recording, files=(HOSTILE,), notes=(HOSTILE,), drivers={HOSTILE: made_up.recording.q[:, 0]}
+    )
+    for result in (
+        made_up,
+        made_up.machine,
+        made_up.free,
+        read,
+        replace(made_up.findings[0], explanation=HOSTILE),
+    ):
+        _fits(result)
+        text = result._repr_html_()
+        ET.fromstring(text)
+        assert "<img" not in text and "\x1b" not in text
+
+
+def test_numbers_of_a_fit_are_those_of_its_frame() -> None:
+    fit, frame = calibration().fit, calibration().to_frame().set_index("parameter")
+    for k, parameter in enumerate(machine().parameters):
+        if parameter.free:
+            row = frame.loc[parameter.name]
+            assert (
+                row["value"] == fit.p[k] and row["std"] == fit.std[k] and row["nominal"] == parameter.nominal
+            )
+        else:
+            assert parameter.name not in frame.index
+    effects = diagnosis().after.to_frame()
+    names = [name for effect in diagnosis().after.effects for name in effect.parameter_names]
+    assert effects["parameter"].tolist()[-len(names) :] == names
+    assert effects["nominal"].tail(len(names)).isna().all()
+
+
+def test_write_gives_the_files_of_the_commands(tmp_path: Path) -> None:
+    written = {
+        "calibration": {"calibrated.yaml", "fit.json", "report.html"},
+        "diagnosis": {"diagnosis.json", "improved.yaml", "report.html"},
+        "drift": {"drift.json", "report.html"},
+    }
+    for result in (calibration(), diagnosis(), drifting()):
+        kind = type(result).__name__.lower()
+        paths = result.write(tmp_path / kind)
+        assert {path.name for path in paths} == written[kind]
+        assert all(path.is_file() and path.parent == tmp_path / kind for path in paths)
+        report = result.report(str(tmp_path / f"{kind}.html"))
+        assert report.read_bytes() == (tmp_path / kind / "report.html").read_bytes()
+        assert own_markup(report.read_text(encoding="utf-8"))
+
+
+def test_a_report_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot write the file"):
+        calibration().report(tmp_path / "nowhere" / "x.html")
+    with pytest.raises(InputError, match="Is a directory"):
+        calibration().report(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="expected a directory"):
+        diagnosis().write(tmp_path / "file")
