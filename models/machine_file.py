@@ -136,6 +136,7 @@ class MachineFile:
     sessions: tuple[int, ...] = ()  # session numbers seen in its fit
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # as written, in the file's units
     pose_error: ExpectedPose | None = None  # what its fit was worth to the tool; None where nobody judged it
+    refused: tuple[str, ...] = ()  # why its fit may not be called a calibration
 
     def override_for(self, parameter: str, unit: str) -> float | None:
         """The tolerance that `tolerances:` states for a parameter, in its `unit`; None if none."""
@@ -175,6 +176,11 @@ class _ExpectedPose(Section):
     after: Number = Field(ge=0.0)
     unit: Literal["mm"] = "mm"
     rows: str
+
+
+class _Judgement(Section):
+    calibrated: bool
+    why: tuple[str, ...] = ()
 
 
 class _Mass(Section):
@@ -238,6 +244,7 @@ class _Document(Section):
     sessions: tuple[int, ...] = ()
     bounds: dict[str, _Interval] = Field(default_factory=dict)
     pose_error: _ExpectedPose | None = None
+    judgement: _Judgement | None = None
 
 
 def read_machine(path: Path | str) -> MachineFile:
@@ -282,16 +289,22 @@ def read_machine(path: Path | str) -> MachineFile:
         sessions=document.sessions,
         bounds=document.bounds,
         pose_error=_expected_pose(document.pose_error),
+        refused=_refused(document.judgement),
     )
+
+
+def _refused(found: _Judgement | None) -> tuple[str, ...]:
+    return () if found is None or found.calibrated else found.why or ("its judgement says so",)
 
 
 def _expected_pose(found: _ExpectedPose | None) -> ExpectedPose | None:
     return None if found is None else ExpectedPose(found.than, found.before, found.after, found.rows)
 
 
-def write_machine(path: Path | str, document: Mapping[str, Any]) -> None:
-    """Write a machine file: whole or not at all, key order kept, floats at full precision."""
-    atomic_write_text(path, document_text(document))
+def write_machine(path: Path | str, document: Mapping[str, Any], comment: str = "") -> None:
+    """Write a machine file: whole or not at all, key order kept, floats at full precision; ``comment`` is its first line."""
+    head = f"# {comment}\n" if comment else ""
+    atomic_write_text(path, head + document_text(document))
 
 
 def _frames(frames: _Frames) -> Frames:

@@ -33,18 +33,26 @@ FieldPath = tuple[str | int, ...]
 
 
 def write_calibrated(
-    path: Path | str, estimate: Estimate, recording: Recording, pose: ExpectedPose | None = None
+    path: Path | str,
+    estimate: Estimate,
+    recording: Recording,
+    pose: ExpectedPose | None = None,
+    refused: Sequence[str] = (),
 ) -> None:
-    """Write the calibrated machine, whole or not at all."""
-    write_machine(path, calibrated_document(estimate, recording, pose))
+    """Write the calibrated machine, whole or not at all; one that is ``refused`` says so first."""
+    comment = f"NOT CALIBRATED: {'; '.join(refused)}" if refused else ""
+    write_machine(path, calibrated_document(estimate, recording, pose, refused), comment)
 
 
 def calibrated_document(
-    estimate: Estimate, recording: Recording, pose: ExpectedPose | None = None
+    estimate: Estimate,
+    recording: Recording,
+    pose: ExpectedPose | None = None,
+    refused: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The machine file of a fit, as a document of its own: nothing is shared with the machine's.
 
-    ``pose``: what the fit is worth to the tool, where that was judged.
+    ``pose``: what the fit is worth to the tool, where that was judged; ``refused``: why it may not be called a calibration.
     Raises InputError when the machine has no file or a parameter stands nowhere in it.
     """
     machine = estimate.machine
@@ -59,7 +67,7 @@ def calibrated_document(
         _write_parameter(document, parameter, values[parameter.name], machine)
     for direction in _directions(machine):
         _write_direction(document, direction, values)
-    for key in ("effects", "covariance", "nominal", "sessions", "pose_error"):
+    for key in ("effects", "covariance", "nominal", "sessions", "pose_error", "judgement"):
         document.pop(key, None)
     if estimate.effects:
         document["effects"] = _effect_entries(estimate)
@@ -67,6 +75,8 @@ def calibrated_document(
     drawing = machine.file.nominal
     document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
     document["sessions"] = list(recording.sessions)
+    if refused:
+        document["judgement"] = {"calibrated": False, "why": list(refused)}
     if pose is not None:
         document["pose_error"] = {
             "than": pose.than,

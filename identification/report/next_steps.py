@@ -1,0 +1,71 @@
+"""What to do after a result: commands to type, and the experiment that would decide what is open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from truepose.identification.diagnosis.naming import CERTAIN
+from truepose.identification.diagnosis.result import Diagnosis, Finding
+from truepose.identification.report.diagnosis_words import separating_experiment
+from truepose.identification.report.lines import COLUMNS, wrapped
+from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.machine import Machine
+
+NEXT = "next: "
+
+
+def after_diagnosis(diagnosis: Diagnosis, output: Path, *, calibrated: bool) -> list[str]:
+    """At most three lines: what decides between explanations, what uses the result, or what to look at first."""
+    machine = diagnosis.machine
+    if not calibrated:
+        return [_check(machine)]
+    out: list[str] = []
+    undecided = [f for f in diagnosis.findings if _open(f)]
+    if undecided:
+        rows = f"-n 40 -o poses.csv --diagnosis {output / 'diagnosis.json'}"
+        out.append(_command(f"{NEXT}tell them apart: ", "truepose plan {}", machine, rows))
+        experiment = separating_experiment(undecided[0])
+        out += wrapped(f"or: {experiment}", most=1) if experiment else []
+    elif diagnosis.verdict == "unknown":
+        out.append(_check(machine))
+    applied = diagnosis.applied
+    if diagnosis.verdict == "adequate" or (applied is not None and applied.model != "plain"):
+        out.append(_use(output / "improved.yaml", "then: " if out else NEXT))
+    return out
+
+
+def after_calibration(machine: Machine, output: Path, *, calibrated: bool, doubtful: bool) -> list[str]:
+    """One or two lines: what uses the result, and before that what tells why it does not fit."""
+    if not calibrated:
+        return [_check(machine)]
+    if not doubtful:
+        return [_use(output / "calibrated.yaml", NEXT)]
+    diagnosis = _command(
+        f"{NEXT}what is missing: ", "truepose diagnose {}", machine, "RECORDING -o diagnosis"
+    )
+    return [diagnosis, _use(output / "calibrated.yaml", "or: ")]
+
+
+def _open(finding: Finding) -> bool:
+    """Whether a name has rivals with a name, and is not certain against them."""
+    rivals = any(not other.nameless for other in finding.equivalents)
+    return not finding.nameless and finding.effect not in OF_ROWS and rivals and finding.probability < CERTAIN
+
+
+def _check(machine: Machine) -> str:
+    return _command(f"{NEXT}units, signs, order, frames: ", "truepose check {}", machine, "RECORDING")
+
+
+def _use(file: Path, label: str) -> str:
+    return f"{label}truepose codegen {file} -o controller"
+
+
+def _command(label: str, command: str, machine: Machine, rest: str) -> str:
+    """A command with the machine's file, or with MACHINE where the line would be too long."""
+    own = str(machine.file.path) if machine.file is not None else "MACHINE"
+    lines: Sequence[str] = [f"{label}{command.format(name)} {rest}" for name in (own, "MACHINE")]
+    return lines[0] if len(lines[0]) <= COLUMNS else lines[1]
+
+
+__all__ = ["after_calibration", "after_diagnosis"]
