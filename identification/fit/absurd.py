@@ -16,17 +16,21 @@ import numpy as np
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.models.machine import FRAME_OF
+from truepose.wording import joined
 
 GROSS = 100.0
 """Tolerances from the drawing, or sigmas of residuals, beyond which a fit is no calibration."""
 CONSTANT = "wrong-constant"
+REFUSED = "NOT CALIBRATED"
+MOST = 3
+"""Most constants that are named."""
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a fit leaves: rms by kind of reading (mm, rad), the same in sigmas, and what tolerances could have made."""
+    """What a fit leaves: rms by kind of reading with its unit, the same in sigmas, and what tolerances could have made."""
 
-    rms: Mapping[str, float]
+    rms: Mapping[str, tuple[float, str]]
     sigmas: float
     expected: float
 
@@ -43,22 +47,37 @@ class Judgement:
         """Whether nothing of the kind was found."""
         return not self.departures and self.misfit is None
 
+    @property
+    def why(self) -> list[str]:
+        """The reasons in words, a clause each; empty where there are none."""
+        misfit = [] if self.misfit is None else [_misfit_words(self.misfit)]
+        return misfit + ([_departure_words(self.departures)] if self.departures else [])
+
+    @property
+    def refusal(self) -> str:
+        """The first words of what is told of such a fit; nothing of another."""
+        return f"{REFUSED}: {'; '.join(self.why)}" if self.why else ""
+
 
 def judged(fit: Estimate) -> Judgement:
-    """The judgement of a fit of geometry, and of the effects that its machine states."""
-    return Judgement(_departures(fit), _misfit(fit))
+    """The judgement of a fit of geometry and effects.
+
+    One constant that was found grossly wrong may be a number mistyped, which is what was to be found; several are another
+    machine.
+    """
+    departures = _departures(fit)
+    if len(departures) == 1 and departures[0][0] in _constants(fit):
+        departures = ()
+    return Judgement(departures, _misfit(fit))
 
 
 def judged_diagnosis(before: Estimate, after: Estimate, *, named: bool) -> Judgement:
     """The judgement of a diagnosis: of the model that it ends with, and of the one without effects unless what was found
     explains it.
 
-    ``named``: whether anything was found by name. One constant that is grossly wrong may be a number mistyped, which is what
-    was to be found; several are another machine.
+    ``named``: whether anything was found by name.
     """
     found = judged(after)
-    if len(found.departures) == 1 and found.departures[0][0] in _constants(after):
-        found = Judgement((), found.misfit)
     explained = named and after.chi2_per_dof * GROSS < before.chi2_per_dof
     return found if not found.calibrated or explained else Judgement((), _misfit(before))
 
@@ -78,9 +97,7 @@ def _constants(fit: Estimate) -> dict[str, float]:
     tolerances = {p.name: p.tolerance for p in fit.machine.parameters}
     found = [e for e in fit.fitted_effects() if e.effect.slug == CONSTANT and len(e.place) == 1]
     return {
-        e.place[0]: e.values["value"]
-        for e in found
-        if 0.0 < tolerances.get(e.place[0], 0.0) < float("inf") and "value" in e.values
+        e.place[0]: e.values["value"] for e in found if 0.0 < tolerances.get(e.place[0], 0.0) < float("inf")
     }
 
 
@@ -89,12 +106,10 @@ def _misfit(fit: Estimate) -> Misfit | None:
     expected = 1.0 + _allowed(fit) / max(fit.n_observations, 1)
     if not fit.chi2_per_dof > max(GROSS**2, expected):
         return None
-    residual = fit.residual[fit.used]
-    return Misfit(
-        rms_by_kind(residual, fit.machine.channels),
-        float(np.sqrt(fit.chi2_per_dof)),
-        float(np.sqrt(expected)),
-    )
+    units = fit.machine.residual_units
+    rms = rms_by_kind(fit.residual[fit.used], fit.machine.channels)
+    told = {kind: (value, units[kind]) for kind, value in rms.items()}
+    return Misfit(told, float(np.sqrt(fit.chi2_per_dof)), float(np.sqrt(expected)))
 
 
 def _allowed(fit: Estimate) -> float:
@@ -102,14 +117,26 @@ def _allowed(fit: Estimate) -> float:
     total, steps = 0.0, fit.factor[:, : len(fit.prior.free)]
     parameters = fit.machine.parameters
     for column, k in enumerate(fit.prior.free):
-        if (
-            k < len(parameters)
-            and parameters[k].name not in FRAME_OF
-            and np.isfinite(parameters[k].tolerance)
-        ):
+        if k < len(parameters) and parameters[k].name not in FRAME_OF and np.isfinite(parameters[k].tolerance):
             size = parameters[k].tolerance / fit.prior.scale[k]
             total += float(np.sum((steps[:, column] * size) ** 2))
     return total
+
+
+def _misfit_words(misfit: Misfit) -> str:
+    rms = joined(f"{kind} {_number(value)} {unit}" for kind, (value, unit) in misfit.rms.items())
+    allowed = _number(misfit.expected)
+    return f"it leaves {rms} rms, {_number(misfit.sigmas)} sigma, where the drawing's tolerances allow {allowed}"
+
+
+def _departure_words(departures: tuple[tuple[str, float], ...]) -> str:
+    told = [f"{name} by {_number(value)}" for name, value in departures[:MOST]]
+    more = [f"{len(departures) - MOST} more"] if len(departures) > MOST else []
+    return f"it left its drawing: {joined([*told, *more])} tolerances"
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if 100.0 <= value < 1e6 else f"{value:.3g}"
 
 
 __all__ = ["GROSS", "Judgement", "Misfit", "judged", "judged_diagnosis"]

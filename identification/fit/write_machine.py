@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from truepose.errors import InputError
+from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
 from truepose.identification.prediction.covariance import Covariance
@@ -37,11 +38,14 @@ def write_calibrated(
     estimate: Estimate,
     recording: Recording,
     pose: ExpectedPose | None = None,
-    refused: Sequence[str] = (),
+    judgement: Judgement | None = None,
 ) -> None:
-    """Write the calibrated machine, whole or not at all; one that is ``refused`` says so first."""
-    comment = f"NOT CALIBRATED: {'; '.join(refused)}" if refused else ""
-    write_machine(path, calibrated_document(estimate, recording, pose, refused), comment)
+    """Write the calibrated machine, whole or not at all; one that may not be called so says it first.
+
+    ``judgement``: of the whole work where there is more than this fit.
+    """
+    found = judged(estimate) if judgement is None else judgement
+    write_machine(path, calibrated_document(estimate, recording, pose, found.why), found.refusal)
 
 
 def calibrated_document(

@@ -16,7 +16,7 @@ from truepose.identification.report import render
 from truepose.identification.report.document import Block, Document, Section, Text, Tone
 from truepose.identification.report.figures import style
 from truepose.identification.report.fits import fit_column
-from truepose.identification.report.judgement_words import diagnosis_judgement, refusal
+from truepose.identification.report.judgement_words import diagnosis_judgement
 from truepose.identification.report.numbers import significant
 from truepose.identification.report.sections.evidence import evidence_section
 from truepose.identification.report.sections.findings import findings_section
@@ -61,7 +61,7 @@ def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -
 
 def _document(diagnosis: Diagnosis, parts: list[Section]) -> Document:
     said, tone = words.headline(diagnosis)
-    refused = refusal(diagnosis_judgement(diagnosis), diagnosis.machine.residual_units)
+    refused = diagnosis_judgement(diagnosis).refusal
     if refused:
         said, tone = f"{refused}. {said}", "warn"
     before = diagnosis.fits.get("before")
@@ -110,7 +110,7 @@ def _calibration_document(
         Section("limits", "What the data cannot tell", limits),
     ]
     said, well = _calibrated(machine.name, summaries["calibrated"])
-    refused = refusal(judged(estimate), machine.residual_units)
+    refused = judged(estimate).refusal
     if refused:
         said, well = f"{refused}.", False
     facts = _facts(machine.name, recording, estimate)

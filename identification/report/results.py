@@ -50,7 +50,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
     left, proof, units = diagnosis.remainder, diagnosis.proof, diagnosis.machine.residual_units
     out = {
         "schema": DIAGNOSIS_SCHEMA,
-        "judgement": judgement_json(diagnosis_judgement(diagnosis), units),
+        "judgement": judgement_json(diagnosis_judgement(diagnosis)),
         "machine": diagnosis.machine.name,
         "files": list(diagnosis.recording.files),
         "verdict": diagnosis.verdict,
@@ -110,7 +110,7 @@ def fit_json(
     """
     out = {
         "schema": FIT_SCHEMA,
-        "judgement": judgement_json(judged(fit), fit.machine.residual_units),
+        "judgement": judgement_json(judged(fit)),
         "machine": fit.machine.name,
         "method": dict(method or {}),
         "files": list(recording.files),

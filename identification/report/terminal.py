@@ -16,7 +16,7 @@ from truepose.identification.report.applied_words import applied_words
 from truepose.identification.report.before_after import HELD_OUT, before_after_words, rms_words
 from truepose.identification.report.coefficient_words import coefficient_words
 from truepose.identification.report.diagnosis_words import LEADS, form_words, set_words
-from truepose.identification.report.judgement_words import diagnosis_judgement, refusal
+from truepose.identification.report.judgement_words import diagnosis_judgement
 from truepose.identification.report.level_words import NAMES, driver_clauses, lead_words, level_of
 from truepose.identification.report.lines import LINES, listed, several_lines, wrapped
 from truepose.identification.report.misfit_words import HIGH as SUSPICIOUS
@@ -67,7 +67,7 @@ def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict
 def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
     """Verdict, before and after, findings, what speaks against them, what could not be tested, what to do next."""
     judgement = diagnosis_judgement(result)
-    head = [*_verdict(result, refusal(judgement, result.machine.residual_units)), *_worth(result)]
+    head = [*_verdict(result, judgement.refusal), *_worth(result)]
     steps = after_diagnosis(result, output, calibrated=judgement.calibrated)
     end = [*steps, f"report: {output / 'report.html'}"]
     for most in (GENEROUS, TIGHT):
@@ -152,7 +152,7 @@ def calibration_lines(
 
     ``pose``: what the fit is worth to the tool, where that was judged.
     """
-    fit, refused = result.fit, refusal(result.judgement, result.fit.machine.residual_units)
+    fit, refused = result.fit, result.judgement.refusal
     flat = result.method["estimator"] in ("ols", "liu", "ridge", "pcr")
     held = "the others stay at the drawing" if flat else "tolerances decide the others"
     decided = f"; {held}" if fit.rank < len(fit.prior.free) else ""
