@@ -117,7 +117,11 @@ def _allowed(fit: Estimate) -> float:
     total, steps = 0.0, fit.factor[:, : len(fit.prior.free)]
     parameters = fit.machine.parameters
     for column, k in enumerate(fit.prior.free):
-        if k < len(parameters) and parameters[k].name not in FRAME_OF and np.isfinite(parameters[k].tolerance):
+        if (
+            k < len(parameters)
+            and parameters[k].name not in FRAME_OF
+            and np.isfinite(parameters[k].tolerance)
+        ):
             size = parameters[k].tolerance / fit.prior.scale[k]
             total += float(np.sum((steps[:, column] * size) ** 2))
     return total
@@ -126,7 +130,9 @@ def _allowed(fit: Estimate) -> float:
 def _misfit_words(misfit: Misfit) -> str:
     rms = joined(f"{kind} {_number(value)} {unit}" for kind, (value, unit) in misfit.rms.items())
     allowed = _number(misfit.expected)
-    return f"it leaves {rms} rms, {_number(misfit.sigmas)} sigma, where the drawing's tolerances allow {allowed}"
+    return (
+        f"it leaves {rms} rms, {_number(misfit.sigmas)} sigma, where the drawing's tolerances allow {allowed}"
+    )
 
 
 def _departure_words(departures: tuple[tuple[str, float], ...]) -> str:

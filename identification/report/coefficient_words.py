@@ -36,7 +36,8 @@ def _pooled(unit: str, named: Sequence[tuple[str, float]]) -> str:
     values = np.array([value for _, value in named])
     if len(orders) > 1 and all(_WAVE.match(name) for name, _ in named):
         return f"{len(orders)} orders, {measure(float(np.sqrt(np.sum(values**2) / 2.0)), unit)} rms"
-    return f"{len(named)} coefficients, {measure(float(np.sqrt(np.mean(values**2))), unit)} rms"
+    count = f"{len(named)} coefficients" if len(named) > 1 else named[0][0]
+    return f"{count}, {measure(float(np.sqrt(np.mean(values**2))), unit)} rms"
 
 
 __all__ = ["coefficient_words"]

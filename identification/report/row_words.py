@@ -14,7 +14,7 @@ ROWS, FILES = 10, 2
 
 
 def far_row_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """``rows 12, 40 of r.csv do not fit: residuals of 30 sigma; look at them before the model is suspected``, by file.
+    """``rows 12, 40 of r.csv do not fit: residuals of up to 30 sigma; look at them before the model is suspected``, by file.
 
     ``rows`` are those of ``fit.json``, farthest first.
     """
@@ -23,7 +23,7 @@ def far_row_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         files.setdefault(str(row["file"]), []).append(row)
     said = []
     for name, own in list(files.items())[:FILES]:
-        numbers = shortened([str(row["row"]) for row in own], ROWS)
+        numbers = shortened([str(row) for row in sorted(row["row"] for row in own)], ROWS)
         largest = significant(max(float(row["sigma"]) for row in own), 2)
         who, does, up_to = ("row", "does", "") if len(own) == 1 else ("rows", "do", "up to ")
         said.append(

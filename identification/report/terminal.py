@@ -32,8 +32,10 @@ from truepose.wording import shortened
 
 PLACES, ROWS, RIVALS, SETS = 6, 12, 4, 3
 """Most places of a finding, rows, rivals and sets of effects that are named."""
-GENEROUS, TIGHT = 4, 2
-"""Most lines of a part that is no finding: of doubts, and of what could not be tested."""
+TIGHT = (2, 1)
+ROOM = ((8, 2), (4, 2), (4, 1), TIGHT)
+"""Most lines of a part that is no finding (doubts, what could not be tested), and of each of its sentences: the first that
+lets everything stand on a screen."""
 _VERDICTS = {
     "adequate": "the model is adequate",
     "missing-physics": "physics is missing",
@@ -70,9 +72,9 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
     head = [*_verdict(result, judgement.refusal), *_worth(result)]
     steps = after_diagnosis(result, output, calibrated=judgement.calibrated)
     end = [*steps, f"report: {output / 'report.html'}"]
-    for most in (GENEROUS, TIGHT):
-        foot = [*_beside(result, most), *end]
-        items = _found(result, most == TIGHT)
+    for room in ROOM:
+        foot = [*_beside(result, *room), *end]
+        items = _found(result, room == TIGHT)
         if len(head) + sum(map(len, items)) + len(foot) <= LINES:
             break
     return [*head, *listed(items, LINES - len(head) - len(foot)), *foot]
@@ -125,13 +127,13 @@ def _levels(finding: Finding) -> str:
     return f"sure of: its place {percent(levels.place)}, that it follows {NAMES[levels.kind]} {percent(levels.driver)}{law}"
 
 
-def _beside(result: Diagnosis, most: int) -> list[str]:
+def _beside(result: Diagnosis, most: int, each: int) -> list[str]:
     """What speaks against it, other sets, what could not be tested, rows left out."""
-    out = several_lines(doubts(result), "against it", most, each=1)
-    if result.sets and most > TIGHT:
+    out = several_lines(doubts(result), "against it", most, each)
+    if result.sets and (most, each) != TIGHT:
         told = [f"{set_words(s.effects)} ({percent(s.probability)})" for s in result.sets[:SETS]]
         out += wrapped(f"likeliest sets: {' | '.join(told)}")
-    out += several_lines(missing_words(result.missing), "could not be tested", most, each=2)
+    out += several_lines(missing_words(result.missing), "could not be tested", most, 2)
     if result.outlier_rows:
         rows = shortened([str(row) for row in result.outlier_rows], ROWS)
         out += wrapped(f"rows left out as outliers: {rows}", most=1)
@@ -160,11 +162,11 @@ def calibration_lines(
     said = f"{fit.machine.name}: converged in {fit.solution.iterations} iterations"
     lines = [
         *wrapped(f"{refused} ({said})" if refused else said, indent=0, most=3),
+        *(line for text in far_row_words(figures["rows_that_do_not_fit"]) for line in wrapped(text)),
         *_before_after(figures, pose),
         f"  chi2 per degree of freedom {fit.chi2_per_dof:.4g}",
         f"  {fit.rank} of {len(fit.prior.free)} directions are seen by the readings{decided}",
         f"  furthest from the drawing: {worst}",
-        *(line for text in far_row_words(figures["rows_that_do_not_fit"]) for line in wrapped(text)),
     ]
     worst_allowed = figures["worst_parameter_allowed"] or float("inf")
     doubtful = fit.chi2_per_dof > SUSPICIOUS or fit.worst_parameter_sigma > worst_allowed
@@ -178,8 +180,8 @@ def _before_after(figures: Mapping[str, Any], pose: ExpectedPose | None) -> list
         rms, where = figures["rms"], "on the fitted rows"
     out = rms_words({k: v["value"] for k, v in rms.items()}, {k: v["unit"] for k, v in rms.items()}, where)
     if pose is not None:
-        told = f"{measure(pose.before, 'mm')} before, with {pose.than}, {measure(pose.after, 'mm')} after"
-        out.append(f"the tool's position ({pose.rows}, after a rigid refit): {told}")
+        told = f"{measure(pose.before, 'mm')} before ({pose.than}), {measure(pose.after, 'mm')} after"
+        out.append(f"the tool's position: {told}, on {pose.rows}, after a rigid refit")
     return [line for text in out for line in wrapped(text)]
 
 

@@ -24,7 +24,9 @@ def findings_section(diagnosis: Diagnosis) -> Section:
     blocks: list[Block] = []
     missing = missing_words(diagnosis.missing)
     if missing:
-        blocks.append(Items(missing, title="What could not be tested, and what would make it testable", tone="warn"))
+        blocks.append(
+            Items(missing, title="What could not be tested, and what would make it testable", tone="warn")
+        )
     if diagnosis.concealed and "free" in diagnosis.fits:
         blocks.append(Text(words.concealed_words(diagnosis), "warn"))
     blocks.append(Items(verdict_reasons.reasons(diagnosis), title="Why we say so"))
