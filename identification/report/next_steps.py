@@ -23,7 +23,7 @@ def after_diagnosis(diagnosis: Diagnosis, output: Path, *, calibrated: bool) -> 
     out: list[str] = []
     undecided = [f for f in diagnosis.findings if _open(f)]
     if undecided:
-        rows = f"-n 40 -o poses.csv --diagnosis {output / 'diagnosis.json'}"
+        rows = f"-n 40 -o poses.csv --diagnosis {output / 'diagnosis.json'}{_which(undecided[0], diagnosis)}"
         out.append(_command(f"{NEXT}tell them apart: ", "truepose plan {}", machine, rows))
         experiment = separating_experiment(undecided[0])
         out += wrapped(f"or: {experiment}", most=1) if experiment else []
@@ -47,10 +47,21 @@ def after_calibration(machine: Machine, output: Path, *, calibrated: bool, doubt
     return [diagnosis, _use(output / "calibrated.yaml", "or: ")]
 
 
+def _which(finding: Finding, diagnosis: Diagnosis) -> str:
+    """The option that picks a finding, where it is not the one that is taken without."""
+    taken = next(f for f in diagnosis.findings if _rivals(f))
+    return "" if taken is finding else f" --discriminate {finding.effect}@{'+'.join(finding.place)}"
+
+
+def _rivals(finding: Finding) -> bool:
+    """Whether other explanations have a name and can be tested."""
+    return any(not other.nameless and other.tested for other in finding.equivalents)
+
+
 def _open(finding: Finding) -> bool:
     """Whether a name has rivals with a name, and is not certain against them."""
-    rivals = any(not other.nameless for other in finding.equivalents)
-    return not finding.nameless and finding.effect not in OF_ROWS and rivals and finding.probability < CERTAIN
+    named = not finding.nameless and finding.effect not in OF_ROWS
+    return named and _rivals(finding) and finding.probability < CERTAIN
 
 
 def _check(machine: Machine) -> str:

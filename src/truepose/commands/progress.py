@@ -80,12 +80,12 @@ class Course:
 
     @property
     def left(self) -> float | None:
-        """Seconds left if the rest goes as what is done; None before half is done, and where it takes longer than that."""
+        """Seconds left if the rest goes as what is done; None before half is done, and where less than one is left."""
         share, done = self.share, self._since - self._begin
         if share is None or share < (0.02 if self._counted else TELLING):
             return None
         rest = done / share * (1.0 - share) - (self._clock() - self._since)
-        return rest if rest > 0.0 else None
+        return rest if rest >= 1.0 else None
 
     @property
     def words(self) -> str:
