@@ -14,8 +14,8 @@ from truepose.wording import joined
 
 @dataclass(frozen=True)
 class LeftOut:
-    """calibrated: whether the file came from a fit; stated: whether it has effects; sensor: labels of effects that move no tool; memory: labels of effects that
-    depend on what was before; drivers: name to value and unit where the controller gives none."""
+    """calibrated: whether the file came from a fit; stated: whether it has effects; sensor: labels of effects that move no
+    tool; memory: labels of effects that depend on what was before; drivers: value and unit where the controller gives none."""
 
     calibrated: bool
     stated: bool

@@ -16,6 +16,8 @@ from truepose.identification.fit.estimate import Estimate, estimate
 
 GOOD = 1.3
 """chi2 per degree of freedom up to which a fit is not pulled by any row."""
+APART = 2.0
+"""How much farther than all others a row must be where the misfit is large: physics left out has its largest residuals, too."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,10 @@ def far_rows(found: Calibration) -> tuple[FarRow, ...]:
     recording, fit = found.recording, _robust(found)
     if fit is None:
         return ()
-    far = outlying_rows(fit, recording, ~recording.validation & ~bridges(recording))
-    size = np.max(np.abs(fit.residual), axis=1)
+    own = ~recording.validation & ~bridges(recording) & np.isfinite(fit.residual).all(axis=1)
+    far, size = outlying_rows(fit, recording, own), np.max(np.abs(fit.residual), axis=1)
+    if found.fit.chi2_per_dof > GOOD:
+        far &= size > APART * np.max(size[own & ~far], initial=0.0)
     ranked = sorted(np.flatnonzero(far).tolist(), key=lambda k: -size[k])
     files, rows = recording.source_file, recording.source_row
     return tuple(FarRow(recording.files[files[k]], int(rows[k]), float(size[k])) for k in ranked)

@@ -38,7 +38,8 @@ def rms_words(rms: Mapping[str, float], units: Mapping[str, str], where: str) ->
 
 
 def _one(kind: str, before: float, after: float, unit: str, changed: bool) -> str:
-    factor, name = sensor_unit(max((abs(v) for v in (before, after) if math.isfinite(v)), default=0.0), unit)
+    sizes = [abs(v) for v in ((before, after) if changed else (after,)) if math.isfinite(v)]
+    factor, name = sensor_unit(max(sizes, default=0.0), unit)
     told = [f"{significant(value * factor)} {unit_symbol(name)}".rstrip() for value in (before, after)]
     return f"{kind}: {told[0]} before, {told[1]} after" if changed else f"{kind}: {told[1]} rms"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from truepose.identification.diagnosis.naming import CERTAIN
@@ -23,8 +22,9 @@ def after_diagnosis(diagnosis: Diagnosis, output: Path, *, calibrated: bool) -> 
     out: list[str] = []
     undecided = [f for f in diagnosis.findings if _open(f)]
     if undecided:
-        rows = f"-n 40 -o poses.csv --diagnosis {output / 'diagnosis.json'}{_which(undecided[0], diagnosis)}"
-        out.append(_command(f"{NEXT}tell them apart: ", "truepose plan {}", machine, rows))
+        rows = f"-n 40 -o poses.csv --diagnosis {output / 'diagnosis.json'}"
+        picked = _which(undecided[0], diagnosis)
+        out.append(_command("tell them apart: ", "plan", machine, f"{rows}{picked}", rows))
         experiment = separating_experiment(undecided[0])
         out += wrapped(f"or: {experiment}", most=1) if experiment else []
     elif diagnosis.verdict == "unknown":
@@ -41,9 +41,7 @@ def after_calibration(machine: Machine, output: Path, *, calibrated: bool, doubt
         return [_check(machine)]
     if not doubtful:
         return [_use(output / "calibrated.yaml", NEXT)]
-    diagnosis = _command(
-        f"{NEXT}what is missing: ", "truepose diagnose {}", machine, "RECORDING -o diagnosis"
-    )
+    diagnosis = _command("what is missing: ", "diagnose", machine, "RECORDING -o diagnosis")
     return [diagnosis, _use(output / "calibrated.yaml", "or: ")]
 
 
@@ -65,18 +63,20 @@ def _open(finding: Finding) -> bool:
 
 
 def _check(machine: Machine) -> str:
-    return _command(f"{NEXT}units, signs, order, frames: ", "truepose check {}", machine, "RECORDING")
+    return _command("units, signs, order, frames: ", "check", machine, "RECORDING")
 
 
 def _use(file: Path, label: str) -> str:
     return f"{label}truepose codegen {file} -o controller"
 
 
-def _command(label: str, command: str, machine: Machine, rest: str) -> str:
-    """A command with the machine's file, or with MACHINE where the line would be too long."""
+def _command(label: str, command: str, machine: Machine, *rests: str) -> str:
+    """A command with the machine's file and the first of ``rests`` where they fit on a line; else less of it."""
     own = str(machine.file.path) if machine.file is not None else "MACHINE"
-    lines: Sequence[str] = [f"{label}{command.format(name)} {rest}" for name in (own, "MACHINE")]
-    return lines[0] if len(lines[0]) <= COLUMNS else lines[1]
+    names = dict.fromkeys((own, "MACHINE"))
+    tried = [(rest, said, name) for rest in rests for said in (label, "") for name in names]
+    lines = [f"{NEXT}{said}truepose {command} {name} {rest}" for rest, said, name in tried]
+    return next((line for line in lines if len(line) <= COLUMNS), lines[-1])
 
 
 __all__ = ["after_calibration", "after_diagnosis"]
