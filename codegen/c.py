@@ -20,6 +20,7 @@ from truepose.codegen.blocks import Blocks, blocks_of
 from truepose.codegen.branches import branches_of
 from truepose.codegen.chain import pivot_order
 from truepose.codegen.layout import Layout, layout_of
+from truepose.codegen.left_out import left_out, left_out_words
 from truepose.codegen.names import check_machine_name, comment, identifiers
 from truepose.codegen.printer import Real, literal
 from truepose.codegen.reference import slopes_of, strain_of
@@ -95,6 +96,7 @@ def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None 
         "kept": blocks.kept(model.p_home.tolist(), model.z_home.tolist()),
         "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
+        "held": left_out_words(left_out(machine)),
     }
     name = machine.name
     files = {f"{name}_kin.h": "kin.h.j2", f"{name}_kin.c": "kin.c.j2", "example.c": "example.c.j2"}

@@ -144,6 +144,7 @@ class MachineFile:
     sessions: tuple[int, ...] = ()  # session numbers seen in its fit
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # as written, in the file's units
     pose_error: ExpectedPose | None = None  # what its fit was worth to the tool; None where nobody judged it
+    refused: tuple[str, ...] = ()  # why its fit may not be called a calibration
 
     def override_for(self, parameter: str, unit: str) -> float | None:
         """The tolerance that `tolerances:` states for a parameter, in its `unit`; None if none."""
@@ -199,6 +200,13 @@ class _ExpectedPose(Section):
     """Unit of both, whatever `units` says."""
     rows: str
     """On which rows, in words."""
+
+
+class _Judgement(Section):
+    calibrated: bool
+    """Whether the fit may be called a calibration."""
+    why: tuple[str, ...] = ()
+    """Why not, in words."""
 
 
 class _Mass(Section):
@@ -300,6 +308,8 @@ class MachineDocument(Section):
     """Between which values parameters may be estimated, `leg1.length: [499, 501]`; kept by `--solver ipopt`."""
     pose_error: _ExpectedPose | None = None
     """What the fit was worth to the tool. Written by truepose."""
+    judgement: _Judgement | None = None
+    """Whether the fit may be called a calibration, and why not. Written by truepose."""
 
 
 def read_machine(path: Path | str) -> MachineFile:
@@ -347,16 +357,25 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         sessions=document.sessions,
         bounds=document.bounds,
         pose_error=_expected_pose(document.pose_error),
+        refused=_refused(document.judgement),
     )
+
+
+def _refused(found: _Judgement | None) -> tuple[str, ...]:
+    return () if found is None or found.calibrated else found.why or ("its judgement says so",)
 
 
 def _expected_pose(found: _ExpectedPose | None) -> ExpectedPose | None:
     return None if found is None else ExpectedPose(found.than, found.before, found.after, found.rows)
 
 
-def write_machine(path: Path | str, document: Mapping[str, Any]) -> None:
-    """Write a machine file: whole or not at all, its schema named first, key order kept, floats at full precision."""
-    atomic_write_text(path, f"{SCHEMA_LINE}\n{document_text(document)}")
+def write_machine(path: Path | str, document: Mapping[str, Any], comment: str = "") -> None:
+    """Write a machine file: whole or not at all, key order kept, floats at full precision.
+
+    Its first line is ``comment``, if there is one; then its schema is named.
+    """
+    head = f"# {comment}\n" if comment else ""
+    atomic_write_text(path, f"{head}{SCHEMA_LINE}\n{document_text(document)}")
 
 
 def _frames(frames: _Frames) -> Frames:

@@ -69,6 +69,16 @@ def _libraries(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _patience() -> Iterator[None]:
+    """On a loaded machine a command takes longer than the two seconds after which it says what it does."""
+    from truepose.commands import progress
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(progress, "DELAY", 600.0)
+        yield
+
+
 @pytest.fixture(scope="session")
 def root_directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where C is generated and compiled, each machine once."""

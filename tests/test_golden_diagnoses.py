@@ -19,6 +19,8 @@ import pytest
 import truepose
 from support.golden_diagnoses import changes, summary, text
 from truepose.challenge.simulator.registry import NAMES
+from truepose.identification.report.lines import COLUMNS, LINES
+from truepose.identification.report.terminal import diagnosis_lines
 
 GOLDEN = Path(__file__).parent / "golden_diagnoses"
 CASES = sorted(file.parent.name for file in GOLDEN.glob("*/machine.yaml"))
@@ -30,7 +32,14 @@ def test_diagnosis_is_as_committed(case: str, request: pytest.FixtureRequest) ->
     folder = GOLDEN / case
     machine = truepose.load_machine(folder / "machine.yaml")
     recording = truepose.load_recording(machine, sorted(folder.glob("*.csv")))
-    new = summary(truepose.diagnosis_json(truepose.diagnose(machine, recording)))
+    found_here = truepose.diagnose(machine, recording)
+    lines = diagnosis_lines(found_here, Path("out"))
+    assert (
+        len(lines) <= LINES and max(map(len, lines)) <= COLUMNS and lines[0].startswith(f"{machine.name}: ")
+    )
+    document = truepose.diagnosis_json(found_here)
+    assert document["judgement"] == {"calibrated": True, "why": []}
+    new = summary(document)
     file = folder / "expected.json"
     old = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
     found = ["nothing is committed yet"] if old is None else changes(old, new)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,7 @@ class Pair:
         """A field of the machine file set, made where it is not there yet."""
         document = copy.deepcopy(dict(self.document))
         at: Any = document
-        for step, following in zip(field, field[1:], strict=False):
+        for step, following in pairwise(field):
             if isinstance(at, dict) and step not in at:
                 at[step] = [] if isinstance(following, int) else {}
             at = at[step]

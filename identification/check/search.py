@@ -123,8 +123,7 @@ def _polished(rig: Rig, tried: Sequence[Tried], stand: Stand, price: float) -> l
         return []
     alike = [t for t in dear if t.price <= ALIKE * best]
     plain = min(t.slip.cost for t in alike)
-    ranked = sorted(alike, key=lambda t: (t.slip.cost > plain, _stated(rig, t, noise)))
-    return ranked
+    return sorted(alike, key=lambda t: (t.slip.cost > plain, _stated(rig, t, noise)))
 
 
 def _stated(rig: Rig, tried: Tried, noise: float) -> float:

@@ -35,6 +35,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -127,6 +128,7 @@ def _conclude(fits: Fits, found: Found, outcome: Outcome) -> Diagnosis:
         candidates=ranked_alternatives(cat, alone),
         evidence_map=evidence_map(cat, alone),
         untestable=cat.untestable,
+        missing=missing_inputs(machine, recording),
         free=fits.free,
         before=fits.before,
         after=outcome.after,

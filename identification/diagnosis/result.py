@@ -13,6 +13,7 @@ from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Untestable
+from truepose.identification.signatures.untestable import Missing
 from truepose.models.driver import DriverKind
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
@@ -211,7 +212,8 @@ class Diagnosis(Written):
     noise: in stated sigmas, and inflation: how many times wider than stated the tolerances of each class of parts look,
     both in the posterior. sets: the likeliest sets of effects; inclusion: every effect at every place with its probability;
     leading: what is less probable than not, but leads; disagreement: largest difference of a probability between the
-    posterior's chains; applied: what ``after`` holds, and why. ``truepose.identification.report.results`` writes it down.
+    posterior's chains; applied: what ``after`` holds, and why; missing: what this machine likely has and the recording cannot
+    show. ``truepose.identification.report.results`` writes it down.
 
     ``report(path)`` writes the report, ``write(directory)`` ``diagnosis.json``, ``improved.yaml`` and ``report.html``; the
     constants are in ``after.to_frame()``.
@@ -243,6 +245,7 @@ class Diagnosis(Written):
     leading: tuple[Lead, ...] = ()
     disagreement: float = 0.0
     applied: Applied | None = None
+    missing: tuple[Missing, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """Findings, one a row: ``effect``, ``place``, ``probability`` (of the law; NaN where none is known),

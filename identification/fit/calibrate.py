@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError, InputError
+from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, blame, estimate, result
@@ -61,6 +62,11 @@ class Calibration(Written):
     recording: Recording
     notes: tuple[str, ...]
     method: dict[str, str]
+
+    @property
+    def judgement(self) -> Judgement:
+        """Whether it may be called a calibration."""
+        return judged(self.fit)
 
     def to_frame(self) -> pd.DataFrame:
         """The constants of the fit, with the columns of ``Estimate.to_frame``."""

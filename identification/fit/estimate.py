@@ -271,7 +271,7 @@ def estimate(
 
 def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ...]) -> Estimate:
     """What a solution says of the parameters, with the readings' factor and all residuals there."""
-    p = problem.at(solution.t)
+    p = wrapped(problem.predictor.machine, problem.at(solution.t))
     x, _ = problem.predictor.assemble(p, problem.x)
     groups = list(channel_groups(problem.predictor.machine).values())
     parts = triangular_parts(problem.data(p, x), len(problem.prior.free) + 1, groups)
@@ -293,6 +293,19 @@ def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ..
     )
 
 
+def wrapped(machine: Machine, p: Array) -> Array:
+    """(np,) the same parameters, angles (rad) less whole turns that they are from their drawing: at most half a turn stays.
+
+    Every angle of a machine's geometry turns about one axis, so that whole turns change nothing.
+    """
+    turn, out = 2.0 * np.pi, p.copy()
+    for k, parameter in enumerate(machine.parameters):
+        if parameter.unit == "rad" and abs(p[k] - parameter.nominal) > np.pi:
+            away = p[k] - parameter.nominal
+            out[k] -= turn * np.ceil(away / turn - 0.5)
+    return out
+
+
 def blame(solution: Solution, prior: Prior) -> str:
     """Name the parameters that still move most, in their own scale."""
     names = np.array(prior.names)[prior.free]
@@ -305,4 +318,4 @@ def blame(solution: Solution, prior: Prior) -> str:
     )
 
 
-__all__ = ["Estimate", "Prior", "Solver", "Status", "blame", "estimate", "prior_of", "result"]
+__all__ = ["Estimate", "Prior", "Solver", "Status", "blame", "estimate", "prior_of", "result", "wrapped"]

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from truepose.errors import InputError
+from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
 from truepose.identification.prediction.covariance import Covariance
@@ -33,18 +34,29 @@ FieldPath = tuple[str | int, ...]
 
 
 def write_calibrated(
-    path: Path | str, estimate: Estimate, recording: Recording, pose: ExpectedPose | None = None
+    path: Path | str,
+    estimate: Estimate,
+    recording: Recording,
+    pose: ExpectedPose | None = None,
+    judgement: Judgement | None = None,
 ) -> None:
-    """Write the calibrated machine, whole or not at all."""
-    write_machine(path, calibrated_document(estimate, recording, pose))
+    """Write the calibrated machine, whole or not at all; one that may not be called so says it first.
+
+    ``judgement``: of the whole work where there is more than this fit.
+    """
+    found = judged(estimate) if judgement is None else judgement
+    write_machine(path, calibrated_document(estimate, recording, pose, found.why), found.refusal)
 
 
 def calibrated_document(
-    estimate: Estimate, recording: Recording, pose: ExpectedPose | None = None
+    estimate: Estimate,
+    recording: Recording,
+    pose: ExpectedPose | None = None,
+    refused: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The machine file of a fit, as a document of its own: nothing is shared with the machine's.
 
-    ``pose``: what the fit is worth to the tool, where that was judged.
+    ``pose``: what the fit is worth to the tool, where that was judged; ``refused``: why it may not be called a calibration.
     Raises InputError when the machine has no file or a parameter stands nowhere in it.
     """
     machine = estimate.machine
@@ -59,7 +71,7 @@ def calibrated_document(
         _write_parameter(document, parameter, values[parameter.name], machine)
     for direction in _directions(machine):
         _write_direction(document, direction, values)
-    for key in ("effects", "covariance", "nominal", "sessions", "pose_error"):
+    for key in ("effects", "covariance", "nominal", "sessions", "pose_error", "judgement"):
         document.pop(key, None)
     if estimate.effects:
         document["effects"] = _effect_entries(estimate)
@@ -67,6 +79,8 @@ def calibrated_document(
     drawing = machine.file.nominal
     document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
     document["sessions"] = list(recording.sessions)
+    if refused:
+        document["judgement"] = {"calibrated": False, "why": list(refused)}
     if pose is not None:
         document["pose_error"] = {
             "than": pose.than,

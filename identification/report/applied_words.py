@@ -63,7 +63,12 @@ def pose_json(machine: Machine) -> dict[str, object] | None:
 
 
 def check_applicable(machine: Machine) -> None:
-    """Raises InputError for a file that would leave the tool worse than plain calibration."""
+    """Raises InputError for a file that is no calibration, or would leave the tool worse than plain calibration."""
+    if machine.file is not None and machine.file.refused:
+        raise InputError(
+            f"{machine.file.path}: NOT CALIBRATED: {'; '.join(machine.file.refused)}; find the mistake with truepose"
+            " check; --anyway applies the file all the same"
+        )
     told = machine.file.pose_error if machine.file else None
     if told is not None and told.worse:
         raise InputError(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from truepose.files import atomic_directory, atomic_write_text
+from truepose.identification.diagnosis.far_rows import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.drift.analysis import Drift
 from truepose.identification.fit.calibrate import Calibration
@@ -18,7 +19,10 @@ from truepose.identification.report.applied_words import expected_pose
 from truepose.identification.report.drift_page import drift_html
 from truepose.identification.report.drift_words import drift_json
 from truepose.identification.report.json_text import json_text
+from truepose.identification.report.judgement_words import diagnosis_judgement
 from truepose.identification.report.results import calibration_json, diagnosis_json
+from truepose.identification.report.row_words import far_row_words
+from truepose.models.machine_file import ExpectedPose
 
 REPORT = "report.html"
 
@@ -42,7 +46,8 @@ def _html(result: object) -> str:
 
 @_html.register
 def _(result: Calibration) -> str:
-    return pages.calibration_html(result.fit, result.free, result.recording)
+    far = far_row_words(calibration_json(result, far_rows(result))["rows_that_do_not_fit"])
+    return pages.calibration_html(result.fit, result.free, result.recording, far)
 
 
 @_html.register
@@ -62,7 +67,8 @@ def _written(result: object, output: Path) -> list[str]:
 
 @_written.register
 def _(result: Calibration, output: Path) -> list[str]:
-    return write_calibration(result, calibration_json(result), output)
+    pose = calibrated_pose(result.fit, result.recording)
+    return write_calibration(result, calibration_json(result, far_rows(result)), output, pose)
 
 
 @_written.register
@@ -75,13 +81,19 @@ def _(result: Drift, output: Path) -> list[str]:
     return write_drift(result, output)
 
 
-def write_calibration(result: Calibration, document: Mapping[str, object], output: Path) -> list[str]:
-    """``calibrated.yaml``, ``fit.json`` (its ``document``) and ``report.html``; their names."""
+def write_calibration(
+    result: Calibration, document: Mapping[str, Any], output: Path, pose: ExpectedPose | None
+) -> list[str]:
+    """``calibrated.yaml``, ``fit.json`` (its ``document``) and ``report.html``; their names.
+
+    ``pose``: what the fit is worth to the tool.
+    """
+    far = far_row_words(document["rows_that_do_not_fit"])
     with atomic_directory(output) as partial:
-        pose = calibrated_pose(result.fit, result.recording)
         write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose)
         atomic_write_text(partial / "fit.json", json_text(document))
-        write_report(result, partial / REPORT)
+        page = pages.calibration_html(result.fit, result.free, result.recording, far)
+        atomic_write_text(partial / REPORT, page)
         return sorted(file.name for file in partial.iterdir())
 
 
@@ -90,7 +102,8 @@ def write_diagnosis(result: Diagnosis, output: Path, truth: Mapping[str, Any] | 
     with atomic_directory(output) as partial:
         atomic_write_text(partial / "diagnosis.json", json_text(diagnosis_json(result)))
         pose = expected_pose(result.applied)
-        write_calibrated(partial / "improved.yaml", result.after, result.recording, pose)
+        judgement = diagnosis_judgement(result)
+        write_calibrated(partial / "improved.yaml", result.after, result.recording, pose, judgement)
         atomic_write_text(partial / REPORT, pages.report_html(result, truth))
         return sorted(file.name for file in partial.iterdir())
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.fit.absurd import judged
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.recording.recording import Recording
@@ -15,6 +16,7 @@ from truepose.identification.report import render
 from truepose.identification.report.document import Block, Document, Section, Text, Tone
 from truepose.identification.report.figures import style
 from truepose.identification.report.fits import fit_column
+from truepose.identification.report.judgement_words import diagnosis_judgement
 from truepose.identification.report.numbers import significant
 from truepose.identification.report.sections.evidence import evidence_section
 from truepose.identification.report.sections.findings import findings_section
@@ -36,9 +38,11 @@ def report_html(diagnosis: Diagnosis, truth: Mapping[str, Any] | None = None) ->
     return render.html(_diagnosis_document(diagnosis, truth))
 
 
-def calibration_html(estimate: Estimate, free: Estimate | None, recording: Recording) -> str:
-    """The report of a fit alone; ``free`` is the same fit with its tolerances widened."""
-    return render.html(_calibration_document(estimate, free, recording))
+def calibration_html(
+    estimate: Estimate, free: Estimate | None, recording: Recording, warnings: Sequence[str] = ()
+) -> str:
+    """The report of a fit alone; ``free`` is the same fit with its tolerances widened, ``warnings`` stand first."""
+    return render.html(_calibration_document(estimate, free, recording, warnings))
 
 
 def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -> Document:
@@ -57,6 +61,9 @@ def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -
 
 def _document(diagnosis: Diagnosis, parts: list[Section]) -> Document:
     said, tone = words.headline(diagnosis)
+    refused = diagnosis_judgement(diagnosis).refusal
+    if refused:
+        said, tone = f"{refused}. {said}", "warn"
     before = diagnosis.fits.get("before")
     after = diagnosis.fits.get("after")
     facts = [
@@ -81,7 +88,9 @@ def _facts(machine: str, recording: Recording, fit: Estimate) -> list[tuple[str,
     return [("machine", machine), ("recording", names), ("rows", rows)]
 
 
-def _calibration_document(estimate: Estimate, free: Estimate | None, recording: Recording) -> Document:
+def _calibration_document(
+    estimate: Estimate, free: Estimate | None, recording: Recording, warnings: Sequence[str]
+) -> Document:
     machine = estimate.machine
     fits = {"calibrated": estimate} if free is None else {"free": free, "calibrated": estimate}
     summaries = {key: summarise(fit, recording.validation) for key, fit in fits.items()}
@@ -91,7 +100,7 @@ def _calibration_document(estimate: Estimate, free: Estimate | None, recording: 
         limits.append(Text(f"Notes: {'; '.join(recording.notes)}."))
     columns = [fit_column(key, fit, summaries[key], recording.validation) for key, fit in fits.items()]
     parts = [
-        Section("fit", "Fit", fit_blocks(machine, columns)),
+        Section("fit", "Fit", [*(Text(said, "warn") for said in warnings), *fit_blocks(machine, columns)]),
         Section(
             "parameters",
             "Parameters against their tolerances",
@@ -101,6 +110,9 @@ def _calibration_document(estimate: Estimate, free: Estimate | None, recording: 
         Section("limits", "What the data cannot tell", limits),
     ]
     said, well = calibrated_words(machine.name, summaries["calibrated"])
+    refused = judged(estimate).refusal
+    if refused:
+        said, well = f"{refused}.", False
     facts = _facts(machine.name, recording, estimate)
     tone: Tone = "good" if well else "warn"
     return Document(f"truepose: calibration of {machine.name}", said, tone, facts, parts)

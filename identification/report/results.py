@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.far_rows import FarRow
 from truepose.identification.diagnosis.levels import Levels
 from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import (
@@ -21,6 +22,7 @@ from truepose.identification.diagnosis.result import (
     Remainder,
     Replication,
 )
+from truepose.identification.fit.absurd import judged
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
@@ -28,8 +30,11 @@ from truepose.identification.identifiability.observability import Knowledge, ide
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import explanation, form_words, separating_experiment
 from truepose.identification.report.json_text import Json, finite
+from truepose.identification.report.judgement_words import diagnosis_judgement, judgement_json
 from truepose.identification.report.notes import diagnosis_notes
 from truepose.identification.report.unseen_words import meaning
+from truepose.identification.signatures.candidates import Untestable
+from truepose.identification.signatures.untestable import Missing
 from truepose.models.effects.base import effects
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
@@ -45,6 +50,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
     left, proof, units = diagnosis.remainder, diagnosis.proof, diagnosis.machine.residual_units
     out = {
         "schema": DIAGNOSIS_SCHEMA,
+        "judgement": judgement_json(diagnosis_judgement(diagnosis)),
         "machine": diagnosis.machine.name,
         "files": list(diagnosis.recording.files),
         "verdict": diagnosis.verdict,
@@ -70,7 +76,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "remainder": left and _remainder(left, units),
         "candidates": [_alternative(c) for c in diagnosis.candidates],
         "evidence_map": dict(diagnosis.evidence_map),
-        "untestable": [{"effect": u.effect, "why": u.why} for u in diagnosis.untestable],
+        "untestable": [_untestable(u, diagnosis.missing) for u in diagnosis.untestable],
         "fit": {name: _summary(fit, units, before=name != "free") for name, fit in diagnosis.fits.items()},
         "proof": proof
         and {
@@ -96,14 +102,20 @@ def fit_json(
     *,
     notes: Sequence[str] = (),
     method: Mapping[str, str] | None = None,
+    far: Sequence[FarRow] = (),
 ) -> Json:
-    """The content of ``fit.json``: lengths in mm, angles in rad. ``free``: tolerances hardly hold it."""
+    """The content of ``fit.json``: lengths in mm, angles in rad.
+
+    ``free``: tolerances hardly hold it; ``far``: rows that do not fit.
+    """
     out = {
         "schema": FIT_SCHEMA,
+        "judgement": judgement_json(judged(fit)),
         "machine": fit.machine.name,
         "method": dict(method or {}),
         "files": list(recording.files),
         **_figures(fit, recording),
+        "rows_that_do_not_fit": [{"file": one.file, "row": one.row, "sigma": one.sigma} for one in far],
         "unseen": [{"parts": dict(d.parts), "meaning": meaning(d)} for d in unseen(Knowledge.of(fit))],
         "parameters": parameters_json(fit),
         "effects": [_effect(fit, k) for k in range(len(fit.effects))],
@@ -113,9 +125,9 @@ def fit_json(
     return dict(finite(out))
 
 
-def calibration_json(found: Calibration) -> Json:
-    """The same of a whole calibration."""
-    return fit_json(found.fit, found.recording, found.free, notes=found.notes, method=found.method)
+def calibration_json(found: Calibration, far: Sequence[FarRow] = ()) -> Json:
+    """The same of a whole calibration; ``far``: rows that do not fit."""
+    return fit_json(found.fit, found.recording, found.free, notes=found.notes, method=found.method, far=far)
 
 
 def parameters_json(fit: Estimate) -> Json:
@@ -283,6 +295,12 @@ def _remainder(left: Remainder, units: Mapping[str, str]) -> Json:
         "size_sigma": left.size_sigma,
         "gain": _rms(left.gain or None, units),
     }
+
+
+def _untestable(one: Untestable, missing: Sequence[Missing]) -> Json:
+    """Why an effect could not be tested, and what to ``add`` where a line or a column would change that."""
+    add = next((m.add for m in missing if one.effect in m.effects), None)
+    return {"effect": one.effect, "why": one.why} | ({} if add is None else {"add": add})
 
 
 def _alternative(other: Alternative) -> Json:

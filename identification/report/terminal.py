@@ -1,4 +1,8 @@
-"""Results in a few plain lines for a terminal, and in brief for ``--json``."""
+"""Results for a terminal, at most 25 lines of 110 columns, and in brief for ``--json``.
+
+What is told stands in the order of its weight: the verdict, before and after in the sensor's unit, what was found, what
+speaks against it, what could not be tested, what to do next. Where there is more than fits, the last line of a part counts it.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,37 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from truepose.identification.diagnosis.result import Alternative, Diagnosis
+from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.report.applied_words import applied_words
-from truepose.identification.report.diagnosis_words import LEADS, explanation, form_words, set_words
-from truepose.identification.report.level_words import driver_clauses, lead_words, level_of, levels_words
+from truepose.identification.report.before_after import HELD_OUT, before_after_words, rms_words
+from truepose.identification.report.coefficient_words import coefficient_words
+from truepose.identification.report.diagnosis_words import LEADS, form_words, set_words
+from truepose.identification.report.judgement_words import diagnosis_judgement
+from truepose.identification.report.level_words import NAMES, driver_clauses, lead_words, level_of
+from truepose.identification.report.lines import LINES, listed, several_lines, wrapped
+from truepose.identification.report.misfit_words import HIGH as SUSPICIOUS
 from truepose.identification.report.misfit_words import misfit_clause
+from truepose.identification.report.next_steps import after_calibration, after_diagnosis
+from truepose.identification.report.numbers import measure, percent
 from truepose.identification.report.results import diagnosis_json
-from truepose.identification.report.untestable_words import untestable_lines
+from truepose.identification.report.row_words import far_row_words
+from truepose.identification.report.untestable_words import missing_words
 from truepose.identification.report.verdict_reasons import doubts
+from truepose.models.machine_file import ExpectedPose
+from truepose.wording import shortened
 
-SHOWN, SETS = 6, 3
+PLACES, ROWS, RIVALS, SETS = 6, 12, 4, 3
+"""Most places of a finding, rows, rivals and sets of effects that are named."""
+TIGHT = (2, 1)
+ROOM = ((8, 2), (4, 2), (4, 1), TIGHT)
+"""Most lines of a part that is no finding (doubts, what could not be tested), and of each of its sentences: the first that
+lets everything stand on a screen."""
+_VERDICTS = {
+    "adequate": "the model is adequate",
+    "missing-physics": "physics is missing",
+    "unknown": "something is missing; neither its place nor its driver is known",
+}
 
 
 def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict[str, object]:
@@ -25,6 +49,7 @@ def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict
     kept = {
         key: whole[key]
         for key in (
+            "judgement",
             "verdict",
             "concealed",
             "alarms",
@@ -32,6 +57,7 @@ def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict
             "leading",
             "sets",
             "remainder",
+            "untestable",
             "fit",
             "proof",
             "applied",
@@ -41,68 +67,122 @@ def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict
 
 
 def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
-    """A few plain lines: verdict, findings, fits, where the report is."""
-    words = {
-        "adequate": "the model is adequate",
-        "missing-physics": "physics is missing",
-        "unknown": "something is missing; neither its place nor its driver is known",
-    }
+    """Verdict, before and after, findings, what speaks against them, what could not be tested, what to do next."""
+    judgement = diagnosis_judgement(result)
+    head = [*_verdict(result, judgement.refusal), *_worth(result)]
+    steps = after_diagnosis(result, output, calibrated=judgement.calibrated)
+    end = [*steps, f"report: {output / 'report.html'}"]
+    for room in ROOM:
+        foot = [*_beside(result, *room), *end]
+        items = _found(result, room == TIGHT)
+        if len(head) + sum(map(len, items)) + len(foot) <= LINES:
+            break
+    return [*head, *listed(items, LINES - len(head) - len(foot)), *foot]
+
+
+def _verdict(result: Diagnosis, refused: str) -> list[str]:
     hidden = ", though the ordinary fit looked good" if result.concealed else ""
-    lines = [f"{result.machine.name}: {words[result.verdict]}{hidden}{misfit_clause(result)}"]
-    lines += [f"  {said}" for said in applied_words(result.applied)]
+    said = f"{result.machine.name}: {_VERDICTS[result.verdict]}{hidden}{misfit_clause(result)}"
+    return wrapped(f"{refused} ({said})" if refused else said, indent=0, most=3 if refused else 2)
+
+
+def _worth(result: Diagnosis) -> list[str]:
+    """Before and after, and what it is worth to the tool."""
+    readings = [line for text in before_after_words(result) for line in wrapped(text, most=1)]
+    return [*readings, *(line for text in applied_words(result.applied)[:2] for line in wrapped(text))]
+
+
+def _found(result: Diagnosis, tight: bool) -> list[list[str]]:
+    """Findings with a name, those without, what leads, and the remainder: some lines each."""
+    items = [_finding(f, tight) for f in result.findings if not f.nameless]
     nameless = [finding for finding in result.findings if finding.nameless]
-    for finding in (f for f in result.findings if not f.nameless):
-        who = f"{finding.effect} at {', '.join(finding.place)}"
-        lines.append(f"  {who} (probability {_percent(finding.probability)}): {explanation(finding)}")
-        if level_of(finding) != "law" and finding.levels.driver:
-            lines.append(f"    {levels_words(finding)}")
-        shown = list(finding.parameters.items())
-        for name, q in shown[:SHOWN]:
-            unit = "" if q.unit == "1" else f" {q.unit}"
-            lines.append(f"    {name} = {q.value:.4g} +- {q.std:.2g}{unit}")
-        if len(shown) > SHOWN:
-            lines.append(f"    and {len(shown) - SHOWN} more in diagnosis.json")
-        if finding.equivalents:
-            lines.append("    could also be: " + "; ".join(_alternative(e) for e in finding.equivalents[:4]))
-    lines += [f"  without a name: {said}" for said in driver_clauses(nameless)]
+    items += [wrapped(f"without a name: {said}") for said in driver_clauses(nameless)]
     if result.leading and not result.findings:
-        lines += [f"  leading: {lead_words(one)}" for one in result.leading[:LEADS]]
-    if result.remainder is not None:
-        lines.append(f"  remainder follows {result.remainder.driver}: {form_words(result.remainder)}")
-    lines += [f"  speaks against it: {said}" for said in doubts(result)]
-    if result.sets:
-        told = [f"{set_words(s.effects)} ({_percent(s.probability)})" for s in result.sets[:SETS]]
-        lines.append(f"  likeliest sets: {' | '.join(told)}")
-    lines += [f"  cannot be tested: {said}" for said in untestable_lines(result.untestable)]
+        items += [wrapped(f"leading: {lead_words(one)}", most=1) for one in result.leading[:LEADS]]
+    left = result.remainder
+    if left is not None:
+        items.append(wrapped(f"remainder follows {left.driver}: {form_words(left)}"))
+    return items
+
+
+def _finding(finding: Finding, tight: bool) -> list[str]:
+    """One or two lines of what it is; how sure the parts are, what was fitted, and its rivals."""
+    who = f"{finding.effect} at {shortened(finding.place, PLACES)}, {percent(finding.probability)}"
+    out = wrapped(f"{who}: {finding.explanation}", most=1 if tight else 2)
+    sized = coefficient_words(finding.parameters)
+    if level_of(finding) != "law" and finding.levels.driver:
+        out += wrapped(_levels(finding), 4, most=1)
+    if sized:
+        out += wrapped(sized, 4, most=1)
+    rivals = list(dict.fromkeys(_alternative(e) for e in finding.equivalents))
+    if rivals and not tight:
+        out += wrapped(f"could also be: {'; '.join(rivals[:RIVALS])}", 4, most=1)
+    return out
+
+
+def _levels(finding: Finding) -> str:
+    """How sure each level is, in few words."""
+    levels = finding.levels
+    law = "" if finding.nameless else f", its law {percent(finding.probability)}"
+    return f"sure of: its place {percent(levels.place)}, that it follows {NAMES[levels.kind]} {percent(levels.driver)}{law}"
+
+
+def _beside(result: Diagnosis, most: int, each: int) -> list[str]:
+    """What speaks against it, other sets, what could not be tested, rows left out."""
+    out = several_lines(doubts(result), "against it", most, each)
+    if result.sets and (most, each) != TIGHT:
+        told = [f"{set_words(s.effects)} ({percent(s.probability)})" for s in result.sets[:SETS]]
+        out += wrapped(f"likeliest sets: {' | '.join(told)}")
+    out += several_lines(missing_words(result.missing), "could not be tested", most, 2)
     if result.outlier_rows:
-        lines.append(f"  rows left out as outliers: {', '.join(map(str, result.outlier_rows))}")
+        rows = shortened([str(row) for row in result.outlier_rows], ROWS)
+        out += wrapped(f"rows left out as outliers: {rows}", most=1)
     fits = ", ".join(f"{name} {fit.chi2_per_dof:.3g}" for name, fit in result.fits.items())
-    return [*lines, f"  chi2 per degree of freedom: {fits}", f"report: {output / 'report.html'}"]
+    return [*out, f"  chi2 per degree of freedom: {fits}"]
 
 
 def _alternative(other: Alternative) -> str:
     if other.nameless:
         return "something without a name"
-    return f"{other.effect} at {', '.join(other.place)}"
+    return f"{other.effect} at {shortened(other.place, PLACES)}"
 
 
-def _percent(probability: float) -> str:
-    return "> 99.9 %" if probability > 0.999 else f"{100 * probability:.1f} %"
+def calibration_lines(
+    result: Calibration, figures: Mapping[str, Any], output: Path, pose: ExpectedPose | None = None
+) -> list[str]:
+    """``figures`` of ``fit.json``, before and after, what tolerances decided, rows that do not fit, what to do next.
 
-
-def calibration_lines(result: Calibration, figures: Mapping[str, Any], output: Path) -> list[str]:
-    """A few plain lines: ``figures`` of ``fit.json``, what tolerances decided, where the machine file is."""
-    fit = result.fit
-    seen = f"{fit.rank} of {len(fit.prior.free)} directions"
-    rms = ", ".join(f"{kind} {v['value']:.4g} {v['unit']}" for kind, v in figures["rms"].items())
+    ``pose``: what the fit is worth to the tool, where that was judged.
+    """
+    fit, refused = result.fit, result.judgement.refusal
     flat = result.method["estimator"] in ("ols", "liu", "ridge", "pcr")
     held = "the others stay at the drawing" if flat else "tolerances decide the others"
     decided = f"; {held}" if fit.rank < len(fit.prior.free) else ""
     worst = f"{figures['worst_parameter']}, {fit.worst_parameter_sigma:.3g} tolerances"
+    said = f"{fit.machine.name}: converged in {fit.solution.iterations} iterations"
     lines = [
-        f"{fit.machine.name}: converged in {fit.solution.iterations} iterations",
-        f"  chi2 per degree of freedom {fit.chi2_per_dof:.4g}; rms: {rms}",
-        f"  {seen} are seen by the readings" + decided,
+        *wrapped(f"{refused} ({said})" if refused else said, indent=0, most=3),
+        *(line for text in far_row_words(figures["rows_that_do_not_fit"]) for line in wrapped(text)),
+        *_before_after(figures, pose),
+        f"  chi2 per degree of freedom {fit.chi2_per_dof:.4g}",
+        f"  {fit.rank} of {len(fit.prior.free)} directions are seen by the readings{decided}",
         f"  furthest from the drawing: {worst}",
     ]
-    return [*lines, f"calibrated machine: {output / 'calibrated.yaml'}"]
+    worst_allowed = figures["worst_parameter_allowed"] or float("inf")
+    doubtful = fit.chi2_per_dof > SUSPICIOUS or fit.worst_parameter_sigma > worst_allowed
+    steps = after_calibration(fit.machine, output, calibrated=not refused, doubtful=doubtful)
+    return [*lines, *steps, f"calibrated machine: {output / 'calibrated.yaml'}"]
+
+
+def _before_after(figures: Mapping[str, Any], pose: ExpectedPose | None) -> list[str]:
+    rms, where = figures["validation_rms"], HELD_OUT
+    if rms is None:
+        rms, where = figures["rms"], "on the fitted rows"
+    out = rms_words({k: v["value"] for k, v in rms.items()}, {k: v["unit"] for k, v in rms.items()}, where)
+    if pose is not None:
+        told = f"{measure(pose.before, 'mm')} before ({pose.than}), {measure(pose.after, 'mm')} after"
+        out.append(f"the tool's position: {told}, on {pose.rows}, after a rigid refit")
+    return [line for text in out for line in wrapped(text)]
+
+
+__all__ = ["calibration_lines", "diagnosis_lines", "diagnosis_summary"]

@@ -5,21 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from truepose.identification.signatures.candidates import Untestable
+from truepose.identification.signatures.untestable import Missing
 from truepose.wording import joined
 
 ONE_SESSION = "the recording holds one session only"
 """Why effects between sessions cannot be tested: nothing is amiss."""
 NOTHING = ("nothing to vary",)
 SHOWN = 4
-"""Most reasons that are told on a terminal."""
+"""Most reasons that are told."""
 
 
-def untestable_lines(untestable: Sequence[Untestable]) -> list[str]:
-    """Effects that could not be tested by the reason why, those that a line or a column would change first."""
+def missing_words(missing: Sequence[Missing]) -> list[str]:
+    """``joint-compliance and link-bending: no `gravity:` in kr6.yaml; add `gravity: [0, 0, -9.80665]` ``, a line each."""
+    return [f"{joined(one.effects)}: {one.why}; {one.add}" for one in missing]
+
+
+def untestable_lines(untestable: Sequence[Untestable], told: Sequence[Missing] = ()) -> list[str]:
+    """Effects that could not be tested by the reason why, those that a line or a column would change first; without those
+    that were ``told`` of already."""
+    known = {slug for one in told for slug in one.effects}
     groups: dict[str, list[str]] = {}
     for one in untestable:
         reason = _reason(one.why)
-        if reason not in (ONE_SESSION, *NOTHING):
+        if reason not in (ONE_SESSION, *NOTHING) and one.effect not in known:
             groups.setdefault(reason, []).append(one.effect)
     ranked = sorted(groups.items(), key=lambda item: "`" not in item[0])
     return [f"{joined(slugs)}: {reason}" for reason, slugs in ranked[:SHOWN]]
@@ -32,4 +40,4 @@ def _reason(why: str) -> str:
     return rest if rest and " " not in head else first
 
 
-__all__ = ["untestable_lines"]
+__all__ = ["missing_words", "untestable_lines"]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import os
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import typer
 
 from truepose.commands.catalogue import effects
 from truepose.commands.challenge import challenge
 from truepose.commands.check import check
+from truepose.commands.common import QuietOption
 from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
 from truepose.commands.drift import drift
@@ -20,6 +24,7 @@ from truepose.commands.import_ import import_
 from truepose.commands.init import init
 from truepose.commands.plan import plan
 from truepose.commands.poses import poses
+from truepose.commands.progress import quietly
 from truepose.commands.schema import schema
 from truepose.commands.tables import predict, simulate
 from truepose.demo import demo
@@ -27,12 +32,30 @@ from truepose.demo import demo
 app = typer.Typer(
     name="truepose",
     help="Calibrates precision robots, finds the physics their models leave out, writes the controller's C.",
-    epilog="Exit codes: 0 done, 2 bad input, 3 the fit did not converge (nothing is written).",
+    epilog="Exit codes: 0 done, 2 bad input or no calibration, 3 the fit did not converge (nothing is written).",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _quietable(command: Callable[..., None]) -> Callable[..., None]:
+    """The same command with an option ``--quiet``."""
+
+    @functools.wraps(command)
+    def run(*arguments: Any, quiet: bool = False, **options: Any) -> None:
+        with quietly(quiet):
+            command(*arguments, **options)
+
+    own = inspect.signature(command, eval_str=True)
+    added = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption)
+    parameters = [*own.parameters.values(), added]
+    run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return run
+
+
 for _command in (
     demo,
     init,
@@ -52,8 +75,8 @@ for _command in (
     effects,
     schema,
 ):
-    app.command()(_command)
-app.command("import")(import_)
+    app.command()(_quietable(_command))
+app.command("import")(_quietable(import_))
 
 
 def _version(wanted: bool) -> None:

@@ -12,12 +12,13 @@ import typer
 from truepose.commands.common import (
     JsonOption,
     PluginOption,
-    check_directory,
     finish,
     progress,
     reported,
     written,
 )
+from truepose.commands.identify import DIAGNOSING
+from truepose.commands.results import DIAGNOSIS, check_directory, check_machine
 from truepose.errors import InputError
 
 FIRST = "telescope"
@@ -61,13 +62,15 @@ def demo(
 
         if name not in bundled():
             raise InputError(f"demo: found {name!r}, expected one of {', '.join(bundled())}")
-        check_directory(output)
+        check_directory(output, DIAGNOSIS)
         with (
             resources.as_file(resources.files("truepose.models") / "machines" / name) as bundle,
-            progress("diagnosing") as say,
+            progress("diagnosing", DIAGNOSING) as say,
         ):
             machine = load_machine(bundle / MACHINE)
+            check_machine(output, DIAGNOSIS, machine.name)
             result = diagnose(machine, load_recording(machine, [bundle / RECORDING]), progress=say)
+            say("writing the report")
             names = write_diagnosis(result, output, truth=_truth(bundle / TRUTH))
         summary = diagnosis_summary(result, "demo", written(output, names))
         finish(summary, diagnosis_lines(result, output), diagnosis_notes(result), as_json=as_json)

@@ -13,7 +13,7 @@ from truepose.identification.report.document import Block, Card, Items, Plot, Se
 from truepose.identification.report.level_words import NAMES, lead_words
 from truepose.identification.report.numbers import known, measure, p_value, percent, significant, uncertain
 from truepose.identification.report.sections.sets import posterior_tables
-from truepose.identification.report.untestable_words import untestable_lines
+from truepose.identification.report.untestable_words import missing_words, untestable_lines
 from truepose.wording import joined, shortened
 
 MANY = 12
@@ -22,15 +22,20 @@ MANY = 12
 def findings_section(diagnosis: Diagnosis) -> Section:
     """The verdict in plain words, then every finding, then the alarms and what could not be tested."""
     blocks: list[Block] = []
+    missing = missing_words(diagnosis.missing)
+    if missing:
+        blocks.append(
+            Items(missing, title="What could not be tested, and what would make it testable", tone="warn")
+        )
     if diagnosis.concealed and "free" in diagnosis.fits:
         blocks.append(Text(words.concealed_words(diagnosis), "warn"))
     blocks.append(Items(verdict_reasons.reasons(diagnosis), title="Why we say so"))
     applied = applied_words(diagnosis.applied) if diagnosis.verdict != "adequate" else []
     if applied:
         blocks.append(Items(applied, title="What it is worth to the tool"))
-    untested = untestable_lines(diagnosis.untestable)
+    untested = untestable_lines(diagnosis.untestable, diagnosis.missing)
     if untested:
-        blocks.append(Items(untested, title="What could not be tested, and what would make it testable"))
+        blocks.append(Items(untested, title="What else could not be tested"))
     doubts = verdict_reasons.doubts(diagnosis)
     if doubts:
         blocks.append(Items(doubts, title="What speaks against it", tone="warn"))

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import sys
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +17,7 @@ from truepose.commands.common import (
     finish,
     reported,
 )
+from truepose.commands.progress import counted
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
@@ -69,7 +67,6 @@ CasesOption = Annotated[
         show_default=False,
     ),
 ]
-_Hear = Callable[[int, int, str], None]
 
 
 def challenge(
@@ -107,7 +104,7 @@ def challenge(
         else:
             _alone(draw or bool(machines or strata))
             wanted = replace(sitting(drawn, output, n, timeout), plugins=plugins)
-        with _bar("drawing" if draw else "examining") as hear:
+        with counted("drawing" if draw else "examining") as hear:
             seats = run(wanted, jobs=jobs or os.cpu_count() or 1, again=again, draw_only=draw, progress=hear)
         names = [seat.name for seat in wanted.seats]
         if draw:
@@ -153,20 +150,3 @@ def _finish(found: Table, output: Path, as_json: bool) -> None:
         f"table: {output / 'table.md'}",
     ]
     finish(summary, text, notes, as_json=as_json)
-
-
-@contextlib.contextmanager
-def _bar(label: str) -> Iterator[_Hear]:
-    """A bar of cases done, on a terminal only."""
-    if not (sys.stdout.isatty() and sys.stderr.isatty()):
-        yield lambda *_: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as display:
-        task = display.add_task(label, total=None)
-        yield lambda done, total, name: display.update(
-            task, completed=done, total=total, description=f"{label}: {name}"
-        )

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import sys
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from truepose.commands.progress import progress, quiet
+from truepose.commands.results import check_directory
 from truepose.errors import ConvergenceError, InputError, TrueposeError
 
 BAD_INPUT, NOT_CONVERGED = 2, 3
-DELAY = 2.0
-"""Seconds of work before a progress display appears."""
 
 MachineArg = Annotated[
     Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).", show_default=False)
@@ -48,7 +46,14 @@ JsonOption = Annotated[
 ]
 AnywayOption = Annotated[
     bool,
-    typer.Option("--anyway", help="Go on where the file would leave the tool worse than plain calibration."),
+    typer.Option(
+        "--anyway",
+        help="Go on where the file is no calibration, or would leave the tool worse than a plain one.",
+    ),
+]
+QuietOption = Annotated[
+    bool,
+    typer.Option("--quiet", help="Say nothing but errors: results stand in files, or in what --json prints."),
 ]
 PluginOption = Annotated[
     list[Path] | None,
@@ -81,49 +86,19 @@ def fail(message: str, code: int) -> None:
     raise typer.Exit(code)
 
 
-@contextlib.contextmanager
-def progress(label: str) -> Iterator[Callable[[str], None]]:
-    """A display of what is going on after two seconds, on a terminal only; yields how to say what goes on."""
-    if not (sys.stdout.isatty() and sys.stderr.isatty()):
-        yield lambda _: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    display = Progress(*columns, console=Console(stderr=True), transient=True)
-    task = display.add_task(label, total=None)
-    timer = threading.Timer(DELAY, display.start)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield lambda text: display.update(task, description=text)
-    finally:
-        timer.cancel()
-        timer.join()
-        display.stop()
-
-
 def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str], *, as_json: bool) -> None:
-    """The end of a command: the JSON summary alone, or plain lines with notes on standard error."""
+    """The end of a command: the JSON summary alone, or plain lines with notes on standard error; with --quiet nothing."""
     if as_json:
         from truepose.identification.report.json_text import json_text
 
         typer.echo(json_text({**summary, "notes": list(notes)}), nl=False)
         return
+    if quiet():
+        return
     for note in notes:
         typer.echo(f"note: {note}", err=True)
     for line in lines:
         typer.echo(line)
-
-
-def check_directory(path: Path) -> None:
-    """Refuse at once what could only fail after the work: a file in the directory's place."""
-    for place in (path, *path.parents):
-        if place.exists():
-            if not place.is_dir():
-                raise InputError(f"{path}: expected a directory for the results, found the file {place}")
-            return
 
 
 def check_file(path: Path) -> None:
@@ -137,3 +112,26 @@ def check_file(path: Path) -> None:
 def written(directory: Path, names: Iterable[str]) -> list[str]:
     """Paths of the files written, as text."""
     return [str(directory / name) for name in names]
+
+
+__all__ = [
+    "BAD_INPUT",
+    "NOT_CONVERGED",
+    "AnywayOption",
+    "DirectoryOption",
+    "FileOption",
+    "JsonOption",
+    "MachineArg",
+    "PluginOption",
+    "QuietOption",
+    "RecordingArg",
+    "RecordingsArg",
+    "check_directory",
+    "check_file",
+    "fail",
+    "finish",
+    "progress",
+    "quiet",
+    "reported",
+    "written",
+]

@@ -54,7 +54,7 @@ def compensate(
     MACHINE is a calibrated.yaml or improved.yaml; its effects use the path's drivers (payload, temperatures, time).
     The path's table comes back with the joints' columns corrected.
 
-    Example: truepose compensate result/calibrated.yaml path.csv -o commands.csv
+    Example: truepose compensate fit/calibrated.yaml path.csv -o commands.csv
     """
     with reported(plugin):
         from truepose.identification.compensation import compensate as compensation

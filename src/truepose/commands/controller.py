@@ -13,11 +13,11 @@ from truepose.commands.common import (
     JsonOption,
     MachineArg,
     PluginOption,
-    check_directory,
     finish,
     progress,
     reported,
 )
+from truepose.commands.results import check_code, check_directory
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,12 +44,13 @@ def codegen(
 ) -> None:
     """C99 for the controller: forward and inverse kinematics, Jacobian, compensation.
 
-    Example: truepose codegen result/calibrated.yaml -o controller
+    Example: truepose codegen fit/calibrated.yaml -o controller
     """
     with reported(plugin):
         from truepose.codegen.c import generate
         from truepose.codegen.embedded.section import summary
         from truepose.codegen.embedded.write import generate_measured
+        from truepose.codegen.left_out import left_out, left_out_json, left_out_words
         from truepose.identification.report.applied_words import (
             check_applicable,
             expected_words,
@@ -63,6 +64,7 @@ def codegen(
         number = cast('Literal["double", "float"]', real)
         with progress("writing C"):
             loaded = load_machine(machine)
+            check_code(output, loaded.name)
             if not anyway:
                 check_applicable(loaded)
             drawing = (loaded.file.nominal if loaded.file else {}) or None
@@ -72,14 +74,17 @@ def codegen(
             else:
                 paths = generate(loaded, output, number, nominal=drawing)
         files = sorted(str(path) for path in paths)
+        held = left_out(loaded)
         payload: dict[str, object] = {
             "command": "codegen",
             "machine": loaded.name,
             "real": real,
             "files": files,
-            "calibrated": bool(drawing),
+            "calibrated": held.calibrated,
+            "left_out": left_out_json(held),
             "expected_pose": pose_json(loaded),
         }
         if measured:
             payload["measured"] = [asdict(measurement) for measurement in measured]
-        finish(payload, [*files, expected_words(loaded), *summary(measured)], [], as_json=as_json)
+        told = [*left_out_words(held), expected_words(loaded), *summary(measured)]
+        finish(payload, [*files, *told], [], as_json=as_json)

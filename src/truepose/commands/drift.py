@@ -14,12 +14,12 @@ from truepose.commands.common import (
     MachineArg,
     PluginOption,
     RecordingsArg,
-    check_directory,
     finish,
     progress,
     reported,
     written,
 )
+from truepose.commands.results import DRIFT, check_directory, check_machine
 from truepose.errors import InputError
 
 OutputOption = Annotated[
@@ -62,10 +62,12 @@ def drift(
         from truepose.models.load import load_machine
 
         if output is not None:
-            check_directory(output)
+            check_directory(output, DRIFT)
         wanted = _wanted(accuracy or ())
         with progress("comparing recordings") as say:
             loaded = load_machine(machine)
+            if output is not None:
+                check_machine(output, DRIFT, loaded.name)
             recording = load_recording(loaded, recordings)
             accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
             found = run(loaded, recording, accuracy=accepted, progress=say)

@@ -42,7 +42,7 @@ def export(
 
     Effects that are no constants fit in neither: they are left out, with a note that says how far that moves the tool.
 
-    Example: truepose export result/calibrated.yaml -o arm.urdf
+    Example: truepose export fit/calibrated.yaml -o arm.urdf
     """
     with reported(plugin):
         from truepose.models.export.write import export as write

@@ -13,13 +13,27 @@ from truepose.commands.common import (
     MachineArg,
     PluginOption,
     RecordingsArg,
-    check_directory,
     finish,
     progress,
     reported,
     written,
 )
+from truepose.commands.judgement import refuse
+from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
 
+FITTING = (
+    ("fitting", 3.0),
+    ("fitting without tolerances", 4.0),
+    ("looking for rows", 2.0),
+    ("writing the report", 1.0),
+)
+DIAGNOSING = (
+    ("fitting without effects", 1.0),
+    ("weighing", 5.0),
+    ("naming and proving", 3.0),
+    ("writing the report", 1.0),
+)
+"""What ``calibrate`` and ``diagnose`` do one after the other, and about how long each takes beside the others."""
 EstimatorOption = Annotated[
     str,
     typer.Option(
@@ -59,28 +73,36 @@ def calibrate(
 ) -> None:
     """Identify the machine's constants; writes calibrated.yaml, fit.json and report.html.
 
-    Example: truepose calibrate machine.yaml day1.csv day2.csv -o result
+    Example: truepose calibrate machine.yaml day1.csv day2.csv -o fit
     """
     with reported(plugin):
+        from truepose.identification.diagnosis.far_rows import far_rows
         from truepose.identification.fit.calibrate import calibrate as run
+        from truepose.identification.fit.tool_pose import calibrated_pose
         from truepose.identification.fringes.load import load_recording
         from truepose.identification.report.files import write_calibration
         from truepose.identification.report.results import calibration_json
         from truepose.identification.report.terminal import calibration_lines
         from truepose.models.load import load_machine
 
-        check_directory(output)
-        with progress("calibrating") as say:
+        check_directory(output, FIT)
+        with progress("calibrating", FITTING) as say:
             loaded = load_machine(machine)
+            check_machine(output, FIT, loaded.name)
             rows = load_recording(loaded, recordings, irradiance=irradiance or (), progress=say)
             result = run(loaded, rows, estimator=estimator, solver=solver, progress=say)
-            fit = calibration_json(result)
-            names = write_calibration(result, fit, output)
+            say("looking for rows that do not fit")
+            fit = calibration_json(result, far_rows(result))
+            pose = calibrated_pose(result.fit, result.recording)
+            say("writing the report")
+            names = write_calibration(result, fit, output, pose)
         summary = {"command": "calibrate", **{k: fit[k] for k in _BRIEF}, "files": written(output, names)}
-        finish(summary, calibration_lines(result, fit, output), result.notes, as_json=as_json)
+        finish(summary, calibration_lines(result, fit, output, pose), result.notes, as_json=as_json)
+        refuse(result.judgement, output, as_json=as_json)
 
 
 _BRIEF = (
+    "judgement",
     "status",
     "iterations",
     "rows",
@@ -88,6 +110,7 @@ _BRIEF = (
     "rms",
     "validation_rms",
     "rank",
+    "rows_that_do_not_fit",
     "free_parameters",
     "worst_parameter_sigma",
 )
@@ -111,15 +134,18 @@ def diagnose(
         from truepose.identification.diagnosis.engine import diagnose as run
         from truepose.identification.fringes.load import load_recording
         from truepose.identification.report.files import write_diagnosis
+        from truepose.identification.report.judgement_words import diagnosis_judgement
         from truepose.identification.report.notes import diagnosis_notes
         from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
         from truepose.models.load import load_machine
 
-        check_directory(output)
-        with progress("diagnosing") as say:
+        check_directory(output, DIAGNOSIS)
+        with progress("diagnosing", DIAGNOSING) as say:
             loaded = load_machine(machine)
+            check_machine(output, DIAGNOSIS, loaded.name)
             rows = load_recording(loaded, recordings, irradiance=irradiance or (), progress=say)
             result = run(loaded, rows, progress=say)
+            say("writing the report")
             names = write_diagnosis(result, output)
         finish(
             diagnosis_summary(result, "diagnose", written(output, names)),
@@ -127,3 +153,4 @@ def diagnose(
             diagnosis_notes(result),
             as_json=as_json,
         )
+        refuse(diagnosis_judgement(result), output, as_json=as_json)

@@ -1,0 +1,72 @@
+"""What the generated C leaves out of a machine file's physics, and what it holds still unless the controller says otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from truepose.models.driver import Driver
+from truepose.models.kinematics import driver_default, driver_names
+from truepose.models.machine import Machine
+from truepose.models.placed import PlacedEffect
+from truepose.wording import joined
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """calibrated: whether the file came from a fit; stated: whether it has effects; sensor: labels of effects that move no
+    tool; memory: labels of effects that depend on what was before; drivers: value and unit where the controller gives none."""
+
+    calibrated: bool
+    stated: bool
+    sensor: tuple[str, ...]
+    memory: tuple[str, ...]
+    drivers: Mapping[str, tuple[float, str]]
+
+
+def left_out(machine: Machine) -> LeftOut:
+    """What the C of a machine holds and leaves out."""
+    sensor = [e.label for e in machine.effects if e.kind == "sensor"]
+    memory = [e.label for e in machine.effects if _remembers(e) and e.label not in sensor]
+    units = machine.mechanism.reading_units
+    names = driver_names(machine, machine.effects)
+    drivers = {name: (driver_default(machine, name), Driver.of(name).unit(units) or "1") for name in names}
+    calibrated = machine.file is not None and bool(machine.file.nominal)
+    return LeftOut(calibrated, bool(machine.effects), tuple(sensor), tuple(memory), drivers)
+
+
+def left_out_words(found: LeftOut) -> list[str]:
+    """The same in sentences, for README.md and the terminal."""
+    if found.calibrated:
+        said = ["The machine file was calibrated: without p the code has its values."]
+    else:
+        what = "the effects that the file states" if found.stated else "corrects nothing"
+        said = [f"The machine file was not calibrated: the code has the drawing's constants and {what}."]
+    if found.sensor:
+        said.append(f"Left out, because it moves no tool: {joined(found.sensor)}.")
+    if found.memory:
+        said.append(
+            f"Memory is left out: {joined(found.memory)} depends on what was before, which the code does not follow; the"
+            " controller gives its state in z, else it rests."
+        )
+    if found.drivers:
+        held = [_held(name, *value) for name, value in found.drivers.items()]
+        said.append(f"Held still unless z gives it: {joined(held)}.")
+    return said
+
+
+def _held(name: str, value: float, unit: str) -> str:
+    return f"{name} at {value:g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _remembers(effect: PlacedEffect) -> bool:
+    return any(Driver.of(name).numbers for name in effect.drivers)
+
+
+def left_out_json(found: LeftOut) -> dict[str, object]:
+    """The same as data."""
+    drivers = {name: {"value": value, "unit": unit} for name, (value, unit) in found.drivers.items()}
+    return {"sensor": list(found.sensor), "memory": list(found.memory), "drivers": drivers}
+
+
+__all__ = ["LeftOut", "left_out", "left_out_json", "left_out_words"]

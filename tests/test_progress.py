@@ -1,0 +1,126 @@
+"""What is shown of long work: a line a stage, at least one every ten seconds, and the time left once it is known."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truepose.commands import progress
+from truepose.commands.identify import DIAGNOSING, FITTING
+from truepose.commands.progress import EVERY, Course, Lines, lasting, quietly
+
+DELAY = 2.0
+
+
+class Clock:
+    """A clock that is set by hand."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture(autouse=True)
+def _usual(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The delay that users have; the test run sets a long one."""
+    monkeypatch.setattr(progress, "DELAY", DELAY)
+
+
+def begun(stages: progress.Stages = DIAGNOSING) -> tuple[Clock, Lines, list[str]]:
+    clock, told = Clock(), list[str]()
+    return clock, Lines(Course("diagnosing", stages, clock), told.append), told
+
+
+def test_quick_work_says_nothing() -> None:
+    clock, lines, told = begun()
+    for stage, _ in DIAGNOSING:
+        clock.now += DELAY / 5
+        lines.say(stage)
+        lines.tick()
+    assert told == []
+
+
+def test_a_line_a_stage_and_one_every_ten_seconds() -> None:
+    clock, lines, told = begun()
+    for _ in range(3 * 2):
+        clock.now += 0.5
+        lines.tick()
+    assert told == ["diagnosing (2 s)"]
+    lines.say("weighing 758 explanations")
+    assert told[1:] == ["weighing 758 explanations (stage 2 of 4, 3 s)"]
+    times = [clock.now]
+    for _ in range(200):
+        clock.now += 0.5
+        before = len(told)
+        lines.tick()
+        times += [clock.now] * (len(told) - before)
+    assert len(times) == 11 and max(b - a for a, b in itertools.pairwise(times)) <= EVERY
+
+
+@given(st.lists(st.floats(0.1, 50.0), min_size=4, max_size=4))
+def test_time_left_is_told_from_half_of_the_work_on_and_never_grows_within_a_stage(
+    spent: list[float],
+) -> None:
+    clock = Clock()
+    course, done = Course("diagnosing", DIAGNOSING, clock), 0.0
+    whole = sum(cost for _, cost in DIAGNOSING)
+    for (stage, cost), seconds in zip(DIAGNOSING, spent, strict=True):
+        course.say(f"{stage} of something")
+        assert course.share == pytest.approx(done / whole)
+        assert course.left is None or done >= 0.5 * whole
+        first = course.left
+        clock.now += seconds
+        assert course.left is None or (first is not None and 1.0 <= course.left <= first)
+        done += cost
+
+
+def test_time_left_is_right_where_stages_cost_what_they_should() -> None:
+    clock = Clock()
+    course = Course("diagnosing", DIAGNOSING, clock)
+    for stage, cost in DIAGNOSING[:2]:
+        course.say(stage)
+        clock.now += 7.0 * cost
+    course.say(DIAGNOSING[2][0])
+    assert course.left == pytest.approx(7.0 * (DIAGNOSING[2][1] + DIAGNOSING[3][1]))
+    assert course.words.endswith("(stage 3 of 4, 42 s, about 28 s left)")
+
+
+def test_the_longer_beginning_tells_the_stage() -> None:
+    course = Course("calibrating", FITTING, Clock())
+    for text, stage in (("fitting", 1), ("fitting without tolerances", 2), ("something else", 2)):
+        course.say(text)
+        assert f"stage {stage} of 4" in course.words
+
+
+def test_steps_that_are_counted_tell_how_many_and_how_long() -> None:
+    clock = Clock()
+    course = Course("examining", (), clock)
+    clock.now += 30.0
+    course.count(12, 48)
+    course.say("examining: case012")
+    assert course.words == "examining: case012 (12 of 48, 30 s, about 90 s left)"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"), [(0.4, "0 s"), (99.4, "99 s"), (180.0, "3 min"), (7200.0, "2.0 h")]
+)
+def test_durations_read_well(seconds: float, told: str) -> None:
+    assert lasting(seconds) == told
+
+
+def test_quiet_work_says_nothing_however_long(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(progress, "DELAY", 0.0)
+    with quietly(True), progress.progress("diagnosing") as say:
+        say("weighing")
+    assert capsys.readouterr().err == ""
+    assert not progress.quiet()
+    with progress.progress("diagnosing") as say:
+        say("weighing")
+    assert capsys.readouterr().err.startswith("weighing (")
