@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from truepose.errors import InputError
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.slip import Mend
+from truepose.identification.signatures.untestable import Missing
 
 SCHEMA = "truepose/check/1"
 Verdict = Literal["ok", "suspect", "wrong"]
-
-
-class WrongInputError(InputError):
-    """The recording does not belong to this machine file as it stands; ``check`` says what was found."""
-
-    def __init__(self, message: str, check: Check) -> None:
-        super().__init__(message)
-        self.check = check
 
 
 @dataclass(frozen=True)
@@ -38,7 +29,7 @@ class Found:
     before: float | None = None
     after: float | None = None
     unit: str = "mm"
-    mend: Mend | None = None
+    mend: Mend | None = field(default=None, repr=False)
     instead: tuple[str, ...] = ()
 
     def document(self) -> dict[str, Any]:
@@ -64,7 +55,8 @@ class Check:
     rows: int
     left: float | None
     unit: str = "mm"
-    untestable: tuple[Mapping[str, Any], ...] = ()
+    missing: tuple[Missing, ...] = ()
+    """What this machine likely has and the recording cannot show."""
     pair: Pair | None = field(default=None, repr=False)
 
     @property
@@ -90,8 +82,8 @@ class Check:
             "found": [f.document() for f in self.found],
             "rows": self.rows,
             "misfit": None if self.left is None else {"value": self.left, "unit": self.unit},
-            "untestable": [dict(item) for item in self.untestable],
+            "untestable": [{"effects": list(m.effects), "why": m.why, "add": m.add} for m in self.missing],
         }
 
 
-__all__ = ["SCHEMA", "Check", "Found", "Verdict", "WrongInputError"]
+__all__ = ["SCHEMA", "Check", "Found", "Verdict"]

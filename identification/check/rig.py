@@ -29,6 +29,8 @@ MOST_ROWS = 45
 """Rows that a hypothesis is judged by: enough to tell slips apart, few enough for a hundred hypotheses in a second."""
 KEPT = 0.8
 """Share of the rows, those that fit best, that a misfit is taken over: gross readings must not hide a slip."""
+ABSURD = 0.02
+"""Share of what the tool moves that no drawing is wrong by."""
 _STEPS, _FEW, _ENOUGH = 12, 4, 1e-3
 
 
@@ -342,8 +344,20 @@ def _weights(residual: Array) -> Array:
     return 1.0 / np.sqrt(1.0 + (each / (3.0 * middle)) ** 2)
 
 
+def motion(rig: Rig, stand: Stand) -> float:
+    """Whitened rms of the readings about their mean over the rows judged."""
+    rows = stand.scene.rows.subset(stand.rows)
+    spread = [
+        np.nanstd(rows.observations[c]) / channel.sigma
+        for s in rig.machine.sensors
+        for c, channel in zip(s.columns, s.channels, strict=False)
+        if c in rows.observations
+    ]
+    return float(np.sqrt(np.mean(np.square(spread)))) / stand.scene.size if spread else float("inf")
+
+
 def _differs(machine: Machine) -> bool:
     return any(sensor.differs_from_row for sensor in machine.sensors)
 
 
-__all__ = ["KEPT", "Rig", "Scene", "Stand"]
+__all__ = ["ABSURD", "KEPT", "Rig", "Scene", "Stand", "motion"]

@@ -15,6 +15,7 @@ from truepose.identification.check.search import search, shown
 from truepose.identification.check.sensorless import without_sensor
 from truepose.identification.fringes.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -37,8 +38,6 @@ def check_files(
     check = check_loaded(loaded, rows, pair)
     if check.verdict != "wrong":
         check = replace(check, found=(*out_of_range(loaded, rows), *check.found))
-    if check.verdict != "wrong":
-        rows = load_recording(loaded, recordings, irradiance=irradiance)
     return check, loaded, rows
 
 
@@ -67,7 +66,8 @@ def check_loaded(machine: Machine, recording: Recording, pair: Pair | None = Non
         found += sigmas(rig, result.stand, result.price)
     left, _, unit = shown(result.stand, result.stand)
     ordered = sorted(found, key=lambda f: _ORDER[f.verdict])
-    return Check(tuple(ordered), len(recording), left, unit, pair=pair)
+    missing = missing_inputs(machine, recording)
+    return Check(tuple(ordered), len(recording), left, unit, missing, pair)
 
 
 __all__ = ["check_files", "check_loaded", "unbounded"]

@@ -21,7 +21,7 @@ from truepose.identification.check.kinds.poses import poses
 from truepose.identification.check.kinds.table import conventions
 from truepose.identification.check.kinds.units import units
 from truepose.identification.check.result import Found, Verdict
-from truepose.identification.check.rig import Rig, Scene, Stand
+from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
 from truepose.identification.check.sessions import moved
 from truepose.identification.check.slip import Slip
 from truepose.models.machine import FRAMES
@@ -33,8 +33,6 @@ QUIET = 2.5
 """Misfit, in sigmas, below which nothing is looked for: the file fits."""
 ALIKE = 1.15
 """Slips that fit within this factor of the best one fit as well."""
-ABSURD = 0.02
-"""Share of what the tool moves that no drawing is wrong by."""
 _DEEPEST, _POLISHED, _MOST = 3, 8, 300
 QUICK = (units, signs, end_zeros, exchanged, quarter_turns, conventions, mirrored, targets, poses, shifted)
 SLOW = (turned, zeros)
@@ -188,18 +186,6 @@ def _absurd(rig: Rig, stand: Stand) -> bool:
     if stand.bad:
         return True
     return bool(stand.misfit > 10.0 * expected(rig, stand) and stand.misfit > ABSURD * motion(rig, stand))
-
-
-def motion(rig: Rig, stand: Stand) -> float:
-    """Whitened rms of the readings about their mean over the rows judged."""
-    rows = stand.scene.rows.subset(stand.rows)
-    spread = [
-        np.nanstd(rows.observations[c]) / channel.sigma
-        for s in rig.machine.sensors
-        for c, channel in zip(s.columns, s.channels, strict=False)
-        if c in rows.observations
-    ]
-    return float(np.sqrt(np.mean(np.square(spread)))) / stand.scene.size if spread else float("inf")
 
 
 def _unexplained(rig: Rig, stand: Stand) -> Found:

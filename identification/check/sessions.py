@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truepose.identification.check.drawing import expected
 from truepose.identification.check.pair import Sheet
 from truepose.identification.check.result import Found
-from truepose.identification.check.rig import Rig, Scene, Stand
+from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
 
 Array = NDArray[np.float64]
 _PARTS = 8
@@ -42,13 +42,16 @@ def moved(rig: Rig, scene: Scene, stand: Stand, price: float) -> Iterator[Found]
     size, length = sizes[best]
     if stand.misfit < _TIMES * size:
         return
+    known = best in _edges(scene)
+    if known and stand.misfit < ABSURD * motion(rig, stand):
+        return  # a mount that moved a little between sessions is physics, with a name of its own
     row = scene.rows.where(min(best, len(scene.rows) - 1))
     yield Found(
         "sessions-mixed",
         ("session",),
-        f"the set-up changes near {row}: before and after fit {stand.misfit / size:.0f} times better each by itself",
+        f"the set-up changes near {row}: each part by itself",
         "give each set-up its own number in a column 'session', or calibrate them one by one",
-        "wrong",
+        "suspect" if known else "wrong",
         stand.length,
         length,
         "mm",
@@ -62,9 +65,14 @@ def moved(rig: Rig, scene: Scene, stand: Stand, price: float) -> Iterator[Found]
 
 def _cuts(scene: Scene) -> list[int]:
     n = len(scene.rows)
-    edges = np.flatnonzero(np.diff(scene.rows.source_file) | np.diff(scene.rows.session)) + 1
+    edges = _edges(scene)
     even = np.linspace(0, n, _PARTS + 1).round().astype(int)[1:-1]
     return sorted({int(c) for c in (*edges, *even) if _FEWEST <= c <= n - _FEWEST})
+
+
+def _edges(scene: Scene) -> list[int]:
+    """Rows at which another file or another recorded session begins."""
+    return (np.flatnonzero(np.diff(scene.rows.source_file) | np.diff(scene.rows.session)) + 1).tolist()
 
 
 def _apart(rig: Rig, scene: Scene, cut: int) -> tuple[float, float | None]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from truepose.identification.check.result import Check, Found
+from truepose.identification.report.lines import wrapped
+from truepose.identification.report.untestable_words import missing_words
 
+_CAUTIONS = 3
 _VERDICTS = {
     "ok": "ok: the recording fits the machine file",
     "suspect": "suspect: the recording may not belong to the machine file as it stands",
@@ -26,6 +29,8 @@ def check_lines(check: Check, written: Sequence[str] = ()) -> list[str]:
         lines.append(
             f"{mended}base and tool alone leave {check.left:.3g} {check.unit} rms over {check.rows} rows"
         )
+    for text in missing_words(check.missing):
+        lines += wrapped(f"cannot be tested: {text}")
     if written:
         lines.append(f"written: {', '.join(written)}")
     return lines
@@ -55,8 +60,20 @@ def refusal(check: Check) -> str:
 
 
 def caution(check: Check) -> list[str]:
-    """What stands first above a result where something may be wrong, or was passed over."""
+    """What stands above a result where something may be wrong, or was passed over."""
     return [f"{f.verdict.upper()}: {f.kind}: {found_words(f)}; {f.fix}" for f in check.found]
 
 
-__all__ = ["caution", "check_lines", "found_words", "refusal"]
+def caution_lines(check: Check) -> list[str]:
+    """The same for a terminal: the first three, two lines each."""
+    shown = [line for text in caution(check)[:_CAUTIONS] for line in wrapped(text, indent=0)]
+    left = len(check.found) - _CAUTIONS
+    return [*shown, f"and {left} more: see truepose check"] if left > 0 else shown
+
+
+def checked(check: Check) -> dict[str, object]:
+    """What a result's JSON holds of a check: nothing where all is well."""
+    return {"check": check.document()} if check.found else {}
+
+
+__all__ = ["caution", "caution_lines", "check_lines", "checked", "found_words", "refusal"]

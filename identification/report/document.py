@@ -73,10 +73,11 @@ class Section:
 
 @dataclass(frozen=True)
 class Document:
-    """The whole page. ``headline`` is the result in one sentence."""
+    """The whole page. ``headline`` is the result in one sentence; ``cautions`` stand above it."""
 
     title: str
     headline: str
     tone: Tone
     facts: Sequence[tuple[str, str]]
     sections: Sequence[Section]
+    cautions: Sequence[str] = ()

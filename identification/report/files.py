@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
 from truepose.files import atomic_directory, atomic_write_text
+from truepose.identification.check.result import Check
 from truepose.identification.diagnosis.far_rows import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.drift.analysis import Drift
@@ -16,6 +17,7 @@ from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.report import pages
 from truepose.identification.report.applied_words import expected_pose
+from truepose.identification.report.check_words import caution, checked
 from truepose.identification.report.drift_page import drift_html
 from truepose.identification.report.drift_words import drift_json
 from truepose.identification.report.json_text import json_text
@@ -82,29 +84,39 @@ def _(result: Drift, output: Path) -> list[str]:
 
 
 def write_calibration(
-    result: Calibration, document: Mapping[str, Any], output: Path, pose: ExpectedPose | None
+    result: Calibration,
+    document: Mapping[str, Any],
+    output: Path,
+    pose: ExpectedPose | None,
+    cautions: Sequence[str] = (),
 ) -> list[str]:
     """``calibrated.yaml``, ``fit.json`` (its ``document``) and ``report.html``; their names.
 
-    ``pose``: what the fit is worth to the tool.
+    ``pose``: what the fit is worth to the tool; ``cautions`` stand above the report.
     """
     far = far_row_words(document["rows_that_do_not_fit"])
     with atomic_directory(output) as partial:
         write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose)
         atomic_write_text(partial / "fit.json", json_text(document))
-        page = pages.calibration_html(result.fit, result.free, result.recording, far)
+        page = pages.calibration_html(result.fit, result.free, result.recording, far, cautions)
         atomic_write_text(partial / REPORT, page)
         return sorted(file.name for file in partial.iterdir())
 
 
-def write_diagnosis(result: Diagnosis, output: Path, truth: Mapping[str, Any] | None = None) -> list[str]:
-    """``diagnosis.json``, ``improved.yaml`` and ``report.html``, whose last page holds the ``truth`` of a simulation."""
+def write_diagnosis(
+    result: Diagnosis, output: Path, truth: Mapping[str, Any] | None = None, check: Check | None = None
+) -> list[str]:
+    """``diagnosis.json``, ``improved.yaml`` and ``report.html``, whose last page holds the ``truth`` of a simulation.
+
+    What a ``check`` of the files found stands above all.
+    """
+    found = {} if check is None else checked(check)
     with atomic_directory(output) as partial:
-        atomic_write_text(partial / "diagnosis.json", json_text(diagnosis_json(result)))
+        atomic_write_text(partial / "diagnosis.json", json_text({**diagnosis_json(result), **found}))
         pose = expected_pose(result.applied)
         judgement = diagnosis_judgement(result)
         write_calibrated(partial / "improved.yaml", result.after, result.recording, pose, judgement)
-        atomic_write_text(partial / REPORT, pages.report_html(result, truth))
+        atomic_write_text(partial / REPORT, pages.report_html(result, truth, caution(check) if check else ()))
         return sorted(file.name for file in partial.iterdir())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,19 +31,29 @@ SUSPICIOUS = 1.3
 """Misfit chi2 per degree of freedom above which a calibration alone does not explain the readings."""
 
 
-def report_html(diagnosis: Diagnosis, truth: Mapping[str, Any] | None = None) -> str:
+def report_html(
+    diagnosis: Diagnosis, truth: Mapping[str, Any] | None = None, cautions: Sequence[str] = ()
+) -> str:
     """The report of a diagnosis as one HTML file that loads nothing.
 
-    ``truth`` (bundled demonstrations only) adds a last page.
+    ``truth`` (bundled demonstrations only) adds a last page; ``cautions`` stand above all.
     """
-    return render.html(_diagnosis_document(diagnosis, truth))
+    return render.html(replace(_diagnosis_document(diagnosis, truth), cautions=tuple(cautions)))
 
 
 def calibration_html(
-    estimate: Estimate, free: Estimate | None, recording: Recording, warnings: Sequence[str] = ()
+    estimate: Estimate,
+    free: Estimate | None,
+    recording: Recording,
+    warnings: Sequence[str] = (),
+    cautions: Sequence[str] = (),
 ) -> str:
-    """The report of a fit alone; ``free`` is the same fit with its tolerances widened, ``warnings`` stand first."""
-    return render.html(_calibration_document(estimate, free, recording, warnings))
+    """The report of a fit alone; ``free`` is the same fit with its tolerances widened.
+
+    ``warnings`` open its first section, ``cautions`` stand above all.
+    """
+    document = _calibration_document(estimate, free, recording, warnings)
+    return render.html(replace(document, cautions=tuple(cautions)))
 
 
 def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -> Document:

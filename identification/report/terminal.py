@@ -66,7 +66,7 @@ def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict
     return {"command": command, **kept, "files": files}
 
 
-def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
+def diagnosis_lines(result: Diagnosis, output: Path, most: int = LINES) -> list[str]:
     """Verdict, before and after, findings, what speaks against them, what could not be tested, what to do next."""
     judgement = diagnosis_judgement(result)
     head = [*_verdict(result, judgement.refusal), *_worth(result)]
@@ -75,9 +75,9 @@ def diagnosis_lines(result: Diagnosis, output: Path) -> list[str]:
     for room in ROOM:
         foot = [*_beside(result, *room), *end]
         items = _found(result, room == TIGHT)
-        if len(head) + sum(map(len, items)) + len(foot) <= LINES:
+        if len(head) + sum(map(len, items)) + len(foot) <= most:
             break
-    return [*head, *listed(items, LINES - len(head) - len(foot)), *foot]
+    return [*head, *listed(items, most - len(head) - len(foot)), *foot]
 
 
 def _verdict(result: Diagnosis, refused: str) -> list[str]:

@@ -18,16 +18,19 @@ from truepose.commands.common import (
     reported,
     written,
 )
+from truepose.commands.gate import GateOption, gated
 from truepose.commands.judgement import refuse
 from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
 
 FITTING = (
+    ("checking", 1.0),
     ("fitting", 3.0),
     ("fitting without tolerances", 4.0),
     ("looking for rows", 2.0),
     ("writing the report", 1.0),
 )
 DIAGNOSING = (
+    ("checking", 0.3),
     ("fitting without effects", 1.0),
     ("weighing", 5.0),
     ("naming and proving", 3.0),
@@ -68,6 +71,7 @@ def calibrate(
     estimator: EstimatorOption = "map",
     solver: SolverOption = "gn",
     irradiance: IrradianceOption = None,
+    anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -79,25 +83,25 @@ def calibrate(
         from truepose.identification.diagnosis.far_rows import far_rows
         from truepose.identification.fit.calibrate import calibrate as run
         from truepose.identification.fit.tool_pose import calibrated_pose
-        from truepose.identification.fringes.load import load_recording
+        from truepose.identification.report.check_words import caution, caution_lines, checked
         from truepose.identification.report.files import write_calibration
         from truepose.identification.report.results import calibration_json
         from truepose.identification.report.terminal import calibration_lines
-        from truepose.models.load import load_machine
 
         check_directory(output, FIT)
         with progress("calibrating", FITTING) as say:
-            loaded = load_machine(machine)
+            say("checking")
+            loaded, rows, check = gated(machine, recordings, irradiance=irradiance or (), anyway=anyway)
             check_machine(output, FIT, loaded.name)
-            rows = load_recording(loaded, recordings, irradiance=irradiance or (), progress=say)
             result = run(loaded, rows, estimator=estimator, solver=solver, progress=say)
             say("looking for rows that do not fit")
             fit = calibration_json(result, far_rows(result))
             pose = calibrated_pose(result.fit, result.recording)
             say("writing the report")
-            names = write_calibration(result, fit, output, pose)
+            names = write_calibration(result, {**fit, **checked(check)}, output, pose, caution(check))
         summary = {"command": "calibrate", **{k: fit[k] for k in _BRIEF}, "files": written(output, names)}
-        finish(summary, calibration_lines(result, fit, output, pose), result.notes, as_json=as_json)
+        lines = [*caution_lines(check), *calibration_lines(result, fit, output, pose)]
+        finish({**summary, **checked(check)}, lines, result.notes, as_json=as_json)
         refuse(result.judgement, output, as_json=as_json)
 
 
@@ -121,6 +125,7 @@ def diagnose(
     recordings: RecordingsArg,
     output: DirectoryOption,
     irradiance: IrradianceOption = None,
+    anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -132,24 +137,25 @@ def diagnose(
     """
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
-        from truepose.identification.fringes.load import load_recording
+        from truepose.identification.report.check_words import caution_lines, checked
         from truepose.identification.report.files import write_diagnosis
         from truepose.identification.report.judgement_words import diagnosis_judgement
+        from truepose.identification.report.lines import LINES
         from truepose.identification.report.notes import diagnosis_notes
         from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
-        from truepose.models.load import load_machine
 
         check_directory(output, DIAGNOSIS)
         with progress("diagnosing", DIAGNOSING) as say:
-            loaded = load_machine(machine)
+            say("checking")
+            loaded, rows, check = gated(machine, recordings, irradiance=irradiance or (), anyway=anyway)
             check_machine(output, DIAGNOSIS, loaded.name)
-            rows = load_recording(loaded, recordings, irradiance=irradiance or (), progress=say)
             result = run(loaded, rows, progress=say)
             say("writing the report")
-            names = write_diagnosis(result, output)
+            names = write_diagnosis(result, output, check=check)
+        warned = caution_lines(check)
         finish(
-            diagnosis_summary(result, "diagnose", written(output, names)),
-            diagnosis_lines(result, output),
+            {**diagnosis_summary(result, "diagnose", written(output, names)), **checked(check)},
+            [*warned, *diagnosis_lines(result, output, LINES - len(warned))],
             diagnosis_notes(result),
             as_json=as_json,
         )
