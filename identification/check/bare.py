@@ -1,4 +1,4 @@
-"""What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still, a sigma that replicates deny."""
+"""What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
 from truepose.identification.recording.file import SLACK
@@ -17,8 +16,6 @@ from truepose.models.units import convert
 from truepose.wording import joined, shortened
 
 Array = NDArray[np.float64]
-FAR = 5.0
-"""How many times a stated sigma may differ from what readings say before it is worth a word."""
 _FEWEST = 6
 
 
@@ -109,7 +106,8 @@ def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
             convert(float(q[bad[0]]), a.reading_unit, unit),
             [convert(v, a.reading_unit, unit) for v in a.range],
         )
-        says = f"{recording.where(int(bad[0]))}: {a.reading} is {found:.6g} {unit}, out of its range [{ends[0]:.6g}, {ends[1]:.6g}]"
+        limits = f"[{ends[0]:.6g}, {ends[1]:.6g}]"
+        says = f"{recording.where(int(bad[0]))}: {a.reading} is {found:.6g} {unit}, out of its range {limits}"
         if np.ptp(q) <= (1.0 + 2.0 * SLACK) * (high - low):
             shift = convert((low + high) / 2 - (q.min() + q.max()) / 2, a.reading_unit, unit)
             says += f", and a zero elsewhere, by about {shift:+.3g} {unit}, would bring all rows inside"
@@ -143,101 +141,15 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     units = machine.units
     stated = {"length": convert(size, "mm", units.length), "angle": convert(angle, "deg", units.angle)}
     stated = {key: float(f"{value:.3g}") for key, value in stated.items()}
+    example = f"{{length: {stated['length']:g}, angle: {stated['angle']:g}}}"
     yield Found(
         "no-tolerances",
         ("tolerances",),
         "no tolerance of the mechanism is stated: only base and tool would be fitted",
-        f"state what the drawing allows, for example 'tolerances: {{length: {stated['length']:g}, angle: {stated['angle']:g}}}'",
+        f"state what the drawing allows, for example 'tolerances: {example}'",
         "suspect",
         mend=lambda pair: pair.with_field(("tolerances",), {**(pair.get(("tolerances",)) or {}), **stated}),
     )
 
 
-def sigmas(rig: Rig, stand: Stand, price: float) -> Iterator[Found]:
-    """Kinds of reading whose sigma is far from the scatter of replicates, or from all that is left."""
-    for kind, (ratio, words) in _scatters(rig, stand, price).items():
-        if ratio is None or 1.0 / FAR < ratio < FAR:
-            continue
-        channel = next(c for c in rig.machine.channels if c.kind == kind)
-        size = float(f"{channel.sigma * ratio:.2g}")
-        fields = _fields(kind)
-        unit = rig.machine.units.written(channel.unit)
-        yield Found(
-            "sigma",
-            (f"sensor.sigma.{fields}",),
-            f"{words} by {size:.3g} {channel.unit}, sigma is stated as {channel.sigma:.3g} {channel.unit}",
-            f"state sigma: {{{fields}: {convert(size, channel.unit, unit):.2g}}}",
-            "suspect",
-            channel.sigma,
-            size,
-            channel.unit,
-            lambda pair, fields=fields, new=convert(size, channel.unit, unit): _mend_sigma(pair, fields, new),
-        )
-
-
-def _fields(kind: str) -> str:
-    return {"position": "xyz", "rotation": "rot", "distance": "distance"}.get(kind, kind)
-
-
-def _mend_sigma(pair: Pair, key: str, value: float) -> Pair:
-    sensor = pair.get(("sensor",))
-    heads = [("sensor", k) for k in range(len(sensor))] if isinstance(sensor, list) else [("sensor",)]
-    for head in heads:
-        if pair.get((*head, "sigma", key)) is not None:
-            pair = pair.with_field((*head, "sigma", key), float(f"{value:.3g}"))
-    return pair
-
-
-def _scatters(rig: Rig, stand: Stand, price: float) -> dict[str, tuple[float | None, str]]:
-    """By kind of reading: scatter over sigma of replicates; without any, what is left of the fit if that is too little."""
-    kinds = list(dict.fromkeys(c.kind for c in rig.machine.channels))
-    rows = _replicates(rig.recording)
-    out: dict[str, tuple[float | None, str]] = {}
-    if len(rows) >= 2:
-        labels = np.concatenate([np.full(len(r), k) for k, r in enumerate(rows)])
-        here = (
-            rig.predictor.over(rig.recording.subset(np.concatenate(rows)))
-            if not _differs(rig.machine)
-            else None
-        )
-        if here is not None:
-            x, good = here.assemble(stand.p, follow=False)
-            residual = np.concatenate([b.residual for b in here.blocks(stand.p, x)])
-            for kind in kinds:
-                at = [k for k, c in enumerate(rig.machine.channels) if c.kind == kind]
-                out[kind] = (_within(residual[:, at], labels, good), "replicates scatter")
-    left = stand.residual
-    for k, kind in enumerate(kinds):
-        if kind not in out and price < 1.0 / FAR and len(left):
-            out[kind] = (price, "everything that is left varies")
-    return out
-
-
-def _replicates(recording: Recording) -> list[NDArray[np.intp]]:
-    """Places of rows at one reading of all joints, in one session, groups of two and more."""
-    use = np.flatnonzero(~recording.validation)
-    told = np.column_stack([recording.q[use], recording.session[use]]) + 0.0
-    _, label, count = np.unique(told, axis=0, return_inverse=True, return_counts=True)
-    label = label.reshape(-1)
-    return [use[label == k] for k in np.flatnonzero(count >= 2)[:100]]
-
-
-def _within(residual: Array, labels: NDArray[np.int64], good: NDArray[np.bool_]) -> float | None:
-    """The middle of the groups' scatter; None where too few readings repeat."""
-    sizes, spare = [], 0
-    for k in np.unique(labels):
-        own = residual[(labels == k) & good]
-        own = own[np.isfinite(own).all(axis=1)]
-        if len(own) >= 2:
-            spare += (len(own) - 1) * own.shape[1]
-            sizes.append(
-                float(np.sqrt(np.sum((own - own.mean(axis=0)) ** 2) / ((len(own) - 1) * own.shape[1])))
-            )
-    return float(np.median(sizes)) if spare >= _FEWEST else None
-
-
-def _differs(machine: Machine) -> bool:
-    return any(s.differs_from_row or s.compares for s in machine.sensors)
-
-
-__all__ = ["bare", "no_tolerances", "repeats", "sigmas"]
+__all__ = ["bare", "no_tolerances", "out_of_range", "repeats"]

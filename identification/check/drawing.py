@@ -54,7 +54,7 @@ class _Priced:
             tolerance[rig.at[frame]] = np.inf
         self.moving = np.flatnonzero(tolerance > 0)
         known = np.isfinite(tolerance[self.moving])
-        natural = np.array([100.0 if _long(rig, k) else 1.0 for k in self.moving])
+        natural = np.array([100.0 if _long(rig, int(k)) else 1.0 for k in self.moving])
         self.scale = np.where(known, tolerance[self.moving], natural)
         self.held = np.where(known, 1.0, 1.0 / _LOOSE)
         self.known = known

@@ -7,12 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from truepose.errors import InputError
-from truepose.identification.check.bare import bare, no_tolerances, out_of_range, sigmas
+from truepose.identification.check.bare import bare, no_tolerances, out_of_range
+from truepose.identification.check.judging import shown
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
-from truepose.identification.check.search import search, shown
+from truepose.identification.check.search import search
 from truepose.identification.check.sensorless import without_sensor
+from truepose.identification.check.sigma import sigmas
 from truepose.identification.fringes.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import missing_inputs

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from truepose.identification.check.pair import Pair
-from truepose.identification.check.rig import Rig, Scene
+from truepose.identification.check.rig import Scene, Stand
 
 Change = Callable[[Scene], Scene]
 Mend = Callable[[Pair], Pair]
@@ -30,5 +30,15 @@ class Slip:
     """How many times better it must fit than a plainer slip (a search over a size finds something more often)."""
 
 
-Maker = Callable[[Rig, Scene], Iterator[Slip]]
-__all__ = ["Change", "Maker", "Mend", "Slip"]
+@dataclass(frozen=True)
+class Tried:
+    """A slip with the scene under it, and how well base and tool fit there."""
+
+    slip: Slip
+    scene: Scene
+    stand: Stand
+    price: float = float("inf")
+    """With what it costs in tolerances (``drawing.priced``)."""
+
+
+__all__ = ["Change", "Mend", "Slip", "Tried"]

@@ -24,21 +24,27 @@ _MOST_TARGETS = 4
 def mirrored(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """A measuring frame of the other hand: one axis with the other sign, or two axes exchanged.
 
-    Where points alone are read, all of these differ by a turn of the base only: two stand for all, an exchange and a sign.
+    Where turns are read, they may have been mirrored as well or not. All frames mirrored as a whole differ by a turn of base
+    and tool only: one stands for all where those are unknown, six plain ones else.
     """
     every = [m for m in _maps() if _hand(*m) < 0]
-    if not any(isinstance(sensor, Pose) for sensor in rig.machine.sensors):
-        known = np.isfinite(rig.tolerance[rig.at["base"]]).all()
-        every = every[:6] if known else [m for m in every if m == ((0, 1, 2), (1, 1, -1))]
-    for order, signs in every:
-        yield from _mapped(rig, order, signs)
+    known = np.isfinite(rig.tolerance[rig.at["base"]]).all()
+    for order, signs in every[:6] if known else [m for m in every if m == ((0, 1, 2), (1, 1, -1))]:
+        yield from _mapped(rig, order, signs, whole=True)
+    if _turns(rig):
+        for order, signs in every:
+            yield from _mapped(rig, order, signs, whole=False)
 
 
 def turned(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Axes in another order or with other signs, of the same hand: seen only where turns are read too, or the base is known."""
     for order, signs in _maps():
         if _hand(order, signs) > 0 and (order, signs) != ((0, 1, 2), (1, 1, 1)):
-            yield from _mapped(rig, order, signs)
+            yield from _mapped(rig, order, signs, whole=False)
+
+
+def _turns(rig: Rig) -> bool:
+    return any(isinstance(sensor, Pose) for sensor in rig.machine.sensors)
 
 
 def _maps() -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
@@ -55,10 +61,11 @@ def _hand(order: Sequence[int], signs: Sequence[int]) -> float:
     return float(np.linalg.det(matrix))
 
 
-def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...]) -> Iterator[Slip]:
+def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...], *, whole: bool) -> Iterator[Slip]:
     points = _points(rig)
     if not points:
         return
+    turns = whole and _turns(rig)
     exchanged = [_XYZ[k] for k in range(3) if order[k] != k]
     flipped = [_XYZ[k] for k in range(3) if signs[k] < 0]
     parts = (
@@ -74,8 +81,8 @@ def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...]) -> Iterato
         tuple(exchanged if swap else dict.fromkeys([*exchanged, *flipped])),
         f"measured {joined(parts)}",
         f"{'exchange the headers of' if swap else 'change'} the sensor's columns: {joined(parts)}",
-        partial(_remapped, points, order, signs),
-        partial(_mend, points, order, signs),
+        partial(_remapped, points, order, signs, turns),
+        partial(_mend, points, order, signs, turns),
     )
 
 
@@ -92,9 +99,13 @@ def _points(rig: Rig) -> list[tuple[str, str, str]]:
 
 
 def _remapped(
-    points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int], scene: Scene
+    points: Sequence[tuple[str, str, str]],
+    order: Sequence[int],
+    signs: Sequence[int],
+    turns: bool,
+    scene: Scene,
 ) -> Scene:
-    return scene.with_columns(_columns(scene.rows.observations, points, order, signs))
+    return scene.with_columns(_columns(scene.rows.observations, points, order, signs, turns))
 
 
 def _columns(
@@ -102,16 +113,26 @@ def _columns(
     points: Sequence[tuple[str, str, str]],
     order: Sequence[int],
     signs: Sequence[int],
+    turns: bool,
 ) -> dict[str, Array]:
-    return {triple[k]: signs[k] * seen[triple[order[k]]] for triple in points for k in range(3)}
+    """Columns of points in the mapped axes, and of rotation vectors: S Exp(w) S' = Exp(det(S) S w)."""
+    out = {triple[k]: signs[k] * seen[triple[order[k]]] for triple in points for k in range(3)}
+    hand = _hand(order, signs)
+    return out | {_TURN[k]: hand * signs[k] * seen[_TURN[order[k]]] for k in range(3) if turns}
 
 
 def _mend(
-    points: Sequence[tuple[str, str, str]], order: Sequence[int], signs: Sequence[int], pair: Pair
+    points: Sequence[tuple[str, str, str]],
+    order: Sequence[int],
+    signs: Sequence[int],
+    turns: bool,
+    pair: Pair,
 ) -> Pair:
+    names = [n for triple in (*points, *((_TURN,) if turns else ())) for n in triple]
+
     def change(sheet: Sheet) -> Sheet:
-        here = {n: sheet.numbers(n) for triple in points for n in triple if n in sheet.units}
-        return sheet.with_numbers(_columns(here, points, order, signs)) if here else sheet
+        here = {n: sheet.numbers(n) for n in names if n in sheet.units}
+        return sheet.with_numbers(_columns(here, points, order, signs, turns)) if here else sheet
 
     return pair.each(change)
 
@@ -132,8 +153,12 @@ def targets(rig: Rig, scene: Scene) -> Iterator[Slip]:
                 f"targets {joined(names)} {'exchanged' if len(names) == 2 else 'in another order'}",
                 "rename the columns: " + ", ".join(f"{labels[order[k]]} is {labels[k]}" for k in moved),
                 partial(_relabelled, called),
-                lambda pair, called=called: pair.each(lambda sheet: sheet.renamed(called)),
+                partial(_mend_labels, called),
             )
+
+
+def _mend_labels(called: Mapping[str, str], pair: Pair) -> Pair:
+    return pair.each(lambda sheet: sheet.renamed(called))
 
 
 def _orders(n: int) -> Iterator[tuple[int, ...]]:

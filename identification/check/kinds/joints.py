@@ -62,9 +62,9 @@ def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
     orders: list[tuple[int, ...]] = []
     for i, j in combinations(range(n), 2):
         if actuators[i].reading_unit == actuators[j].reading_unit:
-            order = list(range(n))
-            order[i], order[j] = j, i
-            orders.append(tuple(order))
+            swapped = list(range(n))
+            swapped[i], swapped[j] = j, i
+            orders.append(tuple(swapped))
     if len({a.reading_unit for a in actuators}) == 1 and n > 2:
         orders += [tuple(range(n))[::-1], (*range(1, n), 0), (n - 1, *range(n - 1))]
     for order in dict.fromkeys(orders):
@@ -161,7 +161,11 @@ def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
         else:
             span = float(np.ptp(scene.rows.q[:, k])) or 1.0
             grid = span * np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
-        found = _narrowed(lambda size, k=k: rig.stand(_plus(k, size, scene), quick=True).misfit, grid)
+
+        def misfit(size: float, k: int = k) -> float:
+            return rig.stand(_plus(k, size, scene), quick=True).misfit
+
+        found = _narrowed(misfit, grid)
         if abs(found) > (LEAST if a.reading_unit == "rad" else 0.02 * span):
             yield offset(rig, k, found, cost=2.0)
 

@@ -52,16 +52,16 @@ def poses(rig: Rig, scene: Scene) -> Iterator[Slip]:
                 partial(_euler, sequence, (0, 1, 2)),
             )
     # roll, pitch and yaw stand in the columns of their axes, but are applied in another order
-    for order in permutations("xyz"):
-        places = tuple("xyz".index(axis) for axis in order)
+    for axes in permutations("xyz"):
+        places = tuple("xyz".index(axis) for axis in axes)
         if places != (0, 1, 2):
-            product = " ".join(f"R{axis}(r{axis})" for axis in order)
+            product = " ".join(f"R{axis}(r{axis})" for axis in axes)
             yield _slip(
                 rig,
                 "rotation-convention",
                 f"rx, ry, rz as angles of their axes: {product}",
                 "write rotation vectors (axis times angle)",
-                partial(_euler, "".join(order).upper(), places),
+                partial(_euler, "".join(axes).upper(), places),
             )
 
 

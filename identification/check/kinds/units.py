@@ -45,8 +45,12 @@ def _readings(rig: Rig) -> Iterator[Slip]:
                 f"readings in {unit}",
                 f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in names], 3)}",
                 partial(_scaled_columns, names, factor, factor if inside == "mm" else 1.0),
-                lambda pair, names=names, unit=unit: pair.each(lambda sheet: sheet.in_unit(names, unit)),
+                partial(_said_in, names, unit),
             )
+
+
+def _said_in(names: Sequence[str], unit: str, pair: Pair) -> Pair:
+    return pair.each(lambda sheet: sheet.in_unit(names, unit))
 
 
 def _scaled_columns(names: Sequence[str], factor: float, size: float, scene: Scene) -> Scene:
@@ -67,7 +71,7 @@ def _joints(rig: Rig) -> Iterator[Slip]:
                     f"{joined(names) if len(names) < 4 else 'joints'} in {unit}",
                     f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in names], 3)}",
                     partial(_scaled_joints, [k for k, _ in chosen], factor),
-                    lambda pair, names=names, unit=unit: pair.each(lambda sheet: sheet.in_unit(names, unit)),
+                    partial(_said_in, names, unit),
                 )
 
 
@@ -161,7 +165,7 @@ def _file_angles(rig: Rig) -> Iterator[Slip]:
                 f"{joined(ends)} of the mechanism in {unit}",
                 f"write {joined(ends)} in {written} (or state 'units: {{angle: {unit}}}' for the whole file)",
                 partial(_scaled_constants, places, factor),
-                lambda pair, fields=fields, factor=factor: _scaled_fields(pair, fields, factor),
+                partial(_scaled_fields, fields=fields, factor=factor),
             )
 
 

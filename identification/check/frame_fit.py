@@ -1,0 +1,158 @@
+"""The least-squares fit of base and tool under one hypothesis: damped steps over a few dozen rows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.check.scene import Array, Mask, Scene, Stand
+from truepose.identification.prediction.lost import lost_of
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.sensor_rows import Sight, joined
+from truepose.models.machine import FRAME_OF
+
+if TYPE_CHECKING:
+    from truepose.identification.check.rig import Rig
+
+KEPT = 0.8
+"""Share of the rows, those that fit best, that a misfit is taken over: gross readings must not hide a slip."""
+STEPS, FEW = 12, 4
+"""Most steps of a fit, and of a quick one."""
+_ENOUGH = 1e-3
+
+
+class FrameFit:
+    """The least-squares problem of the two frames (and the instrument's constants) for one hypothesis.
+
+    Its unknowns are those of ``Rig.seen``: six of the base, six of the tool, then the instrument's.
+    """
+
+    def __init__(self, rig: Rig, here: Predictor, flange: Array, good: Mask, scene: Scene) -> None:
+        self.rig, self.flange, self.good, self.scene = rig, flange, good, scene
+        self.rows, self.comparisons = here.recording, here.comparisons()
+        self.lost = [lost_of(sensor, here.recording) for sensor in rig.machine.sensors]
+        n, k = len(flange), sum(len(s.columns) for s in rig.machine.sensors)
+        self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(rig.seen)))
+        self.scale = np.where(rig.long, 1.0 / scene.size, 1.0)
+
+    def cost(self, p: Array) -> float:
+        """Misfit at constants (np,)."""
+        return _trimmed(self._evaluate(p[self.rig.places])[0][self.good])
+
+    def descended(self, p: Array, free: tuple[str, ...], rows: NDArray[np.intp], steps: int) -> Stand:
+        """Where damped steps from constants (np,) end; the instrument's are held by their tolerances."""
+        rig, t, drawn = self.rig, p[self.rig.places], self.scene.p[self.rig.places]
+        tolerance = rig.tolerance[rig.places]
+        tolerance[:12] = [
+            np.inf if FRAME_OF[name] in free else tolerance[k] for k, name in enumerate(rig.seen[:12])
+        ]
+        moving = np.flatnonzero(tolerance > 0)
+        size = np.array([100.0 if rig.machine.geometry[rig.seen[k]].unit == "mm" else 1.0 for k in moving])
+        weight = size / tolerance[moving]
+        residual, jacobian = self._evaluate(t)
+        best, damping = _trimmed(residual[self.good]), 1e-3
+        for _ in range(steps if len(moving) else 0):
+            heed = _weights(residual) * self.good
+            j = (jacobian[:, :, moving] * heed[:, None, None]).reshape(-1, len(moving)) * size
+            right = (
+                j.T @ (residual * heed[:, None]).reshape(-1) + weight * (t - drawn)[moving] / size * weight
+            )
+            normal = j.T @ j + np.diag(weight**2)
+            floor = 1e-9 * max(float(np.diag(normal).max(initial=0.0)), 1e-300)
+            step = np.linalg.solve(
+                normal + np.diag(damping * np.maximum(np.diag(normal), floor) + floor * 1e-3), right
+            )
+            trial = t.copy()
+            trial[moving] -= step * size
+            fresh, slopes = self._evaluate(trial)
+            now = _trimmed(fresh[self.good])
+            if now < best:
+                gained = (best - now) / best
+                t, residual, jacobian, best, damping = trial, fresh, slopes, now, max(damping / 10, 1e-9)
+                if gained < _ENOUGH:
+                    break
+            elif damping > 1e6:
+                break
+            else:
+                damping *= 30
+        out = p.copy()
+        out[rig.places] = t
+        return Stand(out, best, self._length(residual), residual * self.good[:, None], rows, self.scene)
+
+    def _length(self, residual: Array) -> float | None:
+        rig = self.rig
+        if not rig.long.any():
+            return None
+        sigma = np.array([c.sigma for c in rig.machine.channels])
+        points = {c.point for c in rig.machine.channels if c.unit == "mm"}
+        mm = (residual * sigma / self.scale)[self.good][:, rig.long]
+        each = np.sort(np.sum(mm**2, axis=1) / max(len(points), 1))
+        return float(np.sqrt(np.mean(each[: max(int(KEPT * len(each)), 1)])))
+
+    def _evaluate(self, t: Array) -> tuple[Array, Array]:
+        """Residuals (n, m) and their Jacobian (n, m, nt)."""
+        base, tool = transform(t[:6]), transform(t[6:12])
+        pose = base @ self.flange @ tool
+        twist = np.zeros((len(pose), 6, len(t)))
+        about = _turning(t[3:6])
+        twist[:, :3, :3] = np.eye(3)
+        twist[:, 3:, 3:6] = about
+        twist[:, :3, 3:6] = np.cross(about.T[None], (pose[:, :3, 3] - base[:3, 3])[:, None]).transpose(
+            0, 2, 1
+        )
+        carried = base[:3, :3] @ self.flange[:, :3, :3]
+        twist[:, :3, 6:9] = carried
+        twist[:, 3:, 9:12] = carried @ _turning(t[9:12])
+        sight, rows = Sight(pose, twist, self.shift, self.shift_by), slice(0, len(pose))
+        every = zip(self.rig.sensors, self.comparisons, self.lost, strict=True)
+        block = joined(rows, [f.block(sight, t, self.rows, rows, c, gone) for f, c, gone in every])
+        residual = np.nan_to_num(block.residual, nan=1e12)
+        return residual * self.scale, block.jacobian * self.scale[:, None]
+
+
+def transform(t: Array) -> Array:
+    """(4, 4) transform of x y z and roll pitch yaw (6,)."""
+    out = np.eye(4)
+    out[:3, 3], out[:3, :3] = t[:3], _rpy(t[3:])
+    return out
+
+
+def _rpy(rpy: Array) -> Array:
+    """(3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _turning(rpy: Array) -> Array:
+    """(3, 3) axes, as columns, about which a frame Rz(yaw) Ry(pitch) Rx(roll) turns with roll, pitch and yaw."""
+    (_, cp, cy), (_, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array([[cy * cp, -sy, 0.0], [sy * cp, cy, 0.0], [-sp, 0.0, 1.0]])
+
+
+def _row_sizes(residual: Array) -> Array:
+    return np.sqrt(np.mean(residual**2, axis=1)) if residual.shape[1] else np.zeros(len(residual))
+
+
+def _trimmed(residual: Array) -> float:
+    """Rms over the rows that fit best."""
+    each = np.sort(_row_sizes(residual))
+    kept = each[: max(int(np.ceil(KEPT * len(each))), 1)]
+    return float(np.sqrt(np.mean(kept**2))) if len(kept) else float("inf")
+
+
+def _weights(residual: Array) -> Array:
+    """(n,) of Cauchy's loss, scaled by the middle row."""
+    each = _row_sizes(residual)
+    middle = float(np.median(each)) or 1.0
+    return 1.0 / np.sqrt(1.0 + (each / (3.0 * middle)) ** 2)
+
+
+__all__ = ["FEW", "KEPT", "STEPS", "FrameFit", "transform"]

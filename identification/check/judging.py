@@ -1,0 +1,62 @@
+"""How much better is certain, how much misfit is absurd, and how to show both."""
+
+from __future__ import annotations
+
+from truepose.identification.check.drawing import expected
+from truepose.identification.check.result import Found
+from truepose.identification.check.rig import ABSURD, Rig, Stand, motion
+from truepose.wording import joined
+
+SURE, LIKELY = 3.0, 1.7
+"""How many times better than as it stands a slip must fit to be certain, or to be worth a word."""
+
+
+def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]:
+    """Two misfits in a unit that users know: mm of the position where there is one, else sigmas."""
+    if before.length is not None and after.length is not None:
+        return before.length, after.length, "mm"
+    return before.misfit, after.misfit, "sigma"
+
+
+def off(rig: Rig, stand: Stand) -> bool:
+    """Whether a misfit is more than the tolerances let one expect: then no search is too long."""
+    known = any(p.free for p in rig.machine.mechanism.parameters)
+    least = 2.0 * expected(rig, stand) if known else ABSURD * motion(rig, stand)
+    return stand.bad or stand.misfit > least
+
+
+def absurd(rig: Rig, stand: Stand) -> bool:
+    """Whether a misfit is beyond what tolerances explain, and beyond what any drawing is wrong by."""
+    if stand.bad:
+        return True
+    return bool(stand.misfit > 10.0 * expected(rig, stand) and stand.misfit > ABSURD * motion(rig, stand))
+
+
+def unexplained(rig: Rig, stand: Stand) -> Found:
+    """A misfit that no slip explains; where a joint is said never to move, that may be it."""
+    size = f"{stand.length:.3g} mm" if stand.length is not None else f"{stand.misfit:.3g} sigma"
+    before, _, unit = shown(stand, stand)
+    misses = f"with base and tool fitted, the drawn machine misses the readings by {size}"
+    if rig.still:
+        names = joined(rig.still)
+        return Found(
+            "joint-never-moves",
+            rig.still,
+            f"{names} never moves in the recording, and {misses}: it may have moved without being logged",
+            f"record {names}",
+            "wrong",
+            before,
+            unit=unit,
+        )
+    return Found(
+        "unexplained",
+        (),
+        f"{misses}, and no slip that was tried explains it",
+        "compare the table of constants, the order of joints and the rows with their source",
+        "wrong",
+        before,
+        unit=unit,
+    )
+
+
+__all__ = ["LIKELY", "SURE", "absurd", "off", "shown", "unexplained"]

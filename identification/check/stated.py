@@ -1,0 +1,62 @@
+"""Base and tool against what the file says of them, once the rest of it fits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from truepose.identification.check.drawing import priced
+from truepose.identification.check.judging import LIKELY, SURE, shown
+from truepose.identification.check.kinds.axes import turned
+from truepose.identification.check.kinds.frames import frame_unknown, frames_swapped
+from truepose.identification.check.kinds.joints import end_zeros
+from truepose.identification.check.result import Found, Verdict
+from truepose.identification.check.rig import Rig, Scene, Stand
+from truepose.identification.check.slip import Slip, Tried
+from truepose.models.machine import FRAMES
+
+QUIET = 2.5
+"""Misfit, in sigmas, with the frames as stated, below which they are right."""
+_NEAREST = 3
+
+
+def frames_off(rig: Rig, scene: Scene, stand: Stand) -> list[Found]:
+    """Base and tool, where readings put them elsewhere than the file does; ``stand``: with both wherever they fit best."""
+    noise = max(priced(rig, stand, 1.0), 1.0)
+    free = priced(rig, stand, noise)
+    held = rig.stand(scene, ())
+    cost = priced(rig, held, noise, ())
+    if not np.isfinite(free) or cost / free < LIKELY or cost < QUIET:
+        return []
+    before, after, unit = shown(held, stand)
+    sure: Verdict = "wrong" if cost / free >= SURE else "suspect"
+    good = [t for t in _explained(rig, scene, noise) if cost / t.price >= SURE and t.price <= 2.0 * free]
+    slips = [min(good, key=lambda t: (t.slip.cost > 1.0, t.price)).slip] if good else []
+    slips = slips or _unknown(rig, scene, stand, noise, max(1.5 * free, cost / 10))
+    return [Found(s.kind, s.where, s.says, s.fix, sure, before, after, unit, s.mend) for s in slips]
+
+
+def _explained(rig: Rig, scene: Scene, noise: float) -> list[Tried]:
+    """Slips that put base and tool where the file says: exchanged, axes turned, a zero of an end joint; priced."""
+    tried = [
+        Tried(slip, slip.change(scene), rig.stand(slip.change(scene), quick=True))
+        for maker in (turned, end_zeros)
+        for slip in maker(rig, scene)
+    ]
+    near = sorted(tried, key=lambda t: rig.away(t.stand.p))[:_NEAREST]
+    near += [Tried(slip, slip.change(scene), rig.stand(scene)) for slip in frames_swapped(rig, scene)]
+    held = [replace(t, stand=rig.stand(t.scene, ())) for t in near]
+    return [replace(t, price=priced(rig, t.stand, noise, ())) for t in held]
+
+
+def _unknown(rig: Rig, scene: Scene, stand: Stand, noise: float, enough: float) -> list[Slip]:
+    """The fewest frames that must be free to fit."""
+    for frames in (("base",), ("tool",)):
+        one = rig.stand(scene, frames)
+        if priced(rig, one, noise, frames) <= enough:
+            return [frame_unknown(rig, frames, one.p)]
+    return [frame_unknown(rig, (frame,), stand.p) for frame in FRAMES]
+
+
+__all__ = ["frames_off"]
