@@ -20,13 +20,17 @@ from .table import write_results
 def main(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Cases, results and table.")],
     n: Annotated[int, typer.Option("-n", "--cases", min=0, help="How many mistakes.")] = 200,
-    correct: Annotated[int, typer.Option("--correct", help="How many right pairs; as many as mistakes.")] = -1,
+    correct: Annotated[
+        int, typer.Option("--correct", help="How many right pairs; as many as mistakes.")
+    ] = -1,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed that all cases follow from.")] = 1,
     only: Annotated[str, typer.Option("--only", metavar="KIND,...", help="Only these kinds.")] = "",
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Processes.")] = 2,
     truth: Annotated[Path | None, typer.Option("--truth", help="Where the truth goes: DIR-truth.")] = None,
     draw_only: Annotated[bool, typer.Option("--draw", help="Draw only.")] = False,
-    drawn: Annotated[Path | None, typer.Option("--drawn", metavar="DIR", help="Sit cases drawn before.")] = None,
+    drawn: Annotated[
+        Path | None, typer.Option("--drawn", metavar="DIR", help="Sit cases drawn before.")
+    ] = None,
 ) -> None:
     """Draw, sit, and write ``table.md`` and ``cases.json``."""
     start = time.perf_counter()

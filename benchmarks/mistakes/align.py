@@ -87,7 +87,9 @@ def sight(folder: Path) -> Sight:
     kind = section["type"]
     names = list(section["points"]) if kind == "targets" else [""]
     scale = _length(path)
-    points = scale * np.array([section["points"][n] for n in names]) if kind == "targets" else np.zeros((1, 3))
+    points = (
+        scale * np.array([section["points"][n] for n in names]) if kind == "targets" else np.zeros((1, 3))
+    )
     read = turns = lengths = direct = None
     if kind in ("pose", "position", "targets"):
         columns = [[f"{n}.{a}" if n else a for a in "xyz"] for n in names]
@@ -127,6 +129,7 @@ def misfit(pair: Sight, *, held: bool) -> Misfit:
     bound = np.where(np.isinf(width[free]), np.inf, width[free])
     best = np.inf
     for base, tool in _starts(pair, width):
+
         def residual(step: Array, base: Array = base, tool: Array = tool) -> Array:
             return _residual(pair, *_moved(base, tool, free, step))
 
@@ -175,7 +178,8 @@ def _turned_tool(pair: Sight) -> Array:
     b = Rotation.from_matrix(np.swapaxes(seen[:-1], 1, 2) @ seen[1:]).as_rotvec()
     # Fi' Fj = T (Ri' Rj) T': axes in the flange are T times axes in the tool
     tool = pair.tool.copy()
-    tool[:3, :3] = Rotation.align_vectors(a, b)[0].as_matrix()
+    u, _, vt = np.linalg.svd(a.T @ b)
+    tool[:3, :3] = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
     return tool
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from .pairs import MACHINE, copied, write
-from .sources.rota import MOST, sources
+from .sources.rota import MOST, turns
 
 CORRECT = "correct"
 DATA, PRACTICE = Path("/work/shared/data"), Path("/work/shared/practice")
@@ -45,7 +45,10 @@ def _some(names: list[str], count: int, seed: int) -> list[str]:
 def real() -> dict[str, Writer]:
     """Recordings that others measured, each file by itself."""
     out: dict[str, Writer] = {}
-    for folder, names in (("ur10-laser-tracker", ("configurations", "random", "grid")), ("stewart-mocap", None)):
+    for folder, names in (
+        ("ur10-laser-tracker", ("configurations", "random", "grid")),
+        ("stewart-mocap", None),
+    ):
         home = DATA / folder
         if not (home / MACHINE).is_file():
             continue
@@ -128,10 +131,10 @@ def _challenge(folder: Path, seed: int, k: int) -> bool:
 
 def _simulated(folder: Path, seed: int, k: int) -> str:
     """The sources in turn; some arms with base and tool told as unknown."""
-    every = sources()
+    turn = turns(np.random.default_rng([seed, 13]))
     for attempt in range(20):
         rng = np.random.default_rng([seed, 5, k, attempt])
-        source = every[(k + attempt) % len(every)]
+        source = turn(k + attempt)
         try:
             pair = source.make(rng, effects=int(rng.integers(0, MOST + 1)), unknown=bool(rng.random() < 0.25))
         except ValueError:

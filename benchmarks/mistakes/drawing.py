@@ -1,8 +1,8 @@
 """Cases drawn from a seed: what ``check`` sees, and apart from it the truth and the right pair.
 
-    DIR/cases/caseNNN/      machine.yaml, recording.csv (and what lies beside them): all that check sees
-    TRUTH/truth/caseNNN.json   kind, variant, where, how far it shows
-    TRUTH/right/caseNNN/    the pair before it was spoilt
+DIR/cases/caseNNN/      machine.yaml, recording.csv (and what lies beside them): all that check sees
+TRUTH/truth/caseNNN.json   kind, variant, where, how far it shows
+TRUTH/right/caseNNN/    the pair before it was spoilt
 """
 
 from __future__ import annotations
@@ -24,11 +24,13 @@ from .align import Misfit, misfit, sight
 from .correct import CORRECT, correct_case
 from .kinds import KINDS, Spoilt
 from .pairs import Pair, write
-from .sources.rota import MOST, sources
+from .sources.rota import MOST, turns
 
 SHOWS = 5.0
 """A mistake must make the rigid misfit so many times as large as geometry and physics do."""
 TRIES = 60
+ELSEWHERE = 7
+"""Turns by which the next try goes on."""
 SETTINGS = "mistakes.json"
 STILL = "joint-never-moves"
 
@@ -126,10 +128,9 @@ def _right(asked: Asked, name: str, index: int) -> Truth:
 
 def mistaken(folder: Path, right: Path, seed: int, index: int, kind: str) -> Truth:
     """One case, written to ``folder`` and ``right``. Raises LookupError where no source can have the mistake."""
-    every = sources()
-    turn = np.random.default_rng([seed, 11, list(KINDS).index(kind)]).permutation(len(every))
+    turn = turns(np.random.default_rng([seed, 11, list(KINDS).index(kind)]))
     for attempt in range(TRIES):
-        source = every[int(turn[(index // len(KINDS) + 7 * attempt) % len(every)])]
+        source = turn(index // len(KINDS) + ELSEWHERE * attempt)
         rng = np.random.default_rng([seed, index, attempt])
         still = kind == STILL and rng.random() < 0.5
         try:

@@ -9,7 +9,12 @@ from ..pairs import TURNS, XYZ, Pair
 from ..rotations import columns, inverse, poses
 from .spoilt import Spoilt
 
-CONVENTIONS = {"roll, pitch, yaw": "xyz", "Euler xyz, moving": "XYZ", "yaw, pitch, roll": "ZYX", "Euler zyz": "ZYZ"}
+CONVENTIONS = {
+    "roll, pitch, yaw": "xyz",
+    "Euler xyz, moving": "XYZ",
+    "yaw, pitch, roll": "ZYX",
+    "Euler zyz": "ZYZ",
+}
 
 
 def handedness(pair: Pair, rng: np.random.Generator) -> Spoilt | None:

@@ -13,7 +13,22 @@ from .spoilt import Spoilt
 
 FACTORS = {"m": 1e-3, "cm": 0.1, "inch": 1 / 25.4, "um": 1e3}
 WHOLE = {"m": 1e-3, "inch": 1 / 25.4}
-LENGTHS = ("a", "b", "d", "r", "length", "offset", "screw_pitch", "xyz", "com", "points", "centre", "ball", "distance", "z")
+LENGTHS = (
+    "a",
+    "b",
+    "d",
+    "r",
+    "length",
+    "offset",
+    "screw_pitch",
+    "xyz",
+    "com",
+    "points",
+    "centre",
+    "ball",
+    "distance",
+    "z",
+)
 HYBRID = ("base_radius", "platform_radius", "platform_offset", "wrist_offset", "head", "tool", "limb_range")
 ANGLES = ("alpha", "theta", "beta")
 Option = Callable[[Pair, np.random.Generator], Spoilt | None]
@@ -59,7 +74,18 @@ def _slides(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
 def _machine(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     """Every length of the machine file; a URDF, which is in m, in mm."""
     document, table = pair.draft()
-    where = ("machine", "mechanism", "units", "file", "frames", "base", "tool", "units.length", "machine.yaml", "joints")
+    where = (
+        "machine",
+        "mechanism",
+        "units",
+        "file",
+        "frames",
+        "base",
+        "tool",
+        "units.length",
+        "machine.yaml",
+        "joints",
+    )
     if pair.form == "urdf":
         files = {name: _in_millimetres(text) for name, text in pair.files.items()}
         return Spoilt("urdf in mm", document, table, (*where, *pair.files), files=files)
@@ -80,7 +106,11 @@ def _in_millimetres(text: str) -> str:
 
 def scaled(document: Document, factor: float, slides: set[str]) -> Document:
     """The document with every length times ``factor``, tolerances and sigmas of lengths among them."""
-    out = {key: _scaled(value, factor) for key, value in document.items() if key not in ("mechanism", "tolerances")}
+    out = {
+        key: _scaled(value, factor)
+        for key, value in document.items()
+        if key not in ("mechanism", "tolerances")
+    }
     mechanism = _scaled(document["mechanism"], factor)
     for entry in (*mechanism.get("joints", ()), *mechanism.get("legs", ())):
         if "range" in entry and (entry.get("name") in slides or entry.get("joint") in slides):
@@ -98,7 +128,10 @@ def scaled(document: Document, factor: float, slides: set[str]) -> Document:
 def _scaled(value: Any, factor: float, inside: str = "") -> Any:
     """A section with the lengths in it times ``factor``; masses, directions and angles stay."""
     if isinstance(value, dict):
-        return {k: _times(v, factor) if _is_length(k, v, inside) else _scaled(v, factor, k) for k, v in value.items()}
+        return {
+            k: _times(v, factor) if _is_length(k, v, inside) else _scaled(v, factor, k)
+            for k, v in value.items()
+        }
     if isinstance(value, list) and value and isinstance(value[0], dict):
         return [_scaled(v, factor, inside) for v in value]
     return value
@@ -159,7 +192,14 @@ def _table(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     if not changed:
         return None
     names = [j["name"] for j in document["mechanism"]["joints"]]
-    where = (*changed, *names, *(f"{n}.{c}" for n in names for c in changed), "mechanism", "joints", "machine")
+    where = (
+        *changed,
+        *names,
+        *(f"{n}.{c}" for n in names for c in changed),
+        "mechanism",
+        "joints",
+        "machine",
+    )
     return Spoilt("table in rad", document, table, where)
 
 
@@ -180,5 +220,3 @@ def _stated(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     document["units"] = {**document.get("units", {}), "angle": "rad"}
     where = ("units", "angle", "units.angle", "machine", "mechanism", *_turning(pair), "joints")
     return Spoilt("units say rad", document, table, where)
-
-

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..pairs import Array
 from ..rotations import shift, turn
@@ -71,7 +70,13 @@ def _placed(sheet: Sheet, rng: np.random.Generator) -> list[tuple[Array, Array]]
 
 def _turning(axis: Array) -> Array:
     """(3, 3) that brings ``axis`` to z."""
-    return np.asarray(Rotation.align_vectors([[0, 0, 1]], [axis])[0].as_matrix())
+    out = np.eye(3)
+    if axis[2] < 0:
+        out = np.diag([1.0, -1.0, -1.0])
+    elif not axis[2]:
+        out[2], out[1] = axis, [0.0, 0.0, 1.0]
+        out[0] = np.cross(out[1], out[2])
+    return out
 
 
 def _rpy(pose: Array) -> Array:

@@ -72,7 +72,9 @@ def _held(c: Campaign, machine: SimulatedMachine, rng: np.random.Generator) -> C
     return replace(c, q=q)
 
 
-def _imperfections(machine: SimulatedMachine, rng: np.random.Generator, count: int) -> tuple[Imperfection, ...]:
+def _imperfections(
+    machine: SimulatedMachine, rng: np.random.Generator, count: int
+) -> tuple[Imperfection, ...]:
     known: list[Kind] = [k for k in machine.kinds() if k.slug not in (*OF_ROWS, *GROSS)]
     known = [k for k in known if not any(need.startswith("velocity") for need in k.needs)]
     out = []
@@ -95,6 +97,8 @@ def _pair(
     del specimen
     observed = machine.noisy(exact, c, rng)
     table = pd.read_csv(io.StringIO(recording_text(machine, c, observed)))
-    kinds = dict(zip(machine.readings, ("revolute" if r else "prismatic" for r in machine.revolute), strict=True))
+    kinds = dict(
+        zip(machine.readings, ("revolute" if r else "prismatic" for r in machine.revolute), strict=True)
+    )
     document = yaml.safe_load(machine.machine_text())
     return Pair(machine.name, document, table, kinds, plain=plain)

@@ -55,7 +55,9 @@ def gough(form: str, sensor: str, rng: np.random.Generator, *, effects: int = 1,
     base = _mounted(drawn.base, drawn.base_tolerance, rng)
     tool = base @ seen @ _mounted(drawn.tool, (0.5, 0.2), rng)
     commanded = _errors(c, drawn, rng, effects)
-    table = logged(Campaign(commanded, c.pose, c.approach, c.payload, c.temperature), drawn.names, np.zeros(6), rng)
+    table = logged(
+        Campaign(commanded, c.pose, c.approach, c.payload, c.temperature), drawn.names, np.zeros(6), rng
+    )
     table = pd.concat([table, drawn.instrument.read(tool, rng)], axis=1)
     kinds = dict.fromkeys(drawn.names, "prismatic")
     return Pair(f"own {form} {sensor}", _document(drawn, c.q), table, kinds, plain=effects == 0)
@@ -65,10 +67,12 @@ def _drawing(form: str, sensor: str, rng: np.random.Generator) -> Drawing:
     size = float(rng.uniform(0.6, 1.8))
     low, high = _ring(rng, size * 400, (6, 20)), _ring(rng, size * rng.uniform(180, 260), (36, 54))
     height = float(np.round(size * rng.uniform(400, 620), 1))
-    legs = np.linalg.norm(high + [0, 0, height] - low, axis=1)
+    legs = np.linalg.norm(high + np.array([0.0, 0.0, height]) - low, axis=1)
     offset = np.full(6, float(np.round(legs.mean(), 1)) if rng.random() < 0.6 else 0.0)
     rails = np.tile([0.0, 0.0, 1.0], (6, 1))
-    drawn = Legs(low, high, rails, offset if form == "6-ups" else np.zeros(6), np.full(6, np.round(legs.mean(), 1)))
+    drawn = Legs(
+        low, high, rails, offset if form == "6-ups" else np.zeros(6), np.full(6, np.round(legs.mean(), 1))
+    )
     if form == "6-pus":  # where the platform stands with all slides at zero
         beside = np.linalg.norm((high - low)[:, :2], axis=1).mean()
         height = float(np.sqrt(drawn.length[0] ** 2 - beside**2))
@@ -101,7 +105,7 @@ def _poses(drawn: Drawing, rng: np.random.Generator, n: int) -> Array:
     for axis in "xyz":
         out = out @ turn(axis, np.radians(rng.uniform(-10, 10, n)))
     reach = 0.12 * drawn.height
-    out[:, :3, 3] = [0, 0, drawn.height] + rng.uniform(-reach, reach, (n, 3))
+    out[:, :3, 3] = np.array([0.0, 0.0, drawn.height]) + rng.uniform(-reach, reach, (n, 3))
     return out
 
 
@@ -151,7 +155,9 @@ def _errors(c: Campaign, drawn: Drawing, rng: np.random.Generator, effects: int)
         k = int(rng.integers(6))
         out[:, k] -= rng.uniform(0.01, 0.04) * np.sin(2 * np.pi * c.q[:, k] / 5.0 + rng.uniform(0, 6))
     if 2 in chosen:
-        out -= 1.2e-5 * (c.temperature - 20.0)[:, None] * (drawn.legs.length if drawn.form == "6-ups" else 0.0)
+        out -= (
+            1.2e-5 * (c.temperature - 20.0)[:, None] * (drawn.legs.length if drawn.form == "6-ups" else 0.0)
+        )
     return np.asarray(out)
 
 

@@ -70,11 +70,15 @@ def serial(
 def _drawing(sheet: Sheet, sensor: str, rng: np.random.Generator, unknown: bool) -> Drawing:
     n = len(sheet.rows)
     pattern = str(rng.choice(NAMES))
-    far = np.round([*(sheet.reach * rng.uniform(1.0, 2.2, 2) * rng.choice([-1, 1], 2)), *rng.uniform(-400, 400, 1)])
+    far = np.round(
+        [*(sheet.reach * rng.uniform(1.0, 2.2, 2) * rng.choice([-1, 1], 2)), *rng.uniform(-400, 400, 1)]
+    )
     facing = np.round([*rng.uniform(-8, 8, 2), rng.uniform(-170, 170)], 1)
     side = rng.uniform(25, 80, 2) * rng.choice([-1, 1], 2)
     hand = np.round([*side, rng.uniform(60, 220)], 1)
-    held = np.round([*rng.uniform(-40, 40, 2), rng.uniform(-90, 90)], 0) if rng.random() < 0.5 else np.zeros(3)
+    held = (
+        np.round([*rng.uniform(-40, 40, 2), rng.uniform(-90, 90)], 0) if rng.random() < 0.5 else np.zeros(3)
+    )
     wide = (np.inf, np.inf)
     return Drawing(
         sheet,
@@ -95,7 +99,9 @@ def _drawing(sheet: Sheet, sensor: str, rng: np.random.Generator, unknown: bool)
 def _bodies(sheet: Sheet, rng: np.random.Generator) -> tuple[Body, ...]:
     n = len(sheet.rows)
     heavy = 30.0 * (sheet.reach / 1000.0) ** 2
-    out = [Body(k + 1, float(np.round(heavy / (k + 1), 1)), np.round(rng.uniform(-80, 80, 3))) for k in range(n)]
+    out = [
+        Body(k + 1, float(np.round(heavy / (k + 1), 1)), np.round(rng.uniform(-80, 80, 3))) for k in range(n)
+    ]
     return (*out, Body(n + 1, float("nan"), np.round(rng.uniform(-30, 60, 3))))
 
 
@@ -186,7 +192,11 @@ def _masses(drawn: Drawing) -> dict[str, Any]:
     for body in drawn.bodies:
         name = "payload" if np.isnan(body.kg) else f"link{body.link}"
         kg = 0.0 if np.isnan(body.kg) else body.kg
-        out[name] = {"kg": kg, "com": body.com.tolist(), "in": "tool" if body.link > n else f"link{body.link}"}
+        out[name] = {
+            "kg": kg,
+            "com": body.com.tolist(),
+            "in": "tool" if body.link > n else f"link{body.link}",
+        }
     return out
 
 
