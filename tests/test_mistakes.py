@@ -11,22 +11,23 @@ import numpy as np
 import pandas as pd
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-from benchmarks.mistakes import rotations
-from benchmarks.mistakes.align import misfit, sight
-from benchmarks.mistakes.correct import CORRECT
-from benchmarks.mistakes.drawing import SHOWS, Truth, mistaken
-from benchmarks.mistakes.kinds import KINDS
-from benchmarks.mistakes.kinds.omitted import AGREES, replicates
-from benchmarks.mistakes.kinds.units import scaled
-from benchmarks.mistakes.pairs import MACHINE, RECORDING, Pair, write
-from benchmarks.mistakes.scoring import Answer, scored
-from benchmarks.mistakes.sources.chain import Arm, Body, links, torques
-from benchmarks.mistakes.sources.gough import gough
-from benchmarks.mistakes.sources.serial import serial
-from benchmarks.mistakes.sources.tables import FAMILIES
-from benchmarks.mistakes.table import table
+from mistakes import rotations
+from mistakes.align import misfit, sight
+from mistakes.correct import CORRECT
+from mistakes.drawing import SHOWS, Truth, mistaken
+from mistakes.kinds import KINDS
+from mistakes.kinds.omitted import AGREES, replicates
+from mistakes.kinds.units import scaled
+from mistakes.pairs import MACHINE, RECORDING, Pair, write
+from mistakes.scoring import Answer, scored
+from mistakes.sources.chain import Arm, Body, links, torques
+from mistakes.sources.gough import gough
+from mistakes.sources.serial import serial
+from mistakes.sources.tables import FAMILIES
+from mistakes.table import table
+
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine

@@ -32,7 +32,10 @@ def write(folder: Path, seed: int) -> Given:
     readings = seen(arm, q[:ROWS], rng)
     later = path(rng, UNSEEN)
     truth = seen(arm, later, rng, noise=False)
-    given = Given(*(folder / name for name in ("kr14.csv", "points.txt", "joints.csv", "later.csv")), truth)
+    sheet_file, points, log_file, joints = (
+        folder / name for name in ("kr14.csv", "points.txt", "joints.csv", "later.csv")
+    )
+    given = Given(sheet_file, points, log_file, joints, truth)
     folder.mkdir(parents=True, exist_ok=True)
     sheet = pd.DataFrame(SHEET, columns=["a", "alpha", "d", "theta"])
     sheet.insert(0, "name", NAMES)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -24,6 +25,7 @@ from truepose.models.load import load_machine
 from .pairs import Array, found
 from .rotations import frame, inverse
 
+Places = NDArray[np.intp]
 LEVER = 300.0
 """mm: a turn counts as what it moves at this distance."""
 HELD = 3.0
@@ -145,7 +147,7 @@ def misfit(pair: Sight, *, held: bool) -> Misfit:
     return _parts(pair, *chosen)
 
 
-def _inside(pair: Sight, base: Array, tool: Array, free: Array, bound: Array) -> tuple[Array, Array]:
+def _inside(pair: Sight, base: Array, tool: Array, free: Places, bound: Array) -> tuple[Array, Array]:
     """Bounds of the steps; a start elsewhere than the drawing has none on its frame."""
     moved = np.repeat([not np.array_equal(base, pair.base), not np.array_equal(tool, pair.tool)], 6)[free]
     wide = np.where(moved, np.inf, bound)
@@ -183,7 +185,7 @@ def _turned_tool(pair: Sight) -> Array:
     return tool
 
 
-def _moved(base: Array, tool: Array, free: Array, step: Array) -> tuple[Array, Array]:
+def _moved(base: Array, tool: Array, free: Places, step: Array) -> tuple[Array, Array]:
     twist = np.zeros(12)
     twist[free] = step
     out = []

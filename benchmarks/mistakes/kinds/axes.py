@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Literal
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -9,7 +12,8 @@ from ..pairs import TURNS, XYZ, Pair
 from ..rotations import columns, inverse, poses
 from .spoilt import Spoilt
 
-CONVENTIONS = {
+Order = Literal["xyz", "XYZ", "ZYX", "ZYZ"]
+CONVENTIONS: Mapping[str, Order] = {
     "roll, pitch, yaw": "xyz",
     "Euler xyz, moving": "XYZ",
     "yaw, pitch, roll": "ZYX",
@@ -56,5 +60,5 @@ def rotation_convention(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
         table[list(TURNS)] = -table[list(TURNS)]
         return Spoilt("transposed", document, table, where)
     variant = str(rng.choice(list(CONVENTIONS)))
-    table[list(TURNS)] = turns.as_euler(CONVENTIONS[variant], degrees=True)
+    table[[*TURNS]] = turns.as_euler(CONVENTIONS[variant], degrees=True)
     return Spoilt(variant, document, table, where)

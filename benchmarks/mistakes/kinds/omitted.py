@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-import pandas as pd
 
 from ..pairs import TURNS, Pair
 from .spoilt import Spoilt
@@ -72,5 +73,5 @@ def replicates(pair: Pair) -> float | None:
     return float(np.median(parts))
 
 
-def _repeated(values: pd.api.typing.SeriesGroupBy) -> pd.Series:
+def _repeated(values: Any) -> Any:
     return values.transform("size") > 1

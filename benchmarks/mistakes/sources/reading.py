@@ -49,7 +49,7 @@ class Instrument:
         if self.kind == "ballbar":
             far = np.linalg.norm(tool[:, :3, 3] - self.centre, axis=1)
             return pd.DataFrame({"length": far + self.sigma * rng.standard_normal(n)})
-        out = {}
+        out: dict[str, Array] = {}
         for name, point in (self.points or {"": [0.0, 0.0, 0.0]}).items():
             error = 0.02 * rng.standard_normal(3) if name else 0.0
             at = tool[:, :3, :3] @ (np.array(point) + error) + tool[:, :3, 3]

@@ -5,7 +5,7 @@ A row is (a, alpha, d, theta) of T = RotZ(theta) TransZ(d) TransX(a) RotX(alpha)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +47,9 @@ def _lengths(rng: np.random.Generator, **ranges: tuple[float, float]) -> dict[st
     return {name: float(np.round(rng.uniform(*span), 1)) for name, span in ranges.items()}
 
 
-def _sheet(rows: list[Row], ranges: list[tuple[float, float]], slides: set[int], reach: float) -> Sheet:
+def _sheet(
+    rows: Sequence[Row], ranges: Sequence[tuple[float, float]], slides: set[int], reach: float
+) -> Sheet:
     table = np.array(rows, dtype=float)
     return Sheet(table, tuple(k in slides for k in range(len(rows))), np.array(ranges, dtype=float), reach)
 
