@@ -59,15 +59,15 @@ def path(rng: np.random.Generator, n: int) -> Array:
 def seen(arm: Specimen, q: Array, rng: np.random.Generator, *, noise: bool = True) -> Array:
     """(n, 3) of the reflector in the tracker's frame, for joints gone to in this order."""
     moved = q.copy()
-    moved[:, 2] -= 0.5 * PLAY * _side(q[:, 2])
+    moved[:, 2] -= 0.5 * PLAY * sides(q)[:, 2]
     moved[:, 1] += COMPLIANCE * _torque(arm, moved)
     at = _reflector(arm, moved)
     return at + SIGMA * rng.standard_normal(at.shape) if noise else at
 
 
-def _side(values: Array) -> Array:
-    """(n,) direction of the last motion; the first pose is gone to from below."""
-    return np.where(np.diff(values, prepend=values[0] - 1.0) < 0, -1.0, 1.0)
+def sides(q: Array) -> Array:
+    """(n, 6) direction of each joint's last motion, +1 or -1; the first pose is gone to from below."""
+    return np.where(np.diff(q, axis=0, prepend=q[:1] - 1.0) < 0, -1.0, 1.0)
 
 
 def _reflector(arm: Specimen, q: Array) -> Array:

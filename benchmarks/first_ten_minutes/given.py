@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from .arm import NAMES, RANGES, SHEET, Array, path, seen, specimen
+from .arm import NAMES, RANGES, SHEET, Array, path, seen, sides, specimen
 
 ROWS, UNSEEN = 90, 40
 
@@ -44,8 +44,11 @@ def write(folder: Path, seed: int) -> Given:
     given.points.write_text(spatial_analyzer(readings), encoding="utf-8")
     log = pd.DataFrame(np.degrees(q[:ROWS]), columns=list(NAMES))
     log.insert(0, "point", [_name(k) for k in range(ROWS)])
+    log[[f"approach.{name}" for name in NAMES]] = sides(q[:ROWS]).astype(int)
     log.to_csv(given.log, index=False, float_format="%.6f")
-    pd.DataFrame(np.degrees(later), columns=list(NAMES)).to_csv(given.later, index=False, float_format="%.6f")
+    unseen = pd.DataFrame(np.degrees(later), columns=list(NAMES))
+    unseen[[f"approach.{name}" for name in NAMES]] = sides(later).astype(int)
+    unseen.to_csv(given.later, index=False, float_format="%.6f")
     return given
 
 

@@ -122,7 +122,7 @@ def _names(path: Path) -> frozenset[tuple[str, str]]:
 
 
 def _error(folder: Path, machine: str, given: Given) -> float:
-    """rms of the 3-D error (mm) at poses that nobody measured; the play is told by the order of the rows."""
+    """rms of the 3-D error (mm) at poses that nobody measured."""
     out = f"predicted_{Path(machine).stem}.csv"
     done = run(folder, "predict", machine, given.later, "-o", out)
     if done.exit:
