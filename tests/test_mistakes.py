@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 from mistakes import rotations
 from mistakes.align import misfit, sight
-from mistakes.correct import CORRECT
+from mistakes.correct import CORRECT, bundled
 from mistakes.drawing import SHOWS, Truth, mistaken
 from mistakes.kinds import KINDS
 from mistakes.kinds.omitted import AGREES, replicates
@@ -287,3 +287,7 @@ def test_right_pairs_have_a_table_of_their_own() -> None:
     text = table([scored(asked, accused, Path(), Path())])
     assert "| real recordings | 1 | 0 | 1 | 0 | 0 |" in text
     assert "* case001 (real ur10): suspect, sigma" in text
+
+
+def test_bundled_machines_are_among_the_right_pairs() -> None:
+    assert {name.split()[1] for name in bundled()} == {"nanopositioner", "polisher", "telescope"}

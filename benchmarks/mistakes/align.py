@@ -67,6 +67,7 @@ class Misfit:
         return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
 
 
+MOUNTS = tuple(f"{f}.{a}" for f in ("base", "tool") for a in ("x", "y", "z", "rx", "ry", "rz"))
 NOWHERE = Misfit(np.inf, np.inf)
 
 
@@ -81,41 +82,52 @@ def sight(folder: Path) -> Sight:
     poses = predictor.poses(p, x)[0][good]
     value = dict(zip(predictor.model.names, p, strict=True))
     tolerance = {name: parameter.tolerance for name, parameter in machine.geometry.items()}
-    axes = [f"{f}.{a}" for f in ("base", "tool") for a in ("x", "y", "z", "rx", "ry", "rz")]
-    at = np.array([value.get(name, 0.0) for name in axes])
+    at = np.array([value.get(name, 0.0) for name in MOUNTS])
     base, tool = frame(at[:3], at[3:6]), frame(at[6:9], at[9:])
-    section = _section(path)
+    section, scale = _section(path), _length(path)
     observed = {name: np.asarray(v)[good] for name, v in recording.observations.items()}
-    kind = section["type"]
-    names = list(section["points"]) if kind == "targets" else [""]
-    scale = _length(path)
-    points = (
-        scale * np.array([section["points"][n] for n in names]) if kind == "targets" else np.zeros((1, 3))
-    )
-    read = turns = lengths = direct = None
-    if kind in ("pose", "position", "targets"):
-        columns = [[f"{n}.{a}" if n else a for a in "xyz"] for n in names]
-        read = np.stack([np.column_stack([observed[c] for c in three]) for three in columns], axis=1)
-    if kind == "pose":
-        turns = Rotation.from_rotvec(np.column_stack([observed[c] for c in ("rx", "ry", "rz")])).as_matrix()
-    if kind == "ballbar":
-        lengths, points = observed["length"], scale * np.array([section.get("ball", [0, 0, 0])], dtype=float)
-    if kind not in ("pose", "position", "targets", "ballbar"):
-        names_, values, _, _ = predictor.columns(p, x)
-        direct = (values[:, 0] - recording.observations[names_[0]])[good]
+    read, turns, lengths = _read(section, observed)
+    direct = None
+    if read is None and lengths is None:
+        names, values, _, _ = predictor.columns(p, x)
+        direct = (values[:, 0] - recording.observations[names[0]])[good]
     return Sight(
         inverse(base) @ poses @ inverse(tool),
         base,
         tool,
-        points,
+        scale * _points(section),
         read,
         turns,
         lengths,
         scale * np.array(section.get("centre", [0.0, 0.0, 0.0]), dtype=float),
         direct,
-        np.array([tolerance.get(name, 0.0) for name in axes]),
+        np.array([tolerance.get(name, 0.0) for name in MOUNTS]),
         int(np.sum(~good)),
     )
+
+
+def _points(section: Mapping[str, Any]) -> Array:
+    """(p, 3) of the tool, in the file's unit: targets, a ball or the origin."""
+    if section["type"] == "targets":
+        return np.array(list(section["points"].values()), dtype=float)
+    return np.array([section.get("ball", [0.0, 0.0, 0.0])], dtype=float)
+
+
+def _read(
+    section: Mapping[str, Any], observed: Mapping[str, Array]
+) -> tuple[Array | None, Array | None, Array | None]:
+    """Points (n, p, 3), turns (n, 3, 3) and lengths (n,), as far as the sensor reads them."""
+    kind = section["type"]
+    if kind == "ballbar":
+        return None, None, observed["length"]
+    if kind not in ("pose", "position", "targets"):
+        return None, None, None
+    names = [f"{name}." for name in section["points"]] if kind == "targets" else [""]
+    read = np.stack([np.column_stack([observed[f"{n}{a}"] for a in "xyz"]) for n in names], axis=1)
+    if kind != "pose":
+        return read, None, None
+    turns = Rotation.from_rotvec(np.column_stack([observed[c] for c in ("rx", "ry", "rz")]))
+    return read, turns.as_matrix(), None
 
 
 def misfit(pair: Sight, *, held: bool) -> Misfit:

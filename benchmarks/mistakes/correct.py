@@ -6,10 +6,11 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+
+import truepose
 
 from .pairs import MACHINE, copied, write
 from .sources.rota import MOST, turns
@@ -92,7 +93,7 @@ def _beside() -> None:
 def bundled() -> dict[str, Writer]:
     """Machines that come with truepose, with each of their recordings."""
     out: dict[str, Writer] = {}
-    home = Path(str(files("truepose.models.machines")))
+    home = Path(truepose.__file__).parent / "models" / "machines"
     for machine in sorted(home.glob(f"*/{MACHINE}")):
         for path in sorted(machine.parent.glob("*.csv")):
             name = f"bundled {machine.parent.name} {path.stem}"
