@@ -1,0 +1,34 @@
+"""The mistakes by kind: each spoils a right pair in one way and says where, or says that it makes no sense there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from . import axes, dh, frames, joints, omitted, rows, units
+from .spoilt import Maker, Spoilt
+
+KINDS: Mapping[str, Maker] = {
+    "unit-length": units.unit_length,
+    "unit-angle": units.unit_angle,
+    "sign": joints.sign,
+    "permutation": joints.permutation,
+    "offset": joints.offset,
+    "handedness": axes.handedness,
+    "inverse-pose": axes.inverse_pose,
+    "rotation-convention": axes.rotation_convention,
+    "dh-convention": dh.dh_convention,
+    "frames-swapped": frames.frames_swapped,
+    "base-missing": frames.base_missing,
+    "tool-missing": frames.tool_missing,
+    "rows-shifted": rows.rows_shifted,
+    "duplicated-rows": rows.duplicated_rows,
+    "too-few-rows": rows.too_few_rows,
+    "joint-never-moves": rows.joint_never_moves,
+    "sessions-mixed": rows.sessions_mixed,
+    "no-tolerances": omitted.no_tolerances,
+    "no-sensor": omitted.no_sensor,
+    "no-gravity": omitted.no_gravity,
+    "sigma": omitted.sigma,
+}
+
+__all__ = ["KINDS", "Maker", "Spoilt"]
