@@ -49,6 +49,7 @@ FLOORS = (
     ),
     ("identification.selection", "identification.posterior"),
     ("identification.signatures",),
+    ("identification.check",),
     ("identification.diagnosis",),
     ("identification.drift",),
     ("identification.planning",),

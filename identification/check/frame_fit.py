@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,8 @@ from numpy.typing import NDArray
 from truepose.identification.check.scene import Array, Mask, Scene, Stand
 from truepose.identification.prediction.lost import lost_of
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.sensor_rows import Sight, joined
-from truepose.models.machine import FRAME_OF
-
-if TYPE_CHECKING:
-    from truepose.identification.check.rig import Rig
+from truepose.identification.prediction.sensor_rows import SensorFunctions, Sight, joined
+from truepose.models.machine import FRAME_OF, Machine
 
 KEPT = 0.8
 """Share of the rows, those that fit best, that a misfit is taken over: gross readings must not hide a slip."""
@@ -23,33 +21,49 @@ STEPS, FEW = 12, 4
 _ENOUGH = 1e-3
 
 
+@dataclass(frozen=True)
+class Ends:
+    """What lies between the flange and a reading: the only constants that the cheap fit moves.
+
+    names (nt,): six of the base, six of the tool, then the instrument's; places (nt,) and tolerance (nt,) of them among all
+    constants; sensors: their functions of these; long (m,): which channels are lengths.
+    """
+
+    machine: Machine
+    names: Sequence[str]
+    places: NDArray[np.intp]
+    tolerance: Array
+    sensors: Sequence[SensorFunctions]
+    long: Mask
+
+
 class FrameFit:
     """The least-squares problem of the two frames (and the instrument's constants) for one hypothesis.
 
-    Its unknowns are those of ``Rig.seen``: six of the base, six of the tool, then the instrument's.
+    Its unknowns (nt,) are those of ``Ends``.
     """
 
-    def __init__(self, rig: Rig, here: Predictor, flange: Array, good: Mask, scene: Scene) -> None:
-        self.rig, self.flange, self.good, self.scene = rig, flange, good, scene
+    def __init__(self, ends: Ends, here: Predictor, flange: Array, good: Mask, scene: Scene) -> None:
+        self.ends, self.flange, self.good, self.scene = ends, flange, good, scene
         self.rows, self.comparisons = here.recording, here.comparisons()
-        self.lost = [lost_of(sensor, here.recording) for sensor in rig.machine.sensors]
-        n, k = len(flange), sum(len(s.columns) for s in rig.machine.sensors)
-        self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(rig.seen)))
-        self.scale = np.where(rig.long, 1.0 / scene.size, 1.0)
+        self.lost = [lost_of(sensor, here.recording) for sensor in ends.machine.sensors]
+        n, k = len(flange), sum(len(s.columns) for s in ends.machine.sensors)
+        self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(ends.names)))
+        self.scale = np.where(ends.long, 1.0 / scene.size, 1.0)
 
     def cost(self, p: Array) -> float:
         """Misfit at constants (np,)."""
-        return _trimmed(self._evaluate(p[self.rig.places])[0][self.good])
+        return _trimmed(self._evaluate(p[self.ends.places])[0][self.good])
 
     def descended(self, p: Array, free: tuple[str, ...], rows: NDArray[np.intp], steps: int) -> Stand:
         """Where damped steps from constants (np,) end; the instrument's are held by their tolerances."""
-        rig, t, drawn = self.rig, p[self.rig.places], self.scene.p[self.rig.places]
-        tolerance = rig.tolerance[rig.places]
+        ends, t, drawn = self.ends, p[self.ends.places], self.scene.p[self.ends.places]
+        tolerance = ends.tolerance.copy()
         tolerance[:12] = [
-            np.inf if FRAME_OF[name] in free else tolerance[k] for k, name in enumerate(rig.seen[:12])
+            np.inf if FRAME_OF[name] in free else tolerance[k] for k, name in enumerate(ends.names[:12])
         ]
         moving = np.flatnonzero(tolerance > 0)
-        size = np.array([100.0 if rig.machine.geometry[rig.seen[k]].unit == "mm" else 1.0 for k in moving])
+        size = np.array([100.0 if ends.machine.geometry[ends.names[k]].unit == "mm" else 1.0 for k in moving])
         weight = size / tolerance[moving]
         residual, jacobian = self._evaluate(t)
         best, damping = _trimmed(residual[self.good]), 1e-3
@@ -78,16 +92,16 @@ class FrameFit:
             else:
                 damping *= 30
         out = p.copy()
-        out[rig.places] = t
+        out[ends.places] = t
         return Stand(out, best, self._length(residual), residual * self.good[:, None], rows, self.scene)
 
     def _length(self, residual: Array) -> float | None:
-        rig = self.rig
-        if not rig.long.any():
+        ends = self.ends
+        if not ends.long.any():
             return None
-        sigma = np.array([c.sigma for c in rig.machine.channels])
-        points = {c.point for c in rig.machine.channels if c.unit == "mm"}
-        mm = (residual * sigma / self.scale)[self.good][:, rig.long]
+        sigma = np.array([c.sigma for c in ends.machine.channels])
+        points = {c.point for c in ends.machine.channels if c.unit == "mm"}
+        mm = (residual * sigma / self.scale)[self.good][:, ends.long]
         each = np.sort(np.sum(mm**2, axis=1) / max(len(points), 1))
         return float(np.sqrt(np.mean(each[: max(int(KEPT * len(each)), 1)])))
 
@@ -106,7 +120,7 @@ class FrameFit:
         twist[:, :3, 6:9] = carried
         twist[:, 3:, 9:12] = carried @ _turning(t[9:12])
         sight, rows = Sight(pose, twist, self.shift, self.shift_by), slice(0, len(pose))
-        every = zip(self.rig.sensors, self.comparisons, self.lost, strict=True)
+        every = zip(self.ends.sensors, self.comparisons, self.lost, strict=True)
         block = joined(rows, [f.block(sight, t, self.rows, rows, c, gone) for f, c, gone in every])
         residual = np.nan_to_num(block.residual, nan=1e12)
         return residual * self.scale, block.jacobian * self.scale[:, None]
@@ -155,4 +169,4 @@ def _weights(residual: Array) -> Array:
     return 1.0 / np.sqrt(1.0 + (each / (3.0 * middle)) ** 2)
 
 
-__all__ = ["FEW", "KEPT", "STEPS", "FrameFit", "transform"]
+__all__ = ["FEW", "KEPT", "STEPS", "Ends", "FrameFit", "transform"]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from truepose.identification.check.alignment import Frames, starts
-from truepose.identification.check.frame_fit import FEW, KEPT, STEPS, FrameFit, transform
+from truepose.identification.check.frame_fit import FEW, KEPT, STEPS, Ends, FrameFit, transform
 from truepose.identification.check.scene import Array, Mask, Scene, Stand, chosen, differs
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import sights
@@ -38,12 +38,12 @@ class Rig:
         self.at = {
             frame: np.array([self.names.index(f"{frame}.{axis}") for axis in AXES]) for frame in FRAMES
         }
-        self.seen = [*FRAME_OF, *(p.name for s in machine.sensors for p in s.parameters)]
-        """Constants between the flange and a reading: the only ones that the cheap fit moves."""
-        self.places = np.array([self.names.index(name) for name in self.seen])
-        self.sensors = sights(machine, self.seen, 1)
         tolerance = {p.name: p.tolerance for p in machine.parameters}
         self.tolerance = np.array([tolerance.get(name, 0.0) for name in self.names])
+        self.long = np.array([c.unit == "mm" for c in machine.channels])
+        seen = [*FRAME_OF, *(p.name for s in machine.sensors for p in s.parameters)]
+        places = np.array([self.names.index(name) for name in seen])
+        self.ends = Ends(machine, seen, places, self.tolerance[places], sights(machine, seen, 1), self.long)
         self.scene = Scene(recording, self.predictor.model.p_home.copy())
         self.closed_form = any(
             isinstance(s, Pose) or (isinstance(s, Targets) and len(s.parameters) >= 9)
@@ -51,7 +51,6 @@ class Rig:
         )
         spans = np.ptp(recording.q, axis=0)
         self.still = tuple(n for n, span in zip(recording.joints, spans, strict=True) if span == 0.0)
-        self.long = np.array([c.unit == "mm" for c in machine.channels])
 
     def frames_of(self, p: Array) -> Frames:
         """Base and tool (4, 4) that constants have."""
@@ -82,7 +81,7 @@ class Rig:
         nothing = Stand(scene.p, float("inf"), None, np.zeros((0, len(self.long))), rows, scene)
         if len(rows) == 0 or good.mean() < 0.5:
             return nothing
-        fit = FrameFit(self, here, flange, good, scene)
+        fit = FrameFit(self.ends, here, flange, good, scene)
         stated = self.frames_of(scene.p)
         wide = [f for f in FRAMES if f in free or not np.isfinite(self.tolerance[self.at[f]]).all()]
         begins = (
