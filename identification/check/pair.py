@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.files import atomic_directory
-from truepose.identification.recording.table import Table, read_table
+from truepose.identification.recording.load import tables
+from truepose.identification.recording.table import Table
 from truepose.models.yaml_document import document_text, read_document
 
 Array = NDArray[np.float64]
@@ -78,7 +79,7 @@ class Pair:
     @classmethod
     def read(cls, machine: Path, recordings: Sequence[Path]) -> Pair:
         """From the files."""
-        sheets = tuple(Sheet.of(read_table(path)) for path in recordings)
+        sheets = tuple(Sheet.of(table) for table in tables(list(recordings)))
         return cls(str(machine), read_document(machine), sheets)
 
     def each(self, change: Callable[[Sheet], Sheet]) -> Pair:

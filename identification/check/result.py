@@ -57,7 +57,6 @@ class Check:
     unit: str = "mm"
     missing: tuple[Missing, ...] = ()
     """What this machine likely has and the recording cannot show."""
-    pair: Pair | None = field(default=None, repr=False)
 
     @property
     def verdict(self) -> Verdict:
@@ -65,12 +64,10 @@ class Check:
         verdicts = {f.verdict for f in self.found}
         return "wrong" if "wrong" in verdicts else "suspect" if "suspect" in verdicts else "ok"
 
-    @property
-    def mended(self) -> Pair | None:
+    def mended(self, pair: Pair) -> Pair:
         """The files with everything mended that can be."""
-        pair = self.pair
         for found in self.found:
-            if pair is not None and found.mend is not None:
+            if found.mend is not None:
                 pair = found.mend(pair)
         return pair
 

@@ -15,6 +15,7 @@ from truepose.identification.check.rig import Rig
 from truepose.identification.check.search import search
 from truepose.identification.check.sensorless import without_sensor
 from truepose.identification.check.sigma import sigmas
+from truepose.identification.check.unread import unnamed_table
 from truepose.identification.fringes.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import missing_inputs
@@ -26,18 +27,23 @@ _ORDER = {"wrong": 0, "suspect": 1, "ok": 2}
 
 def check_files(
     machine: Path, recordings: Sequence[Path], *, irradiance: Sequence[Path] = ()
-) -> tuple[Check, Machine, Recording | None]:
+) -> tuple[Check, Machine | None, Recording | None]:
     """What may be wrong between a machine file and its recordings; the machine and the rows as they were loaded.
 
     Raises InputError for what cannot be read, and for a joint out of its range where no slip explains it. There are no
-    rows where the machine file has no sensor.
+    rows where the machine file has no sensor, and no machine where its table names no convention.
     """
-    pair = Pair.read(machine, recordings)
-    loaded = load_machine(machine)
+    try:
+        loaded = load_machine(machine)
+    except InputError:
+        table = unnamed_table(Pair.read(machine, recordings), recordings)
+        if table is None:
+            raise
+        return table, None, None
     if not loaded.sensors:
-        return without_sensor(pair), loaded, None
+        return without_sensor(Pair.read(machine, recordings)), loaded, None
     rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance)
-    check = check_loaded(loaded, rows, pair)
+    check = check_loaded(loaded, rows)
     if check.verdict != "wrong":
         check = replace(check, found=(*out_of_range(loaded, rows), *check.found))
     return check, loaded, rows
@@ -49,7 +55,7 @@ def unbounded(machine: Machine) -> Machine:
     return replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))
 
 
-def check_loaded(machine: Machine, recording: Recording, pair: Pair | None = None) -> Check:
+def check_loaded(machine: Machine, recording: Recording) -> Check:
     """What may be wrong between a machine and a recording of it, both as they were loaded."""
     if recording.validation.all():
         raise InputError(
@@ -57,7 +63,7 @@ def check_loaded(machine: Machine, recording: Recording, pair: Pair | None = Non
         )
     found: list[Found] = list(bare(machine, recording))
     if any(f.verdict == "wrong" for f in found):
-        return Check(tuple(found), len(recording), None, pair=pair)
+        return Check(tuple(found), len(recording), None)
     rig = Rig(machine, recording)
     result = search(rig)
     if any(f.kind == "joint-never-moves" for f in result.found):
@@ -69,7 +75,7 @@ def check_loaded(machine: Machine, recording: Recording, pair: Pair | None = Non
     left, _, unit = shown(result.stand, result.stand)
     ordered = sorted(found, key=lambda f: _ORDER[f.verdict])
     missing = missing_inputs(machine, recording)
-    return Check(tuple(ordered), len(recording), left, unit, missing, pair)
+    return Check(tuple(ordered), len(recording), left, unit, missing)
 
 
 __all__ = ["check_files", "check_loaded", "unbounded"]

@@ -28,7 +28,7 @@ def without_sensor(pair: Pair) -> Check:
         mend=(lambda pair: pair.with_field(("sensor",), block)) if block else None,
     )
     rows = len(pair.sheets[0].cells) if pair.sheets else 0
-    return Check((found,), rows, None, pair=pair)
+    return Check((found,), rows, None)
 
 
 def _meant(pair: Pair, names: list[str]) -> tuple[Mapping[str, Any] | None, str]:

@@ -43,6 +43,7 @@ def check(
     Example: truepose check machine.yaml recording.csv --fix mended
     """
     with reported(plugin):
+        from truepose.identification.check.pair import Pair
         from truepose.identification.check.run import check_files
         from truepose.identification.report.check_words import check_lines
         from truepose.identification.report.json_text import json_text
@@ -52,9 +53,8 @@ def check(
         with progress("checking"):
             result, _, rows = check_files(machine, recordings, irradiance=irradiance or ())
             written: list[str] = []
-            mended = result.mended
-            if fix is not None and mended is not None:
-                written = mended.write(fix)
+            if fix is not None and any(f.mend for f in result.found):
+                written = result.mended(Pair.read(machine, recordings)).write(fix)
         if as_json:
             notes = list(rows.notes) if rows is not None else []
             typer.echo(json_text({**result.document(), "files": written, "notes": notes}), nl=False)

@@ -34,7 +34,7 @@ def gated(
     from truepose.identification.report.check_words import refusal
 
     check, loaded, rows = check_files(machine, recordings, irradiance=irradiance)
-    if rows is None or (check.verdict == "wrong" and not anyway):
+    if loaded is None or rows is None or (check.verdict == "wrong" and not anyway):
         raise InputError(f"{machine}: {refusal(check)}")
     return loaded, rows, check
 
