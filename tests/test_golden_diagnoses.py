@@ -34,7 +34,9 @@ def test_diagnosis_is_as_committed(case: str, request: pytest.FixtureRequest) ->
     recording = truepose.load_recording(machine, sorted(folder.glob("*.csv")))
     found_here = truepose.diagnose(machine, recording)
     lines = diagnosis_lines(found_here, Path("out"))
-    assert len(lines) <= LINES and max(map(len, lines)) <= COLUMNS and lines[0].startswith(f"{machine.name}: ")
+    assert (
+        len(lines) <= LINES and max(map(len, lines)) <= COLUMNS and lines[0].startswith(f"{machine.name}: ")
+    )
     document = truepose.diagnosis_json(found_here)
     assert document["judgement"] == {"calibrated": True, "why": []}
     new = summary(document)
