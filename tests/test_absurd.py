@@ -24,6 +24,7 @@ from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
+from truepose.models.mechanism import Mechanism
 
 ARM = """
 schema: truepose/machine/1
@@ -67,8 +68,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows = pd.concat([table, read.reset_index(drop=True)], axis=1)
     rows.to_csv(folder / "rows.csv", index=False)
     far = rows.copy()
-    far.loc[11, "x"] += 3.0
-    far.loc[29, "z"] -= 5.0
+    far["x"] += np.where(far.index == 11, 3.0, 0.0)
+    far["z"] -= np.where(far.index == 29, 5.0, 0.0)
     far.to_csv(folder / "far.csv", index=False)
     return folder
 
@@ -158,7 +159,7 @@ def test_a_misfit_is_absurd_only_beyond_sigma_and_beyond_what_tolerances_make(
         assert strict.sigmas > strict.expected and strict.rms["position"][1] == "mm"
 
 
-def _wider(machine: Machine) -> object:
+def _wider(machine: Machine) -> Mechanism:
     wide = tuple(replace(p, tolerance=100 * p.tolerance) for p in machine.mechanism.parameters)
     return replace(machine.mechanism, parameters=wide)
 

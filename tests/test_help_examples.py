@@ -77,15 +77,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(1)
     (folder / "machine.yaml").write_text(MACHINE, encoding="utf-8")
     machine = load_machine(folder / "machine.yaml")
-    ranges = [
-        np.array(a.range) / (np.pi / 180 if a.unit == "rad" else 1.0)
-        for a in machine.mechanism.actuators
-        if a.range
-    ]
+    ranges = {a.reading: np.degrees(a.range).tolist() for a in machine.mechanism.actuators if a.range}
     for name, rows in (("poses.csv", 30), ("path.csv", 5)):
-        values = {
-            joint: rng.uniform(*r, rows) for joint, r in zip(machine.mechanism.readings, ranges, strict=True)
-        }
+        values = {joint: rng.uniform(low, high, rows) for joint, (low, high) in ranges.items()}
         way = {f"approach.{joint}": rng.choice([-1, 1], rows) for joint in ("q2", "q3")}
         weight = {"payload": rng.choice([0.0, 2.5, 5.0], rows)}
         pd.DataFrame(values | way | weight).to_csv(folder / name, index=False)
