@@ -39,6 +39,7 @@ tolerances: {length: 0.1, angle: 0.1}
 COMMANDS = (
     "demo",
     "init",
+    "check",
     "calibrate",
     "diagnose",
     "identifiability",

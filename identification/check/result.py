@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.slip import Mend
 from truepose.identification.signatures.untestable import Missing
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SCHEMA = "truepose/check/1"
 Verdict = Literal["ok", "suspect", "wrong"]
@@ -47,10 +51,11 @@ class Found:
         }
 
 
-@dataclass(frozen=True)
-class Check:
+@dataclass(frozen=True, repr=False)
+class Check(Shown):
     """Everything that a check found, worst first; ``left``: rms misfit (``unit``) with all of it mended."""
 
+    shown_by: ClassVar[str] = "truepose.identification.report.check_words"
     found: tuple[Found, ...]
     rows: int
     left: float | None
@@ -70,6 +75,10 @@ class Check:
             if found.mend is not None:
                 pair = found.mend(pair)
         return pair
+
+    def to_frame(self) -> pd.DataFrame:
+        """One finding a row: ``kind``, ``where``, ``verdict``, ``before``, ``after``, ``unit``, ``says``, ``fix``."""
+        return frame_of(self)
 
     def document(self) -> dict[str, Any]:
         """``truepose/check/1``."""

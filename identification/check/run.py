@@ -17,6 +17,7 @@ from truepose.identification.check.sensorless import without_sensor
 from truepose.identification.check.sigma import sigmas
 from truepose.identification.check.unread import unnamed_table
 from truepose.identification.fringes.load import load_recording
+from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.load import load_machine
@@ -43,10 +44,20 @@ def check_files(
     if not loaded.sensors:
         return without_sensor(Pair.read(machine, recordings)), loaded, None
     rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance)
-    check = check_loaded(loaded, rows)
-    if check.verdict != "wrong":
-        check = replace(check, found=(*out_of_range(loaded, rows), *check.found))
-    return check, loaded, rows
+    return check(loaded, rows), loaded, rows
+
+
+def check(machine: Machine, source: Recording | Sources) -> Check:
+    """What may be wrong between a machine and a recording of it: a path, a DataFrame, a dict, several, or one that is loaded.
+
+    Raises InputError for what cannot be read, and for a machine without a sensor.
+    """
+    if not machine.sensors:
+        raise InputError(f"{machine.name}: found no sensor, expected one: nothing says what the readings are")
+    rows = as_recording(unbounded(machine), source)
+    result = check_loaded(machine, rows)
+    beyond = () if result.verdict == "wrong" else tuple(out_of_range(machine, rows))
+    return replace(result, found=(*beyond, *result.found))
 
 
 def unbounded(machine: Machine) -> Machine:
@@ -78,4 +89,4 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     return Check(tuple(ordered), len(recording), left, unit, missing)
 
 
-__all__ = ["check_files", "check_loaded", "unbounded"]
+__all__ = ["check", "check_files", "check_loaded", "unbounded"]

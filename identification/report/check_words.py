@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pandas as pd
+
 from truepose.identification.check.result import Check, Found
 from truepose.identification.report.lines import wrapped
 from truepose.identification.report.untestable_words import missing_words
+from truepose.shown.view import View
 
 _CAUTIONS = 3
 _VERDICTS = {
@@ -76,4 +79,18 @@ def checked(check: Check) -> dict[str, object]:
     return {"check": check.document()} if check.found else {}
 
 
-__all__ = ["caution", "caution_lines", "check_lines", "checked", "found_words", "refusal"]
+def view(check: Check) -> View:
+    """What there is to see of a check: the lines of the command, and its findings as a table."""
+    rows = tuple((f.kind, ", ".join(f.where), f.verdict, f.says) for f in check.found)
+    facts = tuple(line.strip() for line in check_lines(check)[1:])
+    return View(f"Check: {_VERDICTS[check.verdict]}", facts, ("kind", "where", "verdict", "what"), rows)
+
+
+def frame(check: Check) -> pd.DataFrame:
+    """The findings of a check, as ``Check.to_frame`` says."""
+    columns = ("kind", "where", "verdict", "before", "after", "unit", "says", "fix")
+    told = [{**f.document(), "where": ", ".join(f.where)} for f in check.found]
+    return pd.DataFrame([[one[name] for name in columns] for one in told], columns=list(columns))
+
+
+__all__ = ["caution", "caution_lines", "check_lines", "checked", "found_words", "frame", "refusal", "view"]
