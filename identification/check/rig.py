@@ -61,7 +61,8 @@ class Rig:
         """Constants with base and tool there."""
         out = p.copy()
         for frame, pose in zip(FRAMES, frames, strict=True):
-            out[self.at[frame]] = [*pose[:3, 3], *lie.rpy_of(pose[:3, :3])]
+            turns = _nearest(lie.rpy_of(pose[:3, :3]), p[self.at[frame][3:]])
+            out[self.at[frame]] = [*pose[:3, 3], *turns]
         return out
 
     def stand(
@@ -102,11 +103,11 @@ class Rig:
         steps = (0 if self.closed_form else FEW) if quick else STEPS
         return fit.descended(best[1], free, rows, steps)
 
-    def away(self, p: Array) -> float:
-        """How far constants (np,) have base and tool from where the file says, in tolerances; 0 where those are infinite."""
+    def away(self, p: Array, stated: Array) -> float:
+        """How far constants (np,) have base and tool from where others (np,) state them, in tolerances (0 if infinite)."""
         places = np.concatenate([self.at[frame] for frame in FRAMES])
         tolerance = np.maximum(self.tolerance[places], np.where(np.arange(12) % 6 < 3, 1.0, 0.01))
-        there, here = self.frames_of(p), self.frames_of(self.scene.p)
+        there, here = self.frames_of(p), self.frames_of(stated)
         off = [
             np.concatenate([b[:3, 3] - a[:3, 3], lie.log_so3(a[:3, :3].T @ b[:3, :3])])
             for a, b in zip(here, there, strict=True)
@@ -125,6 +126,14 @@ class Rig:
             bare[self.at[frame]] = 0.0
         x, good = here.assemble(bare, follow=False)
         return here.poses(bare, x)[0], good
+
+
+def _nearest(rpy: Array, stated: Array) -> Array:
+    """Of the triples that mean the same rotation, the one nearest to the one that a file states."""
+    roll, pitch, yaw = rpy
+    same = [np.array([roll, pitch, yaw]), np.array([roll + np.pi, np.pi - pitch, yaw + np.pi])]
+    same = [stated + (triple - stated + np.pi) % (2 * np.pi) - np.pi for triple in same]
+    return min(same, key=lambda triple: float(np.linalg.norm(triple - stated)))
 
 
 def motion(rig: Rig, stand: Stand) -> float:

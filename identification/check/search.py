@@ -31,6 +31,8 @@ QUIET = 2.5
 ALIKE = 1.15
 """Slips that fit within this factor of the best one fit as well."""
 _DEEPEST, _POLISHED, _MOST = 3, 8, 300
+_NEAR = 3.0
+"""How many times worse than the best one a slip may fit to be priced at all."""
 QUICK = (units, signs, exchanged, quarter_turns, conventions, mirrored, targets, poses, shifted)
 SLOW = (turned, zeros)
 Makers = Iterable[Callable[[Rig, Scene], Iterable[Slip]]]
@@ -98,6 +100,8 @@ def _polished(rig: Rig, tried: Sequence[Tried], stand: Stand) -> Step:
     order = [replace(t, stand=rig.stand(t.scene)) for t in better[:_POLISHED]]
     if not order:
         return []
+    least = min(t.stand.misfit for t in order)
+    order = [t for t in order if t.stand.misfit <= _NEAR * least]
     noise = max(min(priced(rig, t.stand, 1.0) for t in order), 1.0)
     dear = [replace(t, price=priced(rig, t.stand, noise)) for t in order]
     best = min(t.price for t in dear)
@@ -110,7 +114,7 @@ def _polished(rig: Rig, tried: Sequence[Tried], stand: Stand) -> Step:
 
 def _far(rig: Rig, tried: Tried) -> float:
     """How far base and tool then stand from where the file has them, coarsely: it decides between slips that fit alike."""
-    return round(float(np.log2(1.0 + rig.away(tried.stand.p))))
+    return round(float(np.log2(1.0 + rig.away(tried.stand.p, tried.scene.p))))
 
 
 def _two(rig: Rig, tried: Sequence[Tried], stand: Stand, price: float) -> list[Step]:

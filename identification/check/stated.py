@@ -44,7 +44,7 @@ def _explained(rig: Rig, scene: Scene, noise: float) -> list[Tried]:
         for maker in (turned, end_zeros)
         for slip in maker(rig, scene)
     ]
-    near = sorted(tried, key=lambda t: rig.away(t.stand.p))[:_NEAREST]
+    near = sorted(tried, key=lambda t: rig.away(t.stand.p, t.scene.p))[:_NEAREST]
     near += [Tried(slip, slip.change(scene), rig.stand(scene)) for slip in frames_swapped(rig, scene)]
     held = [replace(t, stand=rig.stand(t.scene, ())) for t in near]
     return [replace(t, price=priced(rig, t.stand, noise, ())) for t in held]

@@ -183,7 +183,7 @@ def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
             continue
 
         def away(size: float, k: int = k) -> float:
-            return rig.away(rig.stand(_plus(k, size, scene), quick=True).p)
+            return rig.away(rig.stand(_plus(k, size, scene), quick=True).p, scene.p)
 
         found = _narrowed(away, np.linspace(-np.pi, np.pi, _GRID, endpoint=False))
         if abs(found) > LEAST:
