@@ -167,7 +167,7 @@ def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_a_workbook_has_one_sheet_with_data_and_its_rows_are_lines(tmp_path: Path) -> None:
     pytest.importorskip("python_calamine")
     path = tmp_path / "book.xlsx"
-    rows = [list(BASIC.splitlines()[0].split(",")), [], [1.0, 2.0, "far", 4.0]]
+    rows: list[list[object]] = [[*BASIC.splitlines()[0].split(",")], [], [1.0, 2.0, "far", 4.0]]
     write_workbook(path, {"rows": rows})
     with pytest.raises(InputError, match=r"book\.xlsx: row 1 \(line 3\), column 'x': found 'far'"):
         _load(path)
@@ -237,9 +237,8 @@ def test_anything_that_is_a_recording_is_taken_by_the_public_functions(tmp_path:
     rows.to_csv(file, index=False)
     kept = truepose.load_recording(machine, rows)
     assert as_recording(machine, kept) is kept
-    fits = [
-        truepose.estimate(machine, s).p for s in (kept, rows, rows.to_dict("list"), str(file), file, [file])
-    ]
+    as_dict: dict[str, list[float]] = {str(name): values.tolist() for name, values in rows.items()}
+    fits = [truepose.estimate(machine, s).p for s in (kept, rows, as_dict, str(file), file, [file])]
     for p in fits:
         np.testing.assert_array_equal(p, fits[0])
     assert truepose.calibrate(machine, str(file)).fit.used.sum() == 12

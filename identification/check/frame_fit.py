@@ -63,7 +63,9 @@ class FrameFit:
             np.inf if FRAME_OF[name] in free else tolerance[k] for k, name in enumerate(ends.names[:12])
         ]
         moving = np.flatnonzero(tolerance > 0)
-        size = np.array([100.0 if ends.machine.geometry[ends.names[k]].unit == "mm" else 1.0 for k in moving])
+        size = np.array(
+            [100.0 if ends.machine.geometry[ends.names[k]].unit == "mm" else 1.0 for k in moving.tolist()]
+        )
         weight = size / tolerance[moving]
         residual, jacobian = self._evaluate(t)
         best, damping = _trimmed(residual[self.good]), 1e-3

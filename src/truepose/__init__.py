@@ -10,6 +10,7 @@ from pathlib import Path as _Path
 if _typing.TYPE_CHECKING:
     from truepose.codegen.c import generate
     from truepose.errors import ConvergenceError, InputError, TrueposeError
+    from truepose.identification.check.run import check
     from truepose.identification.compensation.compensate import compensate
     from truepose.identification.compensation.inverse import inverse
     from truepose.identification.diagnosis.engine import diagnose
