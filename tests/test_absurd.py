@@ -76,9 +76,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_fit_of_another_machine_is_no_calibration(folder: Path, tmp_path: Path) -> None:
     """Without its base the arm cannot be where it was measured; all says so, and nothing applies the file."""
-    result = run("calibrate", folder / "forgotten.yaml", folder / "rows.csv", "-o", tmp_path / "out")
+    arguments = ("calibrate", folder / "forgotten.yaml", folder / "rows.csv", "-o", tmp_path / "out")
+    stopped = run(*arguments)
+    assert stopped.exit_code == 2 and "base-missing" in stopped.stderr and not (tmp_path / "out").exists()
+    result = run(*arguments, "--anyway")
     assert result.exit_code == 2, result.output
-    assert result.stdout.startswith("NOT CALIBRATED: ") and "truepose check" in result.stdout
+    assert result.stdout.startswith("WRONG: base-missing: ") and "\nNOT CALIBRATED: " in result.stdout
     assert "not calibrated" in result.stderr
     fit = json.loads((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
     assert fit["judgement"]["calibrated"] is False and fit["judgement"]["why"]
@@ -93,7 +96,7 @@ def test_a_fit_of_another_machine_is_no_calibration(folder: Path, tmp_path: Path
         refused = run(*command)
         assert refused.exit_code == 2 and "NOT CALIBRATED" in refused.stderr
         assert "NOT CALIBRATED" not in run(*command, "--anyway").stderr
-    again = run("calibrate", folder / "forgotten.yaml", folder / "rows.csv", "-o", tmp_path / "out", "--json")
+    again = run(*arguments, "--anyway", "--json")
     assert json.loads(again.stdout)["judgement"] == fit["judgement"] and again.exit_code == 2
     assert again.stderr.startswith("error: NOT CALIBRATED: ") and len(again.stderr.splitlines()) == 1
 

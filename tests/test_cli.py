@@ -225,7 +225,7 @@ def test_demo_shows_the_truth_on_the_report_alone(
         seen.update(name=machine.name, rows=len(recording))
         return tiny.diagnosis
 
-    def report_html(diagnosis: Any, truth: Any = None) -> str:
+    def report_html(diagnosis: Any, truth: Any = None, cautions: Any = ()) -> str:
         seen["truth"] = truth
         return "<html></html>"
 

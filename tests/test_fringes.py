@@ -237,7 +237,15 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def calibrated(lab: Path, rows: str, *options: object) -> dict[str, Any]:
     output = lab / f"out_{rows}"
-    arguments = ["calibrate", lab / "machine.yaml", lab / rows, "-o", output, *options]
+    arguments = [
+        "calibrate",
+        lab / "machine.yaml",
+        lab / rows,
+        "-o",
+        output,
+        "--anyway",
+        *options,
+    ]  # few rows: how they are read matters
     result = CliRunner().invoke(app, [str(one) for one in arguments])
     assert result.exit_code == 0, result.output
     fit: dict[str, Any] = json.loads((output / "fit.json").read_text())

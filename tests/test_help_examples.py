@@ -35,6 +35,7 @@ HEAVY = (
 COMMANDS = {
     command.callback.__name__: command.callback for command in app.registered_commands if command.callback
 }
+NAMES = {name: name.rstrip("_").replace("_", "-") for name in COMMANDS}
 SLOW = ("demo", "challenge")
 """Examples of these take minutes: tests of their own run the same commands on less."""
 MACHINE = """
@@ -55,6 +56,23 @@ frames:
 masses: {payload: {kg: 1, com: [0, 0, 0], in: tool}}
 sensor: {type: position, sigma: {xyz: 0.01}}
 tolerances: {length: 0.1, angle: 0.1}
+"""
+
+TABLE = """name,a [mm],alpha [deg],d [mm],theta [deg]
+q1,25,-90,400,0
+q2,560,0,0,-90
+q3,35,-90,0,0
+q4,0,90,515,0
+q5,0,-90,0,0
+q6,0,0,80,0
+"""
+POINTS = """// SpatialAnalyzer, units: mm
+Cell::A::P1, 1240.512, -318.227, 902.118
+Cell::A::P2, 1105.090, -77.914, 1210.332
+"""
+JOINTS = """point,q1,q2,q3,q4,q5,q6
+P1,-31.2,42.0,-18.5,101.0,-40.3,12.0
+P2,-8.0,20.5,-31.0,66.0,-71.9,-88.0
 """
 
 
@@ -88,6 +106,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         made = run(["simulate", str(folder / "machine.yaml"), str(folder / "poses.csv"), "-o", str(folder / name), *effect,
                     "--seed", str(seed)])  # fmt: skip
         assert made.exit_code == 0, made.output
+    for name, text in (("kr10.csv", TABLE), ("points.txt", POINTS), ("joints.csv", JOINTS)):
+        (folder / name).write_text(text, encoding="utf-8")
     points = rng.uniform(-100, 100, (4, 3))
     pd.DataFrame(points, columns=["x", "y", "z"]).assign(point=["P1", "P2", "P3", "P4"]).to_csv(
         folder / "body.csv", index=False
@@ -115,12 +135,12 @@ def test_the_example_runs(line: str, folder: Path, monkeypatch: pytest.MonkeyPat
 
 def test_every_command_has_an_example_that_is_run_here_or_where_it_says() -> None:
     told = {shlex.split(line)[1] for line in examples()}
-    assert told == {name.replace("_", "-") for name in COMMANDS}
+    assert told == set(NAMES.values())
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_short_help_is_help_and_every_command_can_be_quiet(command: str) -> None:
-    arguments = [command] if command else []
+    arguments = [NAMES[command]] if command else []
     short, long = run([*arguments, "-h"]), run([*arguments, "--help"])
     assert short.exit_code == long.exit_code == 0 and short.stdout == long.stdout
     assert "--quiet" in long.stdout or not command

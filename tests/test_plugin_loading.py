@@ -105,7 +105,10 @@ def test_a_sensor_whose_annotations_are_texts_is_fitted(tmp_path: Path) -> None:
     rows = [f"{20 * k - 90},{(7 * k) % 100 - 50}" for k in range(10)]
     (tmp_path / "poses.csv").write_text("\n".join(["q1,q2", *rows]) + "\n", encoding="utf-8")
     machine, poses, read, out = (str(tmp_path / n) for n in ("machine.yaml", "poses.csv", "read.csv", "out"))
-    for arguments in (["simulate", machine, poses, "-o", read], ["calibrate", machine, read, "-o", out]):
+    for arguments in (
+        ["simulate", machine, poses, "-o", read],
+        ["calibrate", machine, read, "-o", out, "--anyway"],
+    ):
         done = CliRunner().invoke(app, [*arguments, "--plugin", str(plugin)])
         assert done.exit_code == 0, done.output
     assert [p.name for p in load_machine(Path(out) / "calibrated.yaml").parameters][-1] == "zero"

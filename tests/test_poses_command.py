@@ -131,8 +131,8 @@ def _cell(name: str, column: str, value: str) -> Callable[[Path], None]:
 
 
 BAD: dict[str, tuple[Callable[[Path], None], str]] = {
-    "text": (_cell("points.csv", "P2.y", "high"), r"points.csv: row 3, column 'P2.y'"),
-    "infinity": (_cell("points.csv", "P2.y", "inf"), r"points.csv: row 3, column 'P2.y'"),
+    "text": (_cell("points.csv", "P2.y", "high"), r"points.csv: row 3 (line 4), column 'P2.y'"),
+    "infinity": (_cell("points.csv", "P2.y", "inf"), r"points.csv: row 3 (line 4), column 'P2.y'"),
     "no column": (
         _edited("points.csv", lambda f: f.drop(columns="P2.z")),
         "points.csv: missing column 'P2.z'",
@@ -148,10 +148,10 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "no body point": (_cell("body.csv", "point", "P9"), "missing column 'P9.x'"),
     "a body point twice": (
         _cell("body.csv", "point", "P1"),
-        "body.csv: row 3, column 'point': found 'P1' again",
+        "body.csv: row 3 (line 4), column 'point': found 'P1' again",
     ),
     "no axis": (_edited("body.csv", lambda f: f.rename(columns={"x": "X"})), "body.csv: missing column 'x'"),
-    "no coordinate": (_cell("body.csv", "y", ""), "body.csv: row 3, column 'y'"),
+    "no coordinate": (_cell("body.csv", "y", ""), "body.csv: row 3 (line 4), column 'y'"),
     "no file": (lambda folder: (folder / "body.csv").unlink(), "body.csv: cannot read the file"),
     "no row": (_edited("points.csv", lambda f: f.iloc[:0]), "points.csv"),
 }

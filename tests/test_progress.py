@@ -9,10 +9,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truepose.commands import progress
-from truepose.commands.identify import DIAGNOSING, FITTING
 from truepose.commands.progress import EVERY, Course, Lines, lasting, quietly
 
 DELAY = 2.0
+FITTING = (
+    ("fitting", 3.0),
+    ("fitting without tolerances", 4.0),
+    ("looking for rows", 2.0),
+    ("writing the report", 1.0),
+)
+DIAGNOSING = (
+    ("fitting without effects", 1.0),
+    ("weighing", 5.0),
+    ("naming and proving", 3.0),
+    ("writing the report", 1.0),
+)
+"""Stages of some work, and about how long each takes beside the others."""
 
 
 class Clock:

@@ -177,7 +177,7 @@ def test_labels_are_checked(tmp_path: Path) -> None:
     ):
         estimate(machine, read(tmp_path, machine, many))
     empty = frame.assign(socket=frame["socket"].astype(str).where(frame.index != 3, ""))
-    with pytest.raises(InputError, match=r"row 4, column 'socket': found an empty cell"):
+    with pytest.raises(InputError, match=r"row 4 \(line 5\), column 'socket': found an empty cell"):
         read(tmp_path, machine, empty)
 
 

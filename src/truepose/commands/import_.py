@@ -67,7 +67,7 @@ def import_(
 
     Example: truepose import points.txt --joints joints.csv -o recording.csv
 
-    Example: truepose import run.mcap --topic /tracker/pose -o recording.csv
+    A ROS bag: truepose import run.mcap --topic /tracker/pose -o recording.csv
     """
     with reported():
         from truepose.errors import InputError
