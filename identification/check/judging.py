@@ -10,6 +10,9 @@ from truepose.wording import joined
 SURE, LIKELY = 3.0, 1.7
 """How many times better than as it stands a slip must fit to be certain, or to be worth a word."""
 
+GROSS = 0.1
+"""Share of what the tool moves that is left where nothing belongs together, whatever physics a machine has."""
+
 
 def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]:
     """Two misfits in a unit that users know: mm of the position where there is one, else sigmas."""
@@ -25,11 +28,11 @@ def off(rig: Rig, stand: Stand) -> bool:
     return stand.bad or stand.misfit > least
 
 
-def absurd(rig: Rig, stand: Stand) -> bool:
+def absurd(rig: Rig, stand: Stand, share: float = ABSURD) -> bool:
     """Whether a misfit is beyond what tolerances explain, and beyond what any drawing is wrong by."""
     if stand.bad:
         return True
-    return bool(stand.misfit > 10.0 * expected(rig, stand) and stand.misfit > ABSURD * motion(rig, stand))
+    return bool(stand.misfit > 10.0 * expected(rig, stand) and stand.misfit > share * motion(rig, stand))
 
 
 def unexplained(rig: Rig, stand: Stand) -> Found:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.identification.check.drawing import priced
-from truepose.identification.check.judging import LIKELY, SURE, absurd, off, shown, unexplained
+from truepose.identification.check.judging import GROSS, LIKELY, SURE, absurd, off, shown, unexplained
 from truepose.identification.check.kinds.axes import mirrored, targets, turned
 from truepose.identification.check.kinds.joints import exchanged, quarter_turns, signs, zeros
 from truepose.identification.check.kinds.order import matched, shifted
@@ -65,7 +65,7 @@ def search(rig: Rig) -> Search:
         for step in steps:
             found.append(_as_found(step, stand, price))
             scene, stand, price = step[0].scene, step[0].stand, step[0].price
-    if not found and absurd(rig, stand):
+    if not found and absurd(rig, stand, GROSS):
         found.append(unexplained(rig, stand))
     return Search((*found, *frames_off(rig, scene, stand)), scene, stand, price)
 

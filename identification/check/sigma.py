@@ -8,15 +8,17 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.check.bare import repeats
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import APPROACH, Driver
 from truepose.models.machine import Machine
 from truepose.models.units import convert
 
 Array = NDArray[np.float64]
-FAR = 5.0
+FAR = 10.0
 """How many times a stated sigma may differ from what readings say before it is worth a word."""
 _FEWEST = 6
 _MOST_GROUPS = 100
@@ -25,7 +27,7 @@ _MOST_GROUPS = 100
 def sigmas(rig: Rig, stand: Stand, price: float) -> Iterator[Found]:
     """Kinds of reading whose sigma is far from the scatter of replicates, or from all that is left."""
     for kind, (ratio, words) in _scatters(rig, stand, price).items():
-        if ratio is None or 1.0 / FAR < ratio < FAR:
+        if ratio is None or ratio <= 0.0 or 1.0 / FAR < ratio < FAR:
             continue
         channel = next(c for c in rig.machine.channels if c.kind == kind)
         size = float(f"{channel.sigma * ratio:.2g}")
@@ -83,9 +85,13 @@ def _scatters(rig: Rig, stand: Stand, price: float) -> dict[str, tuple[float | N
 
 
 def _replicates(recording: Recording) -> list[NDArray[np.intp]]:
-    """Places of rows at one reading of all joints, in one session, groups of two and more."""
-    use = np.flatnonzero(~recording.validation)
-    told = np.column_stack([recording.q[use], recording.session[use]]) + 0.0
+    """Places of rows that were measured alike, groups of two and more; a row copied from another one is none.
+
+    Alike: at one reading of all joints, in one session, reached from the same sides, under the same load.
+    """
+    use = np.setdiff1d(np.flatnonzero(~recording.validation), repeats(recording))
+    like = [v for name, v in recording.drivers.items() if Driver.of(name).kind in (APPROACH, "payload")]
+    told = np.column_stack([recording.q, recording.session, *like])[use] + 0.0
     _, label, count = np.unique(told, axis=0, return_inverse=True, return_counts=True)
     label = label.reshape(-1)
     return [use[label == k] for k in np.flatnonzero(count >= 2)[:_MOST_GROUPS]]

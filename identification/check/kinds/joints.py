@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.pair import Pair, Sheet
+from truepose.identification.check.pair import Field, Pair, Sheet
 from truepose.identification.check.rig import Rig, Scene
 from truepose.identification.check.slip import Slip
+from truepose.models.mechanism import Actuator
 from truepose.models.units import convert
 from truepose.wording import joined
 
@@ -127,30 +128,42 @@ def _plus(k: int, size: float, scene: Scene) -> Scene:
 
 
 def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
-    """In the constant that is the joint's zero where the file has a field for it, else in the column."""
+    """In the constant that is the joint's zero where the file has a field for it, else in the column.
+
+    In the column, too, where readings leave the joint's range: the range counts from the right zero.
+    """
     a = rig.machine.mechanism.actuators[k]
-    zero = a.drives if a.reading_unit == "rad" else a.reading
-    for name in (f"{zero}.theta", f"{zero}.r", f"{zero}.offset", a.offset or ""):
-        parameter = rig.machine.geometry.get(name)
-        fits = parameter is not None and parameter.unit == a.unit == a.reading_unit
-        if parameter is None or not fits or not parameter.field or (name.endswith(".r") and a.unit == "rad"):
-            continue
-        if name.endswith(".theta") and a.unit != "rad":
-            continue
-        if pair.get(("mechanism", "convention")) not in (None, "khalil") and not name.endswith(".theta"):
-            continue
-        value = pair.get(parameter.field)
-        if value is None or isinstance(value, (int, float)):
-            inside = convert(float(value or 0.0), rig.machine.units.written(a.unit), a.unit) + size
-            return pair.with_field(
-                parameter.field, float(f"{convert(inside, a.unit, rig.machine.units.written(a.unit)):.9g}")
-            )
+    unit = rig.machine.units.written(a.unit)
+    field = None if _beyond(a, rig.recording.q[:, k]) else _zero_field(rig, a, pair)
+    if field is not None:
+        inside = convert(float(pair.get(field) or 0.0), unit, a.unit) + size
+        return pair.with_field(field, float(f"{convert(inside, a.unit, unit):.9g}"))
 
     def change(sheet: Sheet) -> Sheet:
-        unit = sheet.units.get(a.reading) or rig.machine.units.of_joint(a.reading_unit)
-        return sheet.with_numbers({a.reading: sheet.numbers(a.reading) + convert(size, a.reading_unit, unit)})
+        own = sheet.units.get(a.reading) or rig.machine.units.of_joint(a.reading_unit)
+        return sheet.with_numbers({a.reading: sheet.numbers(a.reading) + convert(size, a.reading_unit, own)})
 
     return pair.each(change)
+
+
+def _beyond(a: Actuator, q: NDArray[np.float64]) -> bool:
+    return a.range is not None and bool(q.min() < a.range[0] or q.max() > a.range[1])
+
+
+def _zero_field(rig: Rig, a: Actuator, pair: Pair) -> Field | None:
+    """Where the document states the joint's zero; None where it has no place for it."""
+    ends = ("theta", "offset") if a.unit == "rad" else ("r", "offset")
+    table = pair.get(("mechanism", "convention")) not in (None, "khalil")
+    for name in (*(f"{a.drives}.{end}" for end in ends), a.offset or ""):
+        parameter = rig.machine.geometry.get(name)
+        if parameter is None or not parameter.field or not parameter.unit == a.unit == a.reading_unit:
+            continue
+        if table and not name.endswith(".theta"):
+            continue
+        value, above = pair.get(parameter.field), pair.get(parameter.field[:-1])
+        if isinstance(above, Mapping) and (value is None or isinstance(value, (int, float))):
+            return parameter.field
+    return None
 
 
 def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
