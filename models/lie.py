@@ -104,7 +104,20 @@ def rpy_of(rotation: Array) -> Array:
 
 def rpy_matrix(rpy: Array) -> Array:
     """(3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of (roll, pitch, yaw) (3,), rad."""
-    return Rotation.from_euler("ZYX", np.asarray(rpy, dtype=float)[::-1]).as_matrix()
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """(3, 3) rotation closest to a matrix (Kabsch; Umeyama, PAMI 13, 1991)."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt)
 
 
 def inverse_pose(pose: Array) -> Array:

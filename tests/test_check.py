@@ -364,7 +364,7 @@ def test_the_command_and_the_gate(right: pd.DataFrame, tmp_path: Path) -> None:
     assert set(answer["found"][0]) >= {"kind", "where", "before", "after", "fix"}
     assert [Path(f).name for f in answer["files"]] == ["arm.yaml", "r.csv"]
     refused = runner.invoke(app, ["calibrate", *paths, "-o", str(tmp_path / "out")])
-    assert refused.exit_code == 2 and "readings in m fit" in refused.stderr
+    assert refused.exit_code == 2 and "readings in m: it would fit" in refused.stderr
     assert not (tmp_path / "out").exists()
     anyway = runner.invoke(app, ["calibrate", *paths, "-o", str(tmp_path / "out"), "--anyway"])
     assert anyway.stdout.startswith("WRONG: unit-length")

@@ -104,8 +104,8 @@ def _by_poses(flange: Array, measured: Array, tool: Array) -> Iterator[Frames]:
     for turn in (_turn_of_null_vector(f, m), tool[:3, :3]):
         base = turned = turn
         for _ in range(_SWEEPS):
-            base = nearest_rotation(np.tensordot(k, turned, ([1, 3], [1, 0])))
-            fresh = nearest_rotation(np.tensordot(k, base, ([0, 2], [0, 1])).T)
+            base = lie.nearest_rotation(np.tensordot(k, turned, ([1, 3], [1, 0])))
+            fresh = lie.nearest_rotation(np.tensordot(k, base, ([0, 2], [0, 1])).T)
             done = np.abs(fresh - turned).max() < 1e-6
             turned = fresh
             if done:
@@ -121,13 +121,7 @@ def _turn_of_null_vector(flange: Array, measured: Array) -> Array:
     right = np.einsum("ij,nlk->nikjl", eye, flange).reshape(-1, 9)
     vector = np.linalg.svd(np.hstack([left, -right]), full_matrices=False)[2][-1]
     inverse = vector[:9].reshape(3, 3)
-    return nearest_rotation(inverse * (1.0 if np.linalg.det(inverse) >= 0 else -1.0)).T
-
-
-def nearest_rotation(matrix: Array) -> Array:
-    """(3, 3) rotation closest to a matrix."""
-    u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt)
+    return lie.nearest_rotation(inverse * (1.0 if np.linalg.det(inverse) >= 0 else -1.0)).T
 
 
 def _with_shifts(flange: Array, measured: Array, base: Array, tool: Array, near: Array) -> Frames:
@@ -140,4 +134,4 @@ def _with_shifts(flange: Array, measured: Array, base: Array, tool: Array, near:
     return ends[0], ends[1]
 
 
-__all__ = ["Frames", "nearest_rotation", "starts"]
+__all__ = ["Frames", "starts"]

@@ -12,6 +12,7 @@ from truepose.identification.check.scene import Array, Mask, Scene, Stand
 from truepose.identification.prediction.lost import lost_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import SensorFunctions, Sight, joined
+from truepose.models import lie
 from truepose.models.machine import FRAME_OF, Machine
 
 KEPT = 0.8
@@ -131,20 +132,8 @@ class FrameFit:
 def transform(t: Array) -> Array:
     """(4, 4) transform of x y z and roll pitch yaw (6,)."""
     out = np.eye(4)
-    out[:3, 3], out[:3, :3] = t[:3], _rpy(t[3:])
+    out[:3, 3], out[:3, :3] = t[:3], lie.rpy_matrix(t[3:])
     return out
-
-
-def _rpy(rpy: Array) -> Array:
-    """(3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
 
 
 def _turning(rpy: Array) -> Array:

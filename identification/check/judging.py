@@ -5,13 +5,13 @@ from __future__ import annotations
 from truepose.identification.check.drawing import expected
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import ABSURD, Rig, Stand, motion
+from truepose.identification.fit.absurd import GROSS
 from truepose.wording import joined
 
 SURE, LIKELY = 3.0, 1.7
 """How many times better than as it stands a slip must fit to be certain, or to be worth a word."""
-
-GROSS = 0.1
-"""Share of what the tool moves that is left where nothing belongs together, whatever physics a machine has."""
+QUIET = 2.5
+"""Misfit, in sigmas, below which nothing is looked for: no slip could then fit ``SURE`` times better."""
 
 
 def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]:
@@ -28,11 +28,9 @@ def off(rig: Rig, stand: Stand) -> bool:
     return stand.bad or stand.misfit > least
 
 
-def absurd(rig: Rig, stand: Stand, share: float = ABSURD) -> bool:
-    """Whether a misfit is beyond what tolerances explain, and beyond what any drawing is wrong by."""
-    if stand.bad:
-        return True
-    return bool(stand.misfit > 10.0 * expected(rig, stand) and stand.misfit > share * motion(rig, stand))
+def hopeless(rig: Rig, stand: Stand, price: float) -> bool:
+    """Whether no fit could be called a calibration: its price is beyond ``GROSS``, and no drawing is wrong by so much."""
+    return stand.bad or (price > GROSS and stand.misfit > ABSURD * motion(rig, stand))
 
 
 def unexplained(rig: Rig, stand: Stand) -> Found:
@@ -62,4 +60,4 @@ def unexplained(rig: Rig, stand: Stand) -> Found:
     )
 
 
-__all__ = ["LIKELY", "SURE", "absurd", "off", "shown", "unexplained"]
+__all__ = ["LIKELY", "QUIET", "SURE", "hopeless", "off", "shown", "unexplained"]

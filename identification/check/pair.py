@@ -97,10 +97,6 @@ class Pair:
         at[field[-1]] = value
         return replace(self, document=document)
 
-    def without_field(self, name: str) -> Pair:
-        """A field at the top of the machine file taken out."""
-        return replace(self, document={key: v for key, v in self.document.items() if key != name})
-
     def get(self, field: Field) -> Any:
         """What a field holds; None where there is none."""
         at: Any = self.document

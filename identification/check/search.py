@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.identification.check.drawing import priced
-from truepose.identification.check.judging import GROSS, LIKELY, SURE, absurd, off, shown, unexplained
+from truepose.identification.check.judging import LIKELY, QUIET, SURE, hopeless, off, shown, unexplained
 from truepose.identification.check.kinds.axes import mirrored, targets, turned
 from truepose.identification.check.kinds.joints import exchanged, quarter_turns, signs, zeros
 from truepose.identification.check.kinds.order import matched, shifted
@@ -26,8 +26,6 @@ from truepose.identification.check.sessions import moved
 from truepose.identification.check.slip import Slip, Tried
 from truepose.identification.check.stated import frames_off
 
-QUIET = 2.5
-"""Misfit, in sigmas, below which nothing is looked for: no slip could then fit ``SURE`` times better."""
 ALIKE = 1.15
 """Slips that fit within this factor of the best one fit as well."""
 _DEEPEST, _POLISHED, _MOST = 3, 8, 300
@@ -65,7 +63,7 @@ def search(rig: Rig) -> Search:
         for step in steps:
             found.append(_as_found(step, stand, price))
             scene, stand, price = step[0].scene, step[0].stand, step[0].price
-    if not found and absurd(rig, stand, GROSS):
+    if not found and hopeless(rig, stand, price):
         found.append(unexplained(rig, stand))
     return Search((*found, *frames_off(rig, scene, stand)), scene, stand, price)
 
@@ -108,8 +106,7 @@ def _polished(rig: Rig, tried: Sequence[Tried], stand: Stand) -> Step:
     if not priced(rig, stand, noise) / best >= LIKELY:
         return []
     alike = [t for t in dear if t.price <= ALIKE * best]
-    plain = min(t.slip.cost for t in alike)
-    return sorted(alike, key=lambda t: (t.slip.cost > plain, _far(rig, t)))
+    return sorted(alike, key=lambda t: (t.slip.searched, _far(rig, t)))
 
 
 def _far(rig: Rig, tried: Tried) -> float:
@@ -119,7 +116,7 @@ def _far(rig: Rig, tried: Tried) -> float:
 
 def _two(rig: Rig, tried: Sequence[Tried], stand: Stand, price: float) -> list[Step]:
     """Two slips, where neither shows alone: the quick kinds on top of those that helped most."""
-    if not absurd(rig, stand):
+    if not hopeless(rig, stand, price):
         return []
     most = max(_MOST // max(len(tried), 1), 1)
     best: list[Step] = []
@@ -134,9 +131,9 @@ def _as_found(step: Step, stand: Stand, price: float) -> Found:
     best, others = step[0], step[1:]
     before, after, unit = shown(stand, best.stand)
     better, slip = price / best.price, best.slip
-    verdict: Verdict = "wrong" if better >= SURE and slip.cost <= better else "suspect"
+    verdict: Verdict = "wrong" if better >= SURE else "suspect"
     instead = tuple(dict.fromkeys(f"{t.slip.kind}: {t.slip.says}" for t in others))[:5]
     return Found(slip.kind, slip.where, slip.says, slip.fix, verdict, before, after, unit, slip.mend, instead)
 
 
-__all__ = ["LIKELY", "QUIET", "SURE", "Search", "search"]
+__all__ = ["Search", "search"]

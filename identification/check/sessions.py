@@ -49,7 +49,7 @@ def moved(rig: Rig, scene: Scene, stand: Stand, price: float) -> Iterator[Found]
     yield Found(
         "sessions-mixed",
         ("session",),
-        f"the set-up changes near {row}: each part by itself",
+        f"two set-ups in one recording, the second from about {row} on",
         "give each set-up its own number in a column 'session', or calibrate them one by one",
         "suspect" if known else "wrong",
         stand.length,

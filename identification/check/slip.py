@@ -26,8 +26,8 @@ class Slip:
     fix: str
     change: Change
     mend: Mend
-    cost: float = 1.0
-    """How many times better it must fit than a plainer slip (a search over a size finds something more often)."""
+    searched: bool = False
+    """Whether a size was searched for: it fits more easily than a slip of none, which comes first where both fit alike."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from truepose.identification.check.drawing import expected, priced
-from truepose.identification.check.judging import LIKELY, SURE, shown
+from truepose.identification.check.judging import LIKELY, QUIET, SURE, shown
 from truepose.identification.check.kinds.axes import turned
 from truepose.identification.check.kinds.frames import frame_unknown, frames_swapped
 from truepose.identification.check.kinds.joints import end_zeros
@@ -16,8 +16,6 @@ from truepose.identification.check.rig import Rig, Scene, Stand
 from truepose.identification.check.slip import Slip, Tried
 from truepose.models.machine import FRAMES
 
-QUIET = 2.5
-"""Misfit, in sigmas, with the frames as stated, below which they are right."""
 _NEAREST = 3
 
 
@@ -34,7 +32,7 @@ def frames_off(rig: Rig, scene: Scene, stand: Stand) -> list[Found]:
     before, after, unit = shown(held, stand)
     sure: Verdict = "wrong" if cost / free >= SURE else "suspect"
     good = [t for t in _explained(rig, scene, noise) if cost / t.price >= SURE and t.price <= 2.0 * free]
-    slips = [min(good, key=lambda t: (t.slip.cost > 1.0, t.price)).slip] if good else []
+    slips = [min(good, key=lambda t: (t.slip.searched, t.price)).slip] if good else []
     slips = slips or _unknown(rig, scene, stand, noise, max(1.5 * free, cost / 10))
     return [Found(s.kind, s.where, s.says, s.fix, sure, before, after, unit, s.mend) for s in slips]
 
@@ -63,8 +61,8 @@ def _unknown(rig: Rig, scene: Scene, stand: Stand, noise: float, enough: float) 
     for frames in (("base",), ("tool",)):
         one = rig.stand(scene, frames)
         if priced(rig, one, noise, frames) <= enough:
-            return [frame_unknown(rig, frames, one.p)]
-    return [frame_unknown(rig, (frame,), stand.p) for frame in FRAMES]
+            return [frame_unknown(rig, frames[0], one.p)]
+    return [frame_unknown(rig, frame, stand.p) for frame in FRAMES]
 
 
 __all__ = ["frames_off"]

@@ -1,6 +1,6 @@
 """Rows that a calibration does not fit, to be looked at before its model is suspected: typing errors, a lost beam.
 
-A fit that trusts every row is pulled by them, so where the misfit is large a fit that bends for outliers is asked.
+A fit that trusts every row is pulled by them, so a fit that bends for outliers is asked.
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ from truepose.identification.diagnosis.outliers import bridges, outlying_rows
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate, estimate
 
-GOOD = 1.3
-"""chi2 per degree of freedom up to which a fit is not pulled by any row."""
 APART = 2.0
-"""How much farther than all others a row must be where the misfit is large: physics left out has its largest residuals, too."""
+"""How much farther than all others a row must be: physics that was left out has its largest residuals, too."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +34,7 @@ def far_rows(found: Calibration) -> tuple[FarRow, ...]:
         return ()
     own = ~recording.validation & ~bridges(recording) & np.isfinite(fit.residual).all(axis=1)
     far, size = outlying_rows(fit, recording, own), np.max(np.abs(fit.residual), axis=1)
-    if found.fit.chi2_per_dof > GOOD:
-        far &= size > APART * np.max(size[own & ~far], initial=0.0)
+    far &= size > APART * np.max(size[own & ~far], initial=0.0)
     ranked = sorted(np.flatnonzero(far).tolist(), key=lambda k: -size[k])
     files, rows = recording.source_file, recording.source_row
     return tuple(FarRow(recording.files[files[k]], int(rows[k]), float(size[k])) for k in ranked)
@@ -46,7 +43,7 @@ def far_rows(found: Calibration) -> tuple[FarRow, ...]:
 def _robust(found: Calibration) -> Estimate | None:
     """A fit that far rows do not pull; None where there is none."""
     fit = found.fit
-    if found.method["estimator"] == "huber" or not fit.chi2_per_dof > GOOD:
+    if found.method["estimator"] == "huber":
         return fit
     try:
         return estimate(fit.machine, found.recording, fit.effects, start=fit.p, loss="huber")

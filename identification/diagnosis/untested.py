@@ -14,7 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g
 
 from truepose.identification.diagnosis.levels import Levels, parts_of
 from truepose.identification.diagnosis.naming import SHOWN, Member, Named
@@ -22,11 +21,11 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.signatures.forms import ERROR
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.untestable import GRAVITY
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-GRAVITY = (0.0, 0.0, -g)
 COMPLIANCE = "joint-compliance"
 
 

@@ -64,8 +64,7 @@ def seen_points(
 def rigid_motion(source: Array, target: Array) -> tuple[Array, Array]:
     """Rotation and shift that bring ``source`` onto ``target`` in least squares."""
     a, b = source.mean(axis=0), target.mean(axis=0)
-    u, _, vt = np.linalg.svd((target - b).T @ (source - a))
-    rotation = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
+    rotation = lie.nearest_rotation((target - b).T @ (source - a))
     return rotation, b - rotation @ a
 
 
@@ -84,8 +83,7 @@ def _turn_tool(predictor: Predictor, p: Array, rows: NDArray[np.bool_], predicte
     if not whole.any():
         return False
     mean = np.mean(np.swapaxes(predicted[whole], 1, 2) @ lie.exp_so3(turns[whole]), axis=0)
-    u, _, vt = np.linalg.svd(mean)
-    turn = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
+    turn = lie.nearest_rotation(mean)
     at = [predictor.model.names.index(f"tool.{a}") for a in AXES]
     p[at[3:]] = lie.rpy_of(lie.rpy_matrix(p[at[3:]]) @ turn)
     return True

@@ -46,10 +46,8 @@ def found_words(found: Found) -> str:
     times = found.before / found.after if found.after > 0 else float("inf")
     if times < 1.5:  # readings alone do not tell: it is the frames that the file states
         return found.says
-    return (
-        f"{found.says} {'fit' if found.kind != 'offset' else 'fits'} {times:,.3g} times better: "
-        f"rms {found.after:.3g} {found.unit}, {found.before:.3g} {found.unit} as it stands"
-    )
+    after, before = (f"{size:.3g} {found.unit}" for size in (found.after, found.before))
+    return f"{found.says}: it would fit {times:,.3g} times better, rms {after} ({before} as it stands)"
 
 
 def refusal(check: Check) -> str:

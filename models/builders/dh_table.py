@@ -10,7 +10,7 @@ the next one; those of the last row come after its motion: they are the fixed ``
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import model_validator
 
@@ -22,21 +22,13 @@ _KEPT = ("range", "gear_ratio", "screw_pitch")
 """Fields of a joint that are no constants of the table."""
 
 
-class DhJoint(Section):
-    """One row of a standard or modified table."""
+class ChainJoint(Section):
+    """What a row of a table says of its joint beside the constants."""
 
     name: str
     """What the joint is called: the recording's column of its readings has this name."""
     kind: Literal["revolute", "prismatic"]
     """Whether it turns about its z axis or slides along it."""
-    a: Length = 0.0
-    """Length of the link, along x."""
-    alpha: Angle = 0.0
-    """Twist of the link, about x."""
-    d: Length = 0.0
-    """Offset along z at reading 0; a prismatic joint's reading adds to it."""
-    theta: Angle = 0.0
-    """Turn about z at reading 0; a revolute joint's reading adds to it."""
     range: Range | None = None
     """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Number | None = None
@@ -45,10 +37,23 @@ class DhJoint(Section):
     """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="after")
-    def _ordered(self) -> DhJoint:
+    def _ordered(self) -> Self:
         if self.range and self.range[0] >= self.range[1]:
             raise bad_value("range: [low, high] with low < high", self.range)
         return self
+
+
+class DhJoint(ChainJoint):
+    """One row of a standard or modified table."""
+
+    a: Length = 0.0
+    """Link length: distance along x. In a standard table it follows the joint, in a modified one it comes before."""
+    alpha: Angle = 0.0
+    """Twist: turn about x, beside `a`."""
+    d: Length = 0.0
+    """Shift along z at reading 0; a prismatic joint's reading adds to it."""
+    theta: Angle = 0.0
+    """Turn about z at reading 0; a revolute joint's reading adds to it."""
 
 
 class DhTable(Section):
@@ -89,4 +94,4 @@ def table_frames(section: Mapping[str, Any], context: BuildContext) -> dict[str,
     }
 
 
-__all__ = ["CONVENTIONS", "DhTable", "khalil_section", "table_frames"]
+__all__ = ["CONVENTIONS", "ChainJoint", "DhTable", "khalil_section", "table_frames"]

@@ -19,9 +19,9 @@ from pydantic_core import PydanticCustomError
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
-from truepose.models.builders.dh_table import CONVENTIONS, khalil_section, table_frames
+from truepose.models.builders.dh_table import CONVENTIONS, ChainJoint, khalil_section, table_frames
 from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Length, Number, Range, Section, bad_value
+from truepose.models.fields import Angle, Length, Section
 from truepose.models.mechanism import BASE, Actuator, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
 from truepose.models.units import UnitSystem
@@ -42,13 +42,9 @@ _WHAT_D_MEANS = (
 )
 
 
-class SerialJoint(Section):
+class SerialJoint(ChainJoint):
     """One row of the table of constants."""
 
-    name: str
-    """What the joint is called: the recording's column of its readings has this name."""
-    kind: Literal["revolute", "prismatic"]
-    """Whether it turns about its z axis or slides along it."""
     beta: Angle = 0.0
     """Hayati's extra turn about y, first of all; leave it out unless the drawing has one."""
     alpha: Angle = 0.0
@@ -59,12 +55,6 @@ class SerialJoint(Section):
     """Turn about z at reading 0; a revolute joint's reading adds to it."""
     r: Length = 0.0
     """Shift along z at reading 0; a prismatic joint's reading adds to it."""
-    range: Range | None = None
-    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
-    gear_ratio: Number | None = None
-    """Turns of the motor for one of the joint: errors that repeat with the motor's turn are looked for."""
-    screw_pitch: Length | None = None
-    """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="before")
     @classmethod
@@ -72,12 +62,6 @@ class SerialJoint(Section):
         if isinstance(data, Mapping) and "a" in data:
             raise PydanticCustomError("unknown_field", _WHAT_D_MEANS, {"field": "a", "found": data["a"]})
         return data
-
-    @model_validator(mode="after")
-    def _ordered(self) -> SerialJoint:
-        if self.range and self.range[0] >= self.range[1]:
-            raise bad_value("range: [low, high] with low < high", self.range)
-        return self
 
 
 class SerialFlange(Section):

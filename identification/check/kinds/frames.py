@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -12,9 +12,8 @@ from truepose.identification.check.pair import Pair
 from truepose.identification.check.rig import Rig, Scene
 from truepose.identification.check.slip import Slip
 from truepose.models.machine import FRAMES
-from truepose.models.machine_file import FrameSpec
+from truepose.models.machine_file import Frames
 from truepose.models.units import convert
-from truepose.wording import joined
 
 Array = NDArray[np.float64]
 
@@ -49,35 +48,21 @@ def _mend_swap(pair: Pair) -> Pair:
     return out
 
 
-def frame_unknown(rig: Rig, frames: Sequence[str], found: Array) -> Slip:
-    """Frames that are somewhere else than the file says: where readings put them, constants (np,) ``found``."""
-    file = rig.machine.file
-    specs = {"base": file.frames.base, "tool": file.frames.tool} if file else {}
-    says = []
-    for frame in frames:
-        spec = specs.get(frame)
-        moved = found[rig.at[frame]] - rig.scene.p[rig.at[frame]]
-        away = f"{np.linalg.norm(moved[:3]):.4g} mm and {np.degrees(_angle(rig, frame, found)):.3g} deg"
-        if spec is None or not spec.present:
-            says.append(
-                f"frames.{frame} is left out, which says that it is exactly the identity, and stands {away} away"
-            )
-        else:
-            says.append(f"frames.{frame} stands {away} from where the file says")
-    kind = f"{frames[0]}-missing"
-    words = (
-        "; add " if any(s is None or not s.present for s in (specs.get(f) for f in frames)) else "; state "
-    )
-    fix = joined(
-        f"frames.{f} with 'tolerance: {{xyz: .inf, rpy: .inf}}' if nobody measured it" for f in frames
-    )
+def frame_unknown(rig: Rig, frame: str, found: Array) -> Slip:
+    """A frame that is somewhere else than the file says: where readings put it, constants (np,) ``found``."""
+    frames = rig.machine.file.frames if rig.machine.file else Frames()
+    present = (frames.base if frame == "base" else frames.tool).present
+    moved = found[rig.at[frame]] - rig.scene.p[rig.at[frame]]
+    away = f"{np.linalg.norm(moved[:3]):.4g} mm and {np.degrees(_angle(rig, frame, found)):.3g} deg"
     return Slip(
-        kind,
-        tuple(f"frames.{frame}" for frame in frames),
-        "; ".join(says),
-        f"{words[2:]}{fix}",
+        f"{frame}-missing",
+        (f"frames.{frame}",),
+        f"frames.{frame} stands {away} from where the file says"
+        if present
+        else f"frames.{frame} is left out, which says that it is exactly the identity, and stands {away} away",
+        f"{'state' if present else 'add'} frames.{frame} with 'tolerance: {{xyz: .inf, rpy: .inf}}' if nobody measured it",
         lambda scene: scene,
-        partial(_mend_unknown, rig, frames, found),
+        partial(_mend_unknown, rig, frame, found),
     )
 
 
@@ -86,20 +71,13 @@ def _angle(rig: Rig, frame: str, found: Array) -> float:
     return float(np.arccos(np.clip((np.trace(here.T @ there) - 1) / 2, -1, 1)))
 
 
-def _mend_unknown(rig: Rig, frames: Sequence[str], found: Array, pair: Pair) -> Pair:
-    units = rig.machine.units
-    for frame in frames:
-        at = found[rig.at[frame]]
-        spec = FrameSpec("world" if frame == "base" else "flange")
-        pair = pair.with_field(("frames", frame, "in"), pair.get(("frames", frame, "in")) or spec.in_)
-        pair = pair.with_field(
-            ("frames", frame, "xyz"), [float(f"{convert(v, 'mm', units.length):.6g}") for v in at[:3]]
-        )
-        pair = pair.with_field(
-            ("frames", frame, "rpy"), [float(f"{convert(v, 'rad', units.angle):.6g}") for v in at[3:]]
-        )
-        pair = pair.with_field(("frames", frame, "tolerance"), {"xyz": float("inf"), "rpy": float("inf")})
-    return pair
+def _mend_unknown(rig: Rig, frame: str, found: Array, pair: Pair) -> Pair:
+    units, at, own = rig.machine.units, found[rig.at[frame]], ("frames", frame)
+    parent = pair.get((*own, "in")) or ("world" if frame == "base" else "flange")
+    xyz = [float(f"{convert(v, 'mm', units.length):.6g}") for v in at[:3]]
+    rpy = [float(f"{convert(v, 'rad', units.angle):.6g}") for v in at[3:]]
+    unknown = {"xyz": float("inf"), "rpy": float("inf")}
+    return pair.with_field(own, {"in": parent, "xyz": xyz, "rpy": rpy, "tolerance": unknown})
 
 
 __all__ = ["frame_unknown", "frames_swapped"]

@@ -105,7 +105,7 @@ def quarter_turns(rig: Rig, scene: Scene) -> Iterator[Slip]:
                 yield offset(rig, k, np.radians(degrees))
 
 
-def offset(rig: Rig, k: int, size: float, cost: float = 1.0) -> Slip:
+def offset(rig: Rig, k: int, size: float, *, searched: bool = False) -> Slip:
     """Joint k with its zero elsewhere by ``size`` (in the unit of its reading inside)."""
     a = rig.machine.mechanism.actuators[k]
     unit = rig.machine.units.of_joint(a.reading_unit)
@@ -117,7 +117,7 @@ def offset(rig: Rig, k: int, size: float, cost: float = 1.0) -> Slip:
         f"add {shown} to the zero of {a.reading} in the machine file, or to its column",
         partial(_plus, k, size),
         partial(_shifted_zero, rig, k, size),
-        cost,
+        searched,
     )
 
 
@@ -180,7 +180,7 @@ def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
         found = _narrowed(misfit, grid)
         if abs(found) > (LEAST if a.reading_unit == "rad" else 0.02 * span):
-            yield offset(rig, k, found, cost=2.0)
+            yield offset(rig, k, found, searched=True)
 
 
 def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -200,7 +200,7 @@ def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
         found = _narrowed(away, np.linspace(-np.pi, np.pi, _GRID, endpoint=False))
         if abs(found) > LEAST:
-            yield offset(rig, k, found, cost=2.0)
+            yield offset(rig, k, found, searched=True)
 
 
 def _narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> float:

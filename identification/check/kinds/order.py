@@ -93,7 +93,7 @@ def matched(rig: Rig, scene: Scene) -> Iterator[Slip]:
         "put readings and joints back into one order",
         lambda scene: _reordered(scene, order),
         lambda pair: pair.each(lambda sheet: _mend_order(columns, order, sheet)),
-        2.0,
+        searched=True,
     )
 
 
