@@ -14,13 +14,14 @@ from truepose.identification.diagnosis.levels import Levels
 from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.summary import summarised
-from truepose.identification.diagnosis.untested import GRAVITY, beside_untested
+from truepose.identification.diagnosis.untested import beside_untested
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.untestable_words import untestable_lines
 from truepose.identification.signatures.candidates import Untestable
+from truepose.identification.signatures.untestable import GRAVITY
 from truepose.models.load import load_machine
 
 ARM = """
