@@ -101,12 +101,16 @@ def read_document(path: Path | str) -> dict[str, Any]:
     Raises InputError, naming file and line, for an unreadable file, a syntax error, a duplicate key, an
     unsafe tag, or a document that is not a mapping with text keys.
     """
+    return parse_document(read_text(path), path)
+
+
+def read_text(path: Path | str) -> str:
+    """The text of a file in UTF-8. Raises InputError for one that cannot be read."""
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        return Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as exc:
         reason = exc.strerror if isinstance(exc, OSError) else "not a text in UTF-8"
         raise InputError(f"{path}: cannot read the file: {reason}") from None
-    return parse_document(text, path)
 
 
 def parse_document(text: str, path: Path | str) -> dict[str, Any]:

@@ -101,6 +101,15 @@ def test_a_fit_of_another_machine_is_no_calibration(folder: Path, tmp_path: Path
     assert again.stderr.startswith("error: NOT CALIBRATED: ") and len(again.stderr.splitlines()) == 1
 
 
+@pytest.mark.parametrize("command", ["calibrate", "diagnose", "drift"])
+def test_every_command_that_fits_refuses_files_that_do_not_belong_together(
+    command: str, folder: Path, tmp_path: Path
+) -> None:
+    stopped = run(command, folder / "forgotten.yaml", folder / "rows.csv", "-o", tmp_path / "out")
+    assert stopped.exit_code == 2 and "base-missing" in stopped.stderr and "--anyway" in stopped.stderr
+    assert not (tmp_path / "out").exists() and len(stopped.stderr.strip().splitlines()) == 1
+
+
 def test_physics_left_out_is_no_absurdity(folder: Path, tmp_path: Path) -> None:
     """A joint's scale off by 0.2 percent: far beyond sigma and tolerances, and still this machine."""
     result = run("calibrate", folder / "arm.yaml", folder / "rows.csv", "-o", tmp_path / "out")

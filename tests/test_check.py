@@ -19,7 +19,7 @@ from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.result import Check
 from truepose.identification.check.run import check_files
 from truepose.identification.recording.load import tables
-from truepose.models.yaml_document import document_text, read_document
+from truepose.models.yaml_document import document_text
 
 MACHINES = Path(truepose.__path__[0]) / "models/machines"
 JOINTS = tuple(f"q{k}" for k in range(1, 7))
@@ -372,6 +372,25 @@ def test_the_command_and_the_gate(right: pd.DataFrame, tmp_path: Path) -> None:
     assert "WRONG: unit-length" in (tmp_path / "out/report.html").read_text()
 
 
+URDF = """<robot name="r"><link name="l0"/><link name="l1"/><link name="l2"/><link name="l3"/>
+<joint name="j1" type="revolute"><parent link="l0"/><child link="l1"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/></joint>
+<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.1 0 0.1" rpy="1.5708 0 0"/>
+<axis xyz="0 0 1"/></joint>
+<joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0.4 0 0"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+DESCRIBED = """\
+# the arm in the corner
+schema: truepose/machine/1
+name: arm
+tolerances: {length: 0.1, angle: 0.05}  # drawing
+mechanism: {type: urdf, file: parts/arm.urdf, base_link: l0, tip_link: l3}
+frames:
+  base: {in: world, xyz: [100, 50, 0], rpy: [0, 0, 30], tolerance: {xyz: .inf, rpy: .inf}}
+  tool: {in: flange, xyz: [250, 0, 40], tolerance: {xyz: 0.5, rpy: 0}}
+sensor: {type: position, sigma: {xyz: 0.02}}
+"""
+
+
 def test_check_from_python(right: pd.DataFrame, tmp_path: Path) -> None:
     path, _ = written(tmp_path, *metres(right))
     machine = truepose.load_machine(path)
@@ -389,6 +408,25 @@ def test_a_mended_pair_is_not_written_over_its_source(right: pd.DataFrame, tmp_p
         Pair.read(machine, [recording]).write(tmp_path)
 
 
+def test_a_robot_description_goes_with_the_mended_machine_file(tmp_path: Path) -> None:
+    """The machine file keeps its comments, and its URDF stands beside it, so that the mended pair is whole."""
+    (tmp_path / "given" / "parts").mkdir(parents=True)
+    given = tmp_path / "given" / "m.yaml"
+    (tmp_path / "given" / "parts" / "arm.urdf").write_text(URDF, encoding="utf-8")
+    given.write_text(DESCRIBED, encoding="utf-8")
+    machine = truepose.load_machine(given)
+    rng = np.random.default_rng(5)
+    poses = pd.DataFrame(rng.uniform(-1.5, 1.5, (30, 3)), columns=["j1 [rad]", "j2 [rad]", "j3 [rad]"])
+    rows = pd.concat([poses, truepose.simulate(machine, poses, seed=2).reset_index(drop=True)], axis=1)
+    rows.assign(**{"j2 [rad]": -rows["j2 [rad]"]}).to_csv(tmp_path / "r.csv", index=False)
+    mended = tmp_path / "mended" / "m.yaml"
+    arguments = ["check", str(given), str(tmp_path / "r.csv"), "--fix", str(mended.parent)]
+    stopped = CliRunner().invoke(app, arguments)
+    assert stopped.exit_code == 2 and stopped.stdout.count("mended/") == 3, stopped.output
+    assert check_files(mended, [tmp_path / "mended" / "r.csv"])[0].verdict == "ok"
+    assert mended.read_text(encoding="utf-8") == DESCRIBED.replace("parts/arm.urdf", "arm.urdf")
+
+
 def test_a_sheet_keeps_what_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_text("q1,x [um],note\n1.50,2,fine\n-3,4.25,\n", encoding="utf-8")
     sheet = Sheet.of(tables([tmp_path / "r.csv"])[0])
@@ -399,7 +437,7 @@ def test_a_sheet_keeps_what_is_not_changed(tmp_path: Path) -> None:
 
 def test_documents_are_mended_where_they_are(tmp_path: Path) -> None:
     (tmp_path / "m.yaml").write_text(document_text(document()), encoding="utf-8")
-    pair = Pair(str(tmp_path / "m.yaml"), read_document(tmp_path / "m.yaml"), ())
+    pair = Pair.read(tmp_path / "m.yaml", [])
     changed = pair.with_field(("mechanism", "joints", 2, "theta"), 5.0)
     assert changed.get(("mechanism", "joints", 2, "theta")) == 5.0
     assert pair.get(("mechanism", "joints", 2, "theta")) == 0.0

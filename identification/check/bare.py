@@ -11,6 +11,7 @@ from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
 from truepose.identification.recording.file import SLACK
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.untestable import GRAVITY, GRAVITY_LINE
 from truepose.models.machine import Machine
 from truepose.models.units import convert
 from truepose.wording import joined, shortened
@@ -123,9 +124,9 @@ def _no_gravity(machine: Machine) -> Iterator[Found]:
             "no-gravity",
             ("gravity",),
             f"{len(machine.masses)} masses are stated and no gravity: what gives way under weight cannot be told",
-            "add 'gravity: [0, 0, -9.80665]' (in the base frame) to the machine file",
+            f"add '{GRAVITY_LINE}' (in the base frame) to the machine file",
             "suspect",
-            mend=lambda pair: pair.with_field(("gravity",), [0.0, 0.0, -9.80665]),
+            mend=lambda pair: pair.with_field(("gravity",), list(GRAVITY)),
         )
 
 

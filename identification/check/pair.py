@@ -17,10 +17,13 @@ from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.table import Table
-from truepose.models.yaml_document import document_text, read_document
+from truepose.models.yaml_document import parse_document, read_text
+from truepose.models.yaml_edit import edited_text
 
 Array = NDArray[np.float64]
 Field = tuple[str | int, ...]
+_DESCRIPTION: Field = ("mechanism", "file")
+"""Where a machine file names its URDF."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +73,10 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Pair:
-    """A machine file's document and the sheets of its recordings."""
+    """A machine file (its text as it stood, its document as it is mended) and the sheets of its recordings."""
 
     machine: str
+    text: str
     document: Mapping[str, Any]
     sheets: tuple[Sheet, ...]
 
@@ -80,7 +84,8 @@ class Pair:
     def read(cls, machine: Path, recordings: Sequence[Path]) -> Pair:
         """From the files."""
         sheets = tuple(Sheet.of(table) for table in tables(list(recordings)))
-        return cls(str(machine), read_document(machine), sheets)
+        text = read_text(machine)
+        return cls(str(machine), text, parse_document(text, machine), sheets)
 
     def each(self, change: Callable[[Sheet], Sheet]) -> Pair:
         """Every sheet changed alike."""
@@ -112,6 +117,8 @@ class Pair:
     def write(self, directory: Path) -> list[str]:
         """Both into a directory, under their own names (recordings as CSV); the paths written.
 
+        The machine file keeps its comments. A robot description that it names goes with it.
+
         Raises InputError where that would write over the files that were read.
         """
         names = [Path(self.machine).name, *(f"{Path(s.file).stem}.csv" for s in self.sheets)]
@@ -125,10 +132,24 @@ class Pair:
         with atomic_directory(directory) as partial:
             for name, text in zip(names, self._texts(), strict=True):
                 (partial / name).write_text(text, encoding="utf-8", newline="")
+            names += self._copied(partial)
         return [str(directory / name) for name in names]
 
     def _texts(self) -> list[str]:
-        return [document_text(self.document), *(sheet.text() for sheet in self.sheets)]
+        return [edited_text(self.text, self._beside().document), *(sheet.text() for sheet in self.sheets)]
+
+    def _beside(self) -> Pair:
+        """The pair whose robot description stands beside the machine file."""
+        named = self.get(_DESCRIPTION)
+        return self if named is None else self.with_field(_DESCRIPTION, Path(named).name)
+
+    def _copied(self, directory: Path) -> list[str]:
+        named = self.get(_DESCRIPTION)
+        if named is None:
+            return []
+        source = Path(self.machine).parent / named
+        (directory / source.name).write_bytes(source.read_bytes())
+        return [source.name]
 
 
 __all__ = ["Field", "Pair", "Sheet"]

@@ -39,8 +39,8 @@ MOST_PANELS = 12
 COLUMNS = 3
 
 
-def drift_html(found: Drift) -> str:
-    """The page as text."""
+def drift_html(found: Drift, cautions: Sequence[str] = ()) -> str:
+    """The page as text; ``cautions`` stand above all."""
     facts = [
         ("sessions", ", ".join(found.labels)),
         ("readings", str(sum(found.n_observations))),
@@ -55,7 +55,8 @@ def drift_html(found: Drift) -> str:
     if notes:
         sections.append(Section("notes", "Notes", [Items(notes)]))
     tone: Tone = "warn" if found.moved else "good"
-    return render.html(Document(f"Drift of {found.machine}", headline(found), tone, facts, sections))
+    title = f"Drift of {found.machine}"
+    return render.html(Document(title, headline(found), tone, facts, sections, cautions=cautions))
 
 
 def _moved_blocks(found: Drift) -> list[Block]:

@@ -120,9 +120,10 @@ def write_diagnosis(
         return sorted(file.name for file in partial.iterdir())
 
 
-def write_drift(result: Drift, output: Path) -> list[str]:
-    """``drift.json`` and ``report.html``; their names."""
+def write_drift(result: Drift, output: Path, check: Check | None = None) -> list[str]:
+    """``drift.json`` and ``report.html``; their names. What a ``check`` of the files found stands above all."""
+    found = {} if check is None else checked(check)
     with atomic_directory(output) as partial:
-        atomic_write_text(partial / "drift.json", json_text(drift_json(result)))
-        write_report(result, partial / REPORT)
+        atomic_write_text(partial / "drift.json", json_text({**drift_json(result), **found}))
+        atomic_write_text(partial / REPORT, drift_html(result, caution(check) if check else ()))
         return sorted(file.name for file in partial.iterdir())

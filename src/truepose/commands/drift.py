@@ -19,6 +19,7 @@ from truepose.commands.common import (
     reported,
     written,
 )
+from truepose.commands.gate import GateOption, gated
 from truepose.commands.results import DRIFT, check_directory, check_machine
 from truepose.errors import InputError
 
@@ -43,6 +44,7 @@ def drift(
     recordings: RecordingsArg,
     output: OutputOption = None,
     accuracy: AccuracyOption = None,
+    anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -56,24 +58,24 @@ def drift(
     """
     with reported(plugin):
         from truepose.identification.drift.analysis import drift as run
-        from truepose.identification.recording.load import load_recording
+        from truepose.identification.report.check_words import caution_lines, checked
         from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
         from truepose.identification.report.files import write_drift
-        from truepose.models.load import load_machine
 
         if output is not None:
             check_directory(output, DRIFT)
         wanted = _wanted(accuracy or ())
         with progress("comparing recordings") as say:
-            loaded = load_machine(machine)
+            say("checking")
+            loaded, recording, check = gated(machine, recordings, anyway=anyway)
             if output is not None:
                 check_machine(output, DRIFT, loaded.name)
-            recording = load_recording(loaded, recordings)
             accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
             found = run(loaded, recording, accuracy=accepted, progress=say)
-            files = [] if output is None else written(output, write_drift(found, output))
-        summary = {"command": "drift", **drift_json(found), "files": files}
-        finish(summary, [*drift_lines(found), *files], drift_notes(found), as_json=as_json)
+            files = [] if output is None else written(output, write_drift(found, output, check))
+        summary = {"command": "drift", **drift_json(found), **checked(check), "files": files}
+        lines = [*caution_lines(check), *drift_lines(found), *files]
+        finish(summary, lines, drift_notes(found), as_json=as_json)
 
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:
