@@ -372,6 +372,13 @@ def test_the_command_and_the_gate(right: pd.DataFrame, tmp_path: Path) -> None:
     assert "WRONG: unit-length" in (tmp_path / "out/report.html").read_text()
 
 
+def test_readings_that_two_sensors_share(right: pd.DataFrame, tmp_path: Path) -> None:
+    both = [ARM["sensor"], {"type": "position", "sigma": {"xyz": 0.03}}]
+    found = checked(tmp_path, document(sensor=both), right)
+    assert [(f.kind, f.where) for f in found.found] == [("duplicated-columns", ("x", "y", "z"))]
+    assert found.verdict == "suspect"
+
+
 URDF = """<robot name="r"><link name="l0"/><link name="l1"/><link name="l2"/><link name="l3"/>
 <joint name="j1" type="revolute"><parent link="l0"/><child link="l1"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/></joint>
 <joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.1 0 0.1" rpy="1.5708 0 0"/>

@@ -23,7 +23,8 @@ _FEWEST = 6
 def bare(machine: Machine, recording: Recording) -> Iterator[Found]:
     """All that needs no fit."""
     yield from _too_few(machine, recording)
-    yield from _duplicates(machine, recording)
+    yield from _duplicates(recording)
+    yield from _shared_columns(machine)
     yield from _still(machine, recording)
     yield from _no_gravity(machine)
 
@@ -43,7 +44,7 @@ def _too_few(machine: Machine, recording: Recording) -> Iterator[Found]:
         )
 
 
-def _duplicates(machine: Machine, recording: Recording) -> Iterator[Found]:
+def _duplicates(recording: Recording) -> Iterator[Found]:
     """Rows that repeat another one to the last digit: no instrument reads so."""
     same = repeats(recording)
     if len(same):
@@ -55,6 +56,20 @@ def _duplicates(machine: Machine, recording: Recording) -> Iterator[Found]:
             "take them out: they count twice",
             "suspect",
             mend=lambda pair: pair.each(lambda s: s.rows(_firsts(s.cells.to_numpy(dtype=str)))),
+        )
+
+
+def _shared_columns(machine: Machine) -> Iterator[Found]:
+    """Two sensors of a list that read one column: a fit adds up what all of them read."""
+    read = [name for sensor in machine.sensors for name in sensor.columns]
+    twice = sorted({name for name in read if read.count(name) > 1}, key=read.index)
+    if twice:
+        yield Found(
+            "duplicated-columns",
+            tuple(twice),
+            f"several sensors read {joined(twice)}: each of these readings counts twice",
+            "take one of the sensors out of the machine file's list",
+            "suspect",
         )
 
 
