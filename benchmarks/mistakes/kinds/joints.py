@@ -72,7 +72,7 @@ def offset(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     name = str(rng.choice(names))
     document, table = pair.draft()
     if pair.form == "serial" and rng.random() < 0.3:
-        rows = [j for j in document["mechanism"]["joints"] if j["theta"] and j["kind"] == "revolute"]
+        rows = [j for j in document["mechanism"]["joints"] if j.get("theta") and j["kind"] == "revolute"]
         if rows:
             row = rows[int(rng.integers(len(rows)))]
             row["theta"] = 0.0
