@@ -25,13 +25,18 @@ def coordinate_scale(machine: Machine, unknowns: int, equations: int) -> Coordin
     mechanism = machine.mechanism
     lengths = [abs(p.nominal) for p in mechanism.parameters if p.unit == "mm"]
     reach = max([1.0, *lengths, *(abs(v) for joint in mechanism.unknown for v in joint.home)])
-    slides = {"prismatic": [True], "free": 3 * [True] + 3 * [False]}
-    kinds = [slide for j in mechanism.unknown for slide in slides.get(j.kind, COORDINATES[j.kind] * [False])]
+    kinds = slides_of(mechanism)
     forces = unknowns - len(kinds)
     size = np.array([reach if slide else 1.0 for slide in kinds] + forces * [1.0])
     limit = np.concatenate([0.2 * size[: len(kinds)], np.full(forces, np.inf)])
     strained = equations > len(kinds)
     return CoordinateScale(size, limit, STRAINED * reach if strained else np.inf)
+
+
+def slides_of(mechanism: Mechanism) -> list[bool]:
+    """Of each coordinate of the unknown joints whether it is a length."""
+    slides = {"prismatic": [True], "free": 3 * [True] + 3 * [False]}
+    return [slide for j in mechanism.unknown for slide in slides.get(j.kind, COORDINATES[j.kind] * [False])]
 
 
 def home_readings(mechanism: Mechanism) -> Array:

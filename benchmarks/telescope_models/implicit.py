@@ -59,7 +59,7 @@ class ClosurePredictor(Predictor):
         return tuple(Channel(f"gap{k + 1}", "mm", sigma, "closure", "tool") for k in range(self._count))
 
     def assemble(
-        self, p: Array, start: Array | None = None, *, follow: bool = True
+        self, p: Array, start: Array | None = None, *, follow: bool = True, larger: float = 1.0
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Passive coordinates (n, nx) at the measured poses (and of the assembly at home, which closes)."""
         x = np.tile(self.model.home, (len(self.q), 1)) if start is None else start

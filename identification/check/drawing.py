@@ -23,10 +23,11 @@ def expected(rig: Rig, stand: Stand) -> float:
     """Misfit (whitened rms) that the tolerances alone would leave once base and tool are fitted; at least the noise, 1."""
     here, p = _over(rig, stand), stand.p
     jacobian, _ = _rows(rig, here, p, stand)
-    known = np.flatnonzero(np.isfinite(rig.tolerance) & (rig.tolerance > 0) & ~_loose(rig))
+    tolerance = _tolerance(rig, stand)
+    known = np.flatnonzero(np.isfinite(tolerance) & (tolerance > 0) & ~_loose(rig))
     if not len(known) or not len(jacobian):
         return 1.0
-    carried = jacobian[:, :, known] * rig.tolerance[known]
+    carried = jacobian[:, :, known] * tolerance[known]
     flat = carried.reshape(-1, len(known))
     basis = _basis(jacobian[:, :, _loose(rig)].reshape(len(flat), -1))
     left = flat - basis @ (basis.T @ flat)
@@ -49,7 +50,7 @@ class _Priced:
     def __init__(self, rig: Rig, stand: Stand, noise: float, free: tuple[str, ...]) -> None:
         self.rig, self.stand, self.noise = rig, stand, noise
         self.here = _over(rig, stand)
-        tolerance = rig.tolerance.copy()
+        tolerance = _tolerance(rig, stand)
         for frame in free:
             tolerance[rig.at[frame]] = np.inf
         self.moving = np.flatnonzero(tolerance > 0)
@@ -88,7 +89,7 @@ class _Priced:
 
     def price(self, p: Array) -> float:
         """The sum at constants (np,)."""
-        x, good = self.here.assemble(p, follow=False)
+        x, good = self.rig.assembled(self.here, p, self.stand.scene)
         scaled = _scaled(self.rig, self.stand)
         residual = np.concatenate([b.residual for b in self.here.blocks(p, x)]) * scaled
         residual = residual[good & np.isfinite(residual).all(axis=1)]
@@ -100,12 +101,19 @@ class _Priced:
 
 
 def _rows(rig: Rig, here: Predictor, p: Array, stand: Stand) -> tuple[Array, Array]:
-    x, good = here.assemble(p, follow=False)
+    x, good = rig.assembled(here, p, stand.scene)
     blocks = list(here.blocks(p, x))
     residual = np.concatenate([b.residual for b in blocks]) * _scaled(rig, stand)
     jacobian = np.concatenate([b.jacobian for b in blocks]) * _scaled(rig, stand)[:, None]
     fine = good & np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     return jacobian[fine], residual[fine]
+
+
+def _tolerance(rig: Rig, stand: Stand) -> Array:
+    """(np,) tolerances as the hypothesis has them."""
+    long = np.array([_long(rig, k) for k in range(len(rig.names))])
+    tolerance: Array = np.where(long, stand.scene.stated, 1.0) * rig.tolerance
+    return tolerance
 
 
 def _over(rig: Rig, stand: Stand) -> Predictor:

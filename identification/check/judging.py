@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from truepose.identification.check.drawing import expected
-from truepose.identification.check.result import Found
+from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import ABSURD, Rig, Stand, motion
 from truepose.identification.fit.absurd import GROSS
 from truepose.wording import joined
@@ -13,9 +13,14 @@ SURE, LIKELY = 3.0, 1.7
 QUIET = 2.5
 """Misfit, in sigmas, below which nothing is looked for: no slip could then fit ``SURE`` times better."""
 
+PHYSICS = 0.2
+"""Share of what the tool moves that nothing left out of a model makes: an open-loop piezo is off by 0.23 of its stroke."""
+
 
 def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]:
-    """Two misfits in a unit that users know: mm of the position where there is one, else sigmas."""
+    """Two misfits in a unit that users know: mm of the position where there is one, else sigmas; None where nothing fits."""
+    if before.bad:
+        return (None, after.misfit, "sigma") if after.length is None else (None, after.length, "mm")
     if before.length is not None and after.length is not None:
         return before.length, after.length, "mm"
     return before.misfit, after.misfit, "sigma"
@@ -34,10 +39,16 @@ def hopeless(rig: Rig, stand: Stand, price: float) -> bool:
 
 
 def unexplained(rig: Rig, stand: Stand) -> Found:
-    """A misfit that no slip explains; where a joint is said never to move, that may be it."""
+    """A misfit that no slip explains; where a joint is said never to move, that may be it. Certain beyond all physics only."""
+    certain = stand.bad or stand.misfit > PHYSICS * motion(rig, stand)
+    verdict: Verdict = "wrong" if certain else "suspect"
     size = f"{stand.length:.3g} mm" if stand.length is not None else f"{stand.misfit:.3g} sigma"
     before, _, unit = shown(stand, stand)
-    misses = f"with base and tool fitted, the drawn machine misses the readings by {size}"
+    misses = (
+        "the drawn machine cannot stand as its joints were read"
+        if stand.bad
+        else f"with base and tool fitted, the drawn machine misses the readings by {size}"
+    )
     if rig.still:
         names = joined(rig.still)
         return Found(
@@ -45,7 +56,7 @@ def unexplained(rig: Rig, stand: Stand) -> Found:
             rig.still,
             f"{names} never moves in the recording, and {misses}: it may have moved without being logged",
             f"record {names}",
-            "wrong",
+            verdict,
             before,
             unit=unit,
         )
@@ -54,7 +65,7 @@ def unexplained(rig: Rig, stand: Stand) -> Found:
         (),
         f"{misses}, and no slip that was tried explains it",
         "compare the table of constants, the order of joints and the rows with their source",
-        "wrong",
+        verdict,
         before,
         unit=unit,
     )

@@ -17,6 +17,7 @@ from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.table import Table
+from truepose.models.urdf_lengths import rescaled
 from truepose.models.yaml_document import parse_document, read_text
 from truepose.models.yaml_edit import edited_text
 
@@ -73,12 +74,16 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Pair:
-    """A machine file (its text as it stood, its document as it is mended) and the sheets of its recordings."""
+    """A machine file (its text as it stood, its document as it is mended) and the sheets of its recordings.
+
+    described: by how much the lengths of the robot description that it names have to grow.
+    """
 
     machine: str
     text: str
     document: Mapping[str, Any]
     sheets: tuple[Sheet, ...]
+    described: float = 1.0
 
     @classmethod
     def read(cls, machine: Path, recordings: Sequence[Path]) -> Pair:
@@ -148,7 +153,11 @@ class Pair:
         if named is None:
             return []
         source = Path(self.machine).parent / named
-        (directory / source.name).write_bytes(source.read_bytes())
+        if self.described == 1.0:
+            (directory / source.name).write_bytes(source.read_bytes())
+        else:
+            text = rescaled(read_text(source), self.described)
+            (directory / source.name).write_text(text, encoding="utf-8", newline="")
         return [source.name]
 
 

@@ -21,8 +21,9 @@ Verdict = Literal["ok", "suspect", "wrong"]
 class Found:
     """One slip.
 
-    before, after: rms misfit after base and tool alone were fitted, without and with the slip mended, in ``unit``; None
-    where it needs no fit to be seen. instead: other slips that fit these readings as well.
+    before, after: rms misfit after base and tool alone were fitted, without and with the slip mended, in ``unit``; both None
+    where it needs no fit to be seen, before also where the drawn machine cannot stand as its joints were read. instead: other
+    slips that fit these readings as well.
     """
 
     kind: str

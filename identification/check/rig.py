@@ -78,7 +78,7 @@ class Rig:
         scene = scene or self.scene
         rows = chosen(self.machine, scene)
         here = self.predictor.over(scene.rows.subset(rows))
-        flange, good = self._flanges(here, scene.p)
+        flange, good = self._flanges(here, scene)
         nothing = Stand(scene.p, float("inf"), None, np.zeros((0, len(self.long))), rows, scene)
         if len(rows) == 0 or good.mean() < 0.5:
             return nothing
@@ -103,6 +103,11 @@ class Rig:
         steps = (0 if self.closed_form else FEW) if quick else STEPS
         return fit.descended(best[1], free, rows, steps)
 
+    def assembled(self, here: Predictor, p: Array, scene: Scene) -> tuple[Array, Mask]:
+        """Passive coordinates (n, nx) with constants p (np,), and which rows could be assembled; rows out of Newton's reach
+        are given up."""
+        return here.assemble(p, follow=False, larger=scene.drawn)
+
     def away(self, p: Array, stated: Array) -> float:
         """How far constants (np,) have base and tool from where others (np,) state them, in tolerances (0 if infinite)."""
         places = np.concatenate([self.at[frame] for frame in FRAMES])
@@ -120,11 +125,11 @@ class Rig:
                 return p[[self.names.index(q.name) for q in sensor.parameters]].reshape(-1, 3)
         return None
 
-    def _flanges(self, here: Predictor, p: Array) -> tuple[Array, Mask]:
-        bare = p.copy()
+    def _flanges(self, here: Predictor, scene: Scene) -> tuple[Array, Mask]:
+        bare = scene.p.copy()
         for frame in FRAMES:
             bare[self.at[frame]] = 0.0
-        x, good = here.assemble(bare, follow=False)
+        x, good = self.assembled(here, bare, scene)
         return here.poses(bare, x)[0], good
 
 

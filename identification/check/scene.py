@@ -20,12 +20,17 @@ MOST_ROWS = 45
 @dataclass(frozen=True)
 class Scene:
     """What a hypothesis says: all rows (their readings may be changed), constants p (np,), the factor by which it changed
-    measured lengths, and the rows (n,) that it leaves without a reading."""
+    measured lengths, and the rows (n,) that it leaves without a reading.
+
+    drawn, stated: the factors by which it changed the lengths of the mechanism and those of tolerances.
+    """
 
     rows: Recording
     p: Array
     size: float = 1.0
     lost: Mask | None = None
+    drawn: float = 1.0
+    stated: float = 1.0
 
     def with_joints(self, q: Array) -> Scene:
         """The same with other readings of the joints (n, nq)."""

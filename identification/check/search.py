@@ -76,7 +76,7 @@ def _best(rig: Rig, scene: Scene, stand: Stand, price: float) -> list[Step]:
     for makers in ((matched,), QUICK, SLOW) if thorough else (QUICK,):
         tried += _tried(rig, scene, makers)
         good = _polished(rig, tried, stand)
-        if good and price / good[0].price >= SURE:
+        if good and price / good[0].price >= SURE and not off(rig, good[0].stand):
             return [good]
     if good or not thorough:
         return [good] if good else []

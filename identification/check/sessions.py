@@ -81,7 +81,7 @@ def _apart(rig: Rig, scene: Scene, cut: int) -> tuple[float, float | None]:
     for mine in (slice(0, cut), slice(cut, None)):
         lost = np.ones(len(scene.rows), dtype=bool)
         lost[mine] = False
-        parts.append(rig.stand(Scene(scene.rows, scene.p, scene.size, lost)))
+        parts.append(rig.stand(replace(scene, lost=lost)))
     lengths = [p.length for p in parts if p.length is not None]
     return max(p.misfit for p in parts), max(lengths) if lengths else None
 

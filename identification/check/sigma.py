@@ -72,7 +72,7 @@ def _scatters(rig: Rig, stand: Stand, price: float) -> dict[str, tuple[float | N
             else None
         )
         if here is not None:
-            x, good = here.assemble(stand.p, follow=False)
+            x, good = rig.assembled(here, stand.p, stand.scene)
             residual = np.concatenate([b.residual for b in here.blocks(stand.p, x)])
             for kind in kinds:
                 at = [k for k, c in enumerate(rig.machine.channels) if c.kind == kind]

@@ -8,9 +8,10 @@ import numpy as np
 
 from truepose.identification.check.drawing import expected, priced
 from truepose.identification.check.judging import LIKELY, QUIET, SURE, shown
-from truepose.identification.check.kinds.axes import turned
+from truepose.identification.check.kinds.axes import targets, turned
 from truepose.identification.check.kinds.frames import frame_unknown, frames_swapped
 from truepose.identification.check.kinds.joints import end_zeros
+from truepose.identification.check.kinds.units import file_lengths
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import Rig, Scene, Stand
 from truepose.identification.check.slip import Slip, Tried
@@ -44,10 +45,11 @@ def _exact(rig: Rig) -> bool:
 
 
 def _explained(rig: Rig, scene: Scene, noise: float) -> list[Tried]:
-    """Slips that put base and tool where the file says: exchanged, axes turned, a zero of an end joint; priced."""
+    """Slips that put base and tool where the file says: frames or targets exchanged, axes turned, a zero of an end joint, the
+    file's lengths in another unit; priced."""
     tried = [
         Tried(slip, slip.change(scene), rig.stand(slip.change(scene), quick=True))
-        for maker in (turned, end_zeros)
+        for maker in (turned, end_zeros, targets, file_lengths)
         for slip in maker(rig, scene)
     ]
     near = sorted(tried, key=lambda t: rig.away(t.stand.p, t.scene.p))[:_NEAREST]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.models.closure import ROUNDS, closed
-from truepose.models.home import coordinate_scale
+from truepose.models.home import coordinate_scale, slides_of
 from truepose.models.kinematics import SymbolicModel
 
 Array = NDArray[np.float64]
@@ -28,19 +30,31 @@ class Loops:
         self.closure = BatchFunction("closure", [m.x, m.q, m.z, m.p], outputs, rows=rows)
         """Equations, their derivative by x, and gaps."""
         self.scale = coordinate_scale(m.machine, len(m.home), m.gap.numel())
+        slides = slides_of(m.machine.mechanism)
+        self.slides = np.array(
+            [*slides, *(len(m.home) - len(slides)) * [False]], dtype=bool
+        )  # forces come last
 
     def assemble(
-        self, q: Array, z: Array, p: Array, start: Array | None = None, *, follow: bool = True
+        self,
+        q: Array,
+        z: Array,
+        p: Array,
+        start: Array | None = None,
+        *,
+        follow: bool = True,
+        larger: float = 1.0,
     ) -> tuple[Array, Mask]:
         """Passive coordinates (n, nx) at readings (n, nq), drivers (n, nz) and parameters (np,), and which rows have them.
 
         ``start`` (n, nx) is where Newton's method begins, by default home. ``follow``: whether rows out of its reach are
-        followed from others.
+        followed from others. ``larger``: by how much ``p`` has the machine larger than its file, home included.
         """
-        x = np.tile(self._model.home, (len(q), 1)) if start is None else start.copy()
+        grown = np.where(self.slides, larger, 1.0)
+        x = np.tile(self._model.home * grown, (len(q), 1)) if start is None else start.copy()
         if x.shape[1] == 0:
             return x, np.ones(len(q), dtype=bool)
-        x, good = self._closed(x, q, z, p, ROUNDS if follow else _FEW)
+        x, good = self._closed(x, q, z, p, ROUNDS if follow else _FEW, grown)
         if not follow:
             return x, good
         if good.any() and not good.all():
@@ -49,12 +63,15 @@ class Loops:
             self._continue(x, good, (q, z, p), None)
         return x, good
 
-    def _closed(self, x: Array, q: Array, z: Array, p: Array, rounds: int = ROUNDS) -> tuple[Array, Mask]:
+    def _closed(
+        self, x: Array, q: Array, z: Array, p: Array, rounds: int = ROUNDS, grown: Array | float = 1.0
+    ) -> tuple[Array, Mask]:
         def equations(x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
             g, gx, gap = self.closure(x, q[rows], z[rows], p)
             return g, gx, gap
 
-        return closed(equations, x, self.scale, rounds=rounds)
+        scale = replace(self.scale, size=self.scale.size * grown, limit=self.scale.limit * grown)
+        return closed(equations, x, scale, rounds=rounds)
 
     def _continue(
         self, x: Array, good: Mask, at: tuple[Array, Array, Array], origin: NDArray[np.intp] | None

@@ -102,12 +102,15 @@ class Predictor:
         slow = dict.fromkeys(f.engine.why for f in functions if f.engine.missed)
         return (*told, *(f"{why}: evaluated by CasADi's virtual machine, more slowly" for why in slow))
 
-    def assemble(self, p: Array, start: Array | None = None, *, follow: bool = True) -> tuple[Array, Mask]:
+    def assemble(
+        self, p: Array, start: Array | None = None, *, follow: bool = True, larger: float = 1.0
+    ) -> tuple[Array, Mask]:
         """Passive coordinates (n, nx) that close the loops, from ``start`` (n, nx), and which rows could be assembled.
 
         A row that reads the change since another needs both. Without ``follow`` rows out of Newton's reach are given up.
+        ``larger``: by how much ``p`` has the machine larger than its file.
         """
-        x, good = self._loops.assemble(self.q, self.z, p, start, follow=follow)
+        x, good = self._loops.assemble(self.q, self.z, p, start, follow=follow, larger=larger)
         return x, good if self.origin is None else good & good[self.origin]
 
     def poses(self, p: Array, x: Array | None = None) -> tuple[Array, Mask]:

@@ -41,8 +41,10 @@ def check_lines(check: Check, written: Sequence[str] = ()) -> list[str]:
 
 def found_words(found: Found) -> str:
     """One finding in a line: what it says and by how much it fits better."""
-    if found.before is None or found.after is None or found.kind == "sigma":
+    if found.after is None or found.kind == "sigma":
         return found.says
+    if found.before is None:
+        return f"{found.says}: it would fit to {found.after:.3g} {found.unit} rms; as it stands nothing fits"
     times = found.before / found.after if found.after > 0 else float("inf")
     if times < 1.5:  # readings alone do not tell: it is the frames that the file states
         return found.says

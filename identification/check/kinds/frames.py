@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -27,24 +28,25 @@ def frames_swapped(rig: Rig, scene: Scene) -> Iterator[Slip]:
     def change(scene: Scene) -> Scene:
         p = scene.p.copy()
         p[base], p[tool] = scene.p[tool], scene.p[base]
-        return Scene(scene.rows, p, scene.size, scene.lost)
+        return replace(scene, p=p)
 
     yield Slip(
         "frames-swapped",
         ("frames.base", "frames.tool"),
         "frames.base and frames.tool exchanged",
-        "exchange xyz and rpy of frames.base and frames.tool",
+        "exchange xyz, rpy and tolerance of frames.base and frames.tool",
         change,
         _mend_swap,
     )
 
 
 def _mend_swap(pair: Pair) -> Pair:
+    """Each under the other's name, as exactly known as it was; what they are in stays."""
     out = pair
     for one, other in (FRAMES, FRAMES[::-1]):
-        for part in ("xyz", "rpy"):
-            value = pair.get(("frames", other, part))
-            out = out.with_field(("frames", one, part), value if value is not None else [0.0, 0.0, 0.0])
+        own, found = pair.get(("frames", one)) or {}, pair.get(("frames", other)) or {}
+        parent = {"in": own["in"]} if "in" in own else {}
+        out = out.with_field(("frames", one), {**parent, **{k: v for k, v in found.items() if k != "in"}})
     return out
 
 

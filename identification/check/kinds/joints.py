@@ -141,9 +141,20 @@ def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
 
     def change(sheet: Sheet) -> Sheet:
         own = sheet.units.get(a.reading) or rig.machine.units.of_joint(a.reading_unit)
-        return sheet.with_numbers({a.reading: sheet.numbers(a.reading) + convert(size, a.reading_unit, own)})
+        read = sheet.numbers(a.reading) + convert(size, a.reading_unit, own)
+        turns = convert(1.0, "rad", own) * _turns_back(a, read, own) if a.reading_unit == "rad" else 0.0
+        return sheet.with_numbers({a.reading: read + turns})
 
     return pair.each(change)
+
+
+def _turns_back(a: Actuator, read: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
+    """(n,) whole turns, rad, that bring a turning joint's readings (n,) back into its range, as encoders count."""
+    if a.range is None:
+        return np.zeros(len(read))
+    q = np.array([convert(float(v), unit, "rad") for v in read])
+    out = (q < a.range[0]) | (q > a.range[1])
+    return np.where(out, 2 * np.pi * np.round((sum(a.range) / 2 - q) / (2 * np.pi)), 0.0)
 
 
 def _beyond(a: Actuator, q: NDArray[np.float64]) -> bool:

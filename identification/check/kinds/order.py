@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import permutations, product
 
@@ -58,7 +59,7 @@ def _places(file: NDArray[np.int64], by: int) -> tuple[NDArray[np.intp], NDArray
 def _rolled(by: int, scene: Scene) -> Scene:
     source, lost = _places(scene.rows.source_file, by)
     moved = scene.with_columns({n: v[source] for n, v in scene.rows.observations.items()})
-    return Scene(moved.rows, moved.p, moved.size, lost if scene.lost is None else lost | scene.lost)
+    return replace(moved, lost=lost if scene.lost is None else lost | scene.lost)
 
 
 def _mend_shift(columns: tuple[str, ...], by: int, pair: Pair) -> Pair:
@@ -115,7 +116,7 @@ def _points(rig: Rig, scene: Scene) -> Array | None:
 def _assigned(rig: Rig, scene: Scene, points: Array) -> NDArray[np.intp] | None:
     """The row whose reading belongs to each row: the best of several attitudes, then with base and tool fitted."""
     here = rig.predictor.over(scene.rows)
-    x, _ = here.assemble(scene.p, follow=False)
+    x, _ = rig.assembled(here, scene.p, scene)
     drawn = here.poses(scene.p, x)[0][:, :3, 3]
     ends = []
     for rotation, shift in _attitudes(drawn, points):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -56,7 +57,7 @@ def _as_table(at: Mapping[str, Any], convention: str, typed: Mapping[str, str], 
     if convention == "standard":
         a, alpha = np.concatenate([[0.0], a[:-1]]), np.concatenate([[0.0], alpha[:-1]])
     p[at["d"]], p[at["alpha"]] = a, alpha
-    return Scene(scene.rows, p, scene.size, scene.lost)
+    return replace(scene, p=p)
 
 
 def _one_back(at: Mapping[str, Any], scene: Scene) -> Scene:
@@ -64,7 +65,7 @@ def _one_back(at: Mapping[str, Any], scene: Scene) -> Scene:
     p = scene.p.copy()
     for field in ("d", "alpha"):
         p[at[field]] = np.concatenate([scene.p[at[field]][1:], [0.0]])
-    return Scene(scene.rows, p, scene.size, scene.lost)
+    return replace(scene, p=p)
 
 
 def _mend(convention: str, typed: Mapping[str, str], pair: Pair) -> Pair:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -22,7 +23,7 @@ def units(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Every other unit for the readings, for the joints (all of a kind, and each alone), for the machine file's numbers."""
     yield from _readings(rig)
     yield from _joints(rig)
-    yield from _file_lengths(rig)
+    yield from file_lengths(rig, scene)
     yield from _file_angles(rig)
 
 
@@ -81,7 +82,7 @@ def _scaled_joints(places: Sequence[int], factor: float, scene: Scene) -> Scene:
     return scene.with_joints(q)
 
 
-def _file_lengths(rig: Rig) -> Iterator[Slip]:
+def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Lengths of the mechanism alone, or of the whole file, in another unit."""
     written = rig.machine.units
     own = {p.name for p in rig.machine.mechanism.parameters}
@@ -90,6 +91,9 @@ def _file_lengths(rig: Rig) -> Iterator[Slip]:
         for k, n in enumerate(rig.names)
         if n in rig.machine.geometry and rig.machine.geometry[n].unit == "mm"
     ]
+    if _description(rig):
+        yield from _description_lengths(rig, [k for k in every if rig.names[k] in own])
+        return
     for unit, factor in _others(LENGTHS, written.length):
         for places, whole in (([k for k in every if rig.names[k] in own], False), (every, True)):
             where = ("units.length",) if whole else ("mechanism",)
@@ -100,17 +104,45 @@ def _file_lengths(rig: Rig) -> Iterator[Slip]:
                 f"state 'units: {{length: {unit}}}' in the machine file, and the unit in the headers of the recording"
                 if whole
                 else f"write the lengths of 'mechanism' in {written.length}",
-                partial(_scaled_constants, places, factor),
+                partial(_redrawn, places, factor, whole),
                 partial(_file_in, rig.machine.units, unit, rig)
                 if whole
                 else partial(_mend_lengths, rig, factor),
             )
 
 
+def _description(rig: Rig) -> bool:
+    file = rig.machine.file
+    return file is not None and file.mechanism.get("type") == "urdf"
+
+
+def _description_lengths(rig: Rig, places: Sequence[int]) -> Iterator[Slip]:
+    """Lengths of a URDF, which has them in metres, in another unit."""
+    for unit, factor in _others(LENGTHS, "m"):
+        yield Slip(
+            "unit-length",
+            ("mechanism.file",),
+            f"the URDF's lengths in {unit}",
+            "write the lengths of the URDF in m",
+            partial(_redrawn, places, factor, False),
+            partial(_redescribed, factor),
+        )
+
+
+def _redescribed(factor: float, pair: Pair) -> Pair:
+    return replace(pair, described=factor * pair.described)
+
+
 def _scaled_constants(places: Sequence[int], factor: float, scene: Scene) -> Scene:
     p = scene.p.copy()
     p[places] *= factor
-    return Scene(scene.rows, p, scene.size, scene.lost)
+    return replace(scene, p=p)
+
+
+def _redrawn(places: Sequence[int], factor: float, whole: bool, scene: Scene) -> Scene:
+    """Lengths of the mechanism times ``factor``; those of its tolerances too where the ``whole`` file was in another unit."""
+    out = _scaled_constants(places, factor, scene)
+    return replace(out, drawn=factor * scene.drawn, stated=(factor if whole else 1.0) * scene.stated)
 
 
 def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
@@ -125,9 +157,13 @@ def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
 
 def _mend_lengths(rig: Rig, factor: float, pair: Pair) -> Pair:
     fields = _table_fields(rig, ("a", "d"))
-    return _scaled_fields(
-        pair, fields or [p.field for p in rig.machine.mechanism.parameters if p.unit == "mm"], factor
-    )
+    fields = fields or [p.field for p in rig.machine.mechanism.parameters if p.unit == "mm"]
+    home: list[Field] = [("mechanism", "home", k) for k in range(3)] if isinstance(_home(pair), list) else []
+    return _scaled_fields(pair, [*fields, *home], factor)
+
+
+def _home(pair: Pair) -> object:
+    return pair.get(("mechanism", "home"))
 
 
 def _table_fields(rig: Rig, keys: Sequence[str]) -> list[Field]:
@@ -169,4 +205,4 @@ def _file_angles(rig: Rig) -> Iterator[Slip]:
             )
 
 
-__all__ = ["units"]
+__all__ = ["file_lengths", "units"]
