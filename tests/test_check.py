@@ -19,6 +19,7 @@ from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.result import Check
 from truepose.identification.check.run import check_files
 from truepose.identification.recording.load import tables
+from truepose.models.urdf_lengths import rescaled
 from truepose.models.yaml_document import document_text
 
 MACHINES = Path(truepose.__path__[0]) / "models/machines"
@@ -432,6 +433,111 @@ def test_a_robot_description_goes_with_the_mended_machine_file(tmp_path: Path) -
     assert stopped.exit_code == 2 and stopped.stdout.count("mended/") == 3, stopped.output
     assert check_files(mended, [tmp_path / "mended" / "r.csv"])[0].verdict == "ok"
     assert mended.read_text(encoding="utf-8") == DESCRIBED.replace("parts/arm.urdf", "arm.urdf")
+
+
+def test_a_urdf_in_millimetres_is_mended(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "m.yaml").write_text(DESCRIBED, encoding="utf-8")
+    (tmp_path / "parts" / "arm.urdf").write_text(URDF, encoding="utf-8")
+    machine = truepose.load_machine(tmp_path / "m.yaml")
+    q = np.random.default_rng(5).uniform(-1.5, 1.5, (30, 3))
+    poses = pd.DataFrame(q, columns=["j1 [rad]", "j2 [rad]", "j3 [rad]"])
+    rows = pd.concat([poses, truepose.simulate(machine, poses, seed=2).reset_index(drop=True)], axis=1)
+    rows.to_csv(tmp_path / "r.csv", index=False)
+    (tmp_path / "parts" / "arm.urdf").write_text(rescaled(URDF, 1000.0), encoding="utf-8")
+    found = check_files(tmp_path / "m.yaml", [tmp_path / "r.csv"])[0]
+    assert [(f.kind, f.verdict) for f in found.found] == [("unit-length", "wrong")]
+    assert found.found[0].says == "the URDF's lengths in mm"
+    found.mended(Pair.read(tmp_path / "m.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
+    assert check_files(tmp_path / "mended/m.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
+
+
+def test_lengths_of_a_urdf_alone_are_rescaled() -> None:
+    text = """<joint name="a" type="prismatic"><origin rpy="0 0 1" xyz="1 -2.5 0"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="4" effort="5"/></joint>
+<joint name="b" type="revolute"><origin xyz='1e-3 0 0'/><limit lower="-3" upper="4"/></joint>"""
+    grown = text.replace("1 -2.5 0", "10 -25 0").replace("1e-3 0 0", "0.01 0 0")
+    assert rescaled(text, 10.0) == grown.replace('"-3" upper="4" effort', '"-30" upper="40" effort')
+
+
+def test_a_zero_counts_within_the_range(right: pd.DataFrame, tmp_path: Path) -> None:
+    """An encoder that starts again after a turn: mended readings are back in the joint's range, one by one."""
+    machine = document()
+    machine["mechanism"]["joints"][3]["range"] = [-172.0, 172.0]
+    spoilt = right.assign(q4=(right["q4"] + 163.0 + 180.0) % 360.0 - 180.0)
+    found = checked(tmp_path, machine, spoilt)
+    assert [(f.kind, f.where, f.verdict) for f in found.found] == [("offset", ("q4",), "wrong")]
+    found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
+    assert check_files(tmp_path / "mended/arm.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
+    read = pd.read_csv(tmp_path / "mended/r.csv")["q4"]
+    assert np.allclose(read, right["q4"], atol=0.5)
+
+
+def platform(inch: float) -> Document:
+    """Six struts on vertical rails, lengths in parts of ``inch``."""
+    legs = []
+    for k in range(6):
+        below, above = (np.radians(60 * (k // 2) * 2 + side * (-1) ** k) for side in (12.0, 48.0))
+        a, b = 390 * np.array([np.cos(below), np.sin(below)]), 250 * np.array([np.cos(above), np.sin(above)])
+        legs.append(
+            {
+                "name": f"leg{k + 1}",
+                "joint": f"rho{k + 1}",
+                "a": [*(a / inch).tolist(), 0.0],
+                "u": [0.0, 0.0, 1.0],
+                "b": [*(b / inch).tolist(), 0.0],
+                "length": 500.0 / inch,
+            }
+        )
+    home = float(np.sqrt(500.0**2 - np.sum((a - b) ** 2)))
+    return {
+        "schema": "truepose/machine/1",
+        "name": "platform",
+        "mechanism": {"type": "6-pus", "legs": legs, "home": [0.0, 0.0, home / inch, 0.0, 0.0, 0.0]},
+        "frames": {
+            "base": {"in": "world", "xyz": [200 / inch, 0, 0], "tolerance": {"xyz": 5 / inch, "rpy": 1}}
+        },
+        "sensor": {"type": "pose", "sigma": {"xyz": 0.02 / inch, "rot": 0.005}},
+        "tolerances": {"length": 0.1 / inch, "angle": 0.05},
+    }
+
+
+def test_a_platform_drawn_in_inches(tmp_path: Path) -> None:
+    """Its loops close from a home that is in inches, too, with strokes longer than the machine then seems to be."""
+    (tmp_path / "right.yaml").write_text(document_text(platform(1.0)), encoding="utf-8")
+    q = np.random.default_rng(8).uniform(-70, 70, (30, 6)) + np.linspace(-90, 90, 30)[:, None]
+    poses = pd.DataFrame(q, columns=[f"rho{k}" for k in range(1, 7)])
+    seen = truepose.simulate(truepose.load_machine(tmp_path / "right.yaml"), poses, seed=1)
+    found = checked(tmp_path, platform(25.4), pd.concat([poses, seen.reset_index(drop=True)], axis=1))
+    assert (found.verdict, found.found[0].says) == ("wrong", "the machine file's lengths in inch")
+    found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
+    assert check_files(tmp_path / "mended/arm.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
+
+
+def test_targets_whose_exchange_is_a_turn_of_the_tool(right: pd.DataFrame, tmp_path: Path) -> None:
+    """Two of three targets of an isosceles triangle: readings alone are as well explained by a tool that was turned over."""
+    points = {"P1": [0.0, 30.0, 0.0], "P2": [0.0, -30.0, 0.0], "P3": [80.0, 0.0, 0.0]}
+    sensor = {"type": "targets", "points": points, "sigma": {"xyz": 0.03}}
+    (tmp_path / "right.yaml").write_text(document_text(document(sensor=sensor)), encoding="utf-8")
+    poses = right[list(JOINTS)]
+    seen = truepose.simulate(truepose.load_machine(tmp_path / "right.yaml"), poses, seed=1)
+    rows = pd.concat([poses, seen.reset_index(drop=True)], axis=1)
+    axes = {f"P{a}.{axis}": f"P{b}.{axis}" for a, b in ((1, 2), (2, 1)) for axis in "xyz"}
+    found = checked(tmp_path, document(sensor=sensor), rows.rename(columns=axes))
+    assert [(f.kind, f.where) for f in found.found] == [("permutation", ("P1", "P2"))]
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.05, "suspect"), (0.5, "wrong")])
+def test_a_misfit_that_nothing_explains(
+    share: float, verdict: str, right: pd.DataFrame, tmp_path: Path
+) -> None:
+    """Up to what physics can make of a motion nothing is certain: a right machine must not be refused."""
+    rng, rows = np.random.default_rng(6), right.copy()
+    for name in ("x", "y", "z"):
+        rows[name] += share * float(rows[name].std()) * rng.standard_normal(len(rows))
+    found = checked(tmp_path, document(), rows)
+    assert ("unexplained", verdict) in [(f.kind, f.verdict) for f in found.found], found.found
+    assert found.verdict == verdict
 
 
 def test_a_sheet_keeps_what_is_not_changed(tmp_path: Path) -> None:
