@@ -10,15 +10,17 @@ import pandas as pd
 import pytest
 
 from support.searched_arm import Case
+from truepose.identification.diagnosis.findings import finding
 from truepose.identification.diagnosis.levels import Levels
-from truepose.identification.diagnosis.naming import Named
+from truepose.identification.diagnosis.naming import Member, Named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.summary import summarised
-from truepose.identification.diagnosis.untested import beside_untested
+from truepose.identification.diagnosis.untested import beside_untested, without_untested
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import parse_effect, simulate
 from truepose.identification.recording.load import load_recording
+from truepose.identification.report.level_words import driver_clauses
 from truepose.identification.report.untestable_words import untestable_lines
 from truepose.identification.signatures.candidates import Untestable
 from truepose.identification.signatures.untestable import GRAVITY
@@ -74,6 +76,22 @@ def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(tmp_path: Path) -> None
     (rival, *_) = beside.equivalents
     assert rival.cause == Cause("joint-compliance", ("q2",)) and not rival.tested
     assert rival.probability + beside.probability == pytest.approx(name.probability, abs=0.05)
+
+
+def test_what_could_not_be_tested_is_told_and_not_guessed(tmp_path: Path) -> None:
+    """A name that an untested deflection outweighs is said as a place under load, not as a law."""
+    found, name = blamed(case(tmp_path, stated=False), "encoder-eccentricity")
+    rival = Member(Cause("joint-compliance", ("q2",)), 0.9, 0.0, tested=False)
+    weak = replace(name, probability=0.06, equivalents=(rival,))
+    (said,) = without_untested(found, [weak])
+    assert (said.cause, said.probability, said.tested) == (Cause("empirical", ("q2",)), 0.0, False)
+    assert (said.levels.kind, said.levels.driver) == ("load", 0.9) and said.levels.place == name.levels.place
+    assert [m.cause for m in said.equivalents] == [rival.cause, name.cause]
+    assert without_untested(found, [name]) == (name,)
+    told = finding(found.signatures.machine, found.catalogue, found.fit, said, None, None)
+    (clause,) = driver_clauses([told])
+    assert clause == "something at q2 errs, likely a compliant joint at q2 (90.0 %), which could not be tested"
+    assert told.explanation == ""
 
 
 def test_where_gravity_is_stated_nothing_is_left_to_share(tmp_path: Path) -> None:

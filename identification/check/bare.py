@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.check.judging import SURE
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
 from truepose.identification.recording.file import SLACK
@@ -146,7 +147,11 @@ def _no_gravity(machine: Machine) -> Iterator[Found]:
 
 
 def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
-    """A drawing without tolerances: only frames would be fitted. Proposes such as would explain what is left."""
+    """A drawing without tolerances: only frames would be fitted. Proposes such as would explain what is left.
+
+    Certain where nothing states them and readings miss the drawing by more than their noise: physics would be blamed for what
+    the workshop made. Where zero is stated somebody meant it.
+    """
     machine = rig.machine
     if any(p.free for p in machine.mechanism.parameters) or not machine.mechanism.parameters:
         return
@@ -159,12 +164,16 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     stated = {"length": convert(size, "mm", units.length), "angle": convert(angle, "deg", units.angle)}
     stated = {key: float(f"{value:.3g}") for key, value in stated.items()}
     example = f"{{length: {stated['length']:g}, angle: {stated['angle']:g}}}"
+    meant = machine.file is None or "tolerances" in machine.file.raw
+    fitted = "only base and tool would be fitted"
+    if not meant and stand.misfit > SURE:
+        fitted += f", to {stand.misfit:.3g} sigma, and physics blamed for what the workshop made"
     yield Found(
         "no-tolerances",
         ("tolerances",),
-        "no tolerance of the mechanism is stated: only base and tool would be fitted",
-        f"state what the drawing allows, for example 'tolerances: {example}'",
-        "suspect",
+        f"no tolerance of the mechanism is stated: {fitted}",
+        f"state what the drawing allows, for example 'tolerances: {example}'; 0 where it is exact",
+        "suspect" if meant or stand.misfit <= SURE else "wrong",
         mend=lambda pair: pair.with_field(("tolerances",), {**(pair.get(("tolerances",)) or {}), **stated}),
     )
 

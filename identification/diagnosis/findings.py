@@ -103,7 +103,9 @@ def _alternative(cat: Catalogue, member: Member) -> Alternative:
 
 
 def _explanation(machine: Machine, cat: Catalogue, after: Estimate, one: Named) -> str:
-    """What the effect is, and what its fitted coefficients say."""
+    """What the effect is, and what its fitted coefficients say; nothing where what leads could not be tested."""
+    if one.nameless and not one.tested:
+        return ""
     said = [cat.candidates[one.candidates[0]].effect.explain(machine, one.cause.place)]
     names, std = list(after.prior.names), after.std
     for i in one.candidates:

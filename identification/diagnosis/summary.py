@@ -13,7 +13,7 @@ from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.levels import driver_of, parts_of
 from truepose.identification.diagnosis.naming import LEADING, NAMED, Named, as_named, named
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.untested import beside_untested
+from truepose.identification.diagnosis.untested import beside_untested, without_untested
 from truepose.identification.fit.estimate import Estimate
 
 SURE = 0.9
@@ -44,8 +44,9 @@ def summarised(found: Found, fit: Estimate) -> Summary:
         (n, tuple(i for i in n.candidates if cat.candidates[i].label in held)) for n in named(found, said)
     ]
     every = beside_untested(found, [replace(n, candidates=own) for n, own in kept if own])
-    names = _told(found, [n for n in every if n.said])
-    rest = [n for n in every if n not in names and max(n.levels.driver, n.certainty) >= LEADING]
+    shown = without_untested(found, every)
+    names = _told(found, [n for n in shown if n.said])
+    rest = [n for n in shown if n not in names and max(n.levels.driver, n.certainty) >= LEADING]
     return Summary(names, tuple(rest), as_named(said, every))
 
 

@@ -5,6 +5,9 @@ resembles it most, often a wave of the same joint. So each name is compared with
 make if gravity pulled along the base's -z: a share R^2 of the name's signal, all geometry free in its tolerances. Had it been
 tested, it would have lost (1 - R^2) E / (2 (1 + f^2 E)) nats against the name: E is the sum of squares of that signal in the
 noise, f the error of form (a tenth) that every formula has.
+
+A compliance is often taken for a wave of its joint *and* curves without a name beside it. So the name's signal together with
+theirs is compared, too; a compliance alone would then be as much likelier beforehand as those curves were unlikely.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from truepose.identification.signatures.forms import ERROR
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.identification.signatures.untestable import GRAVITY
 from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -42,6 +46,33 @@ def beside_untested(found: Found, names: Sequence[Named]) -> tuple[Named, ...]:
     lin = signatures.linearise(found.fit)
     left = _left_by_geometry(lin, _noise(found))
     return tuple(n if n.nameless else _shared(found, n, lin, left, unseen) for n in names)
+
+
+def without_untested(found: Found, names: Sequence[Named]) -> tuple[Named, ...]:
+    """Names as they are said: one that an untested deflection outweighs is a place without a law, driven by load as far as
+    that is known; curves without a name beside it, which the deflection explains as well, go with it."""
+    taken = {i for n in names if _outweighed(n) for i in _beside(found, n)[0]}
+    kept = [n for n in names if not (n.nameless and set(n.candidates) <= taken)]
+    return tuple(_lawless(found, n) if _outweighed(n) else n for n in kept)
+
+
+def _outweighed(name: Named) -> bool:
+    untested = [m.probability for m in name.equivalents if not m.tested]
+    return not name.nameless and max(untested, default=0.0) > name.probability
+
+
+def _lawless(found: Found, name: Named) -> Named:
+    itself = Member(name.cause, name.probability, name.gain)
+    driver = sum(m.probability for m in name.equivalents if not m.tested)
+    return replace(
+        name,
+        cause=Cause(Empirical.slug, name.cause.place[:1]),
+        candidates=(*_beside(found, name)[0], *name.candidates),
+        probability=0.0,
+        equivalents=tuple(sorted((*name.equivalents, itself), key=lambda m: -m.probability)),
+        levels=Levels(name.levels.place, "load", min(driver, name.levels.place)),
+        tested=False,
+    )
 
 
 def _deflections(machine: Machine, found: Found) -> list[PlacedEffect]:
@@ -75,20 +106,44 @@ def _shared(
     found: Found, name: Named, lin: Linearisation, left: Array, unseen: Sequence[PlacedEffect]
 ) -> Named:
     """A name beside each joint's compliance: less probable by how well that would explain the same signal."""
-    labels = {placed.label: k for k, placed in enumerate(lin.candidates)}
-    own = [labels[found.catalogue.candidates[i].label] for i in name.candidates]
-    at, signal = np.array(lin.indices(own), dtype=np.intp), np.zeros(len(left))
-    signal[at] = lin.departure[lin.free + at]
-    energy = float(signal @ left @ signal)
+    beside, log_prior = _beside(found, name)
+    wholes = [(name.candidates, 0.0), ((*name.candidates, *beside), log_prior)][: 2 if beside else 1]
     odds: dict[tuple[str, ...], float] = {}
     for placed in unseen:
-        (column,) = lin.indices([labels[placed.label]])
-        length = float(left[column, column])
-        alike = float(left[column] @ signal) ** 2 / max(energy * length, 1e-300) if length > 0.0 else 0.0
-        worth = np.exp(-0.5 * (1.0 - min(alike, 1.0)) * energy / (1.0 + ERROR**2 * energy))
+        worth = sum(_worth(found, own, lin, left, placed) * np.exp(-rare) for own, rare in wholes)
         odds[placed.place] = max(odds.get(placed.place, 0.0), float(worth))
     rarer = _prior_ratio(found, name, len(odds), unseen[0].effect.commonness)
     return _with_rivals(found, name, {place: rarer * worth for place, worth in odds.items()})
+
+
+def _beside(found: Found, name: Named) -> tuple[tuple[int, ...], float]:
+    """Candidates without a name that the likeliest set has at the name's parts, and the log prior of their terms."""
+    machine, cat, problem = found.signatures.machine, found.catalogue, found.weighed
+    parts, held = (
+        set(parts_of(machine, name.cause.effect, name.cause.place)),
+        {e.label for e in found.fit.effects},
+    )
+    own: list[int] = []
+    log_prior = 0.0
+    for term, _ in found.mode.members:
+        forms = [i for i in problem.candidates[term] if not cat.named(i) and cat.candidates[i].label in held]
+        if forms and parts & set(parts_of(machine, Empirical.slug, cat.candidates[forms[0]].place)):
+            own += forms
+            log_prior += problem.weighing.terms.all[term].log_prior
+    return tuple(own), log_prior
+
+
+def _worth(found: Found, own: Sequence[int], lin: Linearisation, left: Array, placed: PlacedEffect) -> float:
+    """Likelihood of a compliance over that of the candidates ``own`` whose signal it would have to explain."""
+    labels = {candidate.label: k for k, candidate in enumerate(lin.candidates)}
+    at = np.array(lin.indices([labels[found.catalogue.candidates[i].label] for i in own]), dtype=np.intp)
+    signal = np.zeros(len(left))
+    signal[at] = lin.departure[lin.free + at]
+    energy = float(signal @ left @ signal)
+    (column,) = lin.indices([labels[placed.label]])
+    length = float(left[column, column])
+    alike = float(left[column] @ signal) ** 2 / max(energy * length, 1e-300) if length > 0.0 else 0.0
+    return float(np.exp(-0.5 * (1.0 - min(alike, 1.0)) * energy / (1.0 + ERROR**2 * energy)))
 
 
 def _prior_ratio(found: Found, name: Named, joints: int, commonness: float) -> float:
@@ -113,4 +168,4 @@ def _with_rivals(found: Found, name: Named, odds: dict[tuple[str, ...], float]) 
     return replace(name, probability=name.probability * kept, equivalents=tuple(ranked), levels=levels)
 
 
-__all__ = ["beside_untested"]
+__all__ = ["beside_untested", "without_untested"]

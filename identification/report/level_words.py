@@ -73,7 +73,8 @@ def level_of(finding: Finding) -> str:
 
 def driver_clauses(findings: Sequence[Finding]) -> list[str]:
     """Findings whose law is not known, as clauses after ``that``: places of one driver together, surest level first."""
-    out = []
+    out = [_untested_clause(f) for f in findings if _untested(f)]
+    findings = [f for f in findings if not _untested(f)]
     for level in ("driver", "place", "none"):
         groups: dict[DriverKind, list[Finding]] = {}
         for f in findings:
@@ -81,6 +82,17 @@ def driver_clauses(findings: Sequence[Finding]) -> list[str]:
                 groups.setdefault(f.levels.kind, []).append(f)
         out += [_clause(level, kind, own) for kind, own in groups.items()]
     return out + [_pooled_clause(f) for f in findings if level_of(f) == "pooled"]
+
+
+def _untested(finding: Finding) -> bool:
+    """Whether what explains a finding best could not be tested."""
+    return finding.nameless and not finding.tested and bool(finding.equivalents)
+
+
+def _untested_clause(finding: Finding) -> str:
+    best = finding.equivalents[0]
+    likely = f"likely a {title(best.effect)} at {joined(best.place)} ({percent(best.probability)})"
+    return f"something at {joined(finding.place)} errs, {likely}, which could not be tested"
 
 
 def _pooled_clause(finding: Finding) -> str:
@@ -139,6 +151,8 @@ def levels_words(finding: Finding) -> str:
         f"Probability {percent(levels.place)} that something is at {where}, {percent(levels.driver)} that it follows"
         f" {NAMES[levels.kind]}"
     )
+    if _untested(finding):
+        return f"Probability {percent(levels.place)} that {_untested_clause(finding)}."
     if finding.nameless:
         return f"{said}; no law of the catalogue stands for it."
     law = f"{percent(finding.probability)} that its law is {finding.effect}"
