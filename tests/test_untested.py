@@ -90,7 +90,8 @@ def test_what_could_not_be_tested_is_told_and_not_guessed(tmp_path: Path) -> Non
     assert without_untested(found, [name]) == (name,)
     told = finding(found.signatures.machine, found.catalogue, found.fit, said, None, None)
     (clause,) = driver_clauses([told])
-    assert clause == "something at q2 errs, likely a compliant joint at q2 (90.0 %), which could not be tested"
+    likely = "likely a compliant joint at q2 (90.0 %)"
+    assert clause == f"something at q2 errs, {likely}, which could not be tested"
     assert told.explanation == ""
 
 
