@@ -33,13 +33,8 @@ def edited_text(text: str, document: Mapping[str, Any]) -> str:
         editor.dump(held, stream)
         if parse_document(stream.getvalue(), "") == document:
             return stream.getvalue()
-    except (
-        YAMLError,
-        InputError,
-        ValueError,
-        TypeError,
-    ):  # an exotic file, such as one with aliases into what changed
-        pass
+    except (YAMLError, InputError, ValueError, TypeError):
+        pass  # an exotic file, such as one with aliases into what changed
     return document_text(document)
 
 

@@ -110,6 +110,16 @@ def test_every_command_that_fits_refuses_files_that_do_not_belong_together(
     assert not (tmp_path / "out").exists() and len(stopped.stderr.strip().splitlines()) == 1
 
 
+def test_a_base_that_was_mounted_again_is_drift_and_no_mistake(folder: Path, tmp_path: Path) -> None:
+    """The gate says it and goes on where another file begins: ``drift`` is there to find it."""
+    later = pd.read_csv(folder / "rows.csv").assign(x=lambda rows: rows["x"] + 300.0)
+    later.to_csv(tmp_path / "later.csv", index=False)
+    files = (folder / "arm.yaml", folder / "rows.csv", tmp_path / "later.csv")
+    result = run("drift", *files)
+    assert result.exit_code == 0 and "base.x" in result.stdout, result.output
+    assert result.stdout.startswith("SUSPECT: sessions-mixed: ")
+
+
 def test_physics_left_out_is_no_absurdity(folder: Path, tmp_path: Path) -> None:
     """A joint's scale off by 0.2 percent: far beyond sigma and tolerances, and still this machine."""
     result = run("calibrate", folder / "arm.yaml", folder / "rows.csv", "-o", tmp_path / "out")

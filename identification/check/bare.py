@@ -165,15 +165,16 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     stated = {key: float(f"{value:.3g}") for key, value in stated.items()}
     example = f"{{length: {stated['length']:g}, angle: {stated['angle']:g}}}"
     meant = machine.file is None or "tolerances" in machine.file.raw
+    certain = not meant and stand.misfit > SURE
     fitted = "only base and tool would be fitted"
-    if not meant and stand.misfit > SURE:
+    if certain:
         fitted += f", to {stand.misfit:.3g} sigma, and physics blamed for what the workshop made"
     yield Found(
         "no-tolerances",
         ("tolerances",),
         f"no tolerance of the mechanism is stated: {fitted}",
         f"state what the drawing allows, for example 'tolerances: {example}'; 0 where it is exact",
-        "suspect" if meant or stand.misfit <= SURE else "wrong",
+        "wrong" if certain else "suspect",
         mend=lambda pair: pair.with_field(("tolerances",), {**(pair.get(("tolerances",)) or {}), **stated}),
     )
 

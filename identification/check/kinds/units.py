@@ -158,12 +158,9 @@ def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
 def _mend_lengths(rig: Rig, factor: float, pair: Pair) -> Pair:
     fields = _table_fields(rig, ("a", "d"))
     fields = fields or [p.field for p in rig.machine.mechanism.parameters if p.unit == "mm"]
-    home: list[Field] = [("mechanism", "home", k) for k in range(3)] if isinstance(_home(pair), list) else []
+    listed = isinstance(pair.get(("mechanism", "home")), list)
+    home: list[Field] = [("mechanism", "home", k) for k in range(3)] if listed else []
     return _scaled_fields(pair, [*fields, *home], factor)
-
-
-def _home(pair: Pair) -> object:
-    return pair.get(("mechanism", "home"))
 
 
 def _table_fields(rig: Rig, keys: Sequence[str]) -> list[Field]:

@@ -24,24 +24,17 @@ GateOption = Annotated[
 
 
 def gated(
-    machine: Path,
-    recordings: Sequence[Path],
-    *,
-    irradiance: Sequence[Path] = (),
-    anyway: bool = False,
-    expected: Sequence[str] = (),
+    machine: Path, recordings: Sequence[Path], *, irradiance: Sequence[Path] = (), anyway: bool = False
 ) -> tuple[Machine, Recording, Check]:
     """The machine and its rows, checked. Raises InputError where the check is certain that something is wrong.
 
-    ``expected``: kinds that the command is there to find, and goes on with.
     With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
     """
     from truepose.identification.check.run import check_files
     from truepose.identification.report.check_words import refusal
 
     check, loaded, rows = check_files(machine, recordings, irradiance=irradiance)
-    wrong = any(f.verdict == "wrong" and f.kind not in expected for f in check.found)
-    if loaded is None or rows is None or (wrong and not anyway):
+    if loaded is None or rows is None or (check.verdict == "wrong" and not anyway):
         raise InputError(f"{machine}: {refusal(check)}")
     return loaded, rows, check
 
