@@ -46,7 +46,7 @@ class JointColumn:
 class RecordingPart:
     """One file's rows in internal units; `from_row` counts from this file's first row.
 
-    Observations are NaN where a reading was lost.
+    Observations are NaN where a reading was lost. said: the unit that joints and readings are said to be in.
     """
 
     file: str
@@ -60,6 +60,7 @@ class RecordingPart:
     time: FloatArray | None
     from_row: IntArray | None
     notes: tuple[str, ...]
+    said: Mapping[str, str]
 
 
 def read_part(
@@ -82,14 +83,17 @@ def read_part(
         if name in unread:
             raise InputError(f"{table.where(name)}: every cell is empty, expected readings")
     present = {name: unit for name, unit in sensor_columns.items() if name in table}
-    observations = {n: _reading(table, n, unit, units) for n, unit in present.items() if unit != LABEL}
+    readings = {name: unit for name, unit in present.items() if unit != LABEL}
+    said = {j.name: table.unit(j.name, units.of_joint(j.unit), j.unit) for j in joints}
+    said |= {name: table.unit(name, units.written(unit), unit) for name, unit in readings.items()}
+    observations = {n: _reading(table, n, said[n], unit) for n, unit in readings.items()}
     time = _converted(table, "time", "s", "s") if "time" in table else None
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units)
     known = {*names, *sensor_columns, *drivers, *_OTHER}
     return RecordingPart(
         file=table.file,
-        q=np.column_stack([_joint(table, joint, units) for joint in joints]),
+        q=np.column_stack([_joint(table, joint, said[joint.name]) for joint in joints]),
         observations=observations,
         labels={name: table.texts(name) for name, unit in present.items() if unit == LABEL},
         drivers=drivers,
@@ -99,6 +103,7 @@ def read_part(
         time=time,
         from_row=_from_row(table, pose, time) if "from" in table else None,
         notes=(*table.notes, *_lost(table.file, observations), *_notes(table, known, joints)),
+        said=said,
     )
 
 
@@ -152,8 +157,7 @@ def _converted(table: Table, name: str, default: str, internal: str) -> FloatArr
     return convert(values, table.unit(name, default, internal), internal, table.where(name))
 
 
-def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
-    unit = table.unit(joint.name, units.of_joint(joint.unit), joint.unit)
+def _joint(table: Table, joint: JointColumn, unit: str) -> FloatArray:
     recorded = table.numbers(joint.name)
     readings = convert(recorded, unit, joint.unit)
     if joint.range is None:
@@ -171,8 +175,7 @@ def _joint(table: Table, joint: JointColumn, units: UnitSystem) -> FloatArray:
     return readings
 
 
-def _reading(table: Table, name: str, internal: str, units: UnitSystem) -> FloatArray:
-    unit = table.unit(name, units.written(internal), internal)
+def _reading(table: Table, name: str, unit: str, internal: str) -> FloatArray:
     return convert(table.readings(name), unit, internal, table.where(name))
 
 

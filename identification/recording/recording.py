@@ -40,7 +40,8 @@ class Recording(Shown):
 
     Lengths mm, angles rad, readings of joints in other units (`turn`) as recorded. Optional columns are
     None, or absent from their mapping, unless every file has them. written: of columns with a unit, the internal one
-    and the machine file's, which ``to_frame`` gives; columns that it lacks stay in internal units.
+    and the machine file's, which ``to_frame`` gives; columns that it lacks stay in internal units. said: the unit that a
+    joint's column or a reading's is said to be in, by its header or by the machine file, where all files agree.
     """
 
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
@@ -61,6 +62,7 @@ class Recording(Shown):
     from_row: IntArray | None = None  # index into `whole`
     notes: tuple[str, ...] = ()
     written: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    said: Mapping[str, str] = field(default_factory=dict)
     _whole: Recording | None = None
     _rows: IntArray | None = None
 
@@ -237,6 +239,7 @@ def _join(
         time=_if_all([part.time for part in parts], parts, "time", notes),
         from_row=_if_all(from_rows, parts, "from", notes),
         notes=tuple(notes),
+        said={n: u for n, u in parts[0].said.items() if all(part.said.get(n) == u for part in parts)},
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -16,6 +16,7 @@ from truepose.wording import joined, shortened
 
 LENGTHS = ("nm", "um", "mm", "cm", "inch", "ft", "m")
 ANGLES = ("rad", "deg", "mrad")
+_DIMENSIONS = (("mm", "unit-length", LENGTHS), ("rad", "unit-angle", ANGLES))
 _GROUPS = (("alpha",), ("theta",), ("alpha", "theta", "beta"), ("rx", "ry", "rz"))
 
 
@@ -35,51 +36,52 @@ def _others(known: Sequence[str], unit: str) -> list[tuple[str, float]]:
 
 def _readings(rig: Rig) -> Iterator[Slip]:
     written = rig.machine.units
-    for inside, kind, known in (("mm", "unit-length", LENGTHS), ("rad", "unit-angle", ANGLES)):
+    for inside, kind, known in _DIMENSIONS:
         names = tuple(n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == inside)
-        if not names:
-            continue
-        for unit, factor in _others(known, written.written(inside)):
-            yield Slip(
-                kind,
-                names,
-                f"readings in {unit}",
-                f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in names], 3)}",
-                partial(_scaled_columns, names, factor, factor if inside == "mm" else 1.0),
-                partial(_said_in, names, unit),
-            )
+        for unit, factors in _otherwise(rig, names, written.written(inside), known):
+            size = max(factors.values()) if inside == "mm" else 1.0
+            change, mend = partial(_scaled_columns, factors, size), partial(_said_in, tuple(factors), unit)
+            yield Slip(kind, tuple(factors), f"readings in {unit}", _header(factors, unit), change, mend)
+
+
+def _joints(rig: Rig) -> Iterator[Slip]:
+    written = rig.machine.units
+    for inside, kind, known in _DIMENSIONS:
+        like = [a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == inside]
+        sets = [tuple(like), *((name,) for name in like)] if len(like) > 1 else [tuple(like)]
+        for chosen in sets:
+            for unit, factors in _otherwise(rig, chosen, written.of_joint(inside), known):
+                says = f"{joined(tuple(factors)) if len(factors) < 4 else 'joints'} in {unit}"
+                change, mend = partial(_scaled_joints, factors), partial(_said_in, tuple(factors), unit)
+                yield Slip(kind, tuple(factors), says, _header(factors, unit), change, mend)
+
+
+def _otherwise(
+    rig: Rig, names: Sequence[str], unheaded: str, known: Sequence[str]
+) -> Iterator[tuple[str, dict[str, float]]]:
+    """Every unit that columns may be in, and by how much those that are said to be in another one then grow."""
+    said = {name: rig.recording.said.get(name, unheaded) for name in names}
+    for unit in known:
+        factors = {name: convert(1.0, unit, other) for name, other in said.items()}
+        factors = {name: factor for name, factor in factors.items() if abs(factor - 1.0) > 1e-9}
+        if factors:
+            yield unit, factors
+
+
+def _header(names: Iterable[str], unit: str) -> str:
+    return f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in names], 3)}"
 
 
 def _said_in(names: Sequence[str], unit: str, pair: Pair) -> Pair:
     return pair.each(lambda sheet: sheet.in_unit(names, unit))
 
 
-def _scaled_columns(names: Sequence[str], factor: float, size: float, scene: Scene) -> Scene:
-    return scene.with_columns({n: factor * scene.rows.observations[n] for n in names}, size)
+def _scaled_columns(factors: Mapping[str, float], size: float, scene: Scene) -> Scene:
+    return scene.with_columns({n: f * scene.rows.observations[n] for n, f in factors.items()}, size)
 
 
-def _joints(rig: Rig) -> Iterator[Slip]:
-    written = rig.machine.units
-    for inside, kind, known in (("mm", "unit-length", LENGTHS), ("rad", "unit-angle", ANGLES)):
-        like = [(k, a) for k, a in enumerate(rig.machine.mechanism.actuators) if a.reading_unit == inside]
-        sets = [like, *([pair] for pair in like)] if len(like) > 1 else [like]
-        for chosen in sets if like else ():
-            names = tuple(a.reading for _, a in chosen)
-            for unit, factor in _others(known, written.of_joint(inside)):
-                yield Slip(
-                    kind,
-                    names,
-                    f"{joined(names) if len(names) < 4 else 'joints'} in {unit}",
-                    f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in names], 3)}",
-                    partial(_scaled_joints, [k for k, _ in chosen], factor),
-                    partial(_said_in, names, unit),
-                )
-
-
-def _scaled_joints(places: Sequence[int], factor: float, scene: Scene) -> Scene:
-    q = scene.rows.q.copy()
-    q[:, places] *= factor
-    return scene.with_joints(q)
+def _scaled_joints(factors: Mapping[str, float], scene: Scene) -> Scene:
+    return scene.with_joints(scene.rows.q * [factors.get(name, 1.0) for name in scene.rows.joints])
 
 
 def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -160,7 +162,20 @@ def _mend_lengths(rig: Rig, factor: float, pair: Pair) -> Pair:
     fields = fields or [p.field for p in rig.machine.mechanism.parameters if p.unit == "mm"]
     listed = isinstance(pair.get(("mechanism", "home")), list)
     home: list[Field] = [("mechanism", "home", k) for k in range(3)] if listed else []
-    return _scaled_fields(pair, [*fields, *home], factor)
+    return _scaled_fields(pair, [*fields, *home, *_strokes(rig, pair)], factor)
+
+
+def _strokes(rig: Rig, pair: Pair) -> list[Field]:
+    """Screw pitches, and ranges of slides: lengths of a mechanism that are no constants of its model."""
+    slides = {a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "mm"}
+    places: list[Field] = [("mechanism", "limb_range"), ("mechanism", "screw_pitch")]
+    for group in ("joints", "legs"):
+        for k, row in enumerate(pair.get(("mechanism", group)) or []):
+            places.append(("mechanism", group, k, "screw_pitch"))
+            if {row.get("name"), row.get("joint")} & slides:
+                places.append(("mechanism", group, k, "range"))
+    ends = [(*place, end) for place in places for end in (0, 1) if isinstance(pair.get(place), list)]
+    return [*(place for place in places if not isinstance(pair.get(place), list)), *ends]
 
 
 def _table_fields(rig: Rig, keys: Sequence[str]) -> list[Field]:

@@ -1,0 +1,192 @@
+"""The pair that the gate writes: what was mended in it, what stays, and what goes with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import truepose
+from support.checked_arm import (
+    Document,
+    checked,
+    document,
+    recorded,
+    written,
+)
+from truepose.cli import app
+from truepose.identification.check.pair import Pair, Sheet
+from truepose.identification.check.run import check_files
+from truepose.identification.recording.load import tables
+from truepose.models.urdf_lengths import rescaled
+from truepose.models.yaml_document import document_text
+
+
+@pytest.fixture(scope="module")
+def right() -> pd.DataFrame:
+    return recorded()
+
+
+URDF = """<robot name="r"><link name="l0"/><link name="l1"/><link name="l2"/><link name="l3"/>
+<joint name="j1" type="revolute"><parent link="l0"/><child link="l1"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/></joint>
+<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.1 0 0.1" rpy="1.5708 0 0"/>
+<axis xyz="0 0 1"/></joint>
+<joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0.4 0 0"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
+DESCRIBED = """\
+# the arm in the corner
+schema: truepose/machine/1
+name: arm
+tolerances: {length: 0.1, angle: 0.05}  # drawing
+mechanism: {type: urdf, file: parts/arm.urdf, base_link: l0, tip_link: l3}
+frames:
+  base: {in: world, xyz: [100, 50, 0], rpy: [0, 0, 30], tolerance: {xyz: .inf, rpy: .inf}}
+  tool: {in: flange, xyz: [250, 0, 40], tolerance: {xyz: 0.5, rpy: 0}}
+sensor: {type: position, sigma: {xyz: 0.02}}
+"""
+
+
+def test_a_mended_pair_is_not_written_over_its_source(right: pd.DataFrame, tmp_path: Path) -> None:
+    machine, recording = written(tmp_path, document(), right)
+    with pytest.raises(truepose.InputError, match="another directory"):
+        Pair.read(machine, [recording]).write(tmp_path)
+
+
+def test_a_robot_description_goes_with_the_mended_machine_file(tmp_path: Path) -> None:
+    """The machine file keeps its comments, and its URDF stands beside it, so that the mended pair is whole."""
+    (tmp_path / "given" / "parts").mkdir(parents=True)
+    given = tmp_path / "given" / "m.yaml"
+    (tmp_path / "given" / "parts" / "arm.urdf").write_text(URDF, encoding="utf-8")
+    given.write_text(DESCRIBED, encoding="utf-8")
+    machine = truepose.load_machine(given)
+    rng = np.random.default_rng(5)
+    poses = pd.DataFrame(rng.uniform(-1.5, 1.5, (30, 3)), columns=["j1 [rad]", "j2 [rad]", "j3 [rad]"])
+    rows = pd.concat([poses, truepose.simulate(machine, poses, seed=2).reset_index(drop=True)], axis=1)
+    rows.assign(**{"j2 [rad]": -rows["j2 [rad]"]}).to_csv(tmp_path / "r.csv", index=False)
+    mended = tmp_path / "mended" / "m.yaml"
+    arguments = ["check", str(given), str(tmp_path / "r.csv"), "--fix", str(mended.parent)]
+    stopped = CliRunner().invoke(app, arguments)
+    assert stopped.exit_code == 2 and stopped.stdout.count("mended/") == 3, stopped.output
+    assert check_files(mended, [tmp_path / "mended" / "r.csv"])[0].verdict == "ok"
+    assert mended.read_text(encoding="utf-8") == DESCRIBED.replace("parts/arm.urdf", "arm.urdf")
+
+
+def test_a_urdf_in_millimetres_is_mended(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "m.yaml").write_text(DESCRIBED, encoding="utf-8")
+    (tmp_path / "parts" / "arm.urdf").write_text(URDF, encoding="utf-8")
+    machine = truepose.load_machine(tmp_path / "m.yaml")
+    q = np.random.default_rng(5).uniform(-1.5, 1.5, (30, 3))
+    poses = pd.DataFrame(q, columns=["j1 [rad]", "j2 [rad]", "j3 [rad]"])
+    rows = pd.concat([poses, truepose.simulate(machine, poses, seed=2).reset_index(drop=True)], axis=1)
+    rows.to_csv(tmp_path / "r.csv", index=False)
+    (tmp_path / "parts" / "arm.urdf").write_text(rescaled(URDF, 1000.0), encoding="utf-8")
+    found = check_files(tmp_path / "m.yaml", [tmp_path / "r.csv"])[0]
+    assert [(f.kind, f.verdict) for f in found.found] == [("unit-length", "wrong")]
+    assert found.found[0].says == "the URDF's lengths in mm"
+    found.mended(Pair.read(tmp_path / "m.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
+    assert check_files(tmp_path / "mended/m.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
+
+
+def test_lengths_of_a_urdf_alone_are_rescaled() -> None:
+    text = """<joint name="a" type="prismatic"><origin rpy="0 0 1" xyz="1 -2.5 0"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="4" effort="5"/></joint>
+<joint name="b" type="revolute"><origin xyz='1e-3 0 0'/><limit lower="-3" upper="4"/></joint>"""
+    grown = text.replace("1 -2.5 0", "10 -25 0").replace("1e-3 0 0", "0.01 0 0")
+    assert rescaled(text, 10.0) == grown.replace('"-3" upper="4" effort', '"-30" upper="40" effort')
+
+
+def test_a_zero_counts_within_the_range(right: pd.DataFrame, tmp_path: Path) -> None:
+    """An encoder that starts again after a turn: mended readings are back in the joint's range, one by one."""
+    machine = document()
+    machine["mechanism"]["joints"][3]["range"] = [-172.0, 172.0]
+    spoilt = right.assign(q4=(right["q4"] + 163.0 + 180.0) % 360.0 - 180.0)
+    found = checked(tmp_path, machine, spoilt)
+    assert [(f.kind, f.where, f.verdict) for f in found.found] == [("offset", ("q4",), "wrong")]
+    found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
+    assert check_files(tmp_path / "mended/arm.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
+    read = pd.read_csv(tmp_path / "mended/r.csv")["q4"]
+    assert np.allclose(read, right["q4"], atol=0.5)
+
+
+def platform(inch: float) -> Document:
+    """Six struts on vertical rails, lengths in parts of ``inch``."""
+    legs = []
+    for k in range(6):
+        below, above = (np.radians(60 * (k // 2) * 2 + side * (-1) ** k) for side in (12.0, 48.0))
+        a, b = 390 * np.array([np.cos(below), np.sin(below)]), 250 * np.array([np.cos(above), np.sin(above)])
+        legs.append(
+            {
+                "name": f"leg{k + 1}",
+                "joint": f"rho{k + 1}",
+                "a": [*(a / inch).tolist(), 0.0],
+                "u": [0.0, 0.0, 1.0],
+                "b": [*(b / inch).tolist(), 0.0],
+                "length": 500.0 / inch,
+            }
+        )
+    home = float(np.sqrt(500.0**2 - np.sum((a - b) ** 2)))
+    return {
+        "schema": "truepose/machine/1",
+        "name": "platform",
+        "mechanism": {"type": "6-pus", "legs": legs, "home": [0.0, 0.0, home / inch, 0.0, 0.0, 0.0]},
+        "frames": {
+            "base": {"in": "world", "xyz": [200 / inch, 0, 0], "tolerance": {"xyz": 5 / inch, "rpy": 1}}
+        },
+        "sensor": {"type": "pose", "sigma": {"xyz": 0.02 / inch, "rot": 0.005}},
+        "tolerances": {"length": 0.1 / inch, "angle": 0.05},
+    }
+
+
+def test_a_platform_drawn_in_inches(tmp_path: Path) -> None:
+    """Its loops close from a home that is in inches, too, with strokes longer than the machine then seems to be."""
+    (tmp_path / "right.yaml").write_text(document_text(platform(1.0)), encoding="utf-8")
+    q = np.random.default_rng(8).uniform(-70, 70, (30, 6)) + np.linspace(-90, 90, 30)[:, None]
+    poses = pd.DataFrame(q, columns=[f"rho{k}" for k in range(1, 7)])
+    seen = truepose.simulate(truepose.load_machine(tmp_path / "right.yaml"), poses, seed=1)
+    found = checked(tmp_path, platform(25.4), pd.concat([poses, seen.reset_index(drop=True)], axis=1))
+    assert (found.verdict, found.found[0].says) == ("wrong", "the machine file's lengths in inch")
+    found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
+    assert check_files(tmp_path / "mended/arm.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
+
+
+def test_a_sheet_keeps_what_is_not_changed(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text("q1,x [um],note\n1.50,2,fine\n-3,4.25,\n", encoding="utf-8")
+    sheet = Sheet.of(tables([tmp_path / "r.csv"])[0])
+    assert sheet.text() == "q1,x [um],note\n1.50,2,fine\n-3,4.25,\n"
+    assert sheet.in_unit(["x"], "m").text().startswith("q1,x [m],note")
+    assert sheet.with_numbers({"q1": -sheet.numbers("q1")}).text().splitlines()[1] == "-1.5,2,fine"
+
+
+def test_documents_are_mended_where_they_are(tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").write_text(document_text(document()), encoding="utf-8")
+    pair = Pair.read(tmp_path / "m.yaml", [])
+    changed = pair.with_field(("mechanism", "joints", 2, "theta"), 5.0)
+    assert changed.get(("mechanism", "joints", 2, "theta")) == 5.0
+    assert pair.get(("mechanism", "joints", 2, "theta")) == 0.0
+    assert pair.get(("mechanism", "legs", 0)) is None
+
+
+def test_ranges_and_pitches_are_lengths_of_the_mechanism_too(tmp_path: Path) -> None:
+    """A mechanism in inches in a file in millimetres: all its lengths are mended, those of its slides as well."""
+
+    def stated(inch: float) -> Document:
+        machine = platform(1.0) | {"mechanism": platform(inch)["mechanism"]}
+        for leg in machine["mechanism"]["legs"]:
+            leg |= {"range": [-200.0 / inch, 200.0 / inch], "screw_pitch": 5.0 / inch}
+        return machine
+
+    (tmp_path / "right.yaml").write_text(document_text(stated(1.0)), encoding="utf-8")
+    q = np.random.default_rng(8).uniform(-70, 70, (30, 6)) + np.linspace(-90, 90, 30)[:, None]
+    poses = pd.DataFrame(q, columns=[f"rho{k}" for k in range(1, 7)])
+    seen = truepose.simulate(truepose.load_machine(tmp_path / "right.yaml"), poses, seed=1)
+    found = checked(tmp_path, stated(25.4), pd.concat([poses, seen.reset_index(drop=True)], axis=1))
+    assert found.found[0].says == "the mechanism's lengths in inch"
+    mended = found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
+    assert mended.get(("mechanism", "legs", 2, "range")) == pytest.approx([-200.0, 200.0])
+    assert mended.get(("mechanism", "legs", 2, "screw_pitch")) == pytest.approx(5.0)
