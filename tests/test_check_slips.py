@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 import truepose
 from support.checked_arm import (
     JOINTS,
+    Document,
     Spoilt,
     checked,
     columns,
@@ -183,6 +184,28 @@ def test_a_header_that_says_the_wrong_unit(right: pd.DataFrame, tmp_path: Path) 
     assert named == {("unit-length", ("x", "y", "z")), ("unit-angle", ("q4", "q5"))}
     found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
     assert check_files(tmp_path / "mended/arm.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
+
+
+def grown(machine: Document, factor: float) -> Document:
+    """The same machine with every length of its file times ``factor``."""
+    for joint in machine["mechanism"]["joints"]:
+        joint |= {key: factor * joint[key] for key in ("a", "d")}
+    for frame in machine["frames"].values():
+        frame["xyz"] = [factor * v for v in frame["xyz"]]
+        frame["tolerance"]["xyz"] *= factor
+    machine["tolerances"]["length"] *= factor
+    return machine
+
+
+def test_of_two_scales_that_fit_alike_the_machine_of_a_usual_size(
+    right: pd.DataFrame, tmp_path: Path
+) -> None:
+    """Points show no scale: readings in m and a file in um are one misfit, a file in m and readings in um another."""
+    sensor = {"type": "position", "sigma": {"xyz": 0.03}}
+    machine, rows = document(sensor=sensor), right[[*JOINTS, "x", "y", "z"]]
+    small = rows.assign(**{axis: rows[axis] / 1000 for axis in "xyz"})
+    assert checked(tmp_path, machine, small).found[0].says == "readings in m"
+    assert checked(tmp_path, grown(machine, 0.001), rows).found[0].says == "the machine file's lengths in m"
 
 
 def test_gross_readings_hide_no_slip(right: pd.DataFrame, tmp_path: Path) -> None:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from support.closed_kinematics import readings
 from support.moving_machines import ARM, FRAMED, MOVERS, drawn, named, nominal, record, written
 from truepose.errors import InputError
+from truepose.identification.prediction.lost import lost_of
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.sensor_rows import Sight, sights
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.mechanism import AXES
@@ -48,6 +50,25 @@ def test_sensor_residuals_by_every_parameter(tmp_path: Path, sensor: str) -> Non
         slope = (ends[1] - ends[0]) / (2 * step)
         scale = 1.0 + np.abs(slope).max()
         np.testing.assert_allclose(exact[:, :, k], slope, atol=1e-6 * scale, err_msg=parameter.name)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_residuals_alone_are_those_with_derivatives(tmp_path: Path, sensor: str) -> None:
+    machine = written(tmp_path, FRAMED + MOVERS + f"sensor: {SENSORS[sensor]}\n")
+    rng, rows = np.random.default_rng(9), slice(0, 5)
+    q, columns = readings(machine, rng, 5), machine.sensors[0].columns
+    read = {column: rng.uniform(-1, 1, 5) for column in columns}
+    read[next(iter(columns))][3] = np.nan
+    recording = record(machine, q, read, from_row=np.array([0, 0, 1, 1, 2]))
+    predictor, p = Predictor(machine, recording), drawn(machine, rng)
+    pose, (comparison,) = predictor.poses(p, predictor.assemble(p)[0])[0], predictor.comparisons()
+    lost = lost_of(machine.sensors[0], recording)
+    (function,) = sights(machine, list(predictor.model.names), 5)
+    nothing = np.zeros((5, len(columns)))
+    sight = Sight(pose, np.zeros((5, 6, len(p))), nothing, np.zeros((*nothing.shape, len(p))))
+    whole = function.block(sight, p, recording, rows, comparison, lost).residual
+    alone = function.residual(pose, p, recording, comparison, lost)
+    np.testing.assert_allclose(alone, whole, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

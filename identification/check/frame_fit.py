@@ -52,9 +52,9 @@ class FrameFit:
         self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(ends.names)))
         self.scale = np.where(ends.long, 1.0 / scene.size, 1.0)
 
-    def cost(self, p: Array) -> float:
-        """Misfit at constants (np,)."""
-        return _trimmed(self._evaluate(p[self.ends.places])[0][self.good])
+    def cost(self, base: Array, tool: Array, p: Array) -> float:
+        """Misfit with base and tool (4, 4) there, all else at constants (np,)."""
+        return _trimmed(self._seen(base, tool, p[self.ends.places])[self.good])
 
     def descended(self, p: Array, free: tuple[str, ...], rows: NDArray[np.intp], steps: int) -> Stand:
         """Where damped steps from constants (np,) end; the instrument's are held by their tolerances."""
@@ -68,9 +68,11 @@ class FrameFit:
             [100.0 if ends.machine.geometry[ends.names[k]].unit == "mm" else 1.0 for k in moving.tolist()]
         )
         weight = size / tolerance[moving]
+        if not (steps and len(moving)):
+            return self._stand(p, self._seen(transform(t[:6]), transform(t[6:12]), t), rows)
         residual, jacobian = self._evaluate(t)
         best, damping = _trimmed(residual[self.good]), 1e-3
-        for _ in range(steps if len(moving) else 0):
+        for _ in range(steps):
             heed = _weights(residual) * self.good
             j = (jacobian[:, :, moving] * heed[:, None, None]).reshape(-1, len(moving)) * size
             right = (
@@ -96,7 +98,11 @@ class FrameFit:
                 damping *= 30
         out = p.copy()
         out[ends.places] = t
-        return Stand(out, best, self._length(residual), residual * self.good[:, None], rows, self.scene)
+        return self._stand(out, residual, rows)
+
+    def _stand(self, p: Array, residual: Array, rows: NDArray[np.intp]) -> Stand:
+        misfit, length = _trimmed(residual[self.good]), self._length(residual)
+        return Stand(p, misfit, length, residual * self.good[:, None], rows, self.scene)
 
     def _length(self, residual: Array) -> float | None:
         ends = self.ends
@@ -107,6 +113,13 @@ class FrameFit:
         mm = (residual * sigma / self.scale)[self.good][:, ends.long]
         each = np.sort(np.sum(mm**2, axis=1) / max(len(points), 1))
         return float(np.sqrt(np.mean(each[: max(int(KEPT * len(each)), 1)])))
+
+    def _seen(self, base: Array, tool: Array, t: Array) -> Array:
+        """Residuals (n, m) alone."""
+        pose = base @ self.flange @ tool
+        every = zip(self.ends.sensors, self.comparisons, self.lost, strict=True)
+        residual = np.hstack([f.residual(pose, t, self.rows, c, gone) for f, c, gone in every])
+        return np.nan_to_num(residual, nan=1e12) * self.scale
 
     def _evaluate(self, t: Array) -> tuple[Array, Array]:
         """Residuals (n, m) and their Jacobian (n, m, nt)."""

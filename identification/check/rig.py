@@ -90,18 +90,16 @@ class Rig:
             if aligned and "base" in wide
             else [stated]
         )
-        best: tuple[float, Array] | None = None
-        for frames in begins:
-            p = self.with_frames(
-                scene.p, [f if name in wide else s for name, f, s in zip(FRAMES, frames, stated, strict=True)]
-            )
-            cost = fit.cost(p)
-            if best is None or cost < best[0]:
-                best = (cost, p)
-        if best is None or not np.isfinite(best[0]):
+        held = [
+            [f if name in wide else s for name, f, s in zip(FRAMES, frames, stated, strict=True)]
+            for frames in begins
+        ]
+        costs = [fit.cost(*frames, scene.p) for frames in held]
+        if not np.isfinite(min(costs)):
             return nothing
+        p = self.with_frames(scene.p, held[int(np.argmin(costs))])
         steps = (0 if self.closed_form else FEW) if quick else STEPS
-        return fit.descended(best[1], free, rows, steps)
+        return fit.descended(p, free, rows, steps)
 
     def assembled(self, here: Predictor, p: Array, scene: Scene) -> tuple[Array, Mask]:
         """Passive coordinates (n, nx) with constants p (np,), and which rows could be assembled; rows out of Newton's reach

@@ -31,6 +31,8 @@ ALIKE = 1.15
 _DEEPEST, _POLISHED, _MOST = 3, 8, 300
 _NEAR = 3.0
 """How many times worse than the best one a slip may fit to be priced at all."""
+_USUAL = 500.0
+"""mm: the longest dimension of a robot, roughly."""
 QUICK = (units, signs, exchanged, quarter_turns, conventions, mirrored, targets, poses, shifted)
 SLOW = (turned, zeros)
 Makers = Iterable[Callable[[Rig, Scene], Iterable[Slip]]]
@@ -106,12 +108,19 @@ def _polished(rig: Rig, tried: Sequence[Tried], stand: Stand) -> Step:
     if not priced(rig, stand, noise) / best >= LIKELY:
         return []
     alike = [t for t in dear if t.price <= ALIKE * best]
-    return sorted(alike, key=lambda t: (t.slip.searched, _far(rig, t)))
+    return sorted(alike, key=lambda t: (t.slip.searched, _far(rig, t) + _odd(rig, t)))
 
 
 def _far(rig: Rig, tried: Tried) -> float:
     """How far base and tool then stand from where the file has them, coarsely: it decides between slips that fit alike."""
     return round(float(np.log2(1.0 + rig.away(tried.stand.p, tried.scene.p))))
+
+
+def _odd(rig: Rig, tried: Tried) -> int:
+    """By how many octaves the machine is then larger or smaller than robots are: scale alone is not seen by readings."""
+    long = [rig.names.index(p.name) for p in rig.machine.mechanism.parameters if p.unit == "mm"]
+    size = float(np.abs(tried.stand.p[long]).max(initial=0.0))
+    return abs(round(float(np.log2(size / _USUAL)))) if size > 0 else 0
 
 
 def _two(rig: Rig, tried: Sequence[Tried], stand: Stand, price: float) -> list[Step]:

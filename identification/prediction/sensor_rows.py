@@ -109,10 +109,14 @@ class SensorFunctions:
         predicted = predicted + y if sensor.columns else predicted
         self._predict = _differentiated("predict", predicted, inputs, small, rows)
         self.functions = [self._predict]
+        compared = predicted
         if not sensor.compares:
             # what an effect adds to a reading is taken off the reading: no sensor need know of it
-            self._residual = _differentiated("residual", sensor.residual(moved, s, y), inputs, small, rows)
+            compared = sensor.residual(moved, s, y)
+            self._residual = _differentiated("residual", compared, inputs, small, rows)
             self.functions.append(self._residual)
+        alone = ca.substitute(compared, small, ca.SX.zeros(6))
+        self._alone = BatchFunction("alone", inputs, [alone], rows=rows)
 
     def block(
         self,
@@ -142,6 +146,20 @@ class SensorFunctions:
             return out
 
         return _block(rows, (values - y if columns else values) / self._sigma, jacobian, compare, gone)
+
+    def residual(
+        self, pose: Array, p: Array, recording: Recording, comparison: Comparison | None, lost: Mask | None
+    ) -> Array:
+        """The residuals (n, m) of ``block`` alone, of all rows of a recording, where no effect adds to a reading."""
+        columns = [recording.observations[c] for c in self.sensor.columns]
+        y = np.column_stack(columns) if columns else np.zeros((len(pose), 0))
+        flat = pose.transpose(0, 2, 1).reshape(len(pose), 16)
+        given = np.nan_to_num(y) if comparison is None else np.zeros_like(y)
+        (value,) = self._alone(flat, p[self._own], given)
+        values = value[..., 0]
+        if comparison is not None:
+            values = comparison.values(values) - y if columns else comparison.values(values)
+        return np.where(lost, 0.0, values / self._sigma) if lost is not None else values / self._sigma
 
     def _check_labels(self, recording: Recording) -> None:
         missing = [name for name in self.sensor.label_columns if name not in recording.labels]

@@ -142,9 +142,12 @@ def _scaled_constants(places: Sequence[int], factor: float, scene: Scene) -> Sce
 
 
 def _redrawn(places: Sequence[int], factor: float, whole: bool, scene: Scene) -> Scene:
-    """Lengths of the mechanism times ``factor``; those of its tolerances too where the ``whole`` file was in another unit."""
+    """Lengths of the mechanism times ``factor``; those of its tolerances too where the ``whole`` file was in another unit, and
+    where the machine would be smaller: no drawing that is a thousand times smaller has the same tolerances."""
     out = _scaled_constants(places, factor, scene)
-    return replace(out, drawn=factor * scene.drawn, stated=(factor if whole else 1.0) * scene.stated)
+    return replace(
+        out, drawn=factor * scene.drawn, stated=(factor if whole else min(factor, 1.0)) * scene.stated
+    )
 
 
 def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
