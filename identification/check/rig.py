@@ -91,10 +91,10 @@ class Rig:
             else [stated]
         )
         held = [
-            [f if name in wide else s for name, f, s in zip(FRAMES, frames, stated, strict=True)]
-            for frames in begins
+            (base if "base" in wide else stated[0], tool if "tool" in wide else stated[1])
+            for base, tool in begins
         ]
-        costs = [fit.cost(*frames, scene.p) for frames in held]
+        costs = [fit.cost(base, tool, scene.p) for base, tool in held]
         if not np.isfinite(min(costs)):
             return nothing
         p = self.with_frames(scene.p, held[int(np.argmin(costs))])
