@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from truepose.identification.prediction.covariance import Quantity
 from truepose.models.effects.common import sensor_names
@@ -102,7 +102,7 @@ def _beyond(residual: Array, sigma: Sequence[float], share: float) -> float:
     n = int(kept.sum())
     free = n * (1.0 - share)
     square = float(np.sum(residual[kept] ** 2))
-    if free < 1.0 or chi2.sf(square, free) > SURE:
+    if free < 1.0 or chdtrc(free, square) > SURE:
         return 0.0
     stated = np.broadcast_to(np.asarray(sigma) ** 2, residual.shape)
     left = float(np.sum(residual[kept] ** 2 * stated[kept])) / free - float(np.mean(stated[kept]))
