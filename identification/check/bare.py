@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.judging import SURE
+from truepose.identification.check.judging import SURE, USUAL, reach
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
 from truepose.identification.recording.file import SLACK
@@ -156,10 +156,7 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     if any(p.free for p in machine.mechanism.parameters) or not machine.mechanism.parameters:
         return
     size = float(f"{max(stand.length or 0.0, 0.01):.1g}")
-    reach = (
-        max((abs(p.nominal) for p in machine.mechanism.parameters if p.unit == "mm"), default=0.0) or 500.0
-    )
-    angle = float(f"{np.degrees(size / reach):.1g}")
+    angle = float(f"{np.degrees(size / (reach(rig, rig.scene.p) or USUAL)):.1g}")
     units = machine.units
     stated = {"length": convert(size, "mm", units.length), "angle": convert(angle, "deg", units.angle)}
     stated = {key: float(f"{value:.3g}") for key, value in stated.items()}

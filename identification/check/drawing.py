@@ -55,7 +55,7 @@ class _Priced:
             tolerance[rig.at[frame]] = np.inf
         self.moving = np.flatnonzero(tolerance > 0)
         known = np.isfinite(tolerance[self.moving])
-        natural = np.array([100.0 if _long(rig, int(k)) else 1.0 for k in self.moving])
+        natural = np.where(rig.lengths[self.moving], 100.0, 1.0)
         self.scale = np.where(known, tolerance[self.moving], natural)
         self.held = np.where(known, 1.0, 1.0 / _LOOSE)
         self.known = known
@@ -111,8 +111,7 @@ def _rows(rig: Rig, here: Predictor, p: Array, stand: Stand) -> tuple[Array, Arr
 
 def _tolerance(rig: Rig, stand: Stand) -> Array:
     """(np,) tolerances as the hypothesis has them."""
-    long = np.array([_long(rig, k) for k in range(len(rig.names))])
-    tolerance: Array = np.where(long, stand.scene.stated, 1.0) * rig.tolerance
+    tolerance: Array = np.where(rig.lengths, stand.scene.stated, 1.0) * rig.tolerance
     return tolerance
 
 
@@ -130,11 +129,6 @@ def _loose(rig: Rig) -> NDArray[np.bool_]:
     for places in rig.at.values():
         out[places] = True
     return out
-
-
-def _long(rig: Rig, k: int) -> bool:
-    parameter = rig.machine.geometry.get(rig.names[k])
-    return parameter is not None and parameter.unit == "mm"
 
 
 def _kept(residual: Array) -> NDArray[np.bool_]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from truepose.identification.check.drawing import expected
+import numpy as np
+
+from truepose.identification.check.drawing import Array, expected
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import ABSURD, Rig, Stand, motion
 from truepose.identification.fit.absurd import GROSS
@@ -15,6 +17,15 @@ QUIET = 2.5
 
 PHYSICS = 0.2
 """Share of what the tool moves that nothing left out of a model makes: an open-loop piezo is off by 0.23 of its stroke."""
+
+USUAL = 500.0
+"""mm: the longest dimension of a robot, roughly."""
+
+
+def reach(rig: Rig, p: Array) -> float:
+    """Longest dimension of the mechanism at constants p (np,), mm; 0 where none is a length."""
+    long = [rig.names.index(q.name) for q in rig.machine.mechanism.parameters if q.unit == "mm"]
+    return float(np.abs(p[long]).max(initial=0.0))
 
 
 def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]:
@@ -71,4 +82,4 @@ def unexplained(rig: Rig, stand: Stand) -> Found:
     )
 
 
-__all__ = ["LIKELY", "QUIET", "SURE", "hopeless", "off", "shown", "unexplained"]
+__all__ = ["LIKELY", "QUIET", "SURE", "USUAL", "hopeless", "off", "reach", "shown", "unexplained"]

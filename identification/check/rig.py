@@ -27,7 +27,10 @@ ABSURD = 0.02
 
 
 class Rig:
-    """One machine and the rows that hypotheses about it are judged by."""
+    """One machine and the rows that hypotheses about it are judged by.
+
+    long (m,): which channels are lengths; lengths (np,): which constants grow with the machine, mm or mm a turn.
+    """
 
     def __init__(self, machine: Machine, recording: Recording) -> None:
         self.machine, self.recording = machine, recording
@@ -41,6 +44,8 @@ class Rig:
         tolerance = {p.name: p.tolerance for p in machine.parameters}
         self.tolerance = np.array([tolerance.get(name, 0.0) for name in self.names])
         self.long = np.array([c.unit == "mm" for c in machine.channels])
+        units = [machine.geometry[n].unit if n in machine.geometry else "" for n in self.names]
+        self.lengths = np.array([unit.partition("/")[0] == "mm" for unit in units])
         seen = [*FRAME_OF, *(p.name for s in machine.sensors for p in s.parameters)]
         places = np.array([self.names.index(name) for name in seen])
         self.ends = Ends(machine, seen, places, self.tolerance[places], sights(machine, seen, 1), self.long)

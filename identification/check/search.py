@@ -13,7 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.identification.check.drawing import priced
-from truepose.identification.check.judging import LIKELY, QUIET, SURE, hopeless, off, shown, unexplained
+from truepose.identification.check.judging import (
+    LIKELY,
+    QUIET,
+    SURE,
+    USUAL,
+    hopeless,
+    off,
+    reach,
+    shown,
+    unexplained,
+)
 from truepose.identification.check.kinds.axes import mirrored, targets, turned
 from truepose.identification.check.kinds.joints import exchanged, quarter_turns, signs, zeros
 from truepose.identification.check.kinds.order import matched, shifted
@@ -31,8 +41,6 @@ ALIKE = 1.15
 _DEEPEST, _POLISHED, _MOST = 3, 8, 300
 _NEAR = 3.0
 """How many times worse than the best one a slip may fit to be priced at all."""
-_USUAL = 500.0
-"""mm: the longest dimension of a robot, roughly."""
 QUICK = (units, signs, exchanged, quarter_turns, conventions, mirrored, targets, poses, shifted)
 SLOW = (turned, zeros)
 Makers = Iterable[Callable[[Rig, Scene], Iterable[Slip]]]
@@ -118,9 +126,8 @@ def _far(rig: Rig, tried: Tried) -> float:
 
 def _odd(rig: Rig, tried: Tried) -> int:
     """By how many octaves the machine is then larger or smaller than robots are: scale alone is not seen by readings."""
-    long = [rig.names.index(p.name) for p in rig.machine.mechanism.parameters if p.unit == "mm"]
-    size = float(np.abs(tried.stand.p[long]).max(initial=0.0))
-    return abs(round(float(np.log2(size / _USUAL)))) if size > 0 else 0
+    size = reach(rig, tried.stand.p)
+    return abs(round(float(np.log2(size / USUAL)))) if size > 0 else 0
 
 
 def _two(rig: Rig, tried: Sequence[Tried], stand: Stand, price: float) -> list[Step]:

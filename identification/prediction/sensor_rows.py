@@ -115,8 +115,12 @@ class SensorFunctions:
             compared = sensor.residual(moved, s, y)
             self._residual = _differentiated("residual", compared, inputs, small, rows)
             self.functions.append(self._residual)
-        alone = ca.substitute(compared, small, ca.SX.zeros(6))
-        self._alone = BatchFunction("alone", inputs, [alone], rows=rows)
+        self._bare = (compared, inputs, small, rows)
+
+    @cached_property
+    def _alone(self) -> BatchFunction:
+        value, inputs, small, rows = self._bare
+        return BatchFunction("alone", inputs, [ca.substitute(value, small, ca.SX.zeros(6))], rows=rows)
 
     def block(
         self,
@@ -132,34 +136,37 @@ class SensorFunctions:
         ``lost`` (n, m) are channels of all rows that read nothing.
         """
         gone = None if lost is None else lost[rows]
-        columns = [recording.observations[c][rows] for c in self.sensor.columns]
-        y = np.column_stack(columns) if columns else np.zeros((len(sight.pose), 0))
+        y = self._read(recording, rows)
         if comparison is None:
             self._check_labels(recording)
             value, jacobian = self._evaluate(self._residual, sight, p, np.nan_to_num(y), -1.0)
             return _block(rows, value / self._sigma, jacobian / self._sigma[:, None], None, gone)
         raw, jacobian = self._evaluate(self._predict, sight, p, np.zeros_like(y), 1.0)
-        values = comparison.values(raw)
 
         def compare(change: Array) -> Array:
             out: Array = comparison.changes(raw, change) / self._sigma[:, None]
             return out
 
-        return _block(rows, (values - y if columns else values) / self._sigma, jacobian, compare, gone)
+        return _block(rows, self._compared(comparison, raw, y) / self._sigma, jacobian, compare, gone)
 
     def residual(
         self, pose: Array, p: Array, recording: Recording, comparison: Comparison | None, lost: Mask | None
     ) -> Array:
         """The residuals (n, m) of ``block`` alone, of all rows of a recording, where no effect adds to a reading."""
-        columns = [recording.observations[c] for c in self.sensor.columns]
-        y = np.column_stack(columns) if columns else np.zeros((len(pose), 0))
-        flat = pose.transpose(0, 2, 1).reshape(len(pose), 16)
+        y = self._read(recording, slice(0, len(pose)))
         given = np.nan_to_num(y) if comparison is None else np.zeros_like(y)
-        (value,) = self._alone(flat, p[self._own], given)
-        values = value[..., 0]
-        if comparison is not None:
-            values = comparison.values(values) - y if columns else comparison.values(values)
-        return np.where(lost, 0.0, values / self._sigma) if lost is not None else values / self._sigma
+        (found,) = self._alone(_flat(pose), p[self._own], given)
+        value = found[..., 0] if comparison is None else self._compared(comparison, found[..., 0], y)
+        return value / self._sigma if lost is None else np.where(lost, 0.0, value / self._sigma)
+
+    def _read(self, recording: Recording, rows: slice) -> Array:
+        """(n, k) of the sensor's columns; none where it reads none."""
+        columns = [recording.observations[c][rows] for c in self.sensor.columns]
+        return np.column_stack(columns) if columns else np.zeros((len(recording.q[rows]), 0))
+
+    def _compared(self, comparison: Comparison, raw: Array, y: Array) -> Array:
+        values = comparison.values(raw)
+        return values - y if self.sensor.columns else values
 
     def _check_labels(self, recording: Recording) -> None:
         missing = [name for name in self.sensor.label_columns if name not in recording.labels]
@@ -183,13 +190,17 @@ class SensorFunctions:
         self, function: BatchFunction, sight: Sight, p: Array, y: Array, sign: float
     ) -> tuple[Array, Array]:
         """Values and derivatives at ``y`` plus ``sign`` times what effects add to the columns."""
-        flat = sight.pose.transpose(0, 2, 1).reshape(len(sight.pose), 16)
         y = y + sign * sight.shift[:, self._columns]
-        value, by_twist, by_own, by_y = function(flat, p[self._own], y)
+        value, by_twist, by_own, by_y = function(_flat(sight.pose), p[self._own], y)
         jacobian = by_twist @ sight.twist
         jacobian[:, :, self._own] += by_own
         jacobian += sign * (by_y @ sight.shift_by[:, self._columns])
         return value[..., 0], jacobian
+
+
+def _flat(pose: Array) -> Array:
+    """(n, 16) of poses (n, 4, 4), column by column."""
+    return pose.transpose(0, 2, 1).reshape(len(pose), 16)
 
 
 def _block(

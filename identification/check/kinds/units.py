@@ -88,16 +88,13 @@ def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Lengths of the mechanism alone, or of the whole file, in another unit."""
     written = rig.machine.units
     own = {p.name for p in rig.machine.mechanism.parameters}
-    every = [
-        k
-        for k, n in enumerate(rig.names)
-        if n in rig.machine.geometry and rig.machine.geometry[n].unit == "mm"
-    ]
+    every = np.flatnonzero(rig.lengths).tolist()
+    drawn = [k for k in every if rig.names[k] in own]
     if _description(rig):
-        yield from _description_lengths(rig, [k for k in every if rig.names[k] in own])
+        yield from _description_lengths(rig, drawn)
         return
     for unit, factor in _others(LENGTHS, written.length):
-        for places, whole in (([k for k in every if rig.names[k] in own], False), (every, True)):
+        for places, whole in ((drawn, False), (every, True)):
             where = ("units.length",) if whole else ("mechanism",)
             yield Slip(
                 "unit-length",
@@ -162,7 +159,8 @@ def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
 
 def _mend_lengths(rig: Rig, factor: float, pair: Pair) -> Pair:
     fields = _table_fields(rig, ("a", "d"))
-    fields = fields or [p.field for p in rig.machine.mechanism.parameters if p.unit == "mm"]
+    grow = {name for name, grows in zip(rig.names, rig.lengths, strict=True) if grows}
+    fields = fields or [p.field for p in rig.machine.mechanism.parameters if p.name in grow]
     listed = isinstance(pair.get(("mechanism", "home")), list)
     home: list[Field] = [("mechanism", "home", k) for k in range(3)] if listed else []
     return _scaled_fields(pair, [*fields, *home, *_strokes(rig, pair)], factor)
