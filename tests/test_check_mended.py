@@ -18,7 +18,9 @@ from support.checked_arm import (
     written,
 )
 from truepose.cli import app
+from truepose.identification.check.kinds.units import file_lengths
 from truepose.identification.check.pair import Pair, Sheet
+from truepose.identification.check.rig import Rig
 from truepose.identification.check.run import check_files
 from truepose.identification.recording.load import tables
 from truepose.models.urdf_lengths import rescaled
@@ -190,3 +192,46 @@ def test_ranges_and_pitches_are_lengths_of_the_mechanism_too(tmp_path: Path) -> 
     mended = found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
     assert mended.get(("mechanism", "legs", 2, "range")) == pytest.approx([-200.0, 200.0])
     assert mended.get(("mechanism", "legs", 2, "screw_pitch")) == pytest.approx(5.0)
+
+
+def struts(machine: Document) -> Document:
+    """The same platform on legs of changing length, which are read in turns of their motors."""
+    legs = [
+        {
+            "name": leg["name"],
+            "joint": leg["joint"],
+            "a": leg["a"],
+            "b": leg["b"],
+            "offset": 480.0,
+            "gain": 5.0,
+        }
+        for leg in machine["mechanism"]["legs"]
+    ]
+    mechanism = {"type": "6-ups", "legs": legs, "home": machine["mechanism"]["home"]}
+    return machine | {"mechanism": mechanism, "units": {"length": "mm", "angle": "deg", "joint": "turn"}}
+
+
+@pytest.mark.parametrize(
+    "machine", [document(), platform(1.0), struts(platform(1.0))], ids=lambda m: m["mechanism"]["type"]
+)
+def test_a_file_in_another_unit_is_the_same_machine_at_another_scale(
+    machine: Document, tmp_path: Path
+) -> None:
+    """Every length grows, those of a turn too, and tools stand as many times as far away."""
+    (tmp_path / "m.yaml").write_text(document_text(machine), encoding="utf-8")
+    loaded = truepose.load_machine(tmp_path / "m.yaml")
+    q = np.random.default_rng(3).uniform(-8, 8, (6, 6))
+    poses = pd.DataFrame(q, columns=[a.reading for a in loaded.mechanism.actuators])
+    seen = truepose.simulate(loaded, poses, seed=1).reset_index(drop=True)
+    rig = Rig(loaded, truepose.load_recording(loaded, pd.concat([poses, seen], axis=1)))
+    slip = next(s for s in file_lengths(rig, rig.scene) if s.says == "the machine file's lengths in inch")
+    there = slip.change(rig.scene)
+    long = [25.4 if a.reading_unit == "mm" else 1.0 for a in loaded.mechanism.actuators]
+    ends = []
+    for scene in (rig.scene, there.with_joints(there.rows.q * long)):
+        here = rig.predictor.over(scene.rows)
+        x, good = rig.assembled(here, scene.p, scene)
+        assert good.all()
+        ends.append(here.poses(scene.p, x)[0])
+    np.testing.assert_allclose(ends[1][:, :3, 3], 25.4 * ends[0][:, :3, 3], rtol=1e-7, atol=1e-6)
+    np.testing.assert_allclose(ends[1][:, :3, :3], ends[0][:, :3, :3], atol=1e-8)
