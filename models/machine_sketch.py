@@ -1,21 +1,22 @@
-"""A machine at home, drawn by the lines between its joints and along its legs, seen from the side and a little from above."""
+"""A machine at home, drawn by the lines of its skeleton, seen from the side and a little from above."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import TrueposeError
-from truepose.models.assembly import assemble, rod_ends, symbols
-from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
+from truepose.models.skeleton import Kind, at_home
 from truepose.shown.drawing import Segment, lines
 
 Array = NDArray[np.float64]
 _TURN, _RISE = np.radians(-35.0), np.radians(20.0)
+_SHOWN: dict[str, tuple[Kind, ...]] = {
+    "links": ("link", "plate", "rail"),
+    "legs": ("leg",),
+    "tool": ("tool",),
+}
 
 
 def sketch(machine: Machine) -> str:
@@ -30,30 +31,18 @@ def sketch(machine: Machine) -> str:
 
 def segments(machine: Machine) -> dict[str, Array]:
     """Ends (k, 2, 3), mm, in the base's frame, of ``links``, ``legs`` and the ``tool`` at the machine's home."""
-    plain = replace(machine, effects=(), gravity=None)
-    model, mechanism = symbolic_model(plain), machine.mechanism
-    q = symbols("q", mechanism.readings)
-    values = {**symbols("", [p.name for p in machine.parameters]), **{n: ca.SX(0) for n in machine.ports}}
-    passive = len(model.home) // (2 if mechanism.loops != "exact" else 1)
-    x = ca.SX.sym("x", passive)
-    placed = assemble(plain, values, q, {}, x)
-    origins = {name: pose[:3, 3] for name, pose in placed.bodies.items()}
-    legs = [(rod, *rod_ends(rod, placed.bodies, values)) for rod in mechanism.rods]
-    arms = [(joint.parent, origins[joint.child]) for joint in mechanism.tree if joint.kind != "free"]
-    arms += [(rod.body_a, a) for rod, a, _ in legs] + [(rod.body_b, b) for rod, _, b in legs]
-    pairs = {
-        "links": [(origins[body], end) for body, end in arms],
-        "legs": [(a, b) for _, a, b in legs],
-        "tool": [(origins[mechanism.flange], placed.tool[:3, 3])],
-    }
-    points = ca.horzcat(*(point for found in pairs.values() for pair in found for point in pair))
-    given = ca.vertcat(*q.values()), x, ca.vertcat(*(values[p.name] for p in machine.parameters))
-    at_home = ca.Function("sketch", [*given], [points])(
-        model.q_home, model.home[:passive], [p.nominal for p in machine.parameters]
-    )
-    numbers = np.array(at_home).T.reshape(-1, 2, 3)
-    cuts = np.cumsum([len(found) for found in pairs.values()])[:-1]
-    return dict(zip(pairs, np.split(numbers, cuts), strict=True))
+    found = at_home(machine)
+    out = {}
+    for name, kinds in _SHOWN.items():
+        pairs = [pair for kind in kinds for line in found.get(kind, []) for pair in _pairs(kind, line)]
+        out[name] = np.array(pairs).reshape(-1, 2, 3)
+    return out
+
+
+def _pairs(kind: Kind, line: Array) -> list[Array]:
+    """The segments of a line, each once, without those of no length."""
+    closed = np.vstack([line, line[:1]]) if kind == "plate" else line
+    return [pair for pair in np.stack([closed[:-1], closed[1:]], axis=1) if np.ptp(pair, axis=0).any()]
 
 
 def _seen(a: Array, b: Array) -> Segment:

@@ -1,0 +1,145 @@
+"""What a chart holds, free of any form: two axes and layers of marks, lines, bands, bars and cells.
+
+``truepose.shown.chart_svg`` draws it. A tone is the name of a colour that the page's style sheet defines: ``before``,
+``after``, ``free``, ``accent``, ``ink``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Tone = Literal["before", "after", "free", "accent", "ink"]
+Shape = Literal["dot", "ring", "tick", "diamond"]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis: title with unit, ends (None: those of the data), names in place of numbers, or ticks of one's own."""
+
+    title: str
+    low: float | None = None
+    high: float | None = None
+    names: Sequence[str] = ()
+    ticks: Sequence[tuple[float, str]] = ()
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Points (n,); ``error`` (n,) draws bars either side. ``by_row``: the k-th point is of the k-th row of the page."""
+
+    x: Array
+    y: Array
+    tone: Tone
+    name: str = ""
+    shape: Shape = "dot"
+    error: Array | None = None
+    by_row: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line through points (n,); it breaks where one is not finite."""
+
+    x: Array
+    y: Array
+    tone: Tone
+    name: str = ""
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class Band:
+    """What lies between ``low`` and ``high`` (n,)."""
+
+    x: Array
+    low: Array
+    high: Array
+    tone: Tone
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Bars from zero: upright ones between edges (n + 1,), or level ones at the names of the y axis (``at``, n)."""
+
+    length: Array
+    tone: Tone
+    name: str = ""
+    edges: Array | None = None
+    at: Array | None = None
+    texts: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Level:
+    """A straight line across the chart, at a value of one axis."""
+
+    value: float
+    axis: Literal["x", "y"]
+    name: str = ""
+    dashed: bool = True
+    tone: Tone = "ink"
+
+
+@dataclass(frozen=True)
+class Span:
+    """A strip across the chart, between two values of the x axis."""
+
+    low: float
+    high: float
+    tone: Tone
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A matrix (r, c) as coloured cells: rows are names of the y axis, columns of the x axis; ``texts`` stand in them."""
+
+    values: Array
+    texts: Sequence[Sequence[str]] = ()
+    largest: float | None = None
+
+
+Layer = Marks | Line | Band | Bars | Level | Span | Cells
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One panel. ``title`` stands above it, ``told`` is what a screen reader says of it beside."""
+
+    title: str
+    x: Axis
+    y: Axis
+    layers: Sequence[Layer] = field(default_factory=tuple)
+    height: float = 230.0
+    told: str = ""
+
+
+def legend(charts: Sequence[Chart]) -> list[tuple[str, str, str]]:
+    """Tone, shape and name of what the charts show, each once: for a legend that they share."""
+    found: dict[str, tuple[str, str, str]] = {}
+    for chart in charts:
+        for layer in chart.layers:
+            name = getattr(layer, "name", "")
+            if name:
+                found.setdefault(name, (layer_tone(layer), _glyph(layer), name))
+    return list(found.values())
+
+
+def layer_tone(layer: Layer) -> str:
+    """The tone of a layer; cells have none of their own."""
+    return getattr(layer, "tone", "ink")
+
+
+def _glyph(layer: Layer) -> str:
+    if isinstance(layer, Marks):
+        return layer.shape
+    if isinstance(layer, (Line, Level)):
+        return "dash" if layer.dashed else "line"
+    return "area"

@@ -1,0 +1,301 @@
+"""Charts as SVG: one picture a panel, so that a page sets them side by side or below each other and texts keep their size.
+
+Colours are classes that the page's style sheet defines, for light, dark and print. Points of a series are one path, which
+keeps a page of thousands of them small; a script finds the k-th point as the k-th move of the path. Same chart, same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.shown.chart import Array, Axis, Band, Bars, Cells, Chart, Layer, Level, Line, Marks, Span
+from truepose.shown.scale import Scale, ends, ticks
+from truepose.shown.view import printable
+
+WIDTH = 380.0
+LETTER = 6.6
+"""Width of a letter, about, at the font's 12 px."""
+TOP, BOTTOM, RIGHT = 14.0, 44.0, 14.0
+NAME = 30
+"""Most letters of a name on an axis."""
+_SIZE = {"dot": 5.0, "ring": 5.0, "tick": 1.2, "diamond": 7.0}
+
+
+def svg(chart: Chart) -> str:
+    """The chart as one SVG element."""
+    frame = _frame(chart)
+    drawn = [part for layer in chart.layers for part in _DRAWN[type(layer)](layer, frame)]
+    title = escape(printable(f"{chart.title}: {chart.y.title} against {chart.x.title}"))
+    told = f"<desc>{escape(printable(chart.told))}</desc>" if chart.told else ""
+    return (
+        f'<svg class="chart" role="img" viewBox="0 0 {WIDTH:.0f} {chart.height:.0f}"><title>{title}</title>{told}'
+        f"{''.join(_axes(chart, frame))}{''.join(drawn)}</svg>"
+    )
+
+
+@dataclass(frozen=True)
+class _Frame:
+    x: Scale
+    y: Scale
+
+
+def _frame(chart: Chart) -> _Frame:
+    xs, ys = _values(chart.layers, "x"), _values(chart.layers, "y")
+    low, high = _ends(chart.y, ys)
+    labels = [text for _, text in _y_ticks(chart.y, low, high, chart.height)]
+    left = 26.0 + LETTER * max((min(len(text), NAME) for text in labels), default=1)
+    bottom = BOTTOM + (LETTER * 5 if _turned(chart.x) else 0.0)
+    across = Scale(*_ends(chart.x, xs), left, WIDTH - RIGHT)
+    return _Frame(across, Scale(low, high, chart.height - bottom, TOP))
+
+
+def _ends(axis: Axis, values: Sequence[Array]) -> tuple[float, float]:
+    if axis.names:
+        return (-0.5, len(axis.names) - 0.5)
+    return ends(values, axis.low, axis.high)
+
+
+def _values(layers: Sequence[Layer], axis: str) -> list[Array]:
+    """What an axis has to show."""
+    out: list[Array] = []
+    for layer in layers:
+        if isinstance(layer, Marks):
+            spread = np.zeros(1) if layer.error is None else layer.error
+            out += [layer.x] if axis == "x" else [layer.y - spread, layer.y + spread]
+        elif isinstance(layer, Line):
+            out.append(layer.x if axis == "x" else layer.y)
+        elif isinstance(layer, Band):
+            out += [layer.x] if axis == "x" else [layer.low, layer.high]
+        elif isinstance(layer, Bars):
+            upright = layer.edges is not None
+            out.append(layer.edges if axis == "x" and layer.edges is not None else np.zeros(1))
+            if upright == (axis == "y"):
+                out.append(layer.length)
+        elif isinstance(layer, Level) and layer.axis == axis:
+            out.append(np.array([layer.value]))
+    return out
+
+
+def _y_ticks(axis: Axis, low: float, high: float, height: float) -> list[tuple[float, str]]:
+    if axis.names:
+        return [(float(k), _short(name)) for k, name in enumerate(axis.names)]
+    return list(axis.ticks) or ticks(low, high, max(3, int(height / 45)))
+
+
+def _turned(axis: Axis) -> bool:
+    """Whether names below a chart have to stand on end."""
+    letters = max((len(name) for name in axis.names), default=0)
+    return letters * LETTER * len(axis.names) > 0.8 * WIDTH
+
+
+def _axes(chart: Chart, frame: _Frame) -> list[str]:
+    x, y = frame.x, frame.y
+    out = [f'<path class="axis" d="M{x.start:.1f} {y.end:.1f}V{y.start:.1f}H{x.end:.1f}"/>']
+    for value, text in _y_ticks(chart.y, y.low, y.high, chart.height):
+        at = y.at(value)
+        if not chart.y.names:
+            out.append(f'<path class="grid" d="M{x.start:.1f} {at:.1f}H{x.end:.1f}"/>')
+        out.append(_text(x.start - 6, at + 4, text, "end"))
+    out += _below(chart.x, frame)
+    middle = 0.5 * (y.start + y.end)
+    if chart.y.title:
+        out.append(
+            f'<text class="name" transform="translate(11 {middle:.1f}) rotate(-90)" text-anchor="middle">'
+            f"{escape(printable(chart.y.title))}</text>"
+        )
+    out.append(_text(0.5 * (x.start + x.end), chart.height - 5, chart.x.title, "middle", "name"))
+    return out
+
+
+def _below(axis: Axis, frame: _Frame) -> list[str]:
+    """Ticks of the axis across, names on end where they would touch."""
+    x, y = frame.x, frame.y
+    if axis.names and _turned(axis):
+        return [
+            f'<text transform="translate({x.at(k) + 4:.1f} {y.start + 6:.1f}) rotate(-90)" text-anchor="end">'
+            f"{escape(printable(_short(name, 11)))}</text>"
+            for k, name in enumerate(axis.names)
+        ]
+    found = [(float(k), name) for k, name in enumerate(axis.names)]
+    marks = found or list(axis.ticks) or _fitting(x)
+    out = []
+    for value, text in marks:
+        at = x.at(value)
+        if not axis.names:
+            out.append(f'<path class="grid" d="M{at:.1f} {y.end:.1f}V{y.start:.1f}"/>')
+        half = 0.5 * LETTER * len(text)
+        out.append(_text(min(at, WIDTH - half - 1), y.start + 16, text, "middle"))
+    return out
+
+
+def _fitting(x: Scale) -> list[tuple[float, str]]:
+    """As many ticks as have room for their numbers."""
+    for most in (8, 7, 6, 5, 4, 3, 2):
+        found = ticks(x.low, x.high, most)
+        widest = max((len(text) for _, text in found), default=1)
+        step = (found[1][0] - found[0][0]) if len(found) > 1 else x.high - x.low
+        if (widest + 1.5) * LETTER < abs(x.at(x.low + step) - x.start):
+            return found
+    return found
+
+
+def _marks(layer: Marks, frame: _Frame) -> list[str]:
+    x, y = frame.x.all(layer.x), frame.y.all(layer.y)
+    top, floor = frame.y.end, frame.y.start
+    gone = ~(np.isfinite(x) & np.isfinite(y))
+    out: list[str] = []
+    if layer.error is not None:
+        reach = frame.y.all(layer.y + layer.error) - y
+        bars = [
+            f"M{a:.1f} {b - r:.1f}V{b + r:.1f}"
+            for a, b, r in zip(x, y, reach, strict=True)
+            if math.isfinite(a) and math.isfinite(b) and math.isfinite(r)
+        ]
+        out.append(f'<path class="error t-{layer.tone}" d="{"".join(bars)}"/>')
+    x, y = np.where(gone, -99.0, x), np.where(gone, -99.0, np.clip(y, top, floor))
+    path = "".join(map(_POINTS[layer.shape], x.tolist(), y.tolist()))
+    rows = " data-rows" if layer.by_row else ""
+    name = f' data-name="{escape(printable(layer.name))}"' if layer.by_row else ""
+    out.append(
+        f'<path class="marks {layer.shape} t-{layer.tone}"{rows}{name} stroke-width="{_SIZE[layer.shape]}" d="{path}"/>'
+    )
+    return out
+
+
+def _dot(x: float, y: float) -> str:
+    return f"M{x:.1f} {y:.1f}h0"
+
+
+def _tick(x: float, y: float) -> str:
+    return f"M{x:.1f} {y:.1f}v-7"
+
+
+def _ring(x: float, y: float) -> str:
+    return f"M{x - 2.5:.1f} {y:.1f}a2.5 2.5 0 1 0 5 0a2.5 2.5 0 1 0-5 0"
+
+
+def _diamond(x: float, y: float) -> str:
+    return f"M{x:.1f} {y - 4.5:.1f}l4.5 4.5l-4.5 4.5l-4.5-4.5z"
+
+
+_POINTS: dict[str, Callable[[float, float], str]] = {
+    "dot": _dot,
+    "tick": _tick,
+    "ring": _ring,
+    "diamond": _diamond,
+}
+
+
+def _line(layer: Line, frame: _Frame) -> list[str]:
+    dash = " dashed" if layer.dashed else ""
+    return [
+        f'<path class="line{dash} t-{layer.tone}" d="{_way(frame.x.all(layer.x), frame.y.all(layer.y))}"/>'
+    ]
+
+
+def _way(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
+    out, letter = [], "M"
+    for a, b in zip(x.tolist(), y.tolist(), strict=True):
+        if not (math.isfinite(a) and math.isfinite(b)):
+            letter = "M"
+            continue
+        out.append(f"{letter}{a:.1f} {b:.1f}")
+        letter = "L"
+    return "".join(out)
+
+
+def _band(layer: Band, frame: _Frame) -> list[str]:
+    x = frame.x.all(np.concatenate([layer.x, layer.x[::-1]]))
+    y = frame.y.all(np.concatenate([layer.low, layer.high[::-1]]))
+    return [f'<path class="band t-{layer.tone}" d="{_way(x, y)}Z"/>']
+
+
+def _bars(layer: Bars, frame: _Frame) -> list[str]:
+    out = []
+    if layer.edges is not None:
+        edges, floor = frame.x.all(layer.edges), frame.y.at(0.0)
+        for a, b, top in zip(edges[:-1], edges[1:], frame.y.all(layer.length), strict=True):
+            out.append(f"M{a + 0.5:.1f} {floor:.1f}V{top:.1f}H{b - 0.5:.1f}V{floor:.1f}Z")
+        return [f'<path class="bar t-{layer.tone}" d="{"".join(out)}"/>']
+    assert layer.at is not None
+    zero, texts = frame.x.at(0.0), []
+    for k, (place, long) in enumerate(zip(frame.y.all(layer.at), frame.x.all(layer.length), strict=True)):
+        if not math.isfinite(long):
+            continue
+        out.append(f"M{zero:.1f} {place - 5:.1f}H{long:.1f}V{place + 5:.1f}H{zero:.1f}Z")
+        if k < len(layer.texts):
+            texts.append(_beside(long, place, layer.texts[k], zero))
+    return [f'<path class="bar t-{layer.tone}" d="{"".join(out)}"/>', *texts]
+
+
+def _beside(end: float, y: float, text: str, zero: float) -> str:
+    """A bar's number at its end: inside, where there is no room beyond."""
+    wide = LETTER * len(text) + 4
+    if end >= zero:
+        inside = end + wide > WIDTH
+        return _text(
+            end - 4 if inside else end + 4, y + 4, text, "end" if inside else "start", "on" if inside else ""
+        )
+    return _text(zero + 4, y + 4, text, "start")
+
+
+def _level(layer: Level, frame: _Frame) -> list[str]:
+    if layer.axis == "x":
+        way = f"M{frame.x.at(layer.value):.1f} {frame.y.start:.1f}V{frame.y.end:.1f}"
+    else:
+        way = f"M{frame.x.start:.1f} {frame.y.at(layer.value):.1f}H{frame.x.end:.1f}"
+    return [f'<path class="level{" dashed" if layer.dashed else ""} t-{layer.tone}" d="{way}"/>']
+
+
+def _span(layer: Span, frame: _Frame) -> list[str]:
+    a, b = frame.x.at(layer.low), frame.x.at(layer.high)
+    return [
+        f'<path class="band t-{layer.tone}" d="M{a:.1f} {frame.y.start:.1f}V{frame.y.end:.1f}H{b:.1f}V{frame.y.start:.1f}Z"/>'
+    ]
+
+
+def _cells(layer: Cells, frame: _Frame) -> list[str]:
+    """Positive cells in one colour, negative ones in another, the deeper the larger."""
+    largest = layer.largest or float(np.nanmax(np.abs(layer.values), initial=0.0)) or 1.0
+    wide = abs(frame.x.at(1) - frame.x.at(0))
+    tall = abs(frame.y.at(1) - frame.y.at(0))
+    out = []
+    for r, row in enumerate(layer.values.tolist()):
+        for c, value in enumerate(row):
+            if not math.isfinite(value):
+                continue
+            x, y = frame.x.at(c), frame.y.at(r)
+            share = min(abs(value) / largest, 1.0)
+            out.append(
+                f'<rect class="cell t-{"after" if value >= 0 else "before"}" x="{x - wide / 2:.1f}" y="{y - tall / 2:.1f}"'
+                f' width="{wide:.1f}" height="{tall:.1f}" fill-opacity="{share:.2f}"/>'
+            )
+            if layer.texts:
+                out.append(_text(x, y + 4, layer.texts[r][c], "middle", "on" if share > 0.6 else ""))
+    return out
+
+
+_DRAWN: dict[type, Callable[..., list[str]]] = {
+    Marks: _marks,
+    Line: _line,
+    Band: _band,
+    Bars: _bars,
+    Level: _level,
+    Span: _span,
+    Cells: _cells,
+}
+
+
+def _short(name: str, most: int = NAME) -> str:
+    return name if len(name) <= most else f"{name[: most - 1]}\u2026"
+
+
+def _text(x: float, y: float, text: str, anchor: str, kind: str = "") -> str:
+    own = f' class="{kind}"' if kind else ""
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{own}>{escape(printable(text))}</text>'
