@@ -50,6 +50,8 @@ class Physics(ABC):
 
     slug: ClassVar[str]
     title: ClassVar[str] = ""
+    counted: ClassVar[bool] = False
+    """Whether the title takes an article in a sentence: a compliant joint, but backlash."""
     formula: ClassVar[str] = ""
     size: ClassVar[str] = ""
     look_alikes: ClassVar[tuple[str, ...]] = ()

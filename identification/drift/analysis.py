@@ -47,7 +47,8 @@ class Drift(Written):
 
     labels, times (s, None where not recorded), movements of every free parameter, noise in stated sigmas,
     log_bayes_factor of what moves against nothing, unseen: directions that no recording sees; durability:
-    how long calibrations last; settled: whether the joint fit came to rest, otherwise sizes are approximate.
+    how long calibrations last; settled: whether the joint fit came to rest, otherwise sizes are approximate. fits: of each
+    session by itself, over its rows of ``recording``.
     """
 
     machine: str
@@ -61,6 +62,8 @@ class Drift(Written):
     durability: Durability
     settled: bool
     notes: tuple[Note | str, ...]
+    recording: Recording | None = None
+    fits: tuple[Estimate, ...] = ()
 
     @property
     def moved(self) -> tuple[Movement, ...]:
@@ -113,6 +116,8 @@ def drift(
         durability=durability(sessions, fits, prior, found.extrinsic, accuracy),
         settled=settled,
         notes=(*recording.notes, *notes, *_lost(sessions, fits)),
+        recording=recording,
+        fits=tuple(fits),
     )
 
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from truepose.errors import InputError
 from truepose.identification.recording.file import JointColumn, RecordingPart, read_part, written_units
 from truepose.identification.recording.memory import remembered
+from truepose.identification.recording.origin import digest_of, recorded_on
 from truepose.identification.recording.table import Column, Table
 from truepose.models.driver import TIME, Driver
 from truepose.models.units import FloatArray, UnitSystem
@@ -41,7 +42,8 @@ class Recording(Shown):
     Lengths mm, angles rad, readings of joints in other units (`turn`) as recorded. Optional columns are
     None, or absent from their mapping, unless every file has them. written: of columns with a unit, the internal one
     and the machine file's, which ``to_frame`` gives; columns that it lacks stay in internal units. said: the unit that a
-    joint's column or a reading's is said to be in, by its header or by the machine file, where all files agree.
+    joint's column or a reading's is said to be in, by its header or by the machine file, where all files agree. digests, dates:
+    SHA-256 of each file and the day that its comments name, empty where there is none.
     """
 
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
@@ -63,6 +65,8 @@ class Recording(Shown):
     notes: tuple[str, ...] = ()
     written: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     said: Mapping[str, str] = field(default_factory=dict)
+    digests: tuple[str, ...] = ()
+    dates: tuple[str, ...] = ()
     _whole: Recording | None = None
     _rows: IntArray | None = None
 
@@ -240,6 +244,8 @@ def _join(
         from_row=_if_all(from_rows, parts, "from", notes),
         notes=tuple(notes),
         said={n: u for n, u in parts[0].said.items() if all(part.said.get(n) == u for part in parts)},
+        digests=tuple(digest_of(part.file) for part in parts),
+        dates=tuple(recorded_on(part.file) for part in parts),
     )
 
 

@@ -1,21 +1,24 @@
-"""What a finding's formula adds to the machine at its estimated coefficients, evaluated for drawing.
+"""What a finding adds to the machine at its estimated coefficients, as functions of what drives it, for drawing.
 
-The effect's own formula is called with symbols for the readings, so every effect that adds a function of one
-reading (gears, screws, encoders, guides) is drawn by the same code.
+An effect of one reading is drawn by its own formula, evaluated between the readings too, and folded over its period where
+it has one; any other by its fitted value in each row, against the driver or the load that it reads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.diagnosis.partial_residuals import PortShift, port_shifts
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.report.drivers import reading_unit
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.report.drivers import Column, column_of, joint_column, reading_unit
 from truepose.identification.report.numbers import finer, unit_symbol
+from truepose.models.driver import Driver
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.machine import Machine
 from truepose.models.states import asked, state_names
@@ -23,11 +26,21 @@ from truepose.models.states import asked, state_names
 Array = NDArray[np.float64]
 POINTS = 721
 MOST_PORTS = 3
+FOLDED = 1.5
+"""Periods in what was measured from which on a function is drawn over one of them."""
+SAME = 1e-3
+"""Share of its size by which a function may differ from itself a period later."""
+STEADY = 0.05
+"""Share of its range by which a fitted value may jump between neighbours, for a line through them."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A shift over a reading: x (n,), y and its 1-sigma (n,), where it was measured, axis titles."""
+    """A shift over its driver: x (n,), y and its 1-sigma (n,), empty where it is no function of the driver alone.
+
+    measured (r,): the driver in each row of the recording; rows (r,): what each row says of the shift, None where that is
+    not known; fitted (r,): the fit's value in each row, where other drivers act beside this one. Axis titles and a title.
+    """
 
     x: Array
     y: Array
@@ -35,17 +48,25 @@ class Curve:
     measured: Array
     x_title: str
     y_title: str
+    title: str = ""
+    rows: Array | None = None
+    fitted: Array | None = None
+
+    def thinned(self, rows: NDArray[np.intp]) -> Curve:
+        """With some rows of the recording alone."""
+        said, fitted = (None if v is None else v[rows] for v in (self.rows, self.fitted))
+        return replace(self, measured=self.measured[rows], rows=said, fitted=fitted)
 
 
 @dataclass(frozen=True)
 class Formula:
-    """Shifts of some terms by port, in symbols of readings and coefficients."""
+    """Shifts of some terms by port, in symbols of readings and coefficients; plain: nothing else is in them."""
 
     q: dict[str, ca.SX]
     coefficients: ca.SX
     amplitudes: Array
-    columns: NDArray[np.intp]  # places of the coefficients in the estimate's p
     shifts: dict[str, ca.SX]
+    plain: bool
 
 
 def terms_of(diagnosis: Diagnosis, finding: Finding) -> list[PlacedEffect]:
@@ -53,76 +74,217 @@ def terms_of(diagnosis: Diagnosis, finding: Finding) -> list[PlacedEffect]:
     return [t for t in diagnosis.terms if t.effect.slug == finding.effect and t.place == finding.place]
 
 
-def formula(machine: Machine, terms: Sequence[PlacedEffect], names: Sequence[str]) -> Formula | None:
-    """Sum of the terms' shifts at the drawing's geometry; None when they read drivers, loads or the present state."""
-    if not terms or any(t.drivers or t.needs_load for t in terms):
+def formula(machine: Machine, terms: Sequence[PlacedEffect]) -> Formula | None:
+    """Sum of the terms' shifts at the drawing's geometry; None without terms."""
+    if not terms:
         return None
     q = {name: ca.SX.sym(name) for name in machine.mechanism.readings}
     values = {p.name: ca.SX(p.nominal) for p in machine.parameters} | {
         port: ca.SX(0) for port in machine.ports
     }
     states = {name: ca.SX.sym(name) for name in state_names(machine)}
+    drivers = {name: ca.SX.sym(name) for term in terms for name in term.drivers}
+    cases = machine.load_cases or ("",)
+    loads = {f"{case}{port}": ca.SX.sym(port) for case in cases for port in values}
     symbols: list[ca.SX] = []
     shifts: dict[str, ca.SX] = {}
     for term in terms:
         c = {coefficient.name: ca.SX.sym(coefficient.name) for coefficient in term.coefficients}
         symbols += c.values()
-        for port, shift in term.effect.shifts(
-            Site(machine, term.place, term.settings_map, c, q, {}, values, {}, states)
-        ).items():
+        site = Site(machine, term.place, term.settings_map, c, q, drivers, values, loads, states)
+        for port, shift in term.effect.shifts(site).items():
             shifts[port] = shifts.get(port, ca.SX(0)) + shift
-    if asked(list(shifts.values()), states):
-        return None
+    read = [*drivers.values(), *(s for t in terms if t.needs_load for s in loads.values())]
+    plain = not asked(list(shifts.values()), states) and not any(
+        ca.depends_on(shift, symbol) for shift in shifts.values() for symbol in read
+    )
     amplitudes = np.array([a for term in terms for a in term.amplitudes])
-    columns = [names.index(name) for t in terms for name in t.parameter_names]
-    return Formula(q, ca.vertcat(*symbols), amplitudes, np.array(columns, dtype=np.intp), shifts)
+    return Formula(q, ca.vertcat(*symbols), amplitudes, shifts, plain)
 
 
 def curves(diagnosis: Diagnosis, finding: Finding) -> list[Curve]:
-    """Functions of a single reading that the finding adds, three ports at most; none for any other effect."""
-    after = diagnosis.after
-    found = formula(diagnosis.machine, terms_of(diagnosis, finding), after.prior.names)
-    if found is None:
+    """What the finding adds, three ports at most, the largest first; none where its terms are not in the fit."""
+    terms, fit = terms_of(diagnosis, finding), diagnosis.after
+    found = formula(diagnosis.machine, terms)
+    known = set(fit.prior.names)
+    if found is None or not all(name in known for term in terms for name in term.parameter_names):
         return []
-    place = {int(k): j for j, k in enumerate(after.prior.free)}
-    at = [place[int(k)] for k in found.columns if int(k) in place]
-    covariance = (
-        after.covariance[np.ix_(at, at)]
-        if len(at) == len(found.columns)
-        else np.zeros((len(found.columns),) * 2)
+    ports = [port for port, shift in found.shifts.items() if not shift.is_zero()]
+    ports = [port for port in ports if port in diagnosis.machine.ports or port in known]
+    shifts = port_shifts(fit, diagnosis.recording, terms, ports)
+    largest = sorted(shifts, key=lambda s: -_worth(s))[:MOST_PORTS]
+    return [_curve(diagnosis, terms, found, shift) for shift in largest]
+
+
+def _worth(shift: PortShift) -> float:
+    """How large a port's shift is beside what a row can say of it."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scatter = float(np.nanmedian(np.abs(shift.rows - shift.fitted)))
+    return float(np.nanmax(np.abs(shift.fitted), initial=0.0)) / (scatter or 1.0)
+
+
+def _curve(diagnosis: Diagnosis, terms: Sequence[PlacedEffect], found: Formula, shift: PortShift) -> Curve:
+    machine, expression = diagnosis.machine, found.shifts[shift.port]
+    readings = [name for name, symbol in found.q.items() if ca.depends_on(expression, symbol)]
+    scale, unit = finer(
+        float(np.nanmax(np.abs(shift.fitted), initial=0.0)) or 1.0, machine.unit_of(shift.port)
     )
-    out = []
-    for port, shift in found.shifts.items():
-        readings = [name for name, symbol in found.q.items() if ca.depends_on(shift, symbol)]
-        if len(readings) == 1:
-            out.append(_curve(diagnosis, found, port, readings[0], covariance))
-    return out[:MOST_PORTS]
+    y_title = f"shift [{unit_symbol(unit) or '1'}]"
+    period = np.inf
+    if found.plain and len(readings) == 1:
+        column = joint_column(machine, diagnosis.recording, readings[0])
+        curve, period = _evaluated(diagnosis, terms, found, shift.port, readings[0], scale)
+    else:
+        column, curve = _by_rows(diagnosis, terms, shift, scale, y_title)
+    whole = replace(
+        curve,
+        measured=column.values,
+        x_title=column.title,
+        y_title=y_title,
+        title=port_words(machine, shift.port),
+        rows=scale * shift.rows,
+    )
+    return _folded(whole, period) if np.isfinite(period) else whole
 
 
-def _curve(diagnosis: Diagnosis, found: Formula, port: str, reading: str, covariance: Array) -> Curve:
-    shift, recording = found.shifts[port], diagnosis.recording
-    measured = np.unique(recording.q[:, recording.joints.index(reading)])
+def _by_rows(
+    diagnosis: Diagnosis, terms: Sequence[PlacedEffect], shift: PortShift, scale: float, y_title: str
+) -> tuple[Column, Curve]:
+    """What was fitted in each row, against its driver; where several joints drive it, against itself."""
+    column = _driver(diagnosis, terms, shift)
+    if column is None:
+        column = Column("", f"fitted {y_title}", scale * shift.fitted)
+        return column, _itself(column.values, scale * shift.std)
+    curve = _through(column.values, scale * shift.fitted, scale * shift.std)
+    return column, curve if len(curve.x) else replace(curve, fitted=scale * shift.fitted)
+
+
+def port_words(machine: Machine, port: str) -> str:
+    """A port in words: ``displacement of q2``, ``error motion rx of q3``."""
+    kind = machine.ports[port].kind if port in machine.ports else ""
+    if kind == "displacement":
+        return f"displacement of {machine.ports[port].of}"
+    if kind == "motion":
+        return f"error motion {port.rpartition('.')[2]} of {machine.ports[port].of}"
+    return f"reading {machine.ports[port].of}" if kind else port
+
+
+def _evaluated(
+    diagnosis: Diagnosis, terms: Sequence[PlacedEffect], found: Formula, port: str, reading: str, scale: float
+) -> tuple[Curve, float]:
+    """The formula between the readings too, with its 1-sigma; and its period in the units of x."""
+    recording, fit = diagnosis.recording, diagnosis.after
+    measured = recording.q[:, recording.joints.index(reading)]
     x = np.linspace(measured.min(), measured.max(), POINTS)
-    function = ca.Function(
-        "shift", [found.q[reading], found.coefficients], [shift, ca.jacobian(shift, found.coefficients)]
-    )
-    pairs = [function(v, found.amplitudes) for v in x]
-    y = np.array([float(value) for value, _ in pairs])
-    slopes = np.array([np.array(slope.full()).ravel() for _, slope in pairs])
-    std = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", slopes, covariance, slopes), 0.0))
-    factor, unit = reading_unit(diagnosis.machine, reading)
-    scale, name = finer(float(np.max(np.abs(y), initial=0.0)) or 1.0, diagnosis.machine.unit_of(port))
-    title = f"shift of {port} [{unit_symbol(name) or '1'}]"
-    return Curve(factor * x, scale * y, scale * std, factor * measured, f"{reading} [{unit}]", title)
+    shift = found.shifts[port]
+    outputs = [ca.densify(shift), ca.densify(ca.jacobian(shift, found.coefficients))]
+    function = ca.Function("shift", [found.q[reading], found.coefficients], outputs).map(POINTS)
+
+    def at_readings(q: Array) -> tuple[Array, Array]:
+        values, slopes = function(q[None], np.tile(found.amplitudes[:, None], POINTS))
+        return np.array(values).ravel(), np.array(slopes).reshape(POINTS, -1)
+
+    y, slopes = at_readings(x)
+    place = {fit.prior.names[int(k)]: j for j, k in enumerate(fit.prior.free)}
+    names = [name for term in terms for name in term.parameter_names]
+    free = [k for k, name in enumerate(names) if name in place]
+    at = [place[names[k]] for k in free]
+    own = slopes[:, free]
+    std = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", own, fit.covariance[np.ix_(at, at)], own), 0.0))
+    factor, _ = reading_unit(diagnosis.machine, reading)
+    period = _period(diagnosis.machine, terms, reading, lambda q: at_readings(q)[0])
+    return Curve(factor * x, scale * y, scale * std, measured, "", ""), factor * period
+
+
+def _driver(diagnosis: Diagnosis, terms: Sequence[PlacedEffect], shift: PortShift) -> Column | None:
+    """The logged driver that a shift follows most, or the load that it carries; None where joints drive it."""
+    logged = [Driver.of(name).now.name for term in terms for name in term.drivers]
+    columns = [column_of(diagnosis.machine, diagnosis.recording, name) for name in dict.fromkeys(logged)]
+    driven = [column for column in columns if column is not None and np.ptp(column.values) > 0]
+    if driven:
+        return max(driven, key=lambda c: _goes_with(c.values, shift.fitted))
+    return _load(diagnosis, shift.port) if any(term.needs_load for term in terms) else None
+
+
+def _load(diagnosis: Diagnosis, port: str) -> Column | None:
+    """Gravity's load at a port in each row."""
+    fit = diagnosis.after
+    predictor = Predictor(diagnosis.machine, diagnosis.recording, fit.effects, ports=True)
+    p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
+    values = predictor.loads(p, fit.x).get(port)
+    if values is None or not np.ptp(values) > 0:
+        return None
+    unit = "N" if diagnosis.machine.unit_of(port) == "mm" else "N·m"
+    return Column(port, f"load [{unit}]", values)
+
+
+def _goes_with(x: Array, y: Array) -> float:
+    ok = np.isfinite(y)
+    if ok.sum() < 3 or not np.ptp(x[ok]) > 0 or not np.ptp(y[ok]) > 0:
+        return 0.0
+    return abs(float(np.corrcoef(x[ok], y[ok])[0, 1]))
+
+
+def _through(x: Array, y: Array, std: Array) -> Curve:
+    """A line through fitted values where they are a function of x; else nothing but what rows say."""
+    ok = np.isfinite(x) & np.isfinite(y)
+    order = np.argsort(x[ok], kind="stable")
+    a, b, s = x[ok][order], y[ok][order], std[ok][order]
+    first = np.concatenate([[True], np.diff(a) > 0]) if len(a) else np.zeros(0, dtype=bool)
+    spread = np.ptp(b) if len(b) else 0.0
+    jumps = np.abs(np.diff(b[~first])) if (~first).any() else np.zeros(1)
+    steps = np.abs(np.diff(b, 2)) if len(b) > 2 else np.zeros(1)
+    if not spread or max(float(np.max(jumps, initial=0.0)), float(np.median(steps))) > STEADY * spread:
+        empty = np.zeros(0)
+        return Curve(empty, empty, empty, x, "", "")
+    return Curve(a[first], b[first], s[first], x, "", "")
+
+
+def _itself(fitted: Array, std: Array) -> Curve:
+    """The line on which each row says what was fitted."""
+    ok = np.flatnonzero(np.isfinite(fitted))
+    order = ok[np.argsort(fitted[ok], kind="stable")]
+    return Curve(fitted[order], fitted[order], std[order], fitted, "", "")
+
+
+def _folded(curve: Curve, period: float) -> Curve:
+    """Over one period, where what was measured holds more than one."""
+    if not curve.x[-1] - curve.x[0] > FOLDED * period:
+        return curve
+    start = curve.x[0]
+    one = curve.x <= start + period
+    phase = start + np.mod(curve.measured - start, period)
+    title = curve.x_title.replace(" [", f", folded over {period:.4g} [", 1)
+    return replace(curve, x=curve.x[one], y=curve.y[one], std=curve.std[one], measured=phase, x_title=title)
+
+
+def _period(
+    machine: Machine, terms: Sequence[PlacedEffect], reading: str, value: Callable[[Array], Array]
+) -> float:
+    """The shortest period that a function of a reading has, of those that its orders offer; infinite without one."""
+    actuator = machine.mechanism.actuator(reading)
+    turn = {"rad": 2 * np.pi, "turn": 1.0}.get(actuator.reading_unit, actuator.screw_pitch or np.inf)
+    orders = {v for term in terms for v in term.settings_map.values() if v > 0} | {1.0}
+    x = np.linspace(0.0, turn, POINTS) if np.isfinite(turn) else np.zeros(1)
+    here = value(x)
+    for period in sorted(turn / order for order in orders):
+        if np.isfinite(period) and np.max(np.abs(value(x + period) - here)) < SAME * np.ptp(here):
+            return float(period)
+    return float("inf")
 
 
 def coupling_matrix(diagnosis: Diagnosis, finding: Finding) -> tuple[list[str], Array] | None:
-    """Ports, and (ports, readings) shift a unit of reading at mid-range; None with fewer than two ports."""
-    found = formula(diagnosis.machine, terms_of(diagnosis, finding), diagnosis.after.prior.names)
-    if found is None or len(found.shifts) < 2:
+    """Ports, and (ports, readings) shift a unit of reading at mid-range; None with fewer than two ports of each."""
+    found = formula(diagnosis.machine, terms_of(diagnosis, finding))
+    if found is None or len(found.shifts) < 2 or not found.plain:
         return None
     readings = ca.vertcat(*found.q.values())
     slope = ca.jacobian(ca.vertcat(*found.shifts.values()), readings)
     middle = np.array([np.mean(a.range) if a.range else 0.0 for a in diagnosis.machine.mechanism.actuators])
-    value = ca.Function("slope", [readings, found.coefficients], [slope])(middle, found.amplitudes)
-    return list(found.shifts), np.array(value.full())
+    value = np.array(
+        ca.Function("slope", [readings, found.coefficients], [slope])(middle, found.amplitudes).full()
+    )
+    return (list(found.shifts), value) if np.count_nonzero(np.any(value != 0.0, axis=0)) > 1 else None
+
+
+__all__ = ["Curve", "coupling_matrix", "curves", "formula", "terms_of"]

@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from truepose.identification.diagnosis.naming import CERTAIN
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Finding, Remainder
 from truepose.identification.report.document import Tone
-from truepose.identification.report.level_words import driver_clauses, lead_words, level_of, levels_words
+from truepose.identification.report.level_words import (
+    driver_clauses,
+    lead_words,
+    level_of,
+    levels_words,
+    with_article,
+)
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import known, percent, significant
 from truepose.models.effects.base import Effect, effects
@@ -41,7 +47,7 @@ def effect_title(slug: str) -> str:
     """An effect in words with its slug: ``platform that bends (platform-deformation)``."""
     entry = effect_class(slug)
     title = entry.title if entry is not None else ""
-    if not title:
+    if not title or title.lower() == slug:
         return slug
     return f"{title if title[:2].isupper() else title[0].lower() + title[1:]} ({slug})"
 
@@ -93,7 +99,7 @@ def _faults(findings: Sequence[Finding]) -> list[str]:
     absent = [_or_alike(f) for f in law if f.effect != "wrong-constant"]
     rows = [named(f) for f in findings if f.effect in OF_ROWS]
     out = [f"leaves out {joined(absent)}"] if absent else []
-    out += [f"has a {joined(wrong)}"] if wrong else []
+    out += [f"has {joined(wrong)}"] if wrong else []
     clauses = driver_clauses([f for f in findings if f.effect not in OF_ROWS])
     out += [f"does not hold that {joined(clauses)}"] if clauses else []
     return out + ([f"was fitted beside {joined(rows)}"] if rows else [])
@@ -103,9 +109,16 @@ def _or_alike(finding: Finding) -> str:
     """A finding, and that look-alikes with a name are as good where its own is not sure."""
     alike = [other for other in finding.equivalents if not other.nameless]
     if finding.probability > CERTAIN or not alike:
-        return named(finding)
-    others = named(alike[0]) if len(alike) == 1 else f"one of {len(alike)} look-alikes"
-    return f"{named(finding)} or {others}"
+        return told(finding)
+    others = told(alike[0]) if len(alike) == 1 else f"one of {len(alike)} look-alikes"
+    return f"{told(finding)} or {others}"
+
+
+def told(item: Finding | Alternative) -> str:
+    """An effect and its place as a sentence has them: ``a platform that bends (platform-deformation) at platform``."""
+    name = with_article(item.effect)
+    slug = f" ({item.effect})" if name != item.effect else ""
+    return f"{name}{slug} {place_words(item.place)}".strip()
 
 
 def follows(left: Remainder) -> str:
@@ -184,11 +197,11 @@ def certainty_words(finding: Finding) -> str:
     """How sure, at each level, and of the class."""
     if finding.levels.driver > 0.0:
         return " ".join([levels_words(finding), *_class_words(finding)])
-    own = f"Probability {percent(finding.probability)} that it is {finding.effect}"
-    own = f"{own} {place_words(finding.place)}".rstrip()
+    own = f"Probability {percent(finding.probability)} that it is {told(finding)}"
     if not finding.equivalents:
         rest = "No other explanation of the catalogue comes close"
-        return f"{own}. {rest if finding.probability > CERTAIN else 'The rest is shared by others (part 3)'}."
+        shared = "The rest is shared by others: see how explanations were weighed"
+        return f"{own}. {rest if finding.probability > CERTAIN else shared}."
     return (
         f"{own}; {percent(finding.certainty)} that it is one of the"
         f" {several(len(finding.equivalents) + 1, 'explanation')} below, which these readings cannot tell"

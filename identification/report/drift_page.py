@@ -5,14 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from truepose.identification.drift.analysis import Drift
 from truepose.identification.drift.durability import Check
 from truepose.identification.drift.sizes import Movement
 from truepose.identification.report import render
-from truepose.identification.report.document import Block, Document, Items, Plot, Section, Table, Text, Tone
+from truepose.identification.report.document import (
+    Block,
+    Charts,
+    Command,
+    Document,
+    Items,
+    Opening,
+    Section,
+    Table,
+    Text,
+    Tone,
+)
 from truepose.identification.report.drift_words import (
     DAY,
     HOUR,
@@ -24,7 +33,6 @@ from truepose.identification.report.drift_words import (
     rate_unit,
     still_sentences,
 )
-from truepose.identification.report.figures import style
 from truepose.identification.report.numbers import (
     finer,
     measure,
@@ -34,9 +42,14 @@ from truepose.identification.report.numbers import (
     uncertain,
     unit_symbol,
 )
+from truepose.identification.report.opening import file_name, recording_names
+from truepose.identification.report.scene.guilt import Guilty
+from truepose.identification.report.scene.scene import scene_of
+from truepose.identification.report.sections.origin import origin_section
+from truepose.shown.chart import Axis, Chart, Layer, Level, Line, Marks
 
 MOST_PANELS = 12
-COLUMNS = 3
+MOST_LINES = 4
 
 
 def drift_html(found: Drift, cautions: Sequence[str] = ()) -> str:
@@ -55,8 +68,36 @@ def drift_html(found: Drift, cautions: Sequence[str] = ()) -> str:
     if notes:
         sections.append(Section("notes", "Notes", [Items(notes)]))
     tone: Tone = "warn" if found.moved else "good"
-    title = f"Drift of {found.machine}"
-    return render.html(Document(title, headline(found), tone, facts, sections, cautions=cautions))
+    if found.recording is not None and found.fits:
+        sections.append(origin_section(found.fits[0].machine, found.recording, "drift"))
+    title = f"truepose: drift of {found.machine}"
+    opening = _opening(found)
+    return render.html(Document(title, headline(found), tone, facts, sections, cautions, opening))
+
+
+def _opening(found: Drift) -> Opening:
+    """How sure, what could not be told, what to do next, and the machine with what moved."""
+    lists = [Items(said, title="How sure") for said in [_sure(found)] if said]
+    open_ended = still_sentences(found)
+    if open_ended:
+        lists.append(Items(open_ended[:MOST_LINES], title="What did not move, or could not be told"))
+    lists.append(Items(durability_sentences(found)[:MOST_LINES], title="How long a calibration lasts"))
+    if not found.fits or found.recording is None:
+        return Opening((), lists)
+    fit = found.fits[0]
+    machine, files = file_name(fit.machine), recording_names(found.recording.files)
+    steps = [
+        Command(f"truepose calibrate {machine} {files.split()[-1]} -o fit", "Calibrate on the last session:")
+    ]
+    first = found.recording.subset(found.recording.session == found.recording.session[0])
+    moved = [m for m in found.movements if m.status in ("moved", "perhaps")][:MOST_LINES]
+    guilty = [Guilty(f"{m.name} {m.status}", "", percent(m.probability), (m.name,)) for m in moved]
+    scene = scene_of(fit, None, first, guilty) if len(first) == len(fit.residual) else None
+    return Opening((), lists, steps if found.moved else (), scene)
+
+
+def _sure(found: Drift) -> list[str]:
+    return [f"{m.name}: {percent(m.probability)} that it moved." for m in found.moved][:MOST_LINES]
 
 
 def _moved_blocks(found: Drift) -> list[Block]:
@@ -67,7 +108,9 @@ def _moved_blocks(found: Drift) -> list[Block]:
     if shown:
         blocks.append(Items([*moved_sentences(found), *(movement_sentence(found, m) for m in shown)]))
         blocks.append(
-            Plot(_change_figure(found, shown[:MOST_PANELS]), "Change since the first session, with 1-sigma.")
+            Charts(
+                _change_charts(found, shown[:MOST_PANELS]), "Change since the first session, with 1-sigma."
+            )
         )
     if len(shown) > MOST_PANELS:
         blocks.append(Text(f"{len(shown) - MOST_PANELS} more are in the table.", tone="muted"))
@@ -83,29 +126,20 @@ def _clock(found: Drift) -> tuple[list[float], str]:
     return [(t - found.times[0]) / size for t in found.times], name
 
 
-def _change_figure(found: Drift, shown: Sequence[Movement]) -> go.Figure:
+def _change_charts(found: Drift, shown: Sequence[Movement]) -> list[Chart]:
     x, unit = _clock(found)
-    columns = min(COLUMNS, len(shown))
-    rows = -(-len(shown) // columns)
-    titles = [style.label(m.name) for m in shown]
-    figure = make_subplots(
-        rows, columns, subplot_titles=titles, horizontal_spacing=0.12, vertical_spacing=0.3 / rows
-    )
-    for k, movement in enumerate(shown):
-        factor, name = finer(max(np.abs(movement.change)), movement.unit)
-        cell = {"row": k // columns + 1, "col": k % columns + 1}
-        marks = go.Scatter(
-            x=x,
-            y=[factor * v for v in movement.change],
-            error_y={"type": "data", "array": [factor * s for s in movement.std], "color": style.AFTER},
-            mode="markers+lines",
-            line={"color": style.AFTER, "width": 1},
-            hovertext=list(found.labels),
-        )
-        figure.add_trace(marks, **cell)
-        figure.update_yaxes(title_text=unit_symbol(name) or "1", **cell)
-    figure.update_xaxes(title_text=unit, row=rows)
-    return style.finish(figure, height=90 + 210 * rows, legend=False)
+    out = []
+    for movement in shown:
+        factor, name = finer(float(max(np.abs(movement.change))), movement.unit)
+        change, std = factor * np.array(movement.change), factor * np.array(movement.std)
+        layers: list[Layer] = [
+            Level(0.0, "y", dashed=False),
+            Line(np.array(x), change, "after"),
+            Marks(np.array(x), change, "after", error=std),
+        ]
+        y = Axis(f"change [{unit_symbol(name) or '1'}]")
+        out.append(Chart(movement.name, Axis(unit), y, layers, told=movement_sentence(found, movement)))
+    return out
 
 
 def _lasting_blocks(found: Drift) -> list[Block]:

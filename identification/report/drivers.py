@@ -28,19 +28,31 @@ class Column:
 
 def columns(machine: Machine, recording: Recording, first: Sequence[str] = ()) -> list[Column]:
     """Joints, what was logged and varies, the order of rows: twelve at most, those of ``first`` kept."""
-    out = [joint_column(machine, recording, name) for name in recording.joints]
-    for name in recording.logged:
-        values = recording.driver(name)
-        if values is not None:
-            unit = Driver.of(name).unit(machine.mechanism.reading_units)
-            shown = "±1" if unit == "1" else unit_symbol(unit) or "as recorded"
-            out.append(Column(name, f"{name} [{shown}]", values))
+    found = [column_of(machine, recording, name) for name in (*recording.joints, *recording.logged)]
+    out = [column for column in found if column is not None]
     varying = [c for c in out if np.ptp(c.values) > 0.0]
     kept = {c.name for c in sorted(varying, key=lambda c: c.name not in first)[: MOST - 1]}
     return [
         *(c for c in varying if c.name in kept),
-        Column("order", "row in order of acquisition [1]", np.arange(1.0, len(recording) + 1.0)),
+        order_column(recording),
     ]
+
+
+def column_of(machine: Machine, recording: Recording, name: str) -> Column | None:
+    """A joint or a logged driver; None where the recording has neither."""
+    if name in recording.joints:
+        return joint_column(machine, recording, name)
+    values = recording.driver(name)
+    if values is None:
+        return None
+    unit = Driver.of(name).unit(machine.mechanism.reading_units)
+    shown = "±1" if unit == "1" else unit_symbol(unit) or "as recorded"
+    return Column(name, f"{name} [{shown}]", values)
+
+
+def order_column(recording: Recording) -> Column:
+    """The order in which rows were recorded."""
+    return Column("order", "row in order of acquisition [1]", np.arange(1.0, len(recording) + 1.0))
 
 
 def joint_column(machine: Machine, recording: Recording, name: str) -> Column:

@@ -137,6 +137,14 @@ def title(slug: str) -> str:
     return (entry[0].lower() + entry[1:] if not entry[:2].isupper() else entry) or slug
 
 
+def with_article(slug: str) -> str:
+    """The title as a sentence has it: ``a compliant joint``, ``an eccentric encoder disc``, ``backlash``."""
+    said = title(slug)
+    if slug not in set(effects) or not effects.get(slug, "report").counted:
+        return said
+    return f"{'an' if said[0] in 'aeiou' else 'a'} {said}"
+
+
 def _span(values: Sequence[float]) -> str:
     low, high = min(values), max(values)
     return percent(low) if percent(low) == percent(high) else f"{percent(low)} to {percent(high)}"
@@ -155,7 +163,7 @@ def levels_words(finding: Finding) -> str:
         return f"Probability {percent(levels.place)} that {_untested_clause(finding)}."
     if finding.nameless:
         return f"{said}; no law of the catalogue stands for it."
-    law = f"{percent(finding.probability)} that its law is {finding.effect}"
+    law = f"{percent(finding.probability)} that it is {with_article(finding.effect)} ({finding.effect})"
     untested = "" if finding.tested else " (whether its form is another could not be tested)"
     return f"{said}, {law}{untested}."
 
@@ -167,4 +175,4 @@ def lead_words(lead: Lead) -> str:
     return f"{lead.effect} {where} ({percent(lead.probability)}; {what})"
 
 
-__all__ = ["NAMES", "driver_clauses", "lead_words", "level_of", "levels_words", "title"]
+__all__ = ["NAMES", "driver_clauses", "lead_words", "level_of", "levels_words", "title", "with_article"]

@@ -1,4 +1,4 @@
-"""Whole reports: which sections, in which order."""
+"""Whole reports of a diagnosis and of a calibration: which parts, in which order."""
 
 from __future__ import annotations
 
@@ -9,26 +9,43 @@ from typing import Any
 
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.absurd import judged
+from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import render
-from truepose.identification.report.document import Block, Document, Section, Text, Tone
-from truepose.identification.report.figures import style
+from truepose.identification.report.document import Block, Document, Items, Section, Text, Tone
+from truepose.identification.report.figures.residuals import Drawn, picked
 from truepose.identification.report.fits import fit_column
 from truepose.identification.report.judgement_words import diagnosis_judgement
 from truepose.identification.report.numbers import significant
+from truepose.identification.report.opening import calibration_opening, diagnosis_opening
+from truepose.identification.report.scene.scene import scene_of
 from truepose.identification.report.sections.evidence import evidence_section
 from truepose.identification.report.sections.findings import findings_section
 from truepose.identification.report.sections.fit import fit_blocks, fit_section
 from truepose.identification.report.sections.limits import limits_blocks, limits_section
-from truepose.identification.report.sections.parameters import parameter_blocks, parameter_section
-from truepose.identification.report.sections.residuals import residual_blocks, residual_section
+from truepose.identification.report.sections.origin import calibration_origin, diagnosis_origin
+from truepose.identification.report.sections.parameters import (
+    constants_table,
+    correlation_blocks,
+    parameter_blocks,
+    parameter_section,
+)
+from truepose.identification.report.sections.residuals import (
+    diagnosis_fits,
+    residual_blocks,
+    residual_section,
+    series_of,
+)
 from truepose.identification.report.sections.truth import truth_section
+from truepose.identification.report.sections.uncertainty import uncertainty_section
 
 SUSPICIOUS = 1.3
 """Misfit chi2 per degree of freedom above which a calibration alone does not explain the readings."""
+
+_VERDICTS = {"missing-physics": "physics is missing", "unknown": "something is missing"}
 
 
 def report_html(
@@ -42,53 +59,37 @@ def report_html(
 
 
 def calibration_html(
-    estimate: Estimate,
-    free: Estimate | None,
-    recording: Recording,
-    warnings: Sequence[str] = (),
-    cautions: Sequence[str] = (),
+    calibration: Calibration, warnings: Sequence[str] = (), cautions: Sequence[str] = ()
 ) -> str:
-    """The report of a fit alone; ``free`` is the same fit with its tolerances widened.
-
-    ``warnings`` open its first section, ``cautions`` stand above all.
-    """
-    document = _calibration_document(estimate, free, recording, warnings)
-    return render.html(replace(document, cautions=tuple(cautions)))
+    """The report of a fit alone. ``warnings`` stand on its first screen, ``cautions`` above all."""
+    return render.html(replace(_calibration_document(calibration, warnings), cautions=tuple(cautions)))
 
 
 def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -> Document:
+    machine, recording = diagnosis.machine, diagnosis.recording
+    rows = picked(len(recording), series_of(machine, recording, len(diagnosis_fits(diagnosis))))
     parts = [
-        findings_section(diagnosis),
+        findings_section(diagnosis, rows),
         fit_section(diagnosis),
-        evidence_section(diagnosis),
-        residual_section(diagnosis),
+        residual_section(diagnosis, rows),
         parameter_section(diagnosis),
+        uncertainty_section(diagnosis.after, recording, diagnosis.before),
+        evidence_section(diagnosis),
         limits_section(diagnosis),
+        diagnosis_origin(diagnosis),
     ]
     if truth is not None:
         parts.append(truth_section(diagnosis, truth))
-    return _document(diagnosis, parts)
-
-
-def _document(diagnosis: Diagnosis, parts: list[Section]) -> Document:
     said, tone = words.headline(diagnosis)
     refused = diagnosis_judgement(diagnosis).refusal
     if refused:
         said, tone = f"{refused}. {said}", "warn"
-    before = diagnosis.fits.get("before")
-    after = diagnosis.fits.get("after")
     facts = [
-        ("verdict", diagnosis.verdict),
-        *_facts(diagnosis.machine.name, diagnosis.recording, diagnosis.before),
+        ("verdict", _VERDICTS.get(diagnosis.verdict, diagnosis.verdict)),
+        *_facts(machine.name, recording, diagnosis.before),
     ]
-    if before is not None and after is not None and diagnosis.terms:
-        facts.append(
-            (
-                "chi2/dof before, after",
-                f"{significant(before.chi2_per_dof)}, {significant(after.chi2_per_dof)}",
-            )
-        )
-    return Document(f"truepose: diagnosis of {diagnosis.machine.name}", said, tone, facts, parts)
+    title = f"truepose: diagnosis of {machine.name}"
+    return Document(title, said, tone, facts, parts, (), diagnosis_opening(diagnosis), rows.tolist())
 
 
 def _facts(machine: str, recording: Recording, fit: Estimate) -> list[tuple[str, str]]:
@@ -99,34 +100,39 @@ def _facts(machine: str, recording: Recording, fit: Estimate) -> list[tuple[str,
     return [("machine", machine), ("recording", names), ("rows", rows)]
 
 
-def _calibration_document(
-    estimate: Estimate, free: Estimate | None, recording: Recording, warnings: Sequence[str]
-) -> Document:
+def _calibration_document(calibration: Calibration, warnings: Sequence[str]) -> Document:
+    estimate, free, recording = calibration.fit, calibration.free, calibration.recording
     machine = estimate.machine
     fits = {"calibrated": estimate} if free is None else {"free": free, "calibrated": estimate}
     summaries = {key: summarise(fit, recording.validation) for key, fit in fits.items()}
-    drawn = [("calibrated", style.AFTER, estimate)]
-    limits: list[Block] = limits_blocks(estimate)
-    if recording.notes:
-        limits.append(Text(f"Notes: {'; '.join(recording.notes)}."))
+    own = summaries["calibrated"]
+    drawn = [Drawn("calibrated", "after", estimate.residual, estimate.used | recording.validation)]
+    rows = picked(len(recording), series_of(machine, recording, 1))
+    notes = [Items(calibration.notes, title="Notes")] if calibration.notes else []
     columns = [fit_column(key, fit, summaries[key], recording.validation) for key, fit in fits.items()]
+    constants: list[Block] = [
+        constants_table(estimate, "calibrated.yaml"),
+        *parameter_blocks(machine, fits, own.worst_allowed),
+        *correlation_blocks(estimate),
+    ]
     parts = [
         Section("fit", "Fit", [*(Text(said, "warn") for said in warnings), *fit_blocks(machine, columns)]),
-        Section(
-            "parameters",
-            "Parameters against their tolerances",
-            parameter_blocks(machine, fits, summaries["calibrated"].worst_allowed),
-        ),
-        Section("residuals", "Residuals", residual_blocks(machine, recording, drawn, [])),
-        Section("limits", "What the data cannot tell", limits),
+        Section("residuals", "Residuals", residual_blocks(machine, recording, drawn, [], rows)),
+        Section("constants", "Calibrated constants", constants),
+        uncertainty_section(estimate, recording, None),
+        Section("limits", "What the data cannot tell", [*limits_blocks(estimate), *notes]),
+        calibration_origin(calibration),
     ]
-    said, well = calibrated_words(machine.name, summaries["calibrated"])
+    said, well = calibrated_words(machine.name, own)
     refused = judged(estimate).refusal
     if refused:
         said, well = f"{refused}.", False
-    facts = _facts(machine.name, recording, estimate)
     tone: Tone = "good" if well else "warn"
-    return Document(f"truepose: calibration of {machine.name}", said, tone, facts, parts)
+    title, facts = f"truepose: calibration of {machine.name}", _facts(machine.name, recording, estimate)
+    lists = [Items(list(warnings), title="Rows that do not fit", tone="warn")] if warnings else []
+    opening = calibration_opening(estimate, own, not refused, lists, recording.files)
+    opening = replace(opening, scene=scene_of(estimate, None, recording, []))
+    return Document(title, said, tone, facts, parts, (), opening, rows.tolist())
 
 
 def calibrated_words(name: str, summary: FitSummary) -> tuple[str, bool]:

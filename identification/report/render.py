@@ -2,48 +2,63 @@
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import jinja2
-from markupsafe import Markup
-from plotly.io import to_json
-from plotly.offline import get_plotlyjs
+from markupsafe import Markup, escape
 
-from truepose.identification.report.document import Document, Plot
+from truepose.identification.report.document import Document
+from truepose.models.effects.base import effects
+from truepose.shown.chart import Chart, legend
+from truepose.shown.chart_svg import svg
 
 _TEMPLATES = Path(__file__).parent / "templates"
-_CONFIG = '{"displaylogo": false, "responsive": true, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}'
+_CODE = re.compile(r"`([^`]+)`")
+_SLUG = re.compile(r"\(([a-z]+(?:-[a-z0-9]+)*)\)")
 
 
 def html(document: Document) -> str:
-    """The page with figures and plotly.js inside: it loads nothing. Same document, same bytes."""
+    """The page with its pictures, style and script inside: it loads nothing. Same document, same bytes."""
     loader = jinja2.FileSystemLoader(_TEMPLATES)
     environment = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, keep_trailing_newline=True
     )
+    environment.filters |= {"plain": _plain, "drawn": _drawn}
+    environment.globals |= {"legend": legend}
     page = environment.get_template("page.html.j2")
-    style = Markup((_TEMPLATES / "style.css").read_text(encoding="utf-8"))
-    return page.render(document=document, style=style, plotly=Markup(get_plotlyjs()), draw=_Drawer())
+    scene = document.opening.scene
+    data = {"rows": list(document.rows), "scene": None if scene is None else scene.data}
+    return page.render(
+        document=document,
+        style=Markup(_text("style.css")),
+        scripts=[Markup(_text(name)) for name in ("tables.js", "scene.js", "picks.js")],
+        data=Markup(_json(data)),
+    )
 
 
-class _Drawer:
-    """Numbers the plots of a page and embeds them."""
-
-    def __init__(self) -> None:
-        self._count = 0
-
-    def __call__(self, plot: Plot) -> Markup:
-        self._count += 1
-        name = f"plot-{self._count}"
-        height = int(plot.figure.layout.height or 400)
-        return Markup(
-            f'<div id="{name}" style="height:{height}px"></div>\n<script>(function (f) {{'
-            f' Plotly.newPlot("{name}", f.data, f.layout, {_CONFIG}); }})({_json(plot.figure)});</script>'
-        )
+def _text(name: str) -> str:
+    return (_TEMPLATES / name).read_text(encoding="utf-8")
 
 
-def _json(figure: Any) -> str:
-    """A figure as JSON that may stand inside a script element."""
-    text = str(to_json(figure, validate=False, engine="json"))
+def _drawn(chart: Chart) -> Markup:
+    return Markup(svg(chart))
+
+
+def _plain(text: str) -> Markup:
+    """The text with the catalogue's slugs, which stand behind plain names in brackets, in small type, and `code` as code."""
+    known = set(effects)
+
+    def small(match: re.Match[str]) -> str:
+        return f"<small>({match[1]})</small>" if match[1] in known else match[0]
+
+    return Markup(_CODE.sub(r"<code>\1</code>", _SLUG.sub(small, str(escape(text)))))
+
+
+def _json(data: Mapping[str, Any]) -> str:
+    """Data as JSON that may stand inside a script element."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from truepose.identification.signatures.candidates import Untestable
 from truepose.identification.signatures.untestable import Missing
@@ -15,12 +15,18 @@ SHOWN = 4
 """Most reasons that are told."""
 
 
-def missing_words(missing: Sequence[Missing]) -> list[str]:
+Names = Callable[[str], str]
+"""How an effect is called by its slug."""
+
+
+def missing_words(missing: Sequence[Missing], named: Names = str) -> list[str]:
     """``joint-compliance and link-bending: no `gravity:` in kr6.yaml; add `gravity: [0, 0, -9.80665]` ``, a line each."""
-    return [f"{joined(one.effects)}: {one.why}; {one.add}" for one in missing]
+    return [f"{joined([named(slug) for slug in one.effects])}: {one.why}; {one.add}" for one in missing]
 
 
-def untestable_lines(untestable: Sequence[Untestable], told: Sequence[Missing] = ()) -> list[str]:
+def untestable_lines(
+    untestable: Sequence[Untestable], told: Sequence[Missing] = (), named: Names = str
+) -> list[str]:
     """Effects that could not be tested by the reason why, those that a line or a column would change first; without those
     that were ``told`` of already."""
     known = {slug for one in told for slug in one.effects}
@@ -30,7 +36,7 @@ def untestable_lines(untestable: Sequence[Untestable], told: Sequence[Missing] =
         if reason not in (ONE_SESSION, *NOTHING) and one.effect not in known:
             groups.setdefault(reason, []).append(one.effect)
     ranked = sorted(groups.items(), key=lambda item: "`" not in item[0])
-    return [f"{joined(slugs)}: {reason}" for reason, slugs in ranked[:SHOWN]]
+    return [f"{joined([named(slug) for slug in slugs])}: {reason}" for reason, slugs in ranked[:SHOWN]]
 
 
 def _reason(why: str) -> str:

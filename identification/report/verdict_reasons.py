@@ -9,8 +9,8 @@ from truepose.identification.report.diagnosis_words import (
     against_words,
     alarm_name,
     named,
-    place_words,
     several,
+    told,
 )
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import known, p_value, percent, significant, times
@@ -27,8 +27,8 @@ def reasons(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.findings:
         best = max(diagnosis.findings, key=lambda f: f.log_bayes_factor)
         out.append(
-            f"The readings are {times(best.log_bayes_factor)} likelier with {best.effect}"
-            f" {place_words(best.place)} than without it, geometry free to move within its tolerances in both"
+            f"The readings are {times(best.log_bayes_factor)} likelier with {told(best)}"
+            f" than without it, geometry free to move within its tolerances in both"
             f" cases (log Bayes factor {significant(best.log_bayes_factor)})."
         )
     if diagnosis.terms:

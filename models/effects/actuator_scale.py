@@ -15,6 +15,7 @@ class ActuatorScale(Effect):
 
     slug = "actuator-scale"
     title = "Scale error of an actuator or its encoder"
+    counted = True
     formula = "q -> (1 + s) q, before the offset is added"
     size = "10 to 100 ppm for a good scale or screw; a wrong gain reaches percents"
     look_alikes = ("wrong-constant", "platform-deformation", "axis-coupling", "thermal-expansion")

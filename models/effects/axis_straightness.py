@@ -42,6 +42,7 @@ class AxisStraightness(Effect):
 
     slug = "axis-straightness"
     title = "Guideway that is not straight"
+    counted = True
     formula = (
         "slide moves by x2 t^2 + x3 t^3 ... and turns by rx1 t + rx2 t^2 ... (y, z alike), t = travel / half "
         "range; or by xw1, xw2 ... times k half waves sin(k pi (t + 1) / 2) between the ends of the range; "

@@ -42,6 +42,7 @@ class AxisWobble(Effect):
     slug = "axis-wobble"
     driven_by = "position-periodic"
     title = "Wobbling rotary axis"
+    counted = True
     formula = (
         "tilt of the axis = (a + i b) exp(-i q) across it, in the frame that stands still (i: 90 deg about it); "
         "with (a2 + i b2) exp(-2 i q) + (c2 + i d2) exp(2 i q) and so on"

@@ -16,6 +16,7 @@ class EncoderEccentricity(Effect):
     slug = "encoder-eccentricity"
     driven_by = "position-periodic"
     title = "Eccentric encoder disc"
+    counted = True
     formula = "dq = a sin(k q) + b cos(k q), k = 1 (disc off its axis) or 2 (oval disc, two read heads)"
     size = "amplitude e / R: 10 um at R = 50 mm gives 2e-4 rad (41 arcsec)"
     look_alikes = ("transmission-error", "axis-wobble", "actuator-scale")

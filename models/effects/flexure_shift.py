@@ -21,6 +21,7 @@ class FlexureShift(Effect):
 
     slug = "flexure-shift"
     title = "Flexure whose centre moves"
+    counted = True
     formula = (
         "dl = k (theta_a^2 + theta_b^2), theta^2 = |n - n_home|^2, n the leg's direction seen from either end"
     )

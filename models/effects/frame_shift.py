@@ -16,6 +16,7 @@ class FrameShift(Effect):
 
     slug = "frame-shift"
     title = "Mount moved between sessions"
+    counted = True
     formula = "twist after session k, nothing before"
     size = "anything: a bumped tripod, a tool taken off and put back"
     look_alikes = ("mount-drift", "zero-shift", "thermal-expansion")

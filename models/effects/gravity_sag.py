@@ -18,6 +18,7 @@ class GravitySag(Effect):
 
     slug = "gravity-sag"
     title = "Mount that sags"
+    counted = True
     formula = "rotation of the mount = c M, M the moment of gravity about it"
     size = (
         "1e-9 to 1e-6 rad/(N*m) for a base on the floor, ten times more on a stand; a tool's mount carries less and may "

@@ -28,6 +28,7 @@ class JointCompliance(Effect):
 
     slug = "joint-compliance"
     title = "Compliant joint"
+    counted = True
     formula = (
         "dq = c tau, tau the torque (sliding joint: force) that gravity exerts at the joint; "
         "bent: + d tau |tau| / 100 N*m, or d tau^3 / (100 N*m)^2"

@@ -40,6 +40,7 @@ class JointRunout(Effect):
     slug = "joint-runout"
     driven_by = "position-periodic"
     title = "Joint whose centre wanders as it turns"
+    counted = True
     formula = (
         "centre of the joint shifts by e (c - c_home), c the unit vector of the leg across the first axis; a leg on "
         "rods: dl = -(uu n_u^2 + 2 uv n_u n_v + vv n_v^2) / 2, n_u and n_v its direction across that of home; "

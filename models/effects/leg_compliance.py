@@ -15,6 +15,7 @@ class LegCompliance(Effect):
 
     slug = "leg-compliance"
     title = "Compliant leg"
+    counted = True
     formula = "dl = c F, F > 0 in tension"
     size = "0.01 to 1 um/N"
     look_alikes = ("platform-deformation", "actuator-scale", "gravity-sag", "wrong-constant")

@@ -35,6 +35,7 @@ class LinkBending(Effect):
 
     slug = "link-bending"
     title = "Link that bends"
+    counted = True
     formula = (
         "deflection c (F L^3 / 3 + M L^2 / 2) and slope c (F L^2 / 2 + M L) at the link's end, c = 1 / (E I), "
         "F and M of the weight beyond; a mass of its own at a: c F a^2 (3 L - a) / 6 and c F a^2 / 2; "

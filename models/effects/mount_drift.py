@@ -24,6 +24,7 @@ class MountDrift(Effect):
 
     slug = "mount-drift"
     title = "Drifting mount"
+    counted = True
     formula = "twist (t - start) / 1 h, or twist (1 - exp(-(t - start) / tau))"
     size = "0.1 to 10 um/h in a quiet laboratory; more while a machine warms up"
     look_alikes = ("thermal-expansion", "frame-shift", "zero-shift", "piezo-creep")

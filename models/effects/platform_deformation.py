@@ -34,6 +34,7 @@ class PlatformDeformation(Effect):
     slug = "platform-deformation"
     driven_by = "load"
     title = "Platform that bends"
+    counted = True
     formula = (
         "db_i,z = sum_j K[i,j] drho_j; K = kappa 1, diagonal, full, or with the platform's symmetry; "
         "under load db_i,z = sum_j C[i,j] F_j,z"

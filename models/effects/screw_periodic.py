@@ -17,6 +17,7 @@ class ScrewPeriodic(Effect):
     slug = "screw-periodic"
     driven_by = "position-periodic"
     title = "Periodic error of a lead screw"
+    counted = True
     formula = "drho = a sin(2 pi h rho / p) + b cos(2 pi h rho / p), p the pitch, h = 1 or 2"
     size = "1 to 5 um"
     look_alikes = ("axis-straightness", "transmission-error", "sensor-periodic")

@@ -23,6 +23,7 @@ class ScrewWindup(Effect):
 
     slug = "screw-windup"
     title = "Screw that gives way"
+    counted = True
     formula = (
         "dq = c F s, F the force that gravity exerts along the screw, s the nut's distance from the low end; "
         "by its nut's friction dq = -(w / 2) approach s / range"

@@ -38,6 +38,7 @@ class SensorPeriodic(Effect):
     slug = "sensor-periodic"
     driven_by = "sensor"
     title = "Periodic error of a sensor"
+    counted = True
     formula = (
         "a sin(4 pi k L / lambda) + b cos(4 pi k L / lambda), L from home; "
         "trackers: angle + a sin(k angle) + b cos(k angle), k = 1 or 2"

@@ -22,6 +22,7 @@ class SensorScale(Effect):
     slug = "sensor-scale"
     driven_by = "sensor"
     title = "Scale error of a sensor"
+    counted = True
     formula = "reading + s * length; points: s * (x, y, z), from the sensor frame's origin"
     size = "a few um per metre of a laser tracker, 10 to 100 ppm of a scale bar or a wavelength"
     look_alikes = ("air-refraction", "actuator-scale", "thermal-expansion", "wrong-constant")

@@ -34,6 +34,7 @@ class TransmissionError(Effect):
     slug = "transmission-error"
     driven_by = "position-periodic"
     title = "Transmission error of a geared joint"
+    counted = True
     formula = (
         "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60, "
         "less its mean over the arc from ... to that was seen, beyond which it fades"

@@ -18,6 +18,7 @@ class ZeroShift(Effect):
 
     slug = "zero-shift"
     title = "Zero of a joint moved between sessions"
+    counted = True
     formula = "dq = zero after session k, nothing before"
     size = "anything: the repeatability of the home switch, or a tooth of a slipped coupling"
     look_alikes = ("frame-shift", "mount-drift", "backlash", "thermal-expansion")

@@ -1,1 +1,1 @@
-"""Plotly figures of results, one module a subject; ``style`` holds what they share."""
+"""Charts of results, one module a subject; ``truepose.shown.chart`` says what a chart is."""

@@ -1,62 +1,65 @@
-"""Parameters against their tolerances: where each fit puts them."""
+"""Parameters against their tolerances: where each fit puts them; and how estimates go together."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from truepose.identification.report.figures import style
-from truepose.identification.report.numbers import known, significant
+from truepose.identification.report.numbers import known
+from truepose.shown.chart import Axis, Cells, Chart, Layer, Level, Marks, Shape, Span, Tone
 
 Array = NDArray[np.float64]
-Series = tuple[str, str, str, Array]  # name, colour, symbol, departures (k,) in tolerances
-MOST = 60
+MOST, PER_PANEL = 60, 20
 
 
-def dot_plot(
-    names: Sequence[str], series: Sequence[Series], allowed: float | None, clip: Sequence[int]
-) -> go.Figure:
-    """One line a parameter; series in ``clip`` may run off the scale and are then drawn at its edge."""
-    sizes = np.nan_to_num(np.array([np.abs(s[3]) for k, s in enumerate(series) if k not in clip]))
-    order = np.argsort(-np.max(sizes, axis=0))[:MOST]
+@dataclass(frozen=True)
+class Departures:
+    """A fit's departures (k,) from the drawing, in tolerances; clipped: it may run off the scale."""
+
+    name: str
+    tone: Tone
+    shape: Shape
+    values: Array
+    clipped: bool = False
+
+
+def dot_plot(names: Sequence[str], series: Sequence[Departures], allowed: float | None) -> list[Chart]:
+    """One line a parameter, the farthest on top, some a panel; clipped series stand at the edge beyond the scale."""
+    sizes = np.nan_to_num(np.array([np.abs(s.values) for s in series if not s.clipped]))
+    order = np.argsort(-np.max(sizes, axis=0), kind="stable")[:MOST]
     limit = allowed if allowed is not None and known(allowed) else 0.0
-    reach = 1.15 * max(2.0, limit, float(np.max(sizes, initial=0.0)))
-    shown = [style.label(names[k]) for k in order]
-    figure = go.Figure([_dots(one, order, shown, reach) for one in series])
-    _guides(figure, limit)
-    figure.update_xaxes(title_text="estimate less drawing [tolerances]", range=[-1.02 * reach, 1.02 * reach])
-    figure.update_yaxes(title_text="parameter", categoryorder="array", categoryarray=shown[::-1])
-    figure.update_yaxes(range=[-0.8, len(shown) - 0.2], dtick=1, tickfont={"size": 11})
-    return style.finish(figure, height=140 + 16 * len(shown), left=110, top=50)
+    reach = 1.12 * max(2.0, limit, float(np.max(sizes, initial=0.0)))
+    return [
+        _panel(names, series, order[k : k + PER_PANEL], reach, limit) for k in range(0, len(order), PER_PANEL)
+    ]
 
 
-def _dots(one: Series, order: NDArray[np.intp], shown: Sequence[str], reach: float) -> go.Scatter:
-    name, colour, symbol, values = one
-    v = values[order]
-    edge = np.where(v > 0, "triangle-right", "triangle-left")
-    marks = np.where(np.abs(v) > reach, edge, symbol).tolist()
-    return go.Scatter(
-        x=np.clip(v, -reach, reach),
-        y=shown,
-        mode="markers",
-        name=name,
-        marker={"color": colour, "symbol": marks, "size": 9, "line": {"width": 1.5, "color": colour}},
-        customdata=[significant(float(value)) for value in v],
-        hovertemplate="%{y}: %{customdata} tolerances<extra>" + name + "</extra>",
-        cliponaxis=False,
+def _panel(
+    names: Sequence[str], series: Sequence[Departures], rows: NDArray[np.intp], reach: float, limit: float
+) -> Chart:
+    layers: list[Layer] = [Span(-1.0, 1.0, "accent", "one tolerance")]
+    layers.append(Level(0.0, "x", dashed=False, tone="free"))
+    if limit > 0:
+        layers += [Level(side * limit, "x", "allowed to the farthest", tone="ink") for side in (-1, 1)]
+    at = np.arange(len(rows), dtype=float)
+    for one in series:
+        values = np.clip(one.values[rows], -0.99 * reach, 0.99 * reach)
+        layers.append(Marks(values, at, one.tone, one.name, one.shape))
+    return Chart(
+        "",
+        Axis("estimate less drawing [tolerances]", -reach, reach),
+        Axis("", names=[names[k] for k in rows]),
+        layers,
+        height=62.0 + 17.0 * len(rows),
     )
 
 
-def _guides(figure: go.Figure, allowed: float) -> None:
-    """One tolerance either side, and what a true model stays within (0: not known)."""
-    figure.add_vrect(x0=-1.0, x1=1.0, fillcolor=style.ACCENT, opacity=0.1, line={"width": 0}, layer="below")
-    figure.add_vline(x=0.0, line={"color": style.MUTED, "width": 1})
-    marks = [(side, f"{side:+.0f}", {"color": style.ACCENT, "width": 1}) for side in (-1.0, 1.0)]
-    if allowed > 0:
-        dashed = {"color": style.INK, "dash": "dash", "width": 1.3}
-        marks += [(side, f"allowed {side:+.1f}", dashed) for side in (-allowed, allowed)]
-    for at, text, line in marks:
-        figure.add_vline(x=at, line=line, annotation_text=text, annotation_position="top")
+def correlation_map(names: Sequence[str], correlation: Array) -> Chart:
+    """Correlations (k, k) of estimates as cells."""
+    height = 90.0 + 11.0 * len(names)
+    own = correlation - np.diag(np.diag(correlation))
+    cells = Cells(own, largest=1.0)
+    return Chart("", Axis("", names=names), Axis("", names=names), [cells], height=max(height, 180.0))

@@ -1,4 +1,4 @@
-"""Section 3: the map of evidence over places, and the best explanations."""
+"""How explanations were weighed: evidence over places, the best of them, the posterior, the alarms."""
 
 from __future__ import annotations
 
@@ -6,15 +6,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.result import Alternative, Diagnosis
-from truepose.identification.report.document import Block, Plot, Section, Table, Text
+from truepose.identification.report import diagnosis_words as words
+from truepose.identification.report.document import Block, Charts, Fold, Section, Table, Text
 from truepose.identification.report.figures import evidence
-from truepose.identification.report.numbers import percent, significant
+from truepose.identification.report.numbers import p_value, percent, significant
+from truepose.identification.report.sections.sets import posterior_tables
 
-Array = NDArray[np.float64]
 CANDIDATES = 15
+ADEQUATE = {
+    "residual": "no effect explains it: the stated sigma looks too small, see the notes",
+    "prior_conflict": "no effect explains it: the stated tolerances look too small, see the notes",
+    "structure": "no effect of the catalogue, and no smooth curve, explains it well enough to be said",
+}
+"""What is said of an alarm that no effect explains."""
 
 
 def evidence_section(diagnosis: Diagnosis) -> Section:
@@ -28,12 +35,44 @@ def evidence_section(diagnosis: Diagnosis) -> Section:
             " nothing out. Bars beyond 3 are worth a name; a strong cause lends some evidence to places that"
             " partly imitate it." + (f" The {hidden} weakest places are not shown." if hidden else "")
         )
-        blocks.append(Plot(evidence.evidence_map(diagnosis.evidence_map, places), caption))
+        blocks.append(Charts([evidence.evidence_map(diagnosis.evidence_map, places)], caption))
     else:
         blocks.append(Text("No explanation could be weighed."))
     if diagnosis.candidates:
-        blocks.append(_best(diagnosis))
-    return Section("places", "Map of evidence", blocks)
+        blocks.append(Fold("The best explanations, each weighed alone", [_best(diagnosis)]))
+    blocks += posterior_tables(diagnosis)
+    blocks.append(alarms(diagnosis))
+    return Section("weighing", "How explanations were weighed", blocks)
+
+
+def alarms(diagnosis: Diagnosis) -> Table:
+    """The alarms on the model without effects, and what became of each that was raised."""
+    rows = [
+        [
+            f"{words.alarm_name(name)}: {words.alarm_question(name)}",
+            alarm.about,
+            _state(diagnosis, name, alarm),
+            significant(alarm.statistic),
+            p_value(alarm.p),
+        ]
+        for name, alarm in diagnosis.alarms.items()
+    ]
+    caption = (
+        "The three alarms on the model without effects. p: how often a machine with nothing missing would do as much; below"
+        " 1 % is raised."
+    )
+    return Table(["alarm", "judged against", "state", "statistic", "p"], rows, caption, text_columns=3)
+
+
+def _state(diagnosis: Diagnosis, name: str, alarm: Alarm) -> str:
+    if not alarm.raised:
+        return "quiet"
+    if diagnosis.verdict == "adequate":
+        return f"raised, but {ADEQUATE.get(name, 'no effect explains it')}"
+    after = diagnosis.alarms_after.get(name)
+    if after is None or not diagnosis.terms:
+        return "raised"
+    return "raised; still raised with what was found" if after.raised else "raised; quiet with what was found"
 
 
 def _best(diagnosis: Diagnosis) -> Table:
@@ -41,7 +80,7 @@ def _best(diagnosis: Diagnosis) -> Table:
     rows = [
         [
             str(k),
-            c.effect,
+            words.effect_title(c.effect),
             ", ".join(c.place),
             str(n),
             significant(c.log_bayes_factor),
@@ -54,7 +93,7 @@ def _best(diagnosis: Diagnosis) -> Table:
         " before any effect was accepted. Forms: orders, lags or shapes of the effect that were tried; the"
         " best one's evidence and the sum of their probabilities are shown."
     )
-    head = ["", "effect", "place", "forms", "log Bayes factor", "probability"]
+    head = ["", "explanation", "place", "forms", "log Bayes factor", "probability"]
     return Table(head, rows, caption, text_columns=3)
 
 

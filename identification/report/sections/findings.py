@@ -1,88 +1,102 @@
-"""Section 1: what was left out, and why we say so."""
+"""What was left out, and why we say so: the verdict, then every finding with what it does and how sure it is."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import verdict_reasons
 from truepose.identification.report.applied_words import applied_words
-from truepose.identification.report.document import Block, Card, Items, Plot, Section, Table, Text
+from truepose.identification.report.coefficient_words import coefficient_words
+from truepose.identification.report.curves import Curve, coupling_matrix, curves
+from truepose.identification.report.document import Block, Card, Charts, Fold, Items, Section, Table, Text
+from truepose.identification.report.figures.effects import curve_charts, matrix
 from truepose.identification.report.level_words import NAMES, lead_words
-from truepose.identification.report.numbers import known, measure, p_value, percent, significant, uncertain
-from truepose.identification.report.sections.sets import posterior_tables
+from truepose.identification.report.level_words import title as plain_title
+from truepose.identification.report.numbers import known, measure, percent, significant, uncertain
 from truepose.identification.report.untestable_words import missing_words, untestable_lines
+from truepose.models.parameters import vector_of
 from truepose.wording import joined, shortened
 
 MANY = 12
+"""Coefficients up to which a table of them is open."""
+AVERAGES = (
+    "improved.yaml holds the average over all explanations that the readings allow, each weighed by its probability. Its"
+    " numbers, and the errors that come of them, therefore differ a little from those of the likeliest explanation, which the"
+    " findings tell."
+)
+"""What no one may misread."""
 
 
-def findings_section(diagnosis: Diagnosis) -> Section:
-    """The verdict in plain words, then every finding, then the alarms and what could not be tested."""
+def findings_section(diagnosis: Diagnosis, rows: NDArray[np.intp]) -> Section:
+    """The verdict in plain words, then every finding. ``rows``: those that charts draw."""
     blocks: list[Block] = []
-    missing = missing_words(diagnosis.missing)
-    if missing:
-        blocks.append(
-            Items(missing, title="What could not be tested, and what would make it testable", tone="warn")
-        )
     if diagnosis.concealed and "free" in diagnosis.fits:
         blocks.append(Text(words.concealed_words(diagnosis), "warn"))
     blocks.append(Items(verdict_reasons.reasons(diagnosis), title="Why we say so"))
     applied = applied_words(diagnosis.applied) if diagnosis.verdict != "adequate" else []
     if applied:
-        blocks.append(Items(applied, title="What it is worth to the tool"))
-    untested = untestable_lines(diagnosis.untestable, diagnosis.missing)
-    if untested:
-        blocks.append(Items(untested, title="What else could not be tested"))
+        blocks.append(Items([*applied, AVERAGES], title="What improved.yaml is worth to the tool"))
+    blocks += _untested(diagnosis)
     doubts = verdict_reasons.doubts(diagnosis)
     if doubts:
         blocks.append(Items(doubts, title="What speaks against it", tone="warn"))
     if diagnosis.remainder is not None:
         blocks.append(_remainder(diagnosis))
-    blocks += [finding_card(diagnosis, finding) for finding in diagnosis.findings if not finding.nameless]
-    blocks += _nameless(diagnosis)
+    blocks += [
+        finding_card(diagnosis, finding, rows, number)
+        for number, finding in enumerate(diagnosis.findings, 1)
+        if not finding.nameless
+    ]
+    blocks += _nameless(diagnosis, rows)
     if diagnosis.outlier_rows:
         blocks.append(Text(outlier_words(diagnosis.outlier_rows)))
         fringes = fringes_by_row(diagnosis.after, diagnosis.recording, diagnosis.outlier_rows)
         if fringes:
             blocks.append(Text(fringe_words(fringes)))
-    blocks += posterior_tables(diagnosis)
-    blocks.append(_alarms(diagnosis))
-    if diagnosis.untestable:
-        rows = [[words.effect_title(u.effect), u.why] for u in diagnosis.untestable]
-        caption = (
-            "Effects that this recording cannot speak of. None of them is excluded by the verdict above."
-        )
-        blocks.append(Table(["not testable", "why"], rows, caption, text_columns=2))
     return Section("verdict", "What was left out, and why we say so", blocks)
 
 
-def _nameless(diagnosis: Diagnosis) -> list[Block]:
+def _untested(diagnosis: Diagnosis) -> list[Block]:
+    out: list[Block] = []
+    missing = missing_words(diagnosis.missing, words.effect_title)
+    if missing:
+        title = "What could not be tested, and what would make it testable"
+        out.append(Items(missing, title=title, tone="warn"))
+    others = untestable_lines(diagnosis.untestable, diagnosis.missing, words.effect_title)
+    return [*out, Items(others, title="What else could not be tested")] if others else out
+
+
+def _nameless(diagnosis: Diagnosis, drawn: NDArray[np.intp]) -> list[Block]:
     """What has a place and a driver, and no name; and what leads below the level of a finding."""
     out: list[Block] = []
-    nameless = [finding for finding in diagnosis.findings if finding.nameless]
+    nameless = [(k, finding) for k, finding in enumerate(diagnosis.findings, 1) if finding.nameless]
     if nameless:
         rows = [
             [
+                str(k),
                 ", ".join(f.place),
                 NAMES[f.levels.kind],
                 percent(f.levels.place),
                 percent(f.levels.driver),
                 significant(f.log_bayes_factor),
             ]
-            for f in nameless
+            for k, f in nameless
         ]
         caption = "What is there without a law of the catalogue: where, and what it follows."
-        head = ["place", "follows", "place known", "driver known", "log Bayes factor"]
-        out.append(Table(head, rows, caption, text_columns=2))
+        head = ["", "place", "follows", "place known", "driver known", "log Bayes factor"]
+        out.append(Table(head, rows, caption, text_columns=3))
+        found = [chart for _, f in nameless for chart in curve_charts(_thinned(diagnosis, f, drawn))]
+        if found:
+            out.append(Charts(found[:MANY], _CURVES))
     if diagnosis.leading:
-        out.append(
-            Items(
-                [lead_words(one) for one in diagnosis.leading[:MANY]], title="Leading, less probable than not"
-            )
-        )
+        leads = [lead_words(one) for one in diagnosis.leading[:MANY]]
+        out.append(Items(leads, title="Leading, less probable than not"))
     return out
 
 
@@ -113,63 +127,78 @@ def _remainder(diagnosis: Diagnosis) -> Text:
     )
 
 
-def _alarms(diagnosis: Diagnosis) -> Table:
-    rows = []
-    for name, alarm in diagnosis.alarms.items():
-        asked = f"{words.alarm_name(name)}: {words.alarm_question(name)}"
-        rows.append(
-            [
-                asked,
-                alarm.about,
-                significant(alarm.statistic),
-                p_value(alarm.p),
-                "raised" if alarm.raised else "quiet",
-            ]
-        )
-    caption = (
-        "The three alarms on the model without effects. p: how often a machine with nothing missing would do"
-        " as much; below 1 % is raised."
-    )
-    return Table(["alarm", "judged against", "statistic", "p", "state"], rows, caption, text_columns=2)
+_CURVES = (
+    "What the finding adds against what drives it. Line and band: what was identified, with its 95 % interval. Rings: what each"
+    " row says of it by itself, the fitted value plus that row's own residual; they should scatter about the line."
+)
 
 
-def finding_card(diagnosis: Diagnosis, finding: Finding) -> Card:
-    """One finding: how large, how sure, what cannot be told from it, what would tell."""
+def _thinned(diagnosis: Diagnosis, finding: Finding, rows: NDArray[np.intp]) -> list[Curve]:
+    return [curve.thinned(rows) for curve in curves(diagnosis, finding)]
+
+
+def finding_card(diagnosis: Diagnosis, finding: Finding, rows: NDArray[np.intp], number: int = 0) -> Card:
+    """One finding: what it is, how large, how sure, what cannot be told from it, what would tell."""
     where = ", ".join(finding.place) or "whole recording"
-    blocks: list[Text | Items | Table | Plot] = (
-        [Text(words.explanation(finding))] if finding.explanation else []
-    )
-    entry = words.effect_class(finding.effect)
-    if entry is not None and entry.formula:
-        blocks.append(Text(f"Formula: {entry.formula}. Usual size: {entry.size or 'not stated'}.", "muted"))
+    blocks: list[Block] = [Text(words.explanation(finding))] if finding.explanation else []
     if finding.parameters:
-        blocks.append(_amplitudes(finding))
+        blocks.append(
+            Text(
+                f"Size: {coefficient_words(finding.parameters).replace(' +- ', ' ± ')} (likeliest explanation)."
+            )
+        )
     blocks.append(Text(f"How sure: {words.certainty_words(finding)}"))
+    blocks += _pictures(diagnosis, finding, rows)
     if finding.equivalents:
         blocks.append(_class_table(finding))
-    blocks.append(Text(words.tolerance_words(finding), "warn" if finding.prior_dependent else ""))
     experiment = words.separating_experiment(finding)
     if experiment:
         lead = "To tell them apart" if finding.equivalents else "To check it on the machine"
         blocks.append(Text(f"{lead}: {experiment.rstrip('.')}."))
+    blocks.append(Text(words.tolerance_words(finding), "warn" if finding.prior_dependent else "muted"))
+    if finding.parameters:
+        blocks.append(_amplitudes(finding))
+    title = plain_title(finding.effect)
     return Card(
-        f"{words.effect_title(finding.effect)} at {where}", blocks, badge=percent(finding.probability)
+        f"{title[0].upper()}{title[1:]} at {where}",
+        blocks,
+        badge=percent(finding.probability),
+        slug=finding.effect,
+        number=number,
     )
 
 
-def _amplitudes(finding: Finding) -> Table:
+def _pictures(diagnosis: Diagnosis, finding: Finding, rows: NDArray[np.intp]) -> list[Block]:
+    """A matrix as a heat map, and what the finding adds against what drives it."""
+    out: list[Block] = []
+    found = coupling_matrix(diagnosis, finding)
+    if found is not None:
+        ports, values = found
+        axes = ("joint that travels", "what moves [10⁻³]")
+        names = diagnosis.machine.mechanism.readings
+        chart = matrix("", 1e3 * values, list(map(vector_of, ports)), names, axes)
+        said = "How far each part moves as each joint travels by one, in thousandths. Blue: along, orange: against it."
+        out.append(Charts([chart], said))
+    drawn = _thinned(diagnosis, finding, rows)
+    return [*out, Charts(curve_charts(drawn), _CURVES)] if drawn else out
+
+
+def _amplitudes(finding: Finding) -> Block:
     rows = [
         [name, uncertain(q.value, q.std, q.unit), _sizes(q.value, q.std)]
         for name, q in finding.parameters.items()
     ]
     head = ["amplitude", "estimate ± 1 sigma", "estimate / sigma"]
     fixed = _settings_words(finding.settings)
-    caption = f"Estimated in the fit with effects{f'; setting {fixed}' if fixed else ''}."
-    if len(rows) > MANY:
-        half = (len(rows) + 1) // 2
-        padded = [*rows[half:], *[["", "", ""]] * (2 * half - len(rows))]
-        return Table([*head, *head], [[*a, *b] for a, b in zip(rows[:half], padded, strict=True)], caption)
-    return Table(head, rows, caption)
+    entry = words.effect_class(finding.effect)
+    formula = (
+        f"Formula: {entry.formula}. Usual size: {entry.size or 'not stated'}. "
+        if entry and entry.formula
+        else ""
+    )
+    caption = f"{formula}Estimated in the fit with effects{f'; setting {fixed}' if fixed else ''}."
+    title = "Formula and amplitude" if len(rows) == 1 else f"Formula and {len(rows)} amplitudes"
+    return Fold(title, [Table(head, rows, caption)])
 
 
 def _sizes(value: float, std: float) -> str:
@@ -183,33 +212,26 @@ def _settings_words(settings: Sequence[Mapping[str, float]]) -> str:
 
 
 def _class_table(finding: Finding) -> Table:
+    first = [
+        words.effect_title(finding.effect),
+        ", ".join(finding.place),
+        "(named above)",
+        percent(finding.probability),
+        significant(finding.log_bayes_factor),
+    ]
     rows = [
         [
-            finding.effect,
-            ", ".join(finding.place),
-            percent(finding.probability),
-            significant(finding.log_bayes_factor),
-            "(named above)",
+            "something without a name" if other.nameless else words.effect_title(other.effect),
+            ", ".join(other.place),
+            other.experiment,
+            percent(other.probability),
+            significant(other.log_bayes_factor),
         ]
+        for other in finding.equivalents
     ]
-    for other in finding.equivalents:
-        rows.append(
-            [
-                other.effect,
-                ", ".join(other.place),
-                percent(other.probability),
-                significant(other.log_bayes_factor),
-                other.experiment,
-            ]
-        )
-    ordered = [[row[0], row[1], row[4], row[2], row[3]] for row in rows]
     caption = (
         "Explanations that these readings cannot tell apart, each with the probability that it is there at all:"
         " several may be."
     )
-    return Table(
-        ["explanation", "place", "what would tell", "probability", "log Bayes factor"],
-        ordered,
-        caption,
-        text_columns=3,
-    )
+    head = ["explanation", "place", "what would tell", "probability", "log Bayes factor"]
+    return Table(head, [first, *rows], caption, text_columns=3)

@@ -1,22 +1,16 @@
-"""Section 2: the fit before and after, and the proofs."""
+"""The fit before and after, and the proofs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from truepose.identification.diagnosis.holdout import ROLE, VALIDATION
 from truepose.identification.diagnosis.result import Diagnosis, Proof
-from truepose.identification.report.document import Block, Plot, Section, Table, Text
+from truepose.identification.report.document import Block, Charts, Section, Table, Text
 from truepose.identification.report.figures import fit as fit_figures
 from truepose.identification.report.fits import FitColumn, fit_columns, stated_noise
 from truepose.identification.report.numbers import measure, significant
 from truepose.models.machine import Machine
-
-Array = NDArray[np.float64]
-CANDIDATES = 15
 
 
 def fit_section(diagnosis: Diagnosis) -> Section:
@@ -33,11 +27,10 @@ def fit_blocks(machine: Machine, fits: Sequence[FitColumn]) -> list[Block]:
     """Table and bars of the fits."""
     noise, units = stated_noise(machine), machine.residual_units
     caption = (
-        "Misfit of each fit: left in units of the stated sigma, right as the length or angle of the whole"
-        " error vector. The dashed line is the sensor's stated noise; bars should come down to it, validation"
-        " rows (never fitted) with them."
+        "Misfit of each fit, in stated sigmas and as the length or angle of the whole error vector. The dashed line is the"
+        " sensor's stated noise; bars should come down to it, those of validation rows (never fitted) with them."
     )
-    return [_fit_table(fits, units), Plot(fit_figures.fit_bars(fits, noise, units), caption)]
+    return [_fit_table(fits, units), Charts(fit_figures.fit_bars(fits, noise, units), caption)]
 
 
 def _fit_table(fits: Sequence[FitColumn], units: Mapping[str, str]) -> Table:
@@ -100,4 +93,4 @@ def proof_blocks(proof: Proof) -> list[Block]:
         " bootstrap interval). Physics that is really there lowers the misfit where it was never fitted; mere"
         " flexibility does not."
     )
-    return [Table(["proof", "result", "should be"], rows), Plot(fit_figures.proof_plot(proof), caption)]
+    return [Table(["proof", "result", "should be"], rows), Charts([fit_figures.proof_plot(proof)], caption)]

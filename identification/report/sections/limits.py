@@ -1,21 +1,15 @@
-"""Section 6: what the data cannot tell."""
+"""What the data cannot tell."""
 
 from __future__ import annotations
-
-import numpy as np
-from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import gauge
-from truepose.identification.report.document import Block, Items, Section, Table, Text
+from truepose.identification.report.document import Block, Items, Section, Table
 from truepose.identification.report.notes import diagnosis_notes
 from truepose.identification.report.numbers import significant
 from truepose.wording import joined
-
-Array = NDArray[np.float64]
-CANDIDATES = 15
 
 
 def limits_section(diagnosis: Diagnosis) -> Section:
@@ -30,12 +24,9 @@ def limits_section(diagnosis: Diagnosis) -> Section:
     if same:
         blocks.append(Items(same, title="Explanations that cannot be told apart"))
     if diagnosis.untestable:
-        blocks.append(
-            Text(
-                f"Not testable with this recording: {', '.join(u.effect for u in diagnosis.untestable)}"
-                " (reasons in part 1)."
-            )
-        )
+        rows = [[words.effect_title(u.effect), u.why] for u in diagnosis.untestable]
+        caption = "Effects that this recording cannot speak of. None of them is excluded by the verdict."
+        blocks.append(Table(["not testable", "why"], rows, caption, text_columns=2))
     left = diagnosis.remainder
     if left is not None:
         rows = [

@@ -1,4 +1,4 @@
-"""Section 4: residuals against what drives them, and functions that were identified."""
+"""Residuals against what drives them, and how they are distributed."""
 
 from __future__ import annotations
 
@@ -8,65 +8,71 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report import diagnosis_words as words
-from truepose.identification.report.curves import curves
-from truepose.identification.report.document import Block, Plot, Section, Text
+from truepose.identification.report.document import Block, Charts, Fold, Section, Text
 from truepose.identification.report.drivers import Column, columns, component_groups
-from truepose.identification.report.figures import residuals, style
+from truepose.identification.report.figures import residuals
+from truepose.identification.report.figures.residuals import Drawn
 from truepose.models.driver import Driver
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
-CANDIDATES = 15
+Rows = NDArray[np.intp]
 
 
-def residual_section(diagnosis: Diagnosis) -> Section:
-    """Residuals against drivers before and after, and identified functions."""
-    fits = [("before (tolerances, no effects)", style.BEFORE, diagnosis.before)]
+def residual_section(diagnosis: Diagnosis, rows: Rows) -> Section:
+    """Signed residuals against drivers before and after, their sizes, and their distribution."""
+    fits = diagnosis_fits(diagnosis)
+    telling = _telling(diagnosis)
+    blocks = residual_blocks(diagnosis.machine, diagnosis.recording, fits, telling, rows)
+    return Section("residuals", "Residuals", blocks)
+
+
+def diagnosis_fits(diagnosis: Diagnosis) -> list[Drawn]:
+    """The fit before, and the one after where an effect was added."""
+    validation, before, after = diagnosis.recording.validation, diagnosis.before, diagnosis.after
+    fits = [Drawn("before", "before", before.residual, before.used | validation)]
     if diagnosis.terms:
-        fits.append(("after (with effects)", style.AFTER, diagnosis.after))
-    blocks = residual_blocks(diagnosis.machine, diagnosis.recording, fits, _telling(diagnosis))
-    for finding in diagnosis.findings:
-        found = curves(diagnosis, finding)
-        if found:
-            caption = (
-                f"What {words.named(finding)} adds, as identified, over the range that was measured. Ticks"
-                " mark readings: between far-apart ticks the curve is the formula's word, not the data's."
-            )
-            blocks.append(Plot(residuals.curve_plot(found), caption))
-    return Section("residuals", "Residuals against what drives them", blocks)
+        fits.append(Drawn("after", "after", after.residual, after.used | validation))
+    return fits
 
 
 def residual_blocks(
-    machine: Machine, recording: Recording, fits: Sequence[tuple[str, str, Estimate]], telling: Sequence[str]
+    machine: Machine, recording: Recording, fits: Sequence[Drawn], telling: Sequence[str], rows: Rows
 ) -> list[Block]:
-    """Panels of row sizes against every driver; signed components against the most telling one."""
-    if not len(recording) or not any(f.used.any() for _, _, f in fits):
+    """Signed components against the most telling driver, then every other; sizes; histogram and normal plot."""
+    if not len(recording) or not any(f.counts.any() for f in fits):
         return [Text("No row was fitted.")]
-    drawn = [(name, colour, f.residual, f.used | recording.validation) for name, colour, f in fits]
     drivers = columns(machine, recording, telling)
-    thin = (
-        f" Of {len(recording):,} rows {residuals.LARGEST:,} are drawn."
-        if len(recording) > residuals.LARGEST
-        else ""
-    )
-    caption = (
-        "Size of each row's residual (rms of its components in sigma; about 1 is noise alone, dotted)"
-        " against every joint, logged driver and the order of rows. A trend or a fan that vanishes"
-        f" afterwards was the missing physics. Triangles lie off the scale.{thin}"
-    )
-    blocks: list[Block] = [Plot(residuals.size_panels(drivers, drawn), caption)]
-    column = _first(drivers, telling)
+    first = _first(drivers, telling)
     groups = component_groups(machine.channels)
+    thin = f" Of {len(recording):,} rows {len(rows):,} are drawn." if len(rows) < len(recording) else ""
     caption = (
-        f"Signed residual components against {column.name}, the driver that matters most here: any slope,"
-        " wave or step is a systematic error that noise would not make. Before and after stand side by side"
-        " where readings repeat."
+        f"Signed residuals, in stated sigmas, against {first.name}, the driver that matters most here. A slope, a wave or a"
+        f" step is a systematic error that noise would not make.{thin} Click a point: it is ringed in every chart."
     )
-    blocks.append(Plot(residuals.component_panels(column, groups, drawn), caption))
-    return blocks
+    blocks: list[Block] = [Charts(residuals.component_panels(first, groups, fits, rows), caption)]
+    others = [column for column in drivers if column is not first]
+    panels = [chart for c in others for chart in residuals.component_panels(c, groups, fits, rows)]
+    if panels:
+        also = "The same against every other joint, every logged driver and the order of rows."
+        blocks.append(Fold("Signed residuals against every other driver", [Charts(panels, also)]))
+    size = (
+        "Size of each row's residual: the rms of its components, in stated sigmas. About 1 (dashed) is noise alone. A trend or"
+        " a fan that is gone afterwards was the missing physics."
+    )
+    blocks.append(Fold("Sizes of residuals", [Charts(residuals.size_panels(drivers, fits, rows), size)]))
+    shape = (
+        "How residuals are distributed, beside the normal curve of the stated sigma. Wider bars mean more noise than stated;"
+        " bent ends of the normal plot are outliers."
+    )
+    return [*blocks, Charts(residuals.distribution(fits), shape)]
+
+
+def series_of(machine: Machine, recording: Recording, fits: int) -> int:
+    """In how many series each row is drawn."""
+    drivers = columns(machine, recording)
+    channels = sum(map(len, component_groups(machine.channels).values()))
+    return fits * len(drivers) * (channels + 1)
 
 
 def _telling(diagnosis: Diagnosis) -> list[str]:

@@ -17,11 +17,14 @@ def posterior_tables(diagnosis: Diagnosis) -> list[Table]:
         rows = [[words.set_words(one.effects), percent(one.probability)] for one in diagnosis.sets[:SETS]]
         caption = (
             "The likeliest sets: these terms are there and no others, each by the effect whose form it has. What has no"
-            " name in the catalogue is called empirical."
+            " name in the catalogue is called a form without a name (empirical)."
         )
         out.append(Table(["set of effects", "probability"], rows, caption))
     if diagnosis.inclusion:
-        rows = [[i.effect, ", ".join(i.place), percent(i.probability)] for i in diagnosis.inclusion[:EFFECTS]]
+        rows = [
+            [words.effect_title(i.effect), ", ".join(i.place), percent(i.probability)]
+            for i in diagnosis.inclusion[:EFFECTS]
+        ]
         hidden = len(diagnosis.inclusion) - EFFECTS
         caption = "Probability that an effect is there with this very law, in all sets together."
         caption += f" {words.several(hidden, 'less probable one')} left out." if hidden > 0 else ""

@@ -1,4 +1,4 @@
-"""Section 7, bundled demonstrations only: the known truth beside what was found. Nothing else reads it."""
+"""Bundled demonstrations only: the known truth beside what was found. Nothing else reads it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.curves import coupling_matrix
-from truepose.identification.report.document import Block, Plot, Section, Table, Text
-from truepose.identification.report.figures import style
+from truepose.identification.report.document import Block, Charts, Section, Table, Text
 from truepose.identification.report.figures import truth as figures
 from truepose.identification.report.numbers import measure, significant
 from truepose.models.parameters import vector_of
+from truepose.shown.chart import Tone
 from truepose.wording import joined
 
 Array = NDArray[np.float64]
@@ -78,34 +78,30 @@ def _parameters(diagnosis: Diagnosis, stated: object) -> list[Block]:
     fits = _fits(diagnosis)
     reference = fits[-1][3]
     sure = reference.std[rows] / tolerance < DETERMINED
-    names = [machine.parameters[k].name for k in rows]
     blocks: list[Block] = [_errors(fits, rows, true, sure)]
     if sure.any():
         drawn = [
-            (name, colour, fit.in_tolerances[rows][sure])
-            for _, name, colour, fit in fits
-            if name != "free fit"
+            (name, tone, fit.in_tolerances[rows][sure]) for _, name, tone, fit in fits if name != "free fit"
         ]
         caption = (
             f"The {int(sure.sum())} parameters that the readings determine to better than half a tolerance:"
             " on the line the estimate is the truth. Without the effect they bend away to imitate it; with"
             " it they should lie on the line."
         )
-        picked = [name for name, keep in zip(names, sure, strict=True) if keep]
-        blocks.append(Plot(figures.departures(picked, true[sure], drawn), caption))
+        blocks.append(Charts([figures.departures(true[sure], drawn)], caption))
     return blocks
 
 
-def _fits(diagnosis: Diagnosis) -> list[tuple[str, str, str, Estimate]]:
-    fits = [
-        ("free", "free fit", style.FREE, diagnosis.free),
-        ("before", "tolerances, no effects", style.BEFORE, diagnosis.before),
+def _fits(diagnosis: Diagnosis) -> list[tuple[str, str, Tone, Estimate]]:
+    fits: list[tuple[str, str, Tone, Estimate]] = [
+        ("free", "free fit", "free", diagnosis.free),
+        ("before", "tolerances, no effects", "before", diagnosis.before),
     ]
-    return [*fits, ("after", "with effects", style.AFTER, diagnosis.after)] if diagnosis.terms else fits
+    return [*fits, ("after", "with effects", "after", diagnosis.after)] if diagnosis.terms else fits
 
 
 def _errors(
-    fits: Sequence[tuple[str, str, str, Estimate]], rows: Sequence[int], true: Array, sure: NDArray[np.bool_]
+    fits: Sequence[tuple[str, str, Tone, Estimate]], rows: Sequence[int], true: Array, sure: NDArray[np.bool_]
 ) -> Table:
     lines = []
     for title, mask in (
@@ -153,14 +149,10 @@ def _matrix(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> list[Block]:
         caption = (
             "How far each leg's end moves along the platform's normal as each actuator travels by one, in"
             " thousandths. Entries that tolerances of the legs can imitate are the least certain (amplitudes"
-            " and their uncertainty stand in part 1)."
+            " and their uncertainty stand with the finding)."
         )
-        blocks.append(
-            Plot(
-                figures.matrices(true, found[1], list(map(vector_of, found[0])), readings),
-                caption,
-            )
-        )
+        names = list(map(vector_of, found[0]))
+        blocks.append(Charts(figures.matrices(true, found[1], names, readings), caption))
     return blocks
 
 

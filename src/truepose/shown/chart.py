@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Tone = Literal["before", "after", "free", "accent", "ink"]
-Shape = Literal["dot", "ring", "tick", "diamond"]
+Tone = Literal["before", "after", "free", "accent", "ink", "l1", "l2", "l3", "l4"]
+Shape = Literal["dot", "stroke", "ring", "tick", "diamond"]
 
 
 @dataclass(frozen=True)
@@ -142,4 +142,4 @@ def _glyph(layer: Layer) -> str:
         return layer.shape
     if isinstance(layer, (Line, Level)):
         return "dash" if layer.dashed else "line"
-    return "area"
+    return "bar" if isinstance(layer, Bars) else "area"

@@ -24,13 +24,14 @@ LETTER = 6.6
 TOP, BOTTOM, RIGHT = 14.0, 44.0, 14.0
 NAME = 30
 """Most letters of a name on an axis."""
-_SIZE = {"dot": 5.0, "ring": 5.0, "tick": 1.2, "diamond": 7.0}
+_SIZE = {"dot": 4.5, "stroke": 2.0, "ring": 1.3, "tick": 1.2, "diamond": 1.0}
 
 
 def svg(chart: Chart) -> str:
     """The chart as one SVG element."""
     frame = _frame(chart)
-    drawn = [part for layer in chart.layers for part in _DRAWN[type(layer)](layer, frame)]
+    below = sorted(chart.layers, key=lambda layer: not isinstance(layer, (Level, Span)))
+    drawn = [part for layer in below for part in _DRAWN[type(layer)](layer, frame)]
     title = escape(printable(f"{chart.title}: {chart.y.title} against {chart.x.title}"))
     told = f"<desc>{escape(printable(chart.told))}</desc>" if chart.told else ""
     return (
@@ -48,6 +49,8 @@ class _Frame:
 def _frame(chart: Chart) -> _Frame:
     xs, ys = _values(chart.layers, "x"), _values(chart.layers, "y")
     low, high = _ends(chart.y, ys)
+    if chart.y.names:
+        low, high = high, low  # the first name stands on top
     labels = [text for _, text in _y_ticks(chart.y, low, high, chart.height)]
     left = 26.0 + LETTER * max((min(len(text), NAME) for text in labels), default=1)
     bottom = BOTTOM + (LETTER * 5 if _turned(chart.x) else 0.0)
@@ -172,6 +175,10 @@ def _dot(x: float, y: float) -> str:
     return f"M{x:.1f} {y:.1f}h0"
 
 
+def _stroke(x: float, y: float) -> str:
+    return f"M{x - 3:.1f} {y:.1f}h6"
+
+
 def _tick(x: float, y: float) -> str:
     return f"M{x:.1f} {y:.1f}v-7"
 
@@ -186,6 +193,7 @@ def _diamond(x: float, y: float) -> str:
 
 _POINTS: dict[str, Callable[[float, float], str]] = {
     "dot": _dot,
+    "stroke": _stroke,
     "tick": _tick,
     "ring": _ring,
     "diamond": _diamond,
@@ -240,9 +248,13 @@ def _beside(end: float, y: float, text: str, zero: float) -> str:
     if end >= zero:
         inside = end + wide > WIDTH
         return _text(
-            end - 4 if inside else end + 4, y + 4, text, "end" if inside else "start", "on" if inside else ""
+            end - 4 if inside else end + 4,
+            y + 4,
+            text,
+            "end" if inside else "start",
+            "on" if inside else "beside",
         )
-    return _text(zero + 4, y + 4, text, "start")
+    return _text(zero + 4, y + 4, text, "start", "beside")
 
 
 def _level(layer: Level, frame: _Frame) -> list[str]:

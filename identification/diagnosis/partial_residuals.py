@@ -1,0 +1,90 @@
+"""What each row says of a shift that an effect makes: the fitted shift, plus what that row's own residual would add to it.
+
+Where an effect is a function of its driver, these points scatter about it (component-plus-residual plots: Larsen and
+McCleary, Technometrics 14, 1972). A residual (m,) is turned into a shift by the port's derivative s (m,) of the same
+residual: -(s r) / (s s).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
+from truepose.models.effects.base import PlacedEffect
+
+Array = NDArray[np.float64]
+MOST_ROWS = 3000
+"""Rows that are evaluated, evenly spread, unless readings compare rows."""
+
+
+@dataclass(frozen=True)
+class PortShift:
+    """Of a port: the fitted shift (n,) with its 1-sigma (n,), and what each row says (n,); NaN where a row says nothing.
+
+    In the port's unit (mm or rad).
+    """
+
+    port: str
+    fitted: Array
+    std: Array
+    rows: Array
+
+
+def port_shifts(
+    fit: Estimate, recording: Recording, terms: Sequence[PlacedEffect], ports: Sequence[str]
+) -> list[PortShift]:
+    """What terms of a fit shift at some ports, row by row. Ports that no reading sees are left out."""
+    machine = fit.machine
+    predictor = Predictor(machine, recording, fit.effects, ports=True)
+    names = list(predictor.model.names)
+    own = [names.index(name) for term in terms for name in term.parameter_names]
+    at = [names.index(port) for port in ports]
+    p = np.concatenate([fit.p, np.zeros(len(names) - len(fit.p))])
+    found = np.full((3, len(ports), len(recording)), np.nan)
+    covariance = _covariance(fit, own)
+    for rows, residual, jacobian in _blocks(predictor, fit, p):
+        for k, column in enumerate(at):
+            s = jacobian[:, :, column]
+            size = np.sum(s**2, axis=1)
+            seen = size > 1e-12 * max(float(np.max(size, initial=0.0)), 1e-300)
+            by = np.einsum("nm,nmc->nc", s, jacobian[:, :, own]) / np.where(seen, size, np.nan)[:, None]
+            fitted = by @ p[own]
+            beside = -np.sum(s * residual, axis=1) / np.where(seen, size, np.nan)
+            found[0, k, rows] = fitted
+            found[1, k, rows] = np.sqrt(np.maximum(np.einsum("nc,cd,nd->n", by, covariance, by), 0.0))
+            found[2, k, rows] = fitted + beside
+    return [PortShift(port, *found[:, k]) for k, port in enumerate(ports) if np.isfinite(found[0, k]).any()]
+
+
+def _blocks(predictor: Predictor, fit: Estimate, p: Array) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
+    """Rows, residuals and Jacobians, of rows that could be assembled."""
+    good = np.flatnonzero(np.isfinite(fit.residual).all(axis=1))
+    if any(sensor.compares for sensor in fit.machine.sensors):
+        for block in predictor.blocks(p, fit.x):
+            rows = np.arange(len(fit.residual))[block.rows]
+            kept = np.isin(rows, good)
+            yield rows[kept], block.residual[kept], block.jacobian[kept]
+        return
+    if len(good) > MOST_ROWS:
+        good = good[np.unique(np.linspace(0, len(good) - 1, MOST_ROWS).astype(np.intp))]
+    for block in predictor.of_rows(good).blocks(p, fit.x[good]):
+        yield good[block.rows], block.residual, block.jacobian
+
+
+def _covariance(fit: Estimate, own: Sequence[int]) -> Array:
+    """Covariance of some entries of p; zero where one is not free."""
+    place = {int(k): j for j, k in enumerate(fit.prior.free)}
+    out = np.zeros((len(own), len(own)))
+    known = [k for k, entry in enumerate(own) if entry in place]
+    at = [place[own[k]] for k in known]
+    out[np.ix_(known, known)] = fit.covariance[np.ix_(at, at)]
+    return out
+
+
+__all__ = ["PortShift", "port_shifts"]

@@ -1,0 +1,220 @@
+"""The first screen of a report: what it did to the error, how sure it is, what could not be tested, what to do next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from truepose.identification.diagnosis.result import Diagnosis, Finding
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.summary import FitSummary
+from truepose.identification.report import diagnosis_words as words
+from truepose.identification.report.before_after import sensor_unit
+from truepose.identification.report.document import Command, Gain, Items, Opening, Text
+from truepose.identification.report.fits import stated_noise
+from truepose.identification.report.judgement_words import diagnosis_judgement
+from truepose.identification.report.level_words import SAID, level_of, levels_words
+from truepose.identification.report.level_words import title as plain_title
+from truepose.identification.report.numbers import percent, significant, unit_symbol
+from truepose.identification.report.scene.guilt import Guilty
+from truepose.identification.report.scene.scene import scene_of
+from truepose.identification.report.untestable_words import missing_words, untestable_lines
+from truepose.identification.report.verdict_reasons import doubts
+from truepose.models.machine import Machine
+
+MOST = 3
+"""Most lines of a list on the first screen."""
+GUILTY = 8
+
+
+def diagnosis_opening(diagnosis: Diagnosis) -> Opening:
+    """Of a diagnosis."""
+    before, after = diagnosis.fits["before"], diagnosis.fits["after"]
+    two = bool(diagnosis.terms)
+    gains = gains_of(diagnosis.machine, before if two else None, after, diagnosis.noise)
+    fit = diagnosis.after if two else None
+    scene = scene_of(
+        diagnosis.before, fit, diagnosis.recording, [_guilty(f) for f in diagnosis.findings[:GUILTY]]
+    )
+    lists = [Items(_sure(diagnosis), title="How sure")]
+    against = doubts(diagnosis)
+    if against:
+        lists.append(Items(_few(against, "part 1"), title="What speaks against it"))
+    untested = [
+        *missing_words(diagnosis.missing, words.effect_title),
+        *untestable_lines(diagnosis.untestable, diagnosis.missing, words.effect_title),
+    ]
+    if untested:
+        lists.append(
+            Items(_few(untested, "What the data cannot tell"), title="What could not be tested", tone="warn")
+        )
+    return Opening(gains, lists, _steps(diagnosis), scene)
+
+
+def gains_of(
+    machine: Machine, before: FitSummary | None, after: FitSummary, noise: float = 1.0
+) -> list[Gain]:
+    """Before and after by kind of reading, on validation rows where there are any; ``noise``: found, in stated sigmas."""
+    first = after if before is None else before
+    held = first.validation_rms is not None and after.validation_rms is not None
+    old, new = (first.validation_rms, after.validation_rms) if held else (first.rms, after.rms)
+    floors, units = stated_noise(machine), machine.residual_units
+    where = "on rows that were not fitted" if held else "on the fitted rows"
+    return [
+        _gain(
+            kind,
+            (old or {})[kind] if before is not None else None,
+            value,
+            floors[kind],
+            units[kind],
+            where,
+            noise,
+        )
+        for kind, value in (new or {}).items()
+    ]
+
+
+def _gain(
+    kind: str, before: float | None, after: float, floor: float, unit: str, where: str, noise: float
+) -> Gain:
+    sizes = [abs(v) for v in (before, after) if v is not None and math.isfinite(v)]
+    factor, name = sensor_unit(max(sizes, default=0.0), unit)
+    largest = max([*sizes, floor]) or 1.0
+
+    def told(value: float) -> str:
+        return f"{significant(value * factor)} {unit_symbol(name)}".rstrip()
+
+    shares = (0.0 if before is None else before / largest, after / largest, floor / largest)
+    noisy = (
+        f" by its stated sigma, {significant(noise, 2)} times that by its scatter"
+        if not 0.8 < noise < 1.25
+        else ""
+    )
+    return Gain(
+        f"{kind} error, rms",
+        "" if before is None else told(before),
+        told(after),
+        f"{told(floor)}{noisy}",
+        _explained(before, after, floor),
+        where,
+        tuple(s if math.isfinite(s) else 0.0 for s in shares),  # type: ignore[arg-type]
+    )
+
+
+def _explained(before: float | None, after: float, floor: float) -> str:
+    """How much of what lies above the instrument's floor is gone, in squares, as errors add."""
+    if before is None or not before > floor or not math.isfinite(before * after):
+        return ""
+    share = (before**2 - after**2) / (before**2 - floor**2)
+    if share <= 0.0:
+        return "nothing of what lies above that is explained"
+    if share >= 1.0:
+        return "all of what lies above that is explained"
+    return f"{100 * share:.0f} % of what lies above that (in squares) is explained"
+
+
+def _guilty(finding: Finding) -> Guilty:
+    where = ", ".join(finding.place) or "the whole recording"
+    if finding.nameless:
+        return Guilty(
+            f"something without a name at {where}", "", percent(finding.levels.driver), finding.place
+        )
+    return Guilty(
+        f"{plain_title(finding.effect)} at {where}",
+        finding.effect,
+        percent(finding.probability),
+        finding.place,
+    )
+
+
+def _sure(diagnosis: Diagnosis) -> list[str]:
+    if not diagnosis.findings:
+        if diagnosis.verdict == "adequate":
+            return [
+                "Nothing of the catalogue, and no form without a name, reaches the evidence that a name needs."
+                if not diagnosis.concealed
+                else words.concealed_words(diagnosis)
+            ]
+        return ["Something is missing; no place and no driver reaches a probability of one half."]
+    said = [_one(finding) for finding in diagnosis.findings]
+    return _few(said, "part 1")
+
+
+def _one(finding: Finding) -> str:
+    """How sure a finding is, and that others cannot be told from it."""
+    others = [other for other in finding.equivalents if not other.nameless]
+    same = f" It could also be {words.told(others[0])}." if others and finding.probability < SAID else ""
+    if level_of(finding) == "law" and not finding.nameless:
+        return f"{percent(finding.probability)} that it is {words.told(finding)}.{same}"
+    return (
+        f"{levels_words(finding)}{same}" if finding.levels.driver > 0 else f"{words.certainty_words(finding)}"
+    )
+
+
+def _few(texts: Sequence[str], where: str) -> list[str]:
+    left = len(texts) - MOST
+    return [*texts[:MOST], *([f"{left} more below, in {where}."] if left > 0 else [])]
+
+
+def _steps(diagnosis: Diagnosis) -> list[Command | Text]:
+    """What decides between explanations, what uses the result, or what to look at first."""
+    machine = file_name(diagnosis.machine)
+    files = recording_names(diagnosis.recording.files)
+    if not diagnosis_judgement(diagnosis).calibrated:
+        return [
+            Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")
+        ]
+    out: list[Command | Text] = []
+    undecided = [f for f in diagnosis.findings if f.equivalents and not f.nameless and f.probability < SAID]
+    if undecided:
+        plan = f"truepose plan {machine} -n 40 -o poses.csv --diagnosis diagnosis.json"
+        out.append(Command(plan, "Measure what tells the explanations apart:"))
+        experiment = words.separating_experiment(undecided[0])
+        out += [Text(f"Or, on the machine: {experiment.rstrip('.')}.")] if experiment else []
+    elif diagnosis.verdict == "unknown":
+        out.append(
+            Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")
+        )
+    applied = diagnosis.applied
+    if diagnosis.verdict == "adequate" or (applied is not None and applied.model != "plain"):
+        out.append(Command("truepose codegen improved.yaml -o controller", "Apply improved.yaml, as C:"))
+        out.append(
+            Command("truepose compensate improved.yaml PATH -o commands.csv", "or as corrected commands:")
+        )
+    return out
+
+
+def file_name(machine: Machine) -> str:
+    """The machine file's name without its folder."""
+    return Path(machine.file.path).name if machine.file is not None else "MACHINE"
+
+
+def recording_names(files: Sequence[str]) -> str:
+    """Names of files without their folders, as on a command line."""
+    return " ".join(Path(name).name.replace(" ", "\\ ") for name in files)
+
+
+def calibration_opening(
+    fit: Estimate,
+    summary: FitSummary,
+    calibrated: bool,
+    lists: Sequence[Items],
+    recording_files: Sequence[str],
+) -> Opening:
+    """Of a calibration; ``lists``: what else belongs on the first screen. The scene is added by the page."""
+    machine = file_name(fit.machine)
+    files = recording_names(recording_files)
+    if not calibrated:
+        steps: list[Command | Text] = [
+            Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")
+        ]
+    else:
+        steps = [
+            Command(f"truepose diagnose {machine} {files} -o diagnosis", "Find what the model leaves out:"),
+            Command("truepose codegen calibrated.yaml -o controller", "Apply calibrated.yaml, as C:"),
+        ]
+    return Opening(gains_of(fit.machine, None, summary), lists, steps)
+
+
+__all__ = ["calibration_opening", "diagnosis_opening", "file_name", "gains_of", "recording_names"]
