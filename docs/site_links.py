@@ -1,6 +1,7 @@
-"""Links of the pages that leave ``docs/``: the site has no such pages, so it names the files instead.
+"""What the pages say for a repository's viewer, said for the site: ``mkdocs.yml`` calls ``on_page_markdown`` for every page.
 
-``mkdocs.yml`` calls ``on_page_markdown`` for every page. In the repository the links work as they stand.
+Links that leave ``docs/`` lead nowhere on the site: it names the files instead. A bar in code in a table is escaped for the
+repository's viewer; the site's Markdown would show the backslash.
 """
 
 from __future__ import annotations
@@ -11,6 +12,9 @@ from typing import Any, Final
 
 DOCS: Final = Path(__file__).resolve().parent
 _LINK: Final = re.compile(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|mailto:)([^)#\s]+)(?:#[^)]*)?\)")
+
+_ROW: Final = re.compile(r"^\|.*$", re.MULTILINE)
+_CODE: Final = re.compile(r"`[^`\n]+`")
 
 
 def named(markdown: str, page: Path) -> str:
@@ -26,6 +30,11 @@ def named(markdown: str, page: Path) -> str:
     return _LINK.sub(name, markdown)
 
 
+def unescaped(markdown: str) -> str:
+    """The text of a page whose tables have plain bars in code."""
+    return _ROW.sub(lambda row: _CODE.sub(lambda code: code[0].replace("\\|", "|"), row[0]), markdown)
+
+
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """What mkdocs calls."""
-    return named(markdown, Path(page.file.abs_src_path))
+    return unescaped(named(markdown, Path(page.file.abs_src_path)))

@@ -62,5 +62,10 @@ def test_links_out_of_the_folder_are_named_and_others_stay() -> None:
     assert site_links.named(text, page) == said
 
 
+def test_bars_in_code_are_plain_in_tables_only() -> None:
+    row, code = "| `a\\|b` | c\\|d |", "`a\\|b`"
+    assert site_links.unescaped(f"{row}\n{code}") == f"| `a|b` | c\\|d |\n{code}"
+
+
 def _written() -> list[Path]:
     return list((ROOT / "docs").rglob("*.md"))
