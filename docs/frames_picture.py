@@ -1,4 +1,4 @@
-"""The pictures of ``machine_file.md``: the frames of a machine and its tracker, and a joint's modified DH constants.
+"""The pictures of ``reference/machine-file.md``: the frames of a machine and its tracker, and a joint's modified DH constants.
 
 python docs/frames_picture.py
 """

@@ -1,4 +1,4 @@
-"""The tables of keys in ``machine_file.md`` and ``recording.md``, and the shipped JSON Schemas, made from the code.
+"""The tables of keys in ``docs/reference/``, and the shipped JSON Schemas, made from the code.
 
 A page marks where a table belongs: ``<!-- keys: sensor.pose -->`` ... ``<!-- end -->``, or ``<!-- columns: ORDER -->``.
 What stands between the marks is replaced. Run it after a field or column was added or described anew:
@@ -20,7 +20,7 @@ from truepose.models.schemas import FILES, MACHINE, RECORDING
 from truepose.models.schemas.machine import allowed, machine_schema, schema_text
 
 ROOT: Final = Path(__file__).resolve().parent.parent
-PAGES: Final = (ROOT / "docs/machine_file.md", ROOT / "docs/recording.md")
+PAGES: Final = (ROOT / "docs/reference/machine-file.md", ROOT / "docs/reference/recording.md")
 SCHEMAS: Final = {ROOT / "models/schemas" / FILES[kind]: kind for kind in (MACHINE, RECORDING)}
 Schema = dict[str, Any]
 _MARK: Final = re.compile(r"(<!-- (keys|columns): (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -41,6 +41,14 @@ _WORDS: Final = {
     "object": "mapping",
 }
 _MACHINE: Final = machine_schema()
+_AS_IN: Final = {
+    "sensor.irradiance": "sensor.distance",
+    "mechanism.6-ups": "mechanism.6-pus",
+    "mechanism.graph": "mechanism.serial",
+}
+"""Parts many of whose keys are those of another: what both have stands once, with the other."""
+_TWINS: Final = {"frames.tool.": "frames.base."}
+"""Keys of one part that mean the same, the first as the second."""
 
 
 def keys(name: str) -> str:
@@ -49,15 +57,32 @@ def keys(name: str) -> str:
     A type that is written in several ways has a table for each.
     """
     others = [other for other in _MACHINE["$defs"] if other.startswith(f"{name}.")]
-    texts = [_table(_part(name), shallow=name == "document")]
+    own = _rows(_part(name), shallow=name == "document")
+    texts = _table(own, like=_AS_IN.get(name, ""))
     for other in others:
-        texts += ["", _part(other)["description"].replace("``", "`"), "", _table(_part(other))]
+        texts += ["", _part(other)["description"].replace("``", "`"), ""]
+        texts += _table(_rows(_part(other)), like=name)
     return "\n".join(texts)
 
 
-def _table(schema: Schema, *, shallow: bool = False) -> str:
-    lines = [_row(key, field, needed) for key, field, needed in _fields(schema, shallow=shallow)]
-    return "\n".join(["| key | value | default | meaning |", "|---|---|---|---|", *lines])
+def _rows(schema: Schema, *, shallow: bool = False) -> dict[str, str]:
+    """The row of every key."""
+    return {key: _row(key, field, needed) for key, field, needed in _fields(schema, shallow=shallow)}
+
+
+def _table(rows: dict[str, str], like: str = "") -> list[str]:
+    """Lines of a table, without the rows that stand in that of the part ``like``: their keys are named below it."""
+    others = _rows(_part(like)) if like else {}
+    shared = [key for key, row in rows.items() if row == others.get(key)]
+    twins = {
+        key: other + key.removeprefix(one) for one, other in _TWINS.items() for key in rows if one in key
+    }
+    same = [key for key, twin in twins.items() if rows[key].replace(key, twin) == rows[twin]]
+    lines = ["| key | value | default | meaning |", "|---|---|---|---|"]
+    lines += [row for key, row in rows.items() if key not in (*shared, *same)]
+    named = ", ".join(f"`{key}`" for key in (*shared, *same))
+    where = like.partition(".")[2] or next((twins[key].rpartition(".")[0] for key in same), "")
+    return [*lines, "", f"As in `{where}`: {named}."] if named else lines
 
 
 def recorded(group: str) -> str:

@@ -5,7 +5,7 @@ A number may be written with a unit of its own, as a text: ``20um``, ``0.5 deg``
 Give `context={"units": UnitSystem(...)}`: the annotated types (`Length`, `AngleVector`, ...) turn what a file states
 into the units of the program. They also say their unit in the JSON Schema (``In``).
 
-Every field of a `Section` is described by the text below it; `docs/machine_file.md` and the JSON Schema are made from
+Every field of a `Section` is described by the text below it; `docs/reference/machine-file.md` and the JSON Schema are made from
 these texts (`python docs/reference_tables.py`).
 """
 

@@ -13,7 +13,8 @@ from truepose.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 TOPS = ("models", "identification", "codegen", "src", "benchmarks", "tests", "examples", "docs")
-DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+TOLD = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
+DOCUMENTS = [*(ROOT / name for name in TOLD), *sorted((ROOT / "docs").rglob("*.md"))]
 SOURCES = sorted(
     path
     for top in TOPS

@@ -1,6 +1,6 @@
 """Every column that a recording may have: what it holds, in which unit, and who needs it.
 
-`docs/recording.md` and the JSON Schema of a row are made from this list; `file` reads the columns.
+`docs/reference/recording.md` and the JSON Schema of a row are made from this list; `file` reads the columns.
 """
 
 from __future__ import annotations

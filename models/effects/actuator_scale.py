@@ -1,4 +1,4 @@
-"""A scale that is not one: every reading means a little more or less than it says."""
+"""A scale factor that is off: every reading means a little more or less than it says."""
 
 from __future__ import annotations
 

@@ -1,0 +1,144 @@
+"""``reference/commands.md``, made from the commands themselves: what ``truepose COMMAND --help`` says, as a page.
+
+Run it after a command or an option was added or described anew:
+
+    python docs/commands_page.py
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, get_args
+
+from typer.models import ArgumentInfo, OptionInfo
+
+from truepose.cli import app
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+PAGE: Final = ROOT / "docs/reference/commands.md"
+COMMON: Final = ("as_json", "plugin", "quiet")
+"""Options that stand once, above all commands."""
+HEAD: Final = """# Commands
+
+Made from the code by `python docs/commands_page.py`; `truepose COMMAND -h` prints the same.
+
+| common option | meaning |
+|---|---|
+"""
+CODES: Final = """
+| exit code | meaning |
+|---|---|
+| 0 | done |
+| 2 | bad input: one line says what was found and what was expected; or a fit that is no calibration, whose files say so first |
+| 3 | the fit did not converge: the parameters responsible are named, and nothing is written |
+"""
+_EXAMPLE: Final = re.compile(r": (truepose .+)$")
+_VALUES: Final = {int: "N", float: "X", str: "TEXT"}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An argument or an option of a command, as its function declares it."""
+
+    name: str
+    kind: Any
+    info: ArgumentInfo | OptionInfo
+    default: Any
+
+    @property
+    def is_option(self) -> bool:
+        return isinstance(self.info, OptionInfo)
+
+    @property
+    def needed(self) -> bool:
+        return self.default is inspect.Parameter.empty
+
+    @property
+    def value(self) -> str:
+        """What stands for its value; empty for a switch."""
+        return str(self.info.metavar or ("" if self.kind is bool else _VALUES.get(self.kind, "FILE")))
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        first = self.info.default  # typer takes what stands first for the default until it knows better
+        told = (*((first,) if isinstance(first, str) else ()), *(self.info.param_decls or ()))
+        return tuple(told) or (f"--{self.name.replace('_', '-')}",)
+
+
+def page() -> str:
+    """The whole page."""
+    commands = {_name(info): info.callback for info in app.registered_commands if info.callback}
+    shared = {p.name: p for command in commands.values() for p in _parameters(command)}
+    common = [_row(shared[name]) for name in COMMON]
+    helped = "| `-h`, `--help` | Show the help of the command and exit. |"
+    sections = [_section(name, command) for name, command in commands.items()]
+    return HEAD + "\n".join([*common, helped]) + "\n" + CODES + "\n" + "\n\n".join(sections) + "\n"
+
+
+def _name(info: Any) -> str:
+    return str(info.name or info.callback.__name__)
+
+
+def _parameters(command: Callable[..., Any]) -> list[Parameter]:
+    out = []
+    for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
+        kind, *more = get_args(parameter.annotation)
+        info = next(one for one in more if isinstance(one, ArgumentInfo | OptionInfo))
+        out.append(Parameter(name, kind, info, parameter.default))
+    return sorted(out, key=lambda p: p.is_option)
+
+
+def _section(name: str, command: Callable[..., Any]) -> str:
+    text, examples = _told(inspect.getdoc(command) or "")
+    own = [p for p in _parameters(command) if p.name not in COMMON]
+    words = [
+        f"{p.flags[0]} {p.value}" if p.is_option else p.value for p in own if p.needed or not p.is_option
+    ]
+    usage = " ".join(["truepose", name, *words, *(["[OPTIONS]"] if any(p.is_option for p in own) else [])])
+    lines = [f"## {name}", "", text, "", f"Usage: `{usage}`", "", "```sh", *examples, "```"]
+    if own:
+        lines += ["", "| argument or option | meaning |", "|---|---|", *map(_row, own)]
+    return "\n".join(lines)
+
+
+def _told(text: str) -> tuple[str, list[str]]:
+    """The description without its examples, and the examples."""
+    said, examples = [], []
+    for line in text.replace("``", "`").splitlines():
+        example = _EXAMPLE.search(line)
+        if example:
+            examples += [part.strip() for part in example[1].split(";")]
+        else:
+            said.append(line)
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(said)).strip().replace("<", "&lt;"), examples
+
+
+def _row(parameter: Parameter) -> str:
+    value = f"`{parameter.value}`" if parameter.value else ""
+    flags = ", ".join(f"`{flag}`" for flag in parameter.flags) if parameter.is_option else ""
+    needed = " **Needed.**" if parameter.is_option and parameter.needed else _default(parameter.default)
+    cells = (" ".join(filter(None, (flags, value))), f"{parameter.info.help or ''}{needed}")
+    return "| " + " | ".join(" ".join(cell.replace("|", "\\|").split()) for cell in cells) + " |"
+
+
+def _default(value: Any) -> str:
+    """The default, where there is one to tell."""
+    if isinstance(value, bool) or value in (None, "", (), inspect.Parameter.empty):
+        return ""
+    plain = f"{value:g}" if isinstance(value, float) else str(value)
+    return f" Default: `{plain}`."
+
+
+def main() -> None:
+    """Renew the page."""
+    PAGE.write_text(page(), encoding="utf-8")
+    sys.stdout.write(f"{PAGE.relative_to(ROOT)}: {len(app.registered_commands)} commands\n")
+
+
+if __name__ == "__main__":
+    main()
