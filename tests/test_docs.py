@@ -13,7 +13,8 @@ from truepose.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 TOPS = ("models", "identification", "codegen", "src", "benchmarks", "tests", "examples", "docs")
-DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+RESULTS = sorted((ROOT / "benchmarks" / "results").glob("*.md"))
+DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("**/*.md")), *RESULTS]
 SOURCES = sorted(
     path
     for top in TOPS
