@@ -1,4 +1,4 @@
-"""The published table of an examination: into its marked place in docs/challenge.md.
+"""The published table of an examination: into its marked place in benchmarks/results/examination.md.
 
     python -m benchmarks.challenge_page DIR [PAGE]
 
@@ -11,7 +11,7 @@ import re
 import sys
 from pathlib import Path
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "challenge.md"
+PAGE = Path(__file__).resolve().parent / "results" / "examination.md"
 BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 
 

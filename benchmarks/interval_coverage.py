@@ -1,6 +1,6 @@
 """How often a calibration's 95 % intervals hold the truth: 1,000 simulated calibrations of small machines.
 
-    python -m benchmarks.interval_coverage [--runs 1000] [-o docs/coverage.md]
+    python -m benchmarks.interval_coverage [--runs 1000] [-o benchmarks/results/coverage.md]
 
 Every calibration has a machine of its own, drawn from the tolerances, and noise of its own. The sigma that the file
 states is right, too small, too large, or taken from repeated poses; or one row in twenty is grossly wrong.
@@ -61,7 +61,7 @@ DETERMINED = 0.5
 """Parameters count whose 1-sigma is below this share of their tolerance: the others know what the file told them."""
 PAGE = """# How often the intervals hold
 
-    python -m benchmarks.interval_coverage --runs {runs} -o docs/coverage.md
+    python -m benchmarks.interval_coverage --runs {runs} -o benchmarks/results/coverage.md
 
 {runs} simulated calibrations of each machine under each condition ({minutes:.0f} minutes on one core of a busy
 machine). Every one has a machine of its own, drawn from the tolerances, and noise of its own; {rows} poses, but 12

@@ -12,7 +12,7 @@
 DATA_FOLDER holds ``ur10-laser-tracker/``, ``stewart-mocap/`` and ``panda-ball-socket/``. For the UR10 the rows whose
 goal modulo 10 is 3, 6 or 9 are marked validation; each file is diagnosed through the command line (results stay in
 WORK_FOLDER), then the periodic joint functions of the two files are compared and carried from one file to the other;
-``remainder`` asks what is left (docs/real_data.md). For the Panda it is every fifth row of a socket. ``unseen``: what the
+``remainder`` asks what is left. For the Panda it is every fifth row of a socket. ``unseen``: what the
 diagnosed models are worth on rows and campaigns that they have not seen, and whether halves agree; ``carried``: how far any
 model of one campaign of the UR10 can be carried to another; ``cuts``: what is applied after 60, 120 and 240 rows;
 ``mount``: an amateur telescope's mount (``telescope-mount/``) as a machine of two axes.

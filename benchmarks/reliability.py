@@ -1,4 +1,4 @@
-"""Whether the probabilities of an examination mean what they say: the figure of docs/challenge.md.
+"""Whether the probabilities of an examination mean what they say: the figure of docs/results/examination.md.
 
     python -m benchmarks.reliability DIR [FIGURE]
 

@@ -14,7 +14,8 @@ from truepose.errors import InputError
 ROOT = Path(__file__).resolve().parent.parent
 TOPS = ("models", "identification", "codegen", "src", "benchmarks", "tests", "examples", "docs")
 TOLD = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
-DOCUMENTS = [*(ROOT / name for name in TOLD), *sorted((ROOT / "docs").rglob("*.md"))]
+RESULTS = sorted((ROOT / "benchmarks" / "results").glob("*.md"))
+DOCUMENTS = [*(ROOT / name for name in TOLD), *sorted((ROOT / "docs").rglob("*.md")), *RESULTS]
 SOURCES = sorted(
     path
     for top in TOPS

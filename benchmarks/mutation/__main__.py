@@ -1,4 +1,4 @@
-"""``python -m benchmarks.mutation``: a seeded sample of mutants, how many the tests kill, and the table docs/mutation.md.
+"""``python -m benchmarks.mutation``: a seeded sample of mutants, how many the tests kill, and the table of them.
 
 It goes on where it was stopped. The scratch folder belongs to one state of the code: remove it when the code has
 changed. Files of tests that were added are collected; where a file of tests has changed, remove its record.
@@ -90,7 +90,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--scratch", type=Path, default=Path("build/mutation"), help="copies, records, results"
     )
-    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "mutation.md")
+    parser.add_argument("--output", type=Path, default=ROOT / "benchmarks" / "results" / "mutation.md")
     return parser.parse_args()
 
 

@@ -1,4 +1,4 @@
-"""The table docs/mutation.md: killed by area, and every survivor with the reason."""
+"""The table benchmarks/results/mutation.md: killed by area, and every survivor with the reason."""
 
 from __future__ import annotations
 
