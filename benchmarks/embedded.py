@@ -3,7 +3,7 @@
     python benchmarks/embedded.py [MACHINE...]
 
 Without a file: a UR10 in the modified convention with Hayati's rotation, errors of up to 1 mm and 0.5 deg in every
-parameter, so that no decoupled closed form holds. Needs the toolchain that docs/embedded.md names. Prints one table a
+parameter, so that no decoupled closed form holds. Needs the toolchain that docs/reference/codegen.md names. Prints one table a
 machine, double on Cortex-M7 and float on Cortex-M4F, each at -O2 and -Os. Counts are exact and repeat on any computer
 with the same compiler.
 """

@@ -1,7 +1,7 @@
 """How well fringes are counted: speed, noise, contrast and turning points; damage; and 10^7 samples in time.
 
 Series come from `fringe_signal`, which adds the light beam by beam. Run as ``python -m benchmarks.fringe_study``;
-prints the tables of docs/fringes.md.
+prints the tables of benchmarks/results/fringes.md.
 """
 
 from __future__ import annotations

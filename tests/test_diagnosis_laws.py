@@ -1,4 +1,4 @@
-"""Figures that docs/diagnosis.md promises: noise, its prior, alarms, outlying rows, extrapolations."""
+"""Figures that docs/topics/method.md promises: noise, its prior, alarms, outlying rows, extrapolations."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ def test_the_flange_is_the_body_that_the_file_names(tmp_path: Path) -> None:
 
 
 def test_machines_of_the_documentation_are_machines(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[1] / "docs" / "graphs.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[1] / "docs" / "topics" / "graphs.md").read_text(encoding="utf-8")
     whole = [block for block in re.findall(r"```yaml\n(.*?)```", text, re.S) if block.startswith("schema:")]
     assert whole
     for block in whole:

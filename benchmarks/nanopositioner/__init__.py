@@ -4,6 +4,6 @@
 equations, no code of truepose. ``study``, ``trajectories`` and ``charts`` use truepose on what it makes;
 ``reflection`` is the controller that turns the mirror about the spot of light.
 
-    python -m benchmarks.nanopositioner             # the tables and figures of docs/nanopositioner.md
+    python -m benchmarks.nanopositioner             # the tables and figures of docs/machines/nanopositioner.md
     python -m benchmarks.nanopositioner --write DIR # the bundled recordings
 """

@@ -1,4 +1,4 @@
-"""Tables and figures of docs/nanopositioner.md, or the bundled recordings with --write DIR."""
+"""Tables and figures of docs/machines/nanopositioner.md, or the bundled recordings with --write DIR."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of docs/nanopositioner.md: Figures 9 to 15 of the paper recomputed, and the study.
+"""The figures of docs/machines/nanopositioner.md: Figures 9 to 15 of the paper recomputed, and the study.
 
 Irradiance is Airy's function of the true cavity at 1560 nm; the paper gives neither reflectivities nor where on
 a fringe its motions start, so both are chosen here.

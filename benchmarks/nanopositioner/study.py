@@ -176,7 +176,7 @@ STUDY_HEAD = (
 
 
 def study_row(one: Line) -> list[str]:
-    """A line of the table of docs/nanopositioner.md: median (worst)."""
+    """A line of the table of benchmarks/results/nanopositioner.md: median (worst)."""
 
     def pair(name: str, digits: int) -> str:
         return f"{getattr(one.median, name):.{digits}f} ({getattr(one.worst, name):.{digits}f})"

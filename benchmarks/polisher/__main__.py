@@ -1,4 +1,4 @@
-"""``python -m benchmarks.polisher``: the tables and figures of docs/polisher.md; ``--bundle DIR``: the demo's files."""
+"""``python -m benchmarks.polisher``: tables and figures of docs/machines/polisher.md; ``--bundle DIR``: the demo's files."""
 
 from __future__ import annotations
 

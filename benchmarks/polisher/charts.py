@@ -1,4 +1,4 @@
-"""The figures of docs/polisher.md."""
+"""The figures of docs/machines/polisher.md."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class Geometry:
 
 
 def drawing() -> Geometry:
-    """The telescope as drawn (design of Fig. 3; radii and angles are this project's, see docs/telescope_demo.md)."""
+    """The telescope as drawn (design of Fig. 3; radii and angles are this project's, see docs/machines/telescope.md)."""
     return Geometry(
         _circle(BASE_RADIUS, BASE_ANGLES),
         _circle(PLATFORM_RADIUS, PLATFORM_ANGLES),

@@ -2,7 +2,7 @@
 
 All sessions are one least-squares problem. Every parameter is common to all sessions unless the evidence asks
 for copies of its own (``movement_selection``); sizes and rates come from the joint covariance, in which what no
-recording can tell stays uncertain. See docs/identifiability.md.
+recording can tell stays uncertain. See docs/topics/identifiability.md.
 """
 
 from __future__ import annotations
