@@ -29,7 +29,7 @@ FOLDERS = {"models": "models", "identification": "identification", "codegen": "c
 
 # From the ground up. A room is a folder or a single file, named below `truepose`.
 FLOORS = (
-    ("errors", "wording", "shown"),
+    ("errors", "wording", "shown", "version"),
     ("publication",),
     ("files",),
     ("models",),

@@ -88,7 +88,7 @@ def test_all_three_levels_are_told_of_a_finding() -> None:
     said = levels_words(finding("joint-compliance", "q2", 0.57, 0.95, 0.99))
     assert said == (
         "Probability 99.0 % that something is at q2, 95.0 % that it follows the weight carried, "
-        "57 % that its law is joint-compliance."
+        "57 % that it is a compliant joint (joint-compliance)."
     )
     nameless = levels_words(finding("empirical", "q5", 0.0, 0.95, 0.99, "coupling"))
     assert nameless.endswith("95.0 % that it follows other joints; no law of the catalogue stands for it.")

@@ -31,7 +31,7 @@ def test_identified_function_is_the_formula(diagnosis: Diagnosis) -> None:
     q = np.radians(curve.x)
     expected = 1e6 * (3e-4 * np.sin(2 * q) - 1e-4 * np.cos(2 * q))
     assert np.allclose(curve.y, expected)
-    assert curve.y_title == "shift of q1.displacement [µrad]"
+    assert (curve.title, curve.y_title) == ("displacement of q1", "shift [µrad]")
     assert (curve.std > 0).all()
 
 

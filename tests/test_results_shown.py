@@ -51,8 +51,8 @@ def test_html_is_small_and_well_formed_and_loads_nothing(name: str) -> None:
     assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
 
 
-WITHOUT_PICTURE = ("finding", "experiment", "inverse", "no rows", "drift", "machine nanopositioner")
-"""Tables of numbers; where nothing moved; a machine whose axes meet in a point."""
+WITHOUT_PICTURE = ("finding", "experiment", "inverse", "no rows", "drift")
+"""Tables of numbers; where nothing moved."""
 
 
 @each

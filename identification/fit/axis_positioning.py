@@ -90,7 +90,7 @@ def _along(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) -> Array
     for kind, wanted in (("distance", 1), ("position", 3)):
         at = [k for k, channel in enumerate(channels) if channel.kind == kind][:wanted]
         if len(at) == wanted:
-            off = -fit.residual[np.ix_(rows, at)] * [channels[k].sigma for k in at]
+            off = -fit.residual[rows][:, at] * [channels[k].sigma for k in at]
             if wanted == 1:
                 return np.asarray(off[:, 0])
             read = np.column_stack([recording.observations[channels[k].name][rows] for k in at])

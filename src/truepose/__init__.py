@@ -7,6 +7,8 @@ import importlib as _importlib
 import typing as _typing
 from pathlib import Path as _Path
 
+from truepose.version import VERSION as _VERSION
+
 if _typing.TYPE_CHECKING:
     from truepose.codegen.c import generate
     from truepose.errors import ConvergenceError, InputError, TrueposeError
@@ -27,7 +29,7 @@ if _typing.TYPE_CHECKING:
     from truepose.models.export.write import export
     from truepose.models.load import load_machine
 
-__version__ = "0.1.0"
+__version__ = _VERSION
 
 _HERE = _Path(__file__).parent
 if not (_HERE / "models").is_dir():  # unpacked or cloned without links: models and its like are beside src

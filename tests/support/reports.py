@@ -1,7 +1,9 @@
-"""A diagnosis made up for reports: an arm, estimates, one finding; and a report's page without plotly.js."""
+"""A diagnosis made up for reports: an arm, estimates, one finding; and what a report's page says and holds."""
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -177,6 +179,13 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
 
 
 def own_markup(page: str) -> str:
-    """The page without plotly.js itself."""
-    start = page.index("<script>")
-    return page[:start] + page[page.index("</script>", start) :]
+    """The page without its scripts and styles, and without the marks of small type: what it says."""
+    bare = re.sub(r"<(script|style)[^>]*>.*?</\1>", "", page, flags=re.DOTALL)
+    return re.sub(r"</?(?:small|code)>", "", bare)
+
+
+def page_data(page: str) -> dict[str, Any]:
+    """The data that the page's scripts read."""
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return dict(json.loads(found[1]))

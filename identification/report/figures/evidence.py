@@ -9,9 +9,13 @@ import numpy as np
 
 from truepose.identification.diagnosis.alone import NOTABLE
 from truepose.identification.report.numbers import known, significant
-from truepose.shown.chart import Axis, Bars, Chart, Level
+from truepose.shown.chart import Axis, Bars, Chart, Level, Tone
 
 SHOWN = 24
+_GROUPS: tuple[tuple[str, Tone, bool], ...] = (
+    ("place of a finding", "before", True),
+    ("other places", "free", False),
+)
 _TICKS = (-1000, -100, -10, -1, 0, 3, 10, 100, 1000, 10_000, 100_000, 1_000_000)
 
 
@@ -34,7 +38,7 @@ def evidence_map(evidence: Mapping[str, float], named: Collection[str]) -> Chart
             at=np.array(at, dtype=float),
             texts=[significant(best[k][1]) for k in at],
         )
-        for name, tone, wanted in (("place of a finding", "before", True), ("other places", "free", False))
+        for name, tone, wanted in _GROUPS
         if (at := [k for k, (place, _) in enumerate(best) if (place in named) is wanted])
     ]
     return Chart(

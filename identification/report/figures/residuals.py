@@ -117,7 +117,7 @@ def _histogram(fit: Drawn) -> Chart:
     density = count / max(values.size, 1) / np.diff(edges)
     x = np.linspace(-WIDEST, WIDEST, 91)
     normal = Line(x, np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi), "ink", "normal, as stated", dashed=True)
-    layers = [Bars(density, fit.tone, fit.name, edges=edges), normal]
+    layers: list[Layer] = [Bars(density, fit.tone, fit.name, edges=edges), normal]
     return Chart(f"histogram, {fit.name}", Axis("residual [σ]"), Axis("density [1/σ]", 0.0), layers)
 
 

@@ -13,6 +13,7 @@ from truepose.identification.report.document import Section, Table
 from truepose.identification.report.numbers import measure
 from truepose.identification.report.opening import file_name, recording_names
 from truepose.models.machine import Machine
+from truepose.version import VERSION
 
 NOT_A_FILE = "not a file"
 
@@ -35,14 +36,12 @@ def origin_section(
     machine: Machine, recording: Recording, command: str, options: Sequence[str] = ()
 ) -> Section:
     """Version, files, date, instrument, command."""
-    from truepose import __version__  # the package itself loads nothing until it is asked
-
     own = str(machine.file.path) if machine.file is not None else ""
     line = " ".join(["truepose", command, file_name(machine), recording_names(recording.files), *options])
     digests = recording.digests or ("",) * len(recording.files)
     dates = [when for when in recording.dates if when]
     rows = [
-        ["truepose", __version__],
+        ["truepose", VERSION],
         ["command, or what does the same", line],
         ["machine file", f"{Path(own).name or machine.name}, SHA-256 {digest_of(own) or NOT_A_FILE}"],
         *(

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
 
 import numpy as np
+import pandas as pd
 
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
@@ -69,7 +68,7 @@ def constants_table(fit: Estimate, file: str, *, averaged: bool = False) -> Tabl
     caption = (
         f"{held} 1 sigma: how well each is known; ∞: the readings say nothing of it. A click on a head sorts."
     )
-    return Table(head, rows, caption, csv=_csv(table.to_dict("records")))
+    return Table(head, rows, caption, csv=_csv(table))
 
 
 def _rounded(value: float, std: float) -> str:
@@ -87,13 +86,10 @@ def _number(value: object, digits: int = 6) -> str:
     return "0" if abs(number) < ROUNDING else f"{number:.{digits}g}"
 
 
-def _csv(records: list[dict[str, object]]) -> str:
-    out = io.StringIO()
+def _csv(table: pd.DataFrame) -> str:
+    """All digits; empty where there is no number."""
     names = ["parameter", "nominal", "value", "std", "tolerance", "in_tolerances", "unit"]
-    writer = csv.DictWriter(out, names, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    return out.getvalue()
+    return table[names].to_csv(index=False, lineterminator="\n")
 
 
 def parameter_blocks(machine: Machine, fits: Mapping[str, Estimate], allowed: float | None) -> list[Block]:

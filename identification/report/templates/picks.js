@@ -46,7 +46,7 @@
     series.forEach(function (path) {
       var place = places(path)[k];
       if (!place || place[0] < 0) { return; }
-      var ring = document.createElementNS("http://www.w3.org/2000/svg", "circle");
+      var ring = document.createElementNS(path.namespaceURI, "circle");
       ring.setAttribute("class", "pick");
       ring.setAttribute("cx", place[0]);
       ring.setAttribute("cy", place[1]);

@@ -4,7 +4,7 @@
   var data = JSON.parse(document.getElementById("data").textContent).scene;
   var svg = document.getElementById("machine");
   if (!data || !svg) { return; }
-  var NAMES = "http://www.w3.org/2000/svg", LARGE = 168, AT_REST = { turn: -0.6, rise: 0.38, zoom: 1 };
+  var NAMES = svg.namespaceURI, LARGE = 168, AT_REST = { turn: -0.6, rise: 0.38, zoom: 1 };
   var view = Object.assign({}, AT_REST), pose = 0, shown = 2, alone = false;
   var scale = LARGE / data.steps, mm = LARGE / data.size;
   var usual = typical(data.arrows[0] || []), larger = 1;

@@ -1,0 +1,3 @@
+"""The version of the program, for results that say where they come from."""
+
+VERSION = "0.2.0"
