@@ -93,7 +93,8 @@ Block = Text | Items | Table | Charts | Command | Fold | Card
 class Gain:
     """Error of one kind of reading before and after, as texts with their unit, and as shares of the largest for bars.
 
-    before: empty where only one model was fitted. floor: what the instrument alone makes; explained: how much of what lies
+    before: empty where only one model was fitted. floor: what the dashed mark is, such as what
+    the instrument alone makes; explained: how much of what lies
     above the floor is explained, in words; where: on which rows.
     """
 

@@ -15,6 +15,7 @@ from truepose.identification.report.document import (
     Charts,
     Command,
     Document,
+    Gain,
     Items,
     Opening,
     Section,
@@ -77,13 +78,14 @@ def drift_html(found: Drift, cautions: Sequence[str] = ()) -> str:
 
 def _opening(found: Drift) -> Opening:
     """How sure, what could not be told, what to do next, and the machine with what moved."""
+    gains = _gains(found)
     lists = [Items(said, title="How sure") for said in [_sure(found)] if said]
     open_ended = still_sentences(found)
     if open_ended:
         lists.append(Items(open_ended[:MOST_LINES], title="What did not move, or could not be told"))
     lists.append(Items(durability_sentences(found)[:MOST_LINES], title="How long a calibration lasts"))
     if not found.fits or found.recording is None:
-        return Opening((), lists)
+        return Opening(gains, lists)
     fit = found.fits[0]
     machine, files = file_name(fit.machine), recording_names(found.recording.files)
     steps = [
@@ -93,7 +95,25 @@ def _opening(found: Drift) -> Opening:
     moved = [m for m in found.movements if m.status in ("moved", "perhaps")][:MOST_LINES]
     guilty = [Guilty(f"{m.name} {m.status}", "", percent(m.probability), (m.name,)) for m in moved]
     scene = scene_of(fit, None, first, guilty) if len(first) == len(fit.residual) else None
-    return Opening((), lists, steps if found.moved else (), scene)
+    return Opening(gains, lists, steps if found.moved else (), scene)
+
+
+def _gains(found: Drift) -> list[Gain]:
+    """What the first calibration misses in the last session, beside what it would if nothing had moved."""
+    check = found.durability.carried[-1] if found.durability.carried else None
+    if check is None:
+        return []
+    out = []
+    for kind, value in check.rms.items():
+        expected, unit = check.expected[kind], check.units[kind]
+        largest = max(value, expected) or 1.0
+        note = f"the calibration of {found.labels[0]} on {found.labels[-1]}, rms"
+        floor = f"if nothing had moved (dashed): {measure(expected, unit)}"
+        shares = (0.0, value / largest, expected / largest)
+        out.append(
+            Gain(f"{kind} error of the first calibration", "", measure(value, unit), floor, "", note, shares)
+        )
+    return out
 
 
 def _sure(found: Drift) -> list[str]:

@@ -49,7 +49,7 @@ def _html(result: object) -> str:
 @_html.register
 def _(result: Calibration) -> str:
     far = far_row_words(calibration_json(result, far_rows(result))["rows_that_do_not_fit"])
-    return pages.calibration_html(result, far)
+    return pages.calibration_html(result, far, pose=calibrated_pose(result.fit, result.recording))
 
 
 @_html.register
@@ -98,7 +98,7 @@ def write_calibration(
     with atomic_directory(output) as partial:
         write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose)
         atomic_write_text(partial / "fit.json", json_text(document))
-        page = pages.calibration_html(result, far, cautions)
+        page = pages.calibration_html(result, far, cautions, pose)
         atomic_write_text(partial / REPORT, page)
         return sorted(file.name for file in partial.iterdir())
 

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.before_after import sensor_unit
+from truepose.identification.report.calibration_words import figures, nothing_against
 from truepose.identification.report.document import Command, Gain, Items, Opening, Text
 from truepose.identification.report.fits import stated_noise
 from truepose.identification.report.judgement_words import diagnosis_judgement
@@ -22,6 +23,7 @@ from truepose.identification.report.scene.scene import scene_of
 from truepose.identification.report.untestable_words import missing_words, untestable_lines
 from truepose.identification.report.verdict_reasons import doubts
 from truepose.models.machine import Machine
+from truepose.models.machine_file import ExpectedPose
 
 MOST = 3
 """Most lines of a list on the first screen."""
@@ -95,7 +97,7 @@ def _gain(
         f"{kind} error, rms",
         "" if before is None else told(before),
         told(after),
-        f"{told(floor)}{noisy}",
+        f"the instrument alone (dashed): {told(floor)}{noisy}",
         _explained(before, after, floor),
         where,
         tuple(s if math.isfinite(s) else 0.0 for s in shares),  # type: ignore[arg-type]
@@ -196,25 +198,38 @@ def recording_names(files: Sequence[str]) -> str:
 
 
 def calibration_opening(
-    fit: Estimate,
-    summary: FitSummary,
-    calibrated: bool,
-    lists: Sequence[Items],
-    recording_files: Sequence[str],
+    calibration: Calibration, summary: FitSummary, pose: ExpectedPose | None, warnings: Sequence[str]
 ) -> Opening:
-    """Of a calibration; ``lists``: what else belongs on the first screen. The scene is added by the page."""
-    machine = file_name(fit.machine)
-    files = recording_names(recording_files)
-    if not calibrated:
-        steps: list[Command | Text] = [
-            Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")
-        ]
-    else:
-        steps = [
-            Command(f"truepose diagnose {machine} {files} -o diagnosis", "Find what the model leaves out:"),
-            Command("truepose codegen calibrated.yaml -o controller", "Apply calibrated.yaml, as C:"),
-        ]
-    return Opening(gains_of(fit.machine, None, summary), lists, steps)
+    """Of a calibration; the scene is added by the page."""
+    fit = calibration.fit
+    machine, files = file_name(fit.machine), recording_names(calibration.recording.files)
+    check = Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")
+    apply = Command("truepose codegen calibrated.yaml -o controller", "Apply calibrated.yaml, as C:")
+    find = Command(f"truepose diagnose {machine} {files} -o diagnosis", "Find what the model leaves out:")
+    good = nothing_against(summary)
+    steps = [check] if not calibration.judgement.calibrated else [apply, find] if good else [find, apply]
+    sure = [f"{said[0].upper()}{said[1:]}." for said in [figures(summary)]]
+    blind = len(fit.null_space)
+    if blind:
+        free = len(fit.prior.free)
+        sure.append(
+            f"Of {free} directions of the free constants the readings see {fit.rank}; tolerances hold the others."
+        )
+    lists = [Items(sure, title="How sure")]
+    if warnings:
+        lists.append(Items(list(warnings[:MOST]), title="Rows that do not fit", tone="warn"))
+    worth = [] if pose is None else [_worth(pose)]
+    return Opening([*worth, *gains_of(fit.machine, None, summary)], lists, steps)
+
+
+def _worth(pose: ExpectedPose) -> Gain:
+    """The tool's position by the drawing and by the fit."""
+    largest = max(pose.before, pose.after) or 1.0
+    factor, name = sensor_unit(max(pose.before, pose.after), "mm")
+    before, after = (f"{significant(v * factor)} {unit_symbol(name)}" for v in (pose.before, pose.after))
+    where = f"{pose.than} and this calibration, on {pose.rows}, base and tool refitted"
+    shares = (pose.before / largest, pose.after / largest, 0.0)
+    return Gain("the tool's position, rms", before, after, "", "", where, shares)
 
 
 __all__ = ["calibration_opening", "diagnosis_opening", "file_name", "gains_of", "recording_names"]

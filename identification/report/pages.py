@@ -11,15 +11,15 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.absurd import judged
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.summary import FitSummary, summarise
+from truepose.identification.fit.summary import summarise
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import render
+from truepose.identification.report.calibration_words import calibrated_headline
 from truepose.identification.report.document import Block, Document, Items, Section, Text, Tone
 from truepose.identification.report.figures.residuals import Drawn, picked
 from truepose.identification.report.fits import fit_column
 from truepose.identification.report.judgement_words import diagnosis_judgement
-from truepose.identification.report.numbers import significant
 from truepose.identification.report.opening import calibration_opening, diagnosis_opening
 from truepose.identification.report.scene.scene import scene_of
 from truepose.identification.report.sections.evidence import evidence_section
@@ -41,6 +41,7 @@ from truepose.identification.report.sections.residuals import (
 )
 from truepose.identification.report.sections.truth import truth_section
 from truepose.identification.report.sections.uncertainty import uncertainty_section
+from truepose.models.machine_file import ExpectedPose
 
 SUSPICIOUS = 1.3
 """Misfit chi2 per degree of freedom above which a calibration alone does not explain the readings."""
@@ -59,10 +60,16 @@ def report_html(
 
 
 def calibration_html(
-    calibration: Calibration, warnings: Sequence[str] = (), cautions: Sequence[str] = ()
+    calibration: Calibration,
+    warnings: Sequence[str] = (),
+    cautions: Sequence[str] = (),
+    pose: ExpectedPose | None = None,
 ) -> str:
-    """The report of a fit alone. ``warnings`` stand on its first screen, ``cautions`` above all."""
-    return render.html(replace(_calibration_document(calibration, warnings), cautions=tuple(cautions)))
+    """The report of a fit alone. ``warnings`` stand on its first screen, ``cautions`` above all.
+
+    ``pose``: what the fit is worth to the tool, where that was judged.
+    """
+    return render.html(replace(_calibration_document(calibration, warnings, pose), cautions=tuple(cautions)))
 
 
 def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -> Document:
@@ -100,7 +107,9 @@ def _facts(machine: str, recording: Recording, fit: Estimate) -> list[tuple[str,
     return [("machine", machine), ("recording", names), ("rows", rows)]
 
 
-def _calibration_document(calibration: Calibration, warnings: Sequence[str]) -> Document:
+def _calibration_document(
+    calibration: Calibration, warnings: Sequence[str], pose: ExpectedPose | None
+) -> Document:
     estimate, free, recording = calibration.fit, calibration.free, calibration.recording
     machine = estimate.machine
     fits = {"calibrated": estimate} if free is None else {"free": free, "calibrated": estimate}
@@ -123,26 +132,13 @@ def _calibration_document(calibration: Calibration, warnings: Sequence[str]) -> 
         Section("limits", "What the data cannot tell", [*limits_blocks(estimate), *notes]),
         calibration_origin(calibration),
     ]
-    said, well = calibrated_words(machine.name, own)
+    said, well = calibrated_headline(machine, own)
     refused = judged(estimate).refusal
     if refused:
         said, well = f"{refused}.", False
     tone: Tone = "good" if well else "warn"
     title, facts = f"truepose: calibration of {machine.name}", _facts(machine.name, recording, estimate)
-    lists = [Items(list(warnings), title="Rows that do not fit", tone="warn")] if warnings else []
-    opening = calibration_opening(estimate, own, not refused, lists, recording.files)
-    opening = replace(opening, scene=scene_of(estimate, None, recording, []))
-    return Document(title, said, tone, facts, parts, (), opening, rows.tolist())
-
-
-def calibrated_words(name: str, summary: FitSummary) -> tuple[str, bool]:
-    """The outcome of a calibration in a sentence or two, and whether nothing speaks against it."""
-    within = not summary.worst_parameter_sigma > summary.worst_allowed
-    good = within and not summary.chi2_per_dof > SUSPICIOUS
-    said = (
-        f"{name} is calibrated: misfit chi2/dof {significant(summary.chi2_per_dof)}, farthest parameter"
-        f" {summary.worst_parameter} at {significant(summary.worst_parameter_sigma)} tolerances"
-        f" ({'within' if within else 'beyond'} the {significant(summary.worst_allowed)} that a true model"
-        " allows)."
+    opening = replace(
+        calibration_opening(calibration, own, pose, warnings), scene=scene_of(estimate, None, recording, [])
     )
-    return (said if good else f"{said} Something may be missing: truepose diagnose tells what."), good
+    return Document(title, said, tone, facts, parts, (), opening, rows.tolist())

@@ -22,6 +22,7 @@ from truepose.identification.planning.discriminate.result import Experiment
 from truepose.identification.planning.plan import Plan
 from truepose.identification.report import diagnosis_words, drift_words, pictures
 from truepose.identification.report.applied_words import applied_words
+from truepose.identification.report.calibration_words import calibrated_words
 from truepose.identification.report.compensation_words import error_sentence
 from truepose.identification.report.experiment_words import sentences
 from truepose.identification.report.frames import frame
@@ -61,8 +62,6 @@ def _(found: Estimate) -> View:
 
 @view.register
 def _(found: Calibration) -> View:
-    from truepose.identification.report.pages import calibrated_words  # with plotly, which takes a moment
-
     told = summarise(found.fit, found.recording.validation)
     title, _ = calibrated_words(found.fit.machine.name, told)
     facts = (

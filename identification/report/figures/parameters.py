@@ -59,7 +59,7 @@ def _panel(
 
 def correlation_map(names: Sequence[str], correlation: Array) -> Chart:
     """Correlations (k, k) of estimates as cells."""
-    height = 90.0 + 11.0 * len(names)
+    height = 90.0 + 15.5 * len(names)
     own = correlation - np.diag(np.diag(correlation))
     cells = Cells(own, largest=1.0)
     return Chart("", Axis("", names=names), Axis("", names=names), [cells], height=max(height, 180.0))

@@ -8,7 +8,7 @@
   var view = Object.assign({}, AT_REST), pose = 0, shown = 2, alone = false;
   var scale = LARGE / data.steps, mm = LARGE / data.size;
   var usual = typical(data.arrows[0] || []), larger = 1;
-  var parts = {}, corners = [];
+  var parts = {};
 
   function typical(arrows) {
     var sum = 0, n = arrows.length / 3;
@@ -78,17 +78,18 @@
       if (bad.has(k) && piece.k !== "rail") { way.guilty += own; }
     });
     Object.keys(way).forEach(function (kind) { parts[kind].setAttribute("d", way[kind]); });
-    var taken = {};
+    var taken = [];
     marks.forEach(function (mark) {
       if (!mark.pieces.length) { mark.spot.setAttribute("r", 0); mark.text.textContent = ""; return; }
-      var corners = data.pieces[mark.pieces[0]].p, x = 0, y = 0;
+      var corners = data.pieces[mark.pieces[0]].p, x = 14, y = -12;
       corners.slice(0, 2).forEach(function (k) { var p = point(list, k); x += p[0] / 2; y += p[1] / 2; });
-      var key = Math.round(x / 16) + "," + Math.round(y / 16), shift = 17 * (taken[key] || 0);
-      taken[key] = (taken[key] || 0) + 1;
-      mark.spot.setAttribute("cx", x + 14 + shift);
-      mark.spot.setAttribute("cy", y - 12);
-      mark.text.setAttribute("x", x + 14 + shift);
-      mark.text.setAttribute("y", y - 8.5);
+      var touches = function (other) { return Math.hypot(other[0] - x, other[1] - y) < 18; };
+      while (taken.some(touches)) { x += 18; }
+      taken.push([x, y]);
+      mark.spot.setAttribute("cx", x);
+      mark.spot.setAttribute("cy", y);
+      mark.text.setAttribute("x", x);
+      mark.text.setAttribute("y", y + 3.5);
     });
   }
 
