@@ -12,6 +12,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
+from decimal import Decimal
 from pathlib import Path
 
 from typer.testing import CliRunner
@@ -20,8 +21,8 @@ from support.documents import blocks
 from truepose.cli import app
 
 LEFT_OUT = "[...]"
-NEARLY = 0.05
-"""How far a number may be from the one shown, of its size: other processors round otherwise."""
+NEARLY, DIGITS = 0.05, 2
+"""How far a number may be from the one shown, of its size, and in its last decimal: other processors round otherwise."""
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
@@ -71,4 +72,11 @@ def _same(wanted: str, word: str) -> bool:
     if _NUMBER.sub("#", wanted) != _NUMBER.sub("#", word):
         return False
     pairs = zip(_NUMBER.findall(wanted), _NUMBER.findall(word), strict=True)
-    return all(abs(float(a) - float(b)) <= NEARLY * abs(float(a)) for a, b in pairs)
+    return all(abs(float(a) - float(b)) <= _room(a) for a, b in pairs)
+
+
+def _room(number: str) -> float:
+    """How far another number may be from this one."""
+    value = Decimal(number)
+    last = 10.0 ** int(value.as_tuple().exponent) if "." in number else 0.0
+    return max(NEARLY * abs(float(value)), DIGITS * last)
