@@ -1,7 +1,7 @@
 """Blocks of the pages in ``docs/``, and how their examples are tried.
 
-A fence may say more than its language: the name of the file that it shows (```` ```yaml arm.yaml ````), which is written where
-the page's commands run.
+A fence may say more than its language: the name of the file that it shows (```` ```yaml title="arm.yaml" ````), which is
+written where the page's commands run.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import yaml
 
 from truepose.models.machine_file import write_machine
 
-_FENCE = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```", re.DOTALL | re.MULTILINE)
+_FENCE = re.compile(r'^```(\w+)(?: (?:title=")?([^\s"]+)"?)?\n(.*?)^```', re.DOTALL | re.MULTILINE)
 _OTHER_MACHINE = ("gravity", "masses", "tolerances")
 """What a page's example says of its own machine only."""
 
