@@ -50,12 +50,18 @@ def tip(lift: Array, swing: Array) -> Array:
     return np.column_stack([LENGTH * np.cos(turn), LENGTH * np.sin(turn), lift])
 
 
-def measure(rows: int, widest: float, role: str, rng: np.random.Generator) -> pd.DataFrame:
-    """What the tracker sees at random poses, the swing within ``widest`` deg. It stands 2 m away, turned by 30 deg."""
-    lift, swing = rng.uniform(-200.0, 200.0, rows), rng.uniform(-widest, widest, rows)
+def seen(lift: Array, swing: Array) -> Array:
+    """(n, 3) the same in the frame of the tracker, which stands 2 m away and is turned by 30 deg."""
     c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
-    seen = tip(lift, swing) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [2000.0, 300.0, 900.0]
-    x, y, z = (seen + NOISE * rng.standard_normal(seen.shape)).T
+    turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    where: Array = tip(lift, swing) @ turned + [2000.0, 300.0, 900.0]
+    return where
+
+
+def measure(rows: int, widest: float, role: str, rng: np.random.Generator) -> pd.DataFrame:
+    """A recording at random poses, the swing within ``widest`` deg, with the tracker's noise."""
+    lift, swing = rng.uniform(-200.0, 200.0, rows), rng.uniform(-widest, widest, rows)
+    x, y, z = (seen(lift, swing) + NOISE * rng.standard_normal((rows, 3))).T
     return pd.DataFrame({"lift": lift, "swing": swing, "x": x, "y": y, "z": z, "role": role})
 
 
