@@ -3,7 +3,7 @@
     python examples/worked_example.py
 
 A swing arm on a lift: the lift goes up and down, the swing turns an arm of 500 mm about the vertical. A laser tracker of 20 um
-stands somewhere beside it and sees the arm's tip. The swing's encoder tape is 0.2 % too short, and nobody knows.
+stands somewhere beside it and sees the arm's tip. The swing's encoder tape is 0.2 % too long, and nobody knows.
 ``docs/worked-example.md`` explains what is printed.
 """
 
