@@ -17,7 +17,7 @@ from truepose.identification.report.numbers import significant, unit_symbol
 from truepose.identification.report.plain_names import plain_names
 from truepose.models.machine import Machine
 
-CORRELATED = 24
+CORRELATED = 20
 """Most constants of a correlation map: those that go together most."""
 ROUNDING = 1e-9
 """Below it a number is rounding."""
