@@ -36,7 +36,7 @@ for (var i = 0; i < boxes.length; i++) {
   for (var j = i + 1; j < boxes.length && boxes[j][1] < boxes[i][3] - 3; j++) {
     var across = Math.min(boxes[i][2], boxes[j][2]) - Math.max(boxes[i][0], boxes[j][0]);
     var down = Math.min(boxes[i][3], boxes[j][3]) - boxes[j][1];
-    if (across > 3 && down > 4) { bad.push(boxes[i][4].slice(0, 40) + " | " + boxes[j][4].slice(0, 40)); }
+    if (across > 3 && down > 4) { bad.push(boxes[i][4].slice(0, 40) + " | " + boxes[j][4].slice(0, 40) + " " + across.toFixed(1) + " " + down.toFixed(1)); }
   }
 }
 return {texts: boxes.length, bad: bad, wide: document.documentElement.scrollWidth - window.innerWidth,

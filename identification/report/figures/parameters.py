@@ -13,6 +13,8 @@ from truepose.shown.chart import Axis, Cells, Chart, Layer, Level, Marks, Shape,
 
 Array = NDArray[np.float64]
 MOST, PER_PANEL = 60, 20
+LETTERS = 13
+"""Most letters of a name beside a map, whose cells need the room."""
 
 
 @dataclass(frozen=True)
@@ -62,4 +64,5 @@ def correlation_map(names: Sequence[str], correlation: Array) -> Chart:
     height = 90.0 + 15.5 * len(names)
     own = correlation - np.diag(np.diag(correlation))
     cells = Cells(own, largest=1.0)
-    return Chart("", Axis("", names=names), Axis("", names=names), [cells], height=max(height, 180.0))
+    short = [name if len(name) <= LETTERS else f"{name[:5]}\u2026{name[6 - LETTERS :]}" for name in names]
+    return Chart("", Axis("", names=short), Axis("", names=short), [cells], height=max(height, 180.0))

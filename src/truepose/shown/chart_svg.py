@@ -22,8 +22,8 @@ WIDTH = 380.0
 LETTER = 6.6
 """Width of a letter, about, at the font's 12 px."""
 TOP, BOTTOM, RIGHT = 14.0, 44.0, 14.0
-NAME = 30
-"""Most letters of a name on an axis."""
+NAME, ON_END = 30, 13
+"""Most letters of a name beside an axis, and of one below it that stands on end."""
 _SIZE = {"dot": 4.5, "stroke": 2.0, "ring": 1.3, "tick": 1.2, "diamond": 1.0}
 
 
@@ -53,7 +53,7 @@ def _frame(chart: Chart) -> _Frame:
         low, high = high, low  # the first name stands on top
     labels = [text for _, text in _y_ticks(chart.y, low, high, chart.height)]
     left = 26.0 + LETTER * max((min(len(text), NAME) for text in labels), default=1)
-    bottom = BOTTOM + (LETTER * 5 if _turned(chart.x) else 0.0)
+    bottom = BOTTOM if not _turned(chart.x) else 20.0 + LETTER * _longest(chart.x)
     across = Scale(*_ends(chart.x, xs), left, WIDTH - RIGHT)
     return _Frame(across, Scale(low, high, chart.height - bottom, TOP))
 
@@ -93,8 +93,12 @@ def _y_ticks(axis: Axis, low: float, high: float, height: float) -> list[tuple[f
 
 def _turned(axis: Axis) -> bool:
     """Whether names below a chart have to stand on end."""
-    letters = max((len(name) for name in axis.names), default=0)
-    return letters * LETTER * len(axis.names) > 0.8 * WIDTH
+    return _longest(axis) * LETTER * len(axis.names) > 0.8 * WIDTH
+
+
+def _longest(axis: Axis) -> int:
+    """Letters of the longest name across, as it is written."""
+    return min(max((len(name) for name in axis.names), default=0), ON_END)
 
 
 def _axes(chart: Chart, frame: _Frame) -> list[str]:
@@ -122,7 +126,7 @@ def _below(axis: Axis, frame: _Frame) -> list[str]:
     if axis.names and _turned(axis):
         return [
             f'<text transform="translate({x.at(k) + 4:.1f} {y.start + 6:.1f}) rotate(-90)" text-anchor="end">'
-            f"{escape(printable(_short(name, 11)))}</text>"
+            f"{escape(printable(_short(name, ON_END)))}</text>"
             for k, name in enumerate(axis.names)
         ]
     found = [(float(k), name) for k, name in enumerate(axis.names)]
