@@ -12,6 +12,7 @@ import truepose
 import truepose.models
 from support.browser import browser, tried
 from support.reports import arm, synthetic
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.files import write_report
 from truepose.identification.report.pages import report_html
 
@@ -36,7 +37,7 @@ for (var i = 0; i < boxes.length; i++) {
   for (var j = i + 1; j < boxes.length && boxes[j][1] < boxes[i][3] - 3; j++) {
     var across = Math.min(boxes[i][2], boxes[j][2]) - Math.max(boxes[i][0], boxes[j][0]);
     var down = Math.min(boxes[i][3], boxes[j][3]) - boxes[j][1];
-    if (across > 3 && down > 4) { bad.push(boxes[i][4].slice(0, 40) + " | " + boxes[j][4].slice(0, 40) + " " + across.toFixed(1) + " " + down.toFixed(1)); }
+    if (across > 3 && down > 4) { bad.push(boxes[i][4].slice(0, 40) + " | " + boxes[j][4].slice(0, 40)); }
   }
 }
 return {texts: boxes.length, bad: bad, wide: document.documentElement.scrollWidth - window.innerWidth,
@@ -78,7 +79,7 @@ return {rings: document.querySelectorAll("svg.chart .pick").length, sorted: colu
 
 
 @cache
-def _telescope() -> truepose.Diagnosis:
+def _telescope() -> Diagnosis:
     machine = truepose.load_machine(MACHINES / "telescope" / "machine.yaml")
     return truepose.diagnose(
         machine, truepose.load_recording(machine, [MACHINES / "telescope" / "recording.csv"])
