@@ -76,10 +76,10 @@ def several(count: int, one: str, many: str = "") -> str:
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
-def headline(diagnosis: Diagnosis) -> tuple[str, Tone]:
-    """The verdict in one sentence, and its tone."""
+def headline(diagnosis: Diagnosis, *, brief: bool = False) -> tuple[str, Tone]:
+    """The verdict in one sentence, and its tone; ``brief``: without what the misfit speaks for."""
     model = f"The model of {diagnosis.machine.name}"
-    misfit = misfit_clause(diagnosis)
+    misfit = "" if brief else misfit_clause(diagnosis)
     if diagnosis.verdict == "missing-physics" and diagnosis.findings:
         return f"{model} {joined(_faults(diagnosis.findings))}{misfit}.", "warn"
     if diagnosis.verdict == "unknown":

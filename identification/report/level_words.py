@@ -109,7 +109,7 @@ def _clause(level: str, kind: DriverKind, findings: Sequence[Finding]) -> str:
         laws = _laws(findings)
         return f"{shown} {_MANY[kind] if len(places) > 1 else _ONE[kind]}" + (f" ({laws})" if laws else "")
     likely = [f.levels.driver for f in findings]
-    said = f"something at {shown} errs, likely with {NAMES[kind]} ({_span(likely)})"
+    said = f"something at {shown} errs, likely with {NAMES[kind]} ({spanned(likely)})"
     return said if level == "place" else said.replace("something", "probably something", 1)
 
 
@@ -125,7 +125,7 @@ def _laws(findings: Sequence[Finding]) -> str:
     for f in findings:
         if not f.nameless:
             named.setdefault(f.effect, []).append(f.probability)
-    said = [f"{title(slug)}: {_span(p)}" for slug, p in named.items()]
+    said = [f"{title(slug)}: {spanned(p)}" for slug, p in named.items()]
     if named and len(said) < len({f.effect for f in findings}):
         said.append("else a form without a name")
     return "; ".join(said)
@@ -145,7 +145,8 @@ def with_article(slug: str) -> str:
     return f"{'an' if said[0] in 'aeiou' else 'a'} {said}"
 
 
-def _span(values: Sequence[float]) -> str:
+def spanned(values: Sequence[float]) -> str:
+    """Probabilities from the lowest to the highest; one where they read alike."""
     low, high = min(values), max(values)
     return percent(low) if percent(low) == percent(high) else f"{percent(low)} to {percent(high)}"
 
@@ -175,4 +176,13 @@ def lead_words(lead: Lead) -> str:
     return f"{lead.effect} {where} ({percent(lead.probability)}; {what})"
 
 
-__all__ = ["NAMES", "driver_clauses", "lead_words", "level_of", "levels_words", "title", "with_article"]
+__all__ = [
+    "NAMES",
+    "driver_clauses",
+    "lead_words",
+    "level_of",
+    "levels_words",
+    "spanned",
+    "title",
+    "with_article",
+]

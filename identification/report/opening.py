@@ -15,8 +15,9 @@ from truepose.identification.report.calibration_words import figures, nothing_ag
 from truepose.identification.report.document import Command, Gain, Items, Opening, Text
 from truepose.identification.report.fits import stated_noise
 from truepose.identification.report.judgement_words import diagnosis_judgement
-from truepose.identification.report.level_words import SAID, level_of, levels_words
+from truepose.identification.report.level_words import NAMES, SAID, level_of, spanned
 from truepose.identification.report.level_words import title as plain_title
+from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import percent, significant, unit_symbol
 from truepose.identification.report.scene.guilt import Guilty
 from truepose.identification.report.scene.scene import scene_of
@@ -24,9 +25,10 @@ from truepose.identification.report.untestable_words import missing_words, untes
 from truepose.identification.report.verdict_reasons import doubts
 from truepose.models.machine import Machine
 from truepose.models.machine_file import ExpectedPose
+from truepose.wording import joined
 
-MOST = 3
-"""Most lines of a list on the first screen."""
+MOST, DOUBTS = 3, 2
+"""Most lines of a list on the first screen, and of what speaks against it."""
 GUILTY = 8
 
 
@@ -42,7 +44,7 @@ def diagnosis_opening(diagnosis: Diagnosis) -> Opening:
     lists = [Items(_sure(diagnosis), title="How sure")]
     against = doubts(diagnosis)
     if against:
-        lists.append(Items(_few(against, "part 1"), title="What speaks against it"))
+        lists.append(Items(_few(against, "part 1", DOUBTS), title="What speaks against it"))
     untested = [
         *missing_words(diagnosis.missing, words.effect_title),
         *untestable_lines(diagnosis.untestable, diagnosis.missing, words.effect_title),
@@ -131,32 +133,47 @@ def _guilty(finding: Finding) -> Guilty:
 
 
 def _sure(diagnosis: Diagnosis) -> list[str]:
+    """How sure findings are, alike ones together; and what the misfit says."""
+    misfit = misfit_clause(diagnosis).removeprefix(", with ")
+    beside = [f"{misfit[0].upper()}{misfit[1:]}."] if misfit else []
     if not diagnosis.findings:
-        if diagnosis.verdict == "adequate":
-            return [
-                "Nothing of the catalogue, and no form without a name, reaches the evidence that a name needs."
-                if not diagnosis.concealed
-                else words.concealed_words(diagnosis)
-            ]
-        return ["Something is missing; no place and no driver reaches a probability of one half."]
-    said = [_one(finding) for finding in diagnosis.findings]
-    return _few(said, "part 1")
+        nothing = (
+            "Nothing of the catalogue, and no form without a name, reaches the evidence that a name needs."
+        )
+        open_ended = "Something is missing; no place and no driver reaches a probability of one half."
+        return [nothing if diagnosis.verdict == "adequate" else open_ended, *beside]
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for finding in diagnosis.findings:
+        groups.setdefault((finding.effect, finding.levels.kind), []).append(finding)
+    return [*_few([_alike(group) for group in groups.values()], "part 1"), *beside]
 
 
-def _one(finding: Finding) -> str:
-    """How sure a finding is, and that others cannot be told from it."""
-    others = [other for other in finding.equivalents if not other.nameless]
-    same = f" It could also be {words.told(others[0])}." if others and finding.probability < SAID else ""
-    if level_of(finding) == "law" and not finding.nameless:
-        return f"{percent(finding.probability)} that it is {words.told(finding)}.{same}"
-    return (
-        f"{levels_words(finding)}{same}" if finding.levels.driver > 0 else f"{words.certainty_words(finding)}"
+def _alike(group: Sequence[Finding]) -> str:
+    """Findings of one effect and driver: how sure their places, driver and law are, and what they could be instead."""
+    first = group[0]
+    where = joined([", ".join(f.place) or "the whole recording" for f in group])
+    rivals = dict.fromkeys(
+        o.effect for f in group if f.probability < SAID for o in f.equivalents if not o.nameless
     )
+    others = [words.effect_title(slug) for slug in rivals if slug != first.effect][:1]
+    same = f" It could also be {others[0]}." if others else ""
+    if first.nameless:
+        place, driver = (spanned([getattr(f.levels, level) for f in group]) for level in ("place", "driver"))
+        return f"Something without a name at {where}: place {place}, driver ({NAMES[first.levels.kind]}) {driver}."
+    law = spanned([f.probability for f in group])
+    if len(group) == 1 and level_of(first) == "law":
+        return f"{law} that it is {words.told(first)}."
+    title = words.effect_title(first.effect)
+    if not any(f.levels.driver for f in group):
+        return f"{title[0].upper()}{title[1:]} at {where}: {law}.{same}"
+    place, driver = (spanned([getattr(f.levels, level) for f in group]) for level in ("place", "driver"))
+    known = f"place {place}, driver ({NAMES[first.levels.kind]}) {driver}, law {law}"
+    return f"{title[0].upper()}{title[1:]} at {where}: {known}.{same}"
 
 
-def _few(texts: Sequence[str], where: str) -> list[str]:
-    left = len(texts) - MOST
-    return [*texts[:MOST], *([f"{left} more below, in {where}."] if left > 0 else [])]
+def _few(texts: Sequence[str], where: str, most: int = MOST) -> list[str]:
+    left = len(texts) - most
+    return [*texts[:most], *([f"{left} more below, in {where}."] if left > 0 else [])]
 
 
 def _steps(diagnosis: Diagnosis) -> list[Command | Text]:
@@ -172,8 +189,7 @@ def _steps(diagnosis: Diagnosis) -> list[Command | Text]:
     if undecided:
         plan = f"truepose plan {machine} -n 40 -o poses.csv --diagnosis diagnosis.json"
         out.append(Command(plan, "Measure what tells the explanations apart:"))
-        experiment = words.separating_experiment(undecided[0])
-        out += [Text(f"Or, on the machine: {experiment.rstrip('.')}.")] if experiment else []
+        out.append(Text("What to do on the machine itself stands with each finding, in part 1."))
     elif diagnosis.verdict == "unknown":
         out.append(
             Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")

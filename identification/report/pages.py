@@ -28,7 +28,7 @@ from truepose.identification.report.sections.fit import fit_blocks, fit_section
 from truepose.identification.report.sections.limits import limits_blocks, limits_section
 from truepose.identification.report.sections.origin import calibration_origin, diagnosis_origin
 from truepose.identification.report.sections.parameters import (
-    constants_table,
+    constants_blocks,
     correlation_blocks,
     parameter_blocks,
     parameter_section,
@@ -87,7 +87,7 @@ def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -
     ]
     if truth is not None:
         parts.append(truth_section(diagnosis, truth))
-    said, tone = words.headline(diagnosis)
+    said, tone = words.headline(diagnosis, brief=True)
     refused = diagnosis_judgement(diagnosis).refusal
     if refused:
         said, tone = f"{refused}. {said}", "warn"
@@ -120,7 +120,7 @@ def _calibration_document(
     notes = [Items(calibration.notes, title="Notes")] if calibration.notes else []
     columns = [fit_column(key, fit, summaries[key], recording.validation) for key, fit in fits.items()]
     constants: list[Block] = [
-        constants_table(estimate, "calibrated.yaml"),
+        *constants_blocks(estimate, "calibrated.yaml"),
         *parameter_blocks(machine, fits, own.worst_allowed),
         *correlation_blocks(estimate),
     ]

@@ -139,7 +139,7 @@ def doubts(diagnosis: Diagnosis) -> list[str]:
         )
     if diagnosis.findings and diagnosis.structure.alarm.raised:
         out.append(
-            f"Residuals still follow {diagnosis.structure.driver} (p ="
+            f"Residuals still follow {_driver(diagnosis.structure.driver)} (p ="
             f" {p_value(diagnosis.structure.alarm.p)}; {percent(diagnosis.structure.share)} of them):"
             " something smaller is left."
         )
@@ -153,6 +153,10 @@ def doubts(diagnosis: Diagnosis) -> list[str]:
             proof.injected_recovered,
         )
     return out
+
+
+def _driver(name: str) -> str:
+    return "the order of rows" if name == "order" else name
 
 
 def _worse_blocks(proof: Proof) -> list[str]:

@@ -28,7 +28,7 @@ def _curve(curve: Curve) -> Chart:
         layers.append(Band(curve.x, low, high, "after", "95 % band"))
     low_y, high_y = None, None
     if curve.rows is not None:
-        layers.append(Marks(curve.measured, curve.rows, "before", "each row", "ring", by_row=True))
+        layers.append(Marks(curve.measured, curve.rows, "before", "each row", by_row=True))
         low_y, high_y = _shown(curve)
     if len(curve.x):
         layers.append(Line(curve.x, curve.y, "after", "identified"))

@@ -128,7 +128,7 @@ def _remainder(diagnosis: Diagnosis) -> Text:
 
 
 _CURVES = (
-    "What the finding adds against what drives it. Line and band: what was identified, with its 95 % interval. Rings: what each"
+    "What the finding adds against what drives it. Line and band: what was identified, with its 95 % interval. Dots: what each"
     " row says of it by itself, the fitted value plus that row's own residual; they should scatter about the line."
 )
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,8 @@ from truepose.identification.report.numbers import significant, unit_symbol
 from truepose.identification.report.plain_names import plain_names
 from truepose.models.machine import Machine
 
+FEW = 12
+"""Coefficients of effects up to which they stand among the constants."""
 CORRELATED = 20
 """Most constants of a correlation map: those that go together most."""
 ROUNDING = 1e-9
@@ -37,27 +40,19 @@ def parameter_section(diagnosis: Diagnosis) -> Section:
     key = "after" if diagnosis.terms else "before"
     summary = diagnosis.fits.get(key)
     allowed = None if summary is None else summary.worst_allowed
-    blocks: list[Block] = [constants_table(diagnosis.after, "improved.yaml", averaged=bool(diagnosis.terms))]
+    blocks = constants_blocks(diagnosis.after, "improved.yaml", averaged=bool(diagnosis.terms))
     blocks += parameter_blocks(diagnosis.machine, fits, allowed)
     blocks += correlation_blocks(diagnosis.after)
     return Section("constants", "Calibrated constants", blocks)
 
 
-def constants_table(fit: Estimate, file: str, *, averaged: bool = False) -> Table:
-    """Every constant with its drawing, value, 1-sigma, tolerance and unit; the CSV has all digits."""
+def constants_blocks(fit: Estimate, file: str, *, averaged: bool = False) -> list[Block]:
+    """Every constant with its drawing, value, 1-sigma, tolerance and unit; coefficients of effects folded where they are many.
+
+    The CSV has all of them, with all digits.
+    """
     table, names = frame(fit), plain_names(fit.effects)
-    rows = [
-        [
-            names.get(str(row["parameter"]), str(row["parameter"])),
-            _number(row["nominal"]),
-            _rounded(float(row["value"]), float(row["std"])),
-            significant(float(row["std"]), 2),
-            _number(row["tolerance"], 3),
-            _number(row["in_tolerances"], 2),
-            unit_symbol(str(row["unit"])) or "1",
-        ]
-        for _, row in table.iterrows()
-    ]
+    rows = [_row(names, record) for record in table.to_dict("records")]
     head = ["constant", "drawing", "value", "1 sigma", "tolerance", "off, in tolerances", "unit"]
     held = (
         f"The constants that {file} holds. They are averages over all explanations that the readings allow, so they"
@@ -68,7 +63,23 @@ def constants_table(fit: Estimate, file: str, *, averaged: bool = False) -> Tabl
     caption = (
         f"{held} 1 sigma: how well each is known; ∞: the readings say nothing of it. A click on a head sorts."
     )
-    return Table(head, rows, caption, csv=_csv(table))
+    count = len(rows) if len(names) <= FEW else len(rows) - len(names)
+    whole = Table(head, rows[:count], caption, csv=_csv(table))
+    if count == len(rows):
+        return [whole]
+    return [whole, Fold(f"{len(names)} coefficients of effects", [Table(head, rows[count:])])]
+
+
+def _row(names: Mapping[str, str], record: Mapping[Hashable, Any]) -> list[str]:
+    return [
+        names.get(record["parameter"], record["parameter"]),
+        _number(record["nominal"]),
+        _rounded(float(record["value"]), float(record["std"])),
+        significant(float(record["std"]), 2),
+        _number(record["tolerance"], 3),
+        _number(record["in_tolerances"], 2),
+        unit_symbol(str(record["unit"])) or "1",
+    ]
 
 
 def _rounded(value: float, std: float) -> str:
