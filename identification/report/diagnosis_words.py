@@ -49,7 +49,7 @@ def effect_title(slug: str) -> str:
     title = entry.title if entry is not None else ""
     if not title or title.lower() == slug:
         return slug
-    return f"{title if title[:2].isupper() else title[0].lower() + title[1:]} ({slug})"
+    return f"{title if title[1:2].isupper() else title[0].lower() + title[1:]} ({slug})"
 
 
 def place_words(place: Sequence[str]) -> str:

@@ -134,7 +134,7 @@ def _laws(findings: Sequence[Finding]) -> str:
 def title(slug: str) -> str:
     """The catalogue's title of an effect in small letters."""
     entry = effects.get(slug, "report").title if slug in set(effects) else ""
-    return (entry[0].lower() + entry[1:] if not entry[:2].isupper() else entry) or slug
+    return (entry if entry[1:2].isupper() else entry[:1].lower() + entry[1:]) or slug
 
 
 def with_article(slug: str) -> str:

@@ -36,7 +36,8 @@ def diagnosis_opening(diagnosis: Diagnosis) -> Opening:
     """Of a diagnosis."""
     before, after = diagnosis.fits["before"], diagnosis.fits["after"]
     two = bool(diagnosis.terms)
-    gains = gains_of(diagnosis.machine, before if two else None, after, diagnosis.noise)
+    ratio = diagnosis.proof.ratio if diagnosis.proof is not None else math.nan
+    gains = gains_of(diagnosis.machine, before if two else None, after, diagnosis.noise, ratio)
     fit = diagnosis.after if two else None
     scene = scene_of(
         diagnosis.before, fit, diagnosis.recording, [_guilty(f) for f in diagnosis.findings[:GUILTY]]
@@ -57,14 +58,23 @@ def diagnosis_opening(diagnosis: Diagnosis) -> Opening:
 
 
 def gains_of(
-    machine: Machine, before: FitSummary | None, after: FitSummary, noise: float = 1.0
+    machine: Machine,
+    before: FitSummary | None,
+    after: FitSummary,
+    noise: float = 1.0,
+    ratio: float = math.nan,
 ) -> list[Gain]:
-    """Before and after by kind of reading, on validation rows where there are any; ``noise``: found, in stated sigmas."""
+    """Before and after by kind of reading, on validation rows where there are any.
+
+    noise: found, in stated sigmas; ratio: of rms, after over before, on rows held out in turn, told where there are no others.
+    """
     first = after if before is None else before
     held = first.validation_rms is not None and after.validation_rms is not None
     old, new = (first.validation_rms, after.validation_rms) if held else (first.rms, after.rms)
     floors, units = stated_noise(machine), machine.residual_units
     where = "on rows that were not fitted" if held else "on the fitted rows"
+    if not held and math.isfinite(ratio):
+        where += f"; on rows held out in turn it falls to {100 * ratio:.0f} %"
     return [
         _gain(
             kind,
