@@ -24,7 +24,6 @@ HEAVY = (
     "casadi",
     "pandas",
     "scipy",
-    "plotly",
     "pint",
     "pydantic",
     "pyarrow",

@@ -19,6 +19,7 @@ from truepose.identification.report.pages import (
 )
 from truepose.identification.report.results import diagnosis_json
 from truepose.models.machine import Machine
+from truepose.version import VERSION
 
 SECTIONS = (
     "verdict",
@@ -121,6 +122,30 @@ def test_adequate_verdict(machine: Machine) -> None:
     )
     assert "The model of arm is adequate" in page
     assert "Concealed" not in page
+
+
+def test_an_alarm_that_is_raised_under_an_adequate_verdict_is_explained(machine: Machine) -> None:
+    plain = synthetic(machine)
+    calm = replace(
+        plain, verdict="adequate", concealed=False, findings=(), terms=(), after=plain.before, proof=None
+    )
+    page = own_markup(report_html(calm))
+    assert "raised, but no explanation is likelier than none" in page
+    assert not re.search(r"<td>raised</td>", page)
+    found = own_markup(report_html(plain))
+    assert "raised" in found and "no explanation is likelier" not in found
+
+
+def test_averages_and_origin_are_told(page: str) -> None:
+    """What improved.yaml holds is not what the headline tells; and where all of it comes from."""
+    said = " ".join(own_markup(page).split())
+    assert (
+        "averages over all explanations" in said
+        and "differ a little from the numbers of the likeliest" in said
+    )
+    assert "truepose diagnose arm.yaml a&amp;b.csv" in said
+    assert VERSION in said and "a&amp;b.csv, SHA-256 not a file" in said
+    assert "position (3 columns), stated 1 sigma: position 10.0 µm each" in said
 
 
 def test_doubts_are_said(machine: Machine) -> None:

@@ -16,12 +16,6 @@ from truepose.identification.report.numbers import p_value, percent, significant
 from truepose.identification.report.sections.sets import posterior_tables
 
 CANDIDATES = 15
-ADEQUATE = {
-    "residual": "no effect explains it: the stated sigma looks too small, see the notes",
-    "prior_conflict": "no effect explains it: the stated tolerances look too small, see the notes",
-    "structure": "no effect of the catalogue, and no smooth curve, explains it well enough to be said",
-}
-"""What is said of an alarm that no effect explains."""
 
 
 def evidence_section(diagnosis: Diagnosis) -> Section:
@@ -65,10 +59,15 @@ def alarms(diagnosis: Diagnosis) -> Table:
 
 
 def _state(diagnosis: Diagnosis, name: str, alarm: Alarm) -> str:
+    """Whether an alarm is raised, and what became of it; under the verdict ``adequate``, why nothing is missing."""
     if not alarm.raised:
         return "quiet"
     if diagnosis.verdict == "adequate":
-        return f"raised, but {ADEQUATE.get(name, 'no effect explains it')}"
+        wide = max(diagnosis.inflation.values(), default=1.0)
+        return (
+            "raised, but no explanation is likelier than none: noise of"
+            f" {significant(diagnosis.noise, 2)} and tolerances of {significant(wide, 2)} times the stated explain it"
+        )
     after = diagnosis.alarms_after.get(name)
     if after is None or not diagnosis.terms:
         return "raised"
