@@ -72,11 +72,18 @@ def scene_of(
         "guilty": places,
         "poses": [frame.whole(pose @ turn.T) for pose in _axes_scaled(drawn, lines, frame.half)],
         "poseRows": poses.tolist(),
+        "first": _worst(before, poses),
         "up": "gravity" if machine.gravity and any(machine.gravity) else "base",
         **_points(seen, good, frame, turn),
         **_told_of_rows(machine, recording, before, after, poses),
     }
     return Scene(data, guilty, _told(machine, len(poses), len(recording), after is not None))
+
+
+def _worst(fit: Estimate, poses: Rows) -> int:
+    """The pose that the fit misses most, of those that it was fitted to: the one that is shown first."""
+    missed = np.sum(fit.residual[poses] ** 2, axis=1)
+    return int(np.argmax(np.where(fit.used[poses], missed, -1.0)))
 
 
 def thinned(rows: Rows, most: int) -> Rows:

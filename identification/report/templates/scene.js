@@ -23,7 +23,7 @@
     return one;
   }
 
-  ["floor", "ghost", "rail", "axis", "link", "plate", "leg", "tool", "guilty", "point", "before", "after"].forEach(function (kind) {
+  ["floor", "ghost", "point", "before", "after", "rail", "axis", "link", "plate", "leg", "tool", "guilty"].forEach(function (kind) {
     parts[kind] = made("path", kind);
   });
   ["point", "before", "after"].forEach(function (kind) { parts["own" + kind] = made("path", "own " + kind); });
@@ -250,5 +250,5 @@
     if (event.detail.from !== "scene" && k >= 0) { take(k, false); }
   });
   enlarge();
-  take(0, false);
+  take(data.first, false);
 })();
