@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import re
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from support.reports import NAN, arm, fitted, gear_finding, own_markup, page_data, recorded, synthetic
@@ -146,6 +149,16 @@ def test_averages_and_origin_are_told(page: str) -> None:
     assert "truepose diagnose arm.yaml a&amp;b.csv" in said
     assert VERSION in said and "a&amp;b.csv, SHA-256 not a file" in said
     assert "position (3 columns), stated 1 sigma: position 10.0 µm each" in said
+
+
+def test_the_constants_are_copied_with_all_digits(page: str, diagnosis: Diagnosis) -> None:
+    copied = re.search(r'data-csv="([^"]*)"', page)
+    assert copied is not None
+    table, whole = pd.read_csv(io.StringIO(unescape(copied[1]))), diagnosis.after.to_frame()
+    assert table["parameter"].tolist() == whole["parameter"].tolist()
+    assert table["unit"].astype(str).tolist() == whole["unit"].tolist()
+    for name in ("value", "std", "nominal", "tolerance"):
+        np.testing.assert_array_equal(table[name].to_numpy(float), whole[name].to_numpy(float))
 
 
 def test_doubts_are_said(machine: Machine) -> None:
