@@ -139,7 +139,7 @@ def _entry(slug: str) -> str:
         "Formula": f"`{_first(kind.formula)}`",
         "Size": kind.size,
         "Needs": read,
-        "Look-alikes": ", ".join(f"[{other}](#{_anchor(other)})" for other in kind.look_alikes),
+        "Look-alikes": ", ".join(f"[`{other}`](#{_anchor(other)})" for other in kind.look_alikes),
         "Experiment": kind.experiment,
         "Source": "" if NO_SOURCE in kind.source else _first(kind.source),
     }
@@ -156,8 +156,13 @@ def _entry(slug: str) -> str:
 
 
 def _first(text: str) -> str:
-    """The first of several clauses; ``truepose effects SLUG`` has them all."""
-    return text.partition("; ")[0]
+    """The first of several clauses, none cut within brackets; ``truepose effects SLUG`` has them all."""
+    kept, *others = text.split("; ")
+    for other in others:
+        if kept.count("(") == kept.count(")"):
+            break
+        kept = f"{kept}; {other}"
+    return kept
 
 
 def _anchor(slug: str) -> str:

@@ -42,6 +42,11 @@ _WORDS: Final = {
 }
 _MACHINE: Final = machine_schema()
 _AS_IN: Final = {
+    "sensor.pose": "sensor.position",
+    "sensor.targets": "sensor.position",
+    "sensor.distance": "sensor.position",
+    "sensor.ballbar": "sensor.position",
+    "sensor.socket": "sensor.position",
     "sensor.irradiance": "sensor.distance",
     "mechanism.6-ups": "mechanism.6-pus",
     "mechanism.graph": "mechanism.serial",
@@ -166,7 +171,8 @@ def _row(key: str, field: Schema, needed: bool) -> str:
     unit = field.get("unit", "")
     value = ", ".join(filter(None, (_value(field), _UNITS.get(unit, unit))))
     default = "**needed**" if needed else _default(field)
-    return f"| `{key}` | {value} | {default} | {field.get('description', '')} |"
+    cells = (f"`{key}`", value, default, field.get("description", ""))
+    return "".join(f"| {cell} " if cell else "| " for cell in cells) + "|"
 
 
 def _value(field: Schema) -> str:
@@ -202,7 +208,7 @@ def _limited(word: str, field: Schema) -> str:
 def _default(field: Schema) -> str:
     value = field.get("default", ...)
     if value is ... or value in ([], {}):
-        return "-"
+        return ""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
