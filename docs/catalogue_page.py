@@ -43,15 +43,13 @@ GROUPS: Final = {
     "Constants, rows and the rest": ("wrong-constant", "outliers", "empirical"),
 }  # fmt: skip
 OTHER: Final = "Further effects"
-NO_SOURCE: Final = "no physics"
-"""What an effect says whose source is experience."""
 HEAD: Final = """# Catalogue of effects
 
-The {count} effects that truepose can find; `python docs/catalogue_page.py` makes this page from the code. More forms and
+The {count} effects that truepose can find. `python docs/catalogue_page.py` makes this page from the code. Further forms and
 sources: `truepose effects SLUG`. In the drawings grey is the machine as drawn, blue what it really does, orange the error.
 
-**Needs** is what machine file and recording must have beside joints and readings. "Recalled": not checked against its source.
-A residual that fits no effect stays without a name.
+**Needs** is what machine file and recording must have beside joints and readings. **Experiment** tells an effect from its
+look-alikes. "Recalled": not checked against its source.
 """
 _COLUMNS: Final = {
     "approach": "`approach.<joint>`",
@@ -141,7 +139,6 @@ def _entry(slug: str) -> str:
         "Needs": read,
         "Look-alikes": ", ".join(f"[`{other}`](#{_anchor(other)})" for other in kind.look_alikes),
         "Experiment": kind.experiment,
-        "Source": "" if NO_SOURCE in kind.source else _first(kind.source),
     }
     lines = [
         f"### {kind.title}",
