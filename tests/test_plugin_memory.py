@@ -56,7 +56,9 @@ def run(*arguments: object) -> None:
 def job(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
     folder = tmp_path_factory.mktemp("cable")
     text = (Path(__file__).parents[1] / "docs" / "reference" / "architecture.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.S)
+    (code,) = (
+        found for found in re.findall(r"```python\n(.*?)```", text, flags=re.S) if "cable-drag" in found
+    )
     made = Job(folder / "cable.py", folder / "recording.csv", folder / "out")
     made.plugin.write_text(code)
     (folder / "machine.yaml").write_text(ARM)
