@@ -169,8 +169,10 @@ def _anchor(slug: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Stars and underscores of formulas, as they stand."""
-    return text if "`" in text or "](" in text else re.sub(r"([*_])", r"\\\1", text)
+    """Stars and underscores of formulas, as they stand; micrometres and microradians as the other pages have them."""
+    if "`" in text or "](" in text:
+        return text
+    return re.sub(r"\bu(m|rad)\b", r"µ\1", re.sub(r"([*_])", r"\\\1", text))
 
 
 def main() -> None:
