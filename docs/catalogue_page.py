@@ -43,15 +43,13 @@ GROUPS: Final = {
     "Constants, rows and the rest": ("wrong-constant", "outliers", "empirical"),
 }  # fmt: skip
 OTHER: Final = "Further effects"
-NO_SOURCE: Final = "no physics"
-"""What an effect says whose source is experience."""
 HEAD: Final = """# Catalogue of effects
 
-The {count} effects that truepose can find; `python docs/catalogue_page.py` makes this page from the code. More forms and
+The {count} effects that truepose can find. `python docs/catalogue_page.py` makes this page from the code. Further forms and
 sources: `truepose effects SLUG`. In the drawings grey is the machine as drawn, blue what it really does, orange the error.
 
-**Needs** is what machine file and recording must have beside joints and readings. "Recalled": not checked against its source.
-A residual that fits no effect stays without a name.
+**Needs** is what machine file and recording must have beside joints and readings. **Experiment** tells an effect from its
+look-alikes. "Recalled": not checked against its source.
 """
 _COLUMNS: Final = {
     "approach": "`approach.<joint>`",
@@ -139,9 +137,8 @@ def _entry(slug: str) -> str:
         "Formula": f"`{_first(kind.formula)}`",
         "Size": kind.size,
         "Needs": read,
-        "Look-alikes": ", ".join(f"[{other}](#{_anchor(other)})" for other in kind.look_alikes),
+        "Look-alikes": ", ".join(f"[`{other}`](#{_anchor(other)})" for other in kind.look_alikes),
         "Experiment": kind.experiment,
-        "Source": "" if NO_SOURCE in kind.source else _first(kind.source),
     }
     lines = [
         f"### {kind.title}",
@@ -156,8 +153,13 @@ def _entry(slug: str) -> str:
 
 
 def _first(text: str) -> str:
-    """The first of several clauses; ``truepose effects SLUG`` has them all."""
-    return text.partition("; ")[0]
+    """The first of several clauses, none cut within brackets; ``truepose effects SLUG`` has them all."""
+    kept, *others = text.split("; ")
+    for other in others:
+        if kept.count("(") == kept.count(")"):
+            break
+        kept = f"{kept}; {other}"
+    return kept
 
 
 def _anchor(slug: str) -> str:
@@ -167,8 +169,10 @@ def _anchor(slug: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Stars and underscores of formulas, as they stand."""
-    return text if "`" in text or "](" in text else re.sub(r"([*_])", r"\\\1", text)
+    """Stars and underscores of formulas, as they stand; micrometres and microradians as the other pages have them."""
+    if "`" in text or "](" in text:
+        return text
+    return re.sub(r"\bu(m|rad)\b", r"µ\1", re.sub(r"([*_])", r"\\\1", text))
 
 
 def main() -> None:

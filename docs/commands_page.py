@@ -10,7 +10,8 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, get_args
@@ -23,11 +24,19 @@ ROOT: Final = Path(__file__).resolve().parent.parent
 PAGE: Final = ROOT / "docs/reference/commands.md"
 COMMON: Final = ("as_json", "plugin", "quiet")
 """Options that stand once, above all commands."""
+SHARED: Final = 3
+"""Arguments and options that so many commands have, with the same words, stand once, too."""
 HEAD: Final = """# Commands
 
-Made from the code by `python docs/commands_page.py`; `truepose COMMAND -h` prints the same.
+Made from the code by `python docs/commands_page.py`; `truepose COMMAND -h` prints the same. All commands have:
 
-| common option | meaning |
+| option | meaning |
+|---|---|
+"""
+SEVERAL: Final = """
+Several commands have these; a command's usage says which:
+
+| argument or option | meaning |
 |---|---|
 """
 CODES: Final = """
@@ -64,6 +73,14 @@ class Parameter:
         return str(self.info.metavar or ("" if self.kind is bool else _VALUES.get(self.kind, "FILE")))
 
     @property
+    def used(self) -> str:
+        """As the usage of a command has it."""
+        if not self.is_option:
+            return self.value
+        told = " ".join(filter(None, (self.flags[0], self.value)))
+        return told if self.needed else f"[{told}]"
+
+    @property
     def flags(self) -> tuple[str, ...]:
         first = self.info.default  # typer takes what stands first for the default until it knows better
         told = (*((first,) if isinstance(first, str) else ()), *(self.info.param_decls or ()))
@@ -73,11 +90,19 @@ class Parameter:
 def page() -> str:
     """The whole page."""
     commands = {_name(info): info.callback for info in app.registered_commands if info.callback}
-    shared = {p.name: p for command in commands.values() for p in _parameters(command)}
-    common = [_row(shared[name]) for name in COMMON]
+    known = [p for command in commands.values() for p in _parameters(command)]
+    everywhere = {p.name: _row(p) for p in known if p.name in COMMON}
+    common = [everywhere[name] for name in COMMON]
     helped = "| `-h`, `--help` | Show the help of the command and exit. |"
-    sections = [_section(name, command) for name, command in commands.items()]
-    return HEAD + "\n".join([*common, helped]) + "\n" + CODES + "\n" + "\n\n".join(sections) + "\n"
+    counted = Counter(_row(p) for p in known if p.name not in COMMON)
+    several = sorted((row for row, times in counted.items() if times >= SHARED), key=lambda row: "`-" in row)
+    sections = [_section(name, command, several) for name, command in commands.items()]
+    tables = HEAD + _lines([*common, helped]) + SEVERAL + _lines(several) + CODES
+    return tables + "\n" + "\n\n".join(sections) + "\n"
+
+
+def _lines(rows: Sequence[str]) -> str:
+    return "\n".join(rows) + "\n"
 
 
 def _name(info: Any) -> str:
@@ -93,13 +118,13 @@ def _parameters(command: Callable[..., Any]) -> list[Parameter]:
     return sorted(out, key=lambda p: p.is_option)
 
 
-def _section(name: str, command: Callable[..., Any]) -> str:
+def _section(name: str, command: Callable[..., Any], several: Sequence[str]) -> str:
     text, examples = _told(inspect.getdoc(command) or "")
-    own = [p for p in _parameters(command) if p.name not in COMMON]
-    words = [
-        f"{p.flags[0]} {p.value}" if p.is_option else p.value for p in own if p.needed or not p.is_option
-    ]
-    usage = " ".join(["truepose", name, *words, *(["[OPTIONS]"] if any(p.is_option for p in own) else [])])
+    told = [p for p in _parameters(command) if p.name not in COMMON]
+    own = [p for p in told if _row(p) not in several]
+    words = [p.used for p in told if p.needed or not p.is_option or p not in own]
+    more = ["[OPTIONS]"] if any(p.is_option and not p.needed for p in own) else []
+    usage = " ".join(["truepose", name, *words, *more])
     lines = [f"## {name}", "", text, "", f"Usage: `{usage}`", "", "```sh", *examples, "```"]
     if own:
         lines += ["", "| argument or option | meaning |", "|---|---|", *map(_row, own)]

@@ -42,6 +42,11 @@ _WORDS: Final = {
 }
 _MACHINE: Final = machine_schema()
 _AS_IN: Final = {
+    "sensor.pose": "sensor.position",
+    "sensor.targets": "sensor.position",
+    "sensor.distance": "sensor.position",
+    "sensor.ballbar": "sensor.position",
+    "sensor.socket": "sensor.position",
     "sensor.irradiance": "sensor.distance",
     "mechanism.6-ups": "mechanism.6-pus",
     "mechanism.graph": "mechanism.serial",
@@ -78,7 +83,7 @@ def _table(rows: dict[str, str], like: str = "") -> list[str]:
         key: other + key.removeprefix(one) for one, other in _TWINS.items() for key in rows if one in key
     }
     same = [key for key, twin in twins.items() if rows[key].replace(key, twin) == rows[twin]]
-    lines = ["| key | value | default | meaning |", "|---|---|---|---|"]
+    lines = ["| key | value | meaning |", "|---|---|---|"]
     lines += [row for key, row in rows.items() if key not in (*shared, *same)]
     named = ", ".join(f"`{key}`" for key in (*shared, *same))
     where = like.partition(".")[2] or next((twins[key].rpartition(".")[0] for key in same), "")
@@ -164,9 +169,10 @@ def _fields(schema: Schema, *, shallow: bool, before: str = "") -> Iterator[tupl
 
 def _row(key: str, field: Schema, needed: bool) -> str:
     unit = field.get("unit", "")
-    value = ", ".join(filter(None, (_value(field), _UNITS.get(unit, unit))))
-    default = "**needed**" if needed else _default(field)
-    return f"| `{key}` | {value} | {default} | {field.get('description', '')} |"
+    default = _default(field)
+    without = "**needed**" if needed else default and f"default {default}"
+    value = ", ".join(filter(None, (_value(field), _UNITS.get(unit, unit), without)))
+    return f"| `{key}` | {value} | {field.get('description', '')} |"
 
 
 def _value(field: Schema) -> str:
@@ -174,7 +180,8 @@ def _value(field: Schema) -> str:
         shown = [f"`{value}`" for value in allowed(field)]
         return "a slug" if len(shown) > 8 else ", ".join(shown)
     if "anyOf" in field:
-        return " or ".join(dict.fromkeys(_value(option) for option in field["anyOf"]))
+        told = " or ".join(dict.fromkeys(_value(option) for option in field["anyOf"]))
+        return re.sub(r"^number( >= 0)? or 3 numbers\1$", r"1 or 3 numbers\1", told)
     kinds = field.get("type", "object")
     kind = next(k for k in ([kinds] if isinstance(kinds, str) else kinds) if k != "null")
     if kind == "array":
@@ -202,10 +209,12 @@ def _limited(word: str, field: Schema) -> str:
 def _default(field: Schema) -> str:
     value = field.get("default", ...)
     if value is ... or value in ([], {}):
-        return "-"
+        return ""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
+        if not any(value):
+            return "0"
         return f"[{', '.join(f'{item:g}' for item in value)}]"
     return f"{value:g}" if isinstance(value, float) else f"`{value}`"
 

@@ -162,9 +162,9 @@ class _Units(Section):
 
 class _FrameTolerance(Section):
     xyz: LengthToleranceVector = _ZERO
-    """1-sigma of the place: one number for the three components, or three; .inf where it is unknown."""
+    """1-sigma of the place; .inf where it is unknown."""
     rpy: AngleToleranceVector = _ZERO
-    """1-sigma of roll, pitch and yaw: one number for the three, or three; .inf where they are unknown."""
+    """1-sigma of roll, pitch and yaw; .inf where they are unknown."""
 
 
 class _Frame(Section):
@@ -295,7 +295,7 @@ class MachineDocument(Section):
     masses: dict[str, _Mass] = Field(default_factory=dict)
     """What has weight, by a name of your own; used together with `gravity`."""
     drivers: tuple[str, ...] = ()
-    """What recordings log beyond the joints: `payload`, `temperature.base` ... A note: recordings are read without it, too."""
+    """What recordings log beyond the joints (`payload` ...). A note: recordings are read without it, too."""
     effects: list[dict[str, Any]] = Field(default_factory=list)
     """Physics beyond ideal geometry, one entry an effect at its place."""
     covariance: dict[str, Any] | None = None

@@ -21,7 +21,7 @@ from truepose.models.machine import Machine
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGES = [DOCS / f"{name}.md" for name in ("reference/machine-file", "reference/recording")]
 EXAMPLES = [(page, block) for page in PAGES for block in blocks(page)]
-LANGUAGES = {"yaml", "csv", "sh", "xml", "txt"}
+LANGUAGES = {"yaml", "csv", "sh", "xml"}
 
 
 def of(language: str, begins: str = "") -> list[object]:

@@ -143,7 +143,7 @@ LOGGED: Final = (
         "payload",
         "number",
         "kg",
-        "Mass carried: that of the mass called `payload`. Steps of it tell loads from geometry.",
+        "Mass carried: that of the mass called `payload`.",
         "the machine file's, else 0 kg",
     ),
     KnownColumn(

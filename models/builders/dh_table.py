@@ -26,13 +26,13 @@ class ChainJoint(Section):
     """What a row of a table says of its joint beside the constants."""
 
     name: str
-    """What the joint is called: the recording's column of its readings has this name."""
+    """Name of the joint and of the recording's column of its readings."""
     kind: Literal["revolute", "prismatic"]
     """Whether it turns about its z axis or slides along it."""
     range: Range | None = None
     """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Number | None = None
-    """Turns of the motor for one of the joint: errors that repeat with the motor's turn are looked for."""
+    """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
     screw_pitch: Length | None = None
     """Travel for one turn of the screw: errors that repeat with it are looked for."""
 

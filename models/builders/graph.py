@@ -44,7 +44,7 @@ class GraphJoint(Section):
     """A joint: its frame in the parent (``xyz``, ``rpy``), then its motion about or along ``axis``."""
 
     name: str = Field(min_length=1)
-    """What the joint is called; of an actuated one, the recording's column of its readings has this name."""
+    """Name of the joint and, if it is actuated, of the recording's column of its readings."""
     kind: Literal["revolute", "prismatic", "universal", "spherical", "fixed"]
     """How it moves: universal joints turn about x, then y of their frame; fixed joints do not move."""
     parent: str
@@ -64,7 +64,7 @@ class GraphJoint(Section):
     range: Range | None = None
     """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Number | None = None
-    """Turns of the motor for one of the joint: errors that repeat with the motor's turn are looked for."""
+    """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
     screw_pitch: Length | None = None
     """Travel for one turn of the screw: errors that repeat with it are looked for."""
 

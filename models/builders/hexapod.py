@@ -29,7 +29,7 @@ class _Leg(Section):
     name: str
     """What the leg is called in parameters and places: `leg1`."""
     joint: str
-    """What its actuator is called: the recording's column of its readings has this name."""
+    """Name of its actuator and of the recording's column of its readings."""
     a: LengthVector
     """Centre of the lower joint in the base frame; of a 6-PUS at reading 0 and offset 0."""
     b: LengthVector
@@ -43,7 +43,7 @@ class _Leg(Section):
     screw_pitch: Length | None = None
     """Travel for one turn of the screw: errors that repeat with it are looked for."""
     gear_ratio: Number | None = None
-    """Turns of the motor for one of the joint: errors that repeat with the motor's turn are looked for."""
+    """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
 
     @model_validator(mode="after")
     def _ordered(self) -> _Leg:

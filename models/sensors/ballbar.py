@@ -19,7 +19,7 @@ _NOWHERE = (0.0, 0.0, 0.0)
 
 class _Sigma(Section):
     distance: LengthSigma
-    """1-sigma of one length, as the instrument's maker states it."""
+    """1-sigma of one length."""
 
 
 class _Tolerance(Section):

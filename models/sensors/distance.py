@@ -49,7 +49,7 @@ class _Mirror(Section):
 
 class _Sigma(Section):
     distance: LengthSigma
-    """1-sigma of one change of length, as the instrument's maker states it."""
+    """1-sigma of one change of length."""
 
 
 class _Tolerance(Section):

@@ -42,7 +42,7 @@ class _IrradianceSection(CavitySection):
     wavelength: Length
     """Wavelength of the light."""
     reflectivities: Annotated[Reflectivities, BeforeValidator(_reflectivities), _SHARES]
-    """Reflectivities of the fibre's end and of the mirror, as shares of the intensity, between 0 and 1."""
+    """Reflectivities of the fibre's end and of the mirror, as shares of the intensity."""
 
     @model_validator(mode="after")
     def _check(self) -> _IrradianceSection:

@@ -20,7 +20,7 @@ _XYZ, _ROT = AXES[:3], AXES[3:]
 
 class _Sigma(Section):
     xyz: LengthSigma
-    """1-sigma of x, y and z each, as the instrument's maker states it."""
+    """1-sigma of x, y and z each."""
     rot: AngleSigma
     """1-sigma of each component of the small rotation between the reading and the truth."""
 
@@ -34,7 +34,7 @@ class _PoseSection(Section):
 
 class _PositionSigma(Section):
     xyz: LengthSigma
-    """1-sigma of x, y and z each, as the instrument's maker states it."""
+    """1-sigma of x, y and z each."""
 
 
 class _PositionSection(Section):

@@ -19,7 +19,7 @@ _XYZ = ("x", "y", "z")
 
 class _Sigma(Section):
     xyz: LengthSigma
-    """1-sigma of x, y and z of each point, as the instrument's maker states it."""
+    """1-sigma of x, y and z of each point."""
 
 
 class _Tolerance(Section):

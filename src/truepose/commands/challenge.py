@@ -55,15 +55,13 @@ AgainOption = Annotated[bool, typer.Option("--again", help="Diagnose cases anew 
 TimeoutOption = Annotated[
     float, typer.Option("--timeout", metavar="S", min=1.0, help="Seconds after which a diagnosis has failed.")
 ]
-DrawOption = Annotated[
-    bool, typer.Option("--draw", help="Write cases and answers only; no case is sat and no table written.")
-]
+DrawOption = Annotated[bool, typer.Option("--draw", help="Write cases and answers only.")]
 CasesOption = Annotated[
     Path | None,
     typer.Option(
         "--drawn",
         metavar="DIR",
-        help="Sit the cases of this directory, drawn before, with results in the other one.",
+        help="Diagnose the cases of this directory, drawn before.",
         show_default=False,
     ),
 ]

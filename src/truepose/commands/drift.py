@@ -50,9 +50,8 @@ def drift(
 ) -> None:
     """Which parameters move between recordings, how fast, and when to recalibrate.
 
-    A file is a session of its own unless a column 'session' says otherwise; sessions are in the order of
-    'time' where it is recorded. An older calibration suffices while its residuals do not show that something
-    moved, or are within --accuracy.
+    A file is a session of its own unless a column 'session' says otherwise. An older calibration suffices while its
+    residuals do not show that something moved, or are within --accuracy.
 
     Example: truepose drift machine.yaml day0.csv day1.csv day8.csv
     """

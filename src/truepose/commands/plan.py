@@ -42,7 +42,7 @@ MethodOption = Annotated[
     typer.Option(
         "--method",
         metavar="continuous|exchange|random",
-        help="Move all poses at once, only exchange them, or draw them (default: continuous; with candidates, exchange).",
+        help="Move all poses at once, exchange them, or draw them (default: continuous; with candidates, exchange).",
         show_default=False,
     ),
 ]

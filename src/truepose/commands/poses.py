@@ -58,9 +58,8 @@ def poses(
 ) -> None:
     """Poses of a body from points measured on it by photogrammetry or a tracker.
 
-    Writes the columns of a pose sensor, x y z (mm) and the rotation vector rx ry rz (deg), each with <column>.std, then
-    chi2_per_dof and suspects: points that hardly fit the rigid body. Other columns are kept. An empty
-    coordinate is a point that was not seen.
+    Writes the columns of a pose sensor, x y z (mm) and rx ry rz (deg), each with <column>.std, then chi2_per_dof and
+    suspects: points that hardly fit the rigid body. An empty coordinate is a point that was not seen.
 
     Example: truepose poses points.csv --sigma 0.005 --body body.csv -o recording.csv
     """
