@@ -1,0 +1,242 @@
+"""Laws of partial residuals: with exact readings every row says what the effect's formula says, at each port by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import truepose.models
+from support.effect_machines import READINGS, read_machines
+from support.effects import with_effect
+from support.moving_machines import record
+from truepose.identification.diagnosis import partial_residuals
+from truepose.identification.diagnosis.partial_residuals import PortShift, port_shifts
+from truepose.identification.fit.estimate import Estimate, prior_of, result
+from truepose.identification.fit.leastsquares import Solution, Status
+from truepose.identification.fit.problem import Problem
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
+from truepose.models.effects.base import PlacedEffect, Site
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+ROWS = 40
+BUNDLED = Path(truepose.models.__path__[0]) / "machines"
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+    return read_machines(tmp_path_factory.getbasetemp() / "partial")
+
+
+def posed(machine: Machine, rows: int = ROWS) -> Recording:
+    """Poses about the tests' own, warming up; nothing is read yet."""
+    rng = np.random.default_rng(4)
+    spans = [0.2 * np.ptp(a.range) if a.range else 0.2 for a in machine.mechanism.actuators]
+    q = np.array(READINGS[machine.name]) + np.array(spans) * rng.uniform(-1, 1, (rows, len(spans)))
+    temperature = 20 + 8 * rng.random(rows)
+    drivers = {"temperature.air": temperature, "pressure": 1013.0 + rng.normal(size=rows)}
+    drivers |= {f"approach.{name}": rng.choice([-1.0, 1.0], rows) for name in machine.mechanism.readings}
+    return record(machine, q, drivers=drivers)
+
+
+def read(machine: Machine, recording: Recording, terms: Sequence[PlacedEffect]) -> Recording:
+    """The same with exact readings of the machine with these effects."""
+    predictor = Predictor(machine, recording, terms)
+    p = predictor.model.p_home
+    names, values, _, _ = predictor.columns(p, predictor.assemble(p)[0])
+    return replace(recording, observations=dict(zip(names, values.T, strict=True)))
+
+
+def fit_at(
+    machine: Machine, recording: Recording, terms: Sequence[PlacedEffect], away: Array | float = 0.0
+) -> Estimate:
+    """What a fit says that ends at the machine file's constants and the terms' amplitudes, plus ``away`` (np,)."""
+    predictor = Predictor(machine, recording, terms)
+    problem = Problem(
+        predictor, prior_of(machine, terms), predictor.model.p_home + away, np.ones(len(recording), bool)
+    )
+    free = len(problem.prior.free)
+    still = Solution(np.zeros(free), np.eye(free + 1), 0.0, next(iter(Status)), 1, 0.0, np.zeros(free))
+    return result(problem, still, tuple(terms))
+
+
+def formula_of(machine: Machine, recording: Recording, terms: Sequence[PlacedEffect]) -> dict[str, Array]:
+    """(n,) shift of each port as the effects' own formulas say, in numbers; loads are of the machine without them."""
+    bare = Predictor(machine, recording, ports=True)
+    p = np.concatenate([[c.nominal for c in machine.parameters], np.zeros(len(machine.ports))])
+    x, _ = bare.assemble(p)
+    loads = bare.loads(p, x)
+    names, columns, _, _ = bare.columns(p, x)
+    values = {c.name: ca.SX(c.nominal) for c in machine.parameters} | {n: ca.SX(0) for n in machine.ports}
+    out: dict[str, Array] = {}
+    for row in range(len(recording)):
+        q = dict(zip(machine.mechanism.readings, map(ca.SX, recording.q[row]), strict=True))
+        load = {n: ca.SX(v[row]) for n, v in loads.items()}
+        states = {f"seen.{n}": ca.SX(v) for n, v in zip(names, columns[row], strict=True)}
+        for term in terms:
+            z = {name: ca.SX(float(np.asarray(recording.driver(name))[row])) for name in term.drivers}
+            c = {name: ca.SX(value) for name, value in term.values.items()}
+            site = Site(machine, term.place, term.settings_map, c, q, z, values, load, states)
+            for port, shift in term.effect.shifts(site).items():
+                out.setdefault(port, np.zeros(len(recording)))[row] += float(ca.evalf(shift))
+    return out
+
+
+Told = tuple[str, str, tuple[str, ...], dict[str, float], dict[str, float]]
+EFFECTS: list[Told] = [
+    ("arm", "transmission-error", ("q1",), {"order": 3.0}, {"a": 3e-4, "b": -1e-4}),
+    ("arm", "axis-wobble", ("q1",), {}, {"a": 2e-4, "b": 1e-4}),
+    ("arm", "thermal-expansion", ("link2",), {"lag": 0.0}, {"alpha": 2e-5}),
+    ("arm", "joint-compliance", ("q2",), {}, {"c": 2e-6}),
+    ("arm", "sensor-scale", ("sensor",), {}, {"s": 5e-5}),
+    ("telescope", "thermal-expansion", ("leg2",), {"lag": 0.0}, {"alpha": 2e-5}),
+    ("telescope", "screw-periodic", ("rho4",), {"order": 1.0}, {"a": 2e-3, "b": 1e-3}),
+    ("telescope", "leg-compliance", ("leg1",), {}, {"c": 1e-4}),
+    ("gough", "leg-compliance", ("leg1", "leg2", "leg3", "leg4", "leg5", "leg6"), {}, {"c": 1e-4}),
+    ("graph", "joint-compliance", ("shoulder",), {}, {"c": 2e-6}),
+    ("camera", "transmission-error", ("q2",), {"order": 2.0}, {"a": 3e-4, "b": -1e-4}),
+]
+
+
+def placed(machines: Mapping[str, Machine], told: Told) -> tuple[Machine, PlacedEffect]:
+    name, slug, place, settings, values = told
+    machine = machines[name]
+    return machine, with_effect(machine, slug, place, settings, **values)
+
+
+def agree(shifts: Sequence[PortShift], truth: Mapping[str, Array]) -> None:
+    assert shifts
+    for shift in shifts:
+        expected = truth[shift.port]
+        size = float(np.max(np.abs(expected)))
+        said = np.isfinite(shift.fitted)
+        assert said.any()
+        # loads change a little with what they bend
+        np.testing.assert_allclose(shift.fitted[said], expected[said], rtol=1e-4, atol=1e-9 * size)
+        np.testing.assert_allclose(shift.rows[said], shift.fitted[said], rtol=1e-6, atol=1e-6 * size)
+        assert np.array_equal(np.isnan(shift.rows), ~said)
+        assert ((shift.std[said] > 0.0) == (shift.fitted[said] != 0.0)).all()
+
+
+@pytest.mark.parametrize("told", EFFECTS, ids=lambda told: f"{told[1]} at {told[2][0]} of {told[0]}")
+def test_rows_say_what_the_formula_says(machines: Mapping[str, Machine], told: Told) -> None:
+    machine, term = placed(machines, told)
+    recording = read(machine, posed(machine), [term])
+    truth = formula_of(machine, recording, [term])
+    shifts = port_shifts(fit_at(machine, recording, [term]), recording, [term], list(truth))
+    agree(shifts, truth)
+
+
+def test_rows_say_the_truth_where_the_fit_misses_it(machines: Mapping[str, Machine]) -> None:
+    """To first order: the fitted value is wrong, and each row's residual mends it."""
+    machine, term = placed(machines, EFFECTS[0])
+    recording = read(machine, posed(machine), [term])
+    truth = formula_of(machine, recording, [term])["q1.displacement"]
+    away = np.zeros(len(machine.parameters) + 2)
+    away[-2:] = (2e-5, 1e-5)
+    (shift,) = port_shifts(fit_at(machine, recording, [term], away), recording, [term], ["q1.displacement"])
+    assert np.max(np.abs(shift.fitted - truth)) > 5e-6
+    np.testing.assert_allclose(shift.rows, truth, atol=2e-9)
+
+
+def test_two_terms_at_one_port_are_added(machines: Mapping[str, Machine]) -> None:
+    machine, one = placed(machines, EFFECTS[0])
+    two = with_effect(machine, "transmission-error", ("q1",), {"order": 1.0}, a=-2e-4, b=4e-4)
+    recording = read(machine, posed(machine), [one, two])
+    fit = fit_at(machine, recording, [one, two])
+    (both,) = port_shifts(fit, recording, [one, two], ["q1.displacement"])
+    single = [port_shifts(fit, recording, [term], ["q1.displacement"])[0] for term in (one, two)]
+    np.testing.assert_allclose(both.fitted, single[0].fitted + single[1].fitted, atol=1e-15)
+    truth = formula_of(machine, recording, [one])["q1.displacement"]
+    np.testing.assert_allclose(single[0].rows, truth, atol=1e-9)
+
+
+def test_std_is_that_of_the_formula_and_scales_with_the_noise(machines: Mapping[str, Machine]) -> None:
+    machine, term = placed(machines, EFFECTS[0])
+    recording = read(machine, posed(machine), [term])
+    fit = fit_at(machine, recording, [term])
+    (shift,) = port_shifts(fit, recording, [term], ["q1.displacement"])
+    at = [list(fit.prior.free).index(k) for k in (len(fit.p) - 2, len(fit.p) - 1)]
+    c = fit.covariance[np.ix_(at, at)]
+    q = recording.q[:, 0]
+    f = np.column_stack([np.sin(3 * q), np.cos(3 * q)])
+    np.testing.assert_allclose(shift.std, np.sqrt(np.einsum("nk,kl,nl->n", f, c, f)), rtol=1e-6)
+    wider = replace(fit)
+    object.__setattr__(wider, "covariance", 9.0 * fit.covariance)
+    (three,) = port_shifts(wider, recording, [term], ["q1.displacement"])
+    np.testing.assert_allclose(three.std, 3.0 * shift.std)
+    assert np.array_equal(three.rows, shift.rows)
+
+
+def test_lost_readings_say_nothing_and_the_rest_of_a_row_still_does(machines: Mapping[str, Machine]) -> None:
+    machine, term = placed(machines, EFFECTS[0])
+    recording = read(machine, posed(machine), [term])
+    truth = formula_of(machine, recording, [term])["q1.displacement"]
+    gone = {name: values.copy() for name, values in recording.observations.items()}
+    for values in gone.values():
+        values[5] = np.nan
+    gone["x"][9] = np.nan
+    part = replace(recording, observations=gone)
+    (shift,) = port_shifts(fit_at(machine, part, [term]), part, [term], ["q1.displacement"])
+    assert np.flatnonzero(np.isnan(shift.rows)).tolist() == [5]
+    assert np.isnan([shift.fitted[5], shift.std[5]]).all()
+    np.testing.assert_allclose(shift.rows[9], truth[9], rtol=1e-5)
+
+
+def test_of_many_rows_some_are_asked(
+    machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, term = placed(machines, EFFECTS[0])
+    recording = read(machine, posed(machine), [term])
+    fit = fit_at(machine, recording, [term])
+    (every,) = port_shifts(fit, recording, [term], ["q1.displacement"])
+    monkeypatch.setattr(partial_residuals, "MOST_ROWS", 7)
+    (some,) = port_shifts(fit, recording, [term], ["q1.displacement"])
+    known = np.isfinite(some.rows)
+    assert known.sum() == 7 and known[0] and known[-1]
+    for name in ("fitted", "std", "rows"):
+        np.testing.assert_allclose(getattr(some, name)[known], getattr(every, name)[known], rtol=1e-9)
+        assert np.array_equal(np.isfinite(getattr(some, name)), known)
+
+
+def test_a_port_that_no_reading_sees_is_left_out(machines: Mapping[str, Machine]) -> None:
+    """The last joint of this camera's arm carries the targets; a sensor of points does not see its own unused ports."""
+    machine, term = placed(machines, EFFECTS[0])
+    recording = read(machine, posed(machine), [term])
+    fit = fit_at(machine, recording, [term])
+    assert port_shifts(fit, recording, [term], ["tool.rz"]) == []
+
+
+def test_a_sensor_that_compares_rows_is_asked_of_each_row_by_itself() -> None:
+    """The nanopositioner reads the change of one length since an earlier row: a shift of both leaves it as it is."""
+    machine = load_machine(BUNDLED / "nanopositioner" / "machine.yaml")
+    whole = load_recording(machine, BUNDLED / "nanopositioner" / "recording.csv")
+    assert all(sensor.compares for sensor in machine.sensors)
+    term = with_effect(machine, "actuator-scale", ("q2",), None, s=1e-3)
+    recording = read(machine, whole, [term])
+    fit = fit_at(machine, recording, [term])
+    assert np.max(np.abs(fit.residual)) < 1e-6
+    (shift,) = port_shifts(fit, recording, [term], ["q2.displacement"])
+    told = np.flatnonzero(np.isfinite(shift.rows))
+    assert recording.from_row is not None
+    assert np.isnan(shift.rows[recording.from_row == np.arange(len(recording))]).all()
+    assert len(told) > 0.9 * len(recording)
+    np.testing.assert_allclose(shift.fitted[told], 1e-3 * recording.q[told, 1], rtol=1e-9)
+    np.testing.assert_allclose(shift.rows[told], 1e-3 * recording.q[told, 1], atol=1e-9)
+    one = int(told[100])
+    moved = {name: values.copy() for name, values in recording.observations.items()}
+    moved["dL"][one] -= 1e-5  # q2 runs along the light
+    part = replace(recording, observations=moved)
+    (other,) = port_shifts(fit_at(machine, part, [term]), part, [term], ["q2.displacement"])
+    changed = other.rows - shift.rows
+    # whoever refers to this row says the contrary
+    assert abs(changed[one]) == pytest.approx(1e-5, rel=0.01)
