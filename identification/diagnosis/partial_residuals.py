@@ -25,6 +25,8 @@ from truepose.models.machine import Machine
 Array = NDArray[np.float64]
 MOST_ROWS = 3000
 """Rows that are evaluated, evenly spread, unless readings compare rows."""
+UNSEEN = 1e-10
+"""Share of the largest derivative by any constant or port (mm, rad) below which one is rounding."""
 
 
 @dataclass(frozen=True)
@@ -49,15 +51,17 @@ def port_shifts(
     names = list(predictor.model.names)
     own = [names.index(name) for term in terms for name in term.parameter_names]
     at = [names.index(port) for port in ports]
+    lengths = [*range(len(machine.parameters)), *range(len(fit.p), len(names))]  # all but coefficients
     p = np.concatenate([fit.p, np.zeros(len(names) - len(fit.p))])
     found = np.full((3, len(ports), len(recording)), np.nan)
     covariance, slopes = _covariance(fit, own), _slopes(predictor, own, ports)
     for rows, residual, jacobian in _blocks(predictor, fit, p):
         shares = slopes(fit.x[rows], predictor.q[rows], predictor.z[rows], p)[0]  # (n, ports, own)
+        least = UNSEEN**2 * float(np.max(np.sum(jacobian[:, :, lengths] ** 2, axis=1), initial=1e-300))
         for k, column in enumerate(at):
             s = jacobian[:, :, column]
             size = np.sum(s**2, axis=1)
-            seen = size > 1e-12 * max(float(np.max(size, initial=0.0)), 1e-300)
+            seen = size > max(least, 1e-12 * float(np.max(size, initial=0.0)))
             by = np.where(seen[:, None], shares[:, k], np.nan)
             fitted = by @ p[own]
             beside = -np.sum(s * residual, axis=1) / np.where(seen, size, np.nan)
