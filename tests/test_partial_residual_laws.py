@@ -155,6 +155,20 @@ def test_a_port_that_no_reading_sees_is_left_out(machines: Mapping[str, Machine]
     assert port_shifts(fit, recording, [term], ["tool.rz"]) == []
 
 
+def test_a_port_that_is_seen_by_rounding_alone_is_left_out(machines: Mapping[str, Machine]) -> None:
+    """A ball joint that is off across its limb moves nothing else."""
+    machine = machines["hybrid"]
+    term = with_effect(machine, "joint-runout", ("s1",), {"first": 0.0})
+    term = term.with_values([0.03 * c.scale for c in term.coefficients])
+    recording = read(machine, posed(machine, 8), [term])
+    ports = [f"s1.{axis}" for axis in "xyz"]
+    shifts = port_shifts(fit_at(machine, recording, [term]), recording, [term], ports)
+    for shift in shifts:
+        known = np.isfinite(shift.rows)
+        np.testing.assert_allclose(shift.rows[known], shift.fitted[known], atol=1e-6)
+    assert 0 < len(shifts) < 3
+
+
 def test_a_sensor_that_compares_rows_is_asked_of_each_row_by_itself() -> None:
     """The nanopositioner reads the change of one length since an earlier row: a shift of both leaves it as it is."""
     machine = load_machine(BUNDLED / "nanopositioner" / "machine.yaml")
