@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 Kind = Literal["link", "axis", "rail", "leg", "plate", "tool"]
 FEWEST_OF_A_PLATE = 3
 """Rods on one body from which on their ends are drawn as a plate."""
+MOVING = ("revolute", "prismatic")
+"""Joints whose axis is drawn."""
 
 
 @dataclass(frozen=True)
@@ -122,20 +124,26 @@ class _Drawing:
                 on.setdefault(joint.parent, []).append(joint)
         for body, joints in on.items():
             if len(joints) >= FEWEST_OF_A_PLATE:
-                self.add("plate", self._body(body), [self._steps(joint)[-1] for joint in joints])
+                names = [name for joint in joints for name in self._still(joint)]
+                self.add("plate", [*self._body(body), *names], [self._steps(joint)[-1] for joint in joints])
             else:
                 for joint in joints:
-                    self.add("link", self._body(body), self._steps(joint))
+                    self.add("link", [*self._body(body), *self._still(joint)], self._steps(joint))
             for joint in joints:
                 self._motion(joint)
         for joint in self.mechanism.closing:
             steps = self._steps(joint)
-            self.add("link", self._body(joint.parent), steps)
-            self.add("link", self._body(joint.child), [self.origin(joint.child), steps[-1]])
+            names = self._of(joint.name)
+            self.add("link", [*self._body(joint.parent), *names], steps)
+            self.add("link", [*self._body(joint.child), *names], [self.origin(joint.child), steps[-1]])
+
+    def _still(self, joint: Joint) -> list[str]:
+        """Names of a joint that has no axis of its own in the drawing: what it stands on is meant."""
+        return [] if joint.kind in MOVING else self._of(joint.name)
 
     def _motion(self, joint: Joint) -> None:
         """The axis of a joint, and the way of a slide."""
-        if joint.kind not in ("revolute", "prismatic"):
+        if joint.kind not in MOVING:
             return
         names, child = self._of(joint.name), self.origin(joint.child)
         frame = placed_frame(joint, self.placed.bodies, self.values)

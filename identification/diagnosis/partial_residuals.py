@@ -10,17 +10,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 MOST_ROWS = 3000
 """Rows that are evaluated, evenly spread, unless readings compare rows."""
+UNSEEN = 1e-10
+"""Share of the largest derivative by any constant or port (mm, rad) below which one is rounding."""
 
 
 @dataclass(frozen=True)
@@ -45,21 +51,39 @@ def port_shifts(
     names = list(predictor.model.names)
     own = [names.index(name) for term in terms for name in term.parameter_names]
     at = [names.index(port) for port in ports]
+    lengths = [*range(len(machine.parameters)), *range(len(fit.p), len(names))]  # all but coefficients
     p = np.concatenate([fit.p, np.zeros(len(names) - len(fit.p))])
     found = np.full((3, len(ports), len(recording)), np.nan)
-    covariance = _covariance(fit, own)
+    covariance, slopes = _covariance(fit, own), _slopes(predictor, own, ports)
     for rows, residual, jacobian in _blocks(predictor, fit, p):
+        shares = slopes(fit.x[rows], predictor.q[rows], predictor.z[rows], p)[0]  # (n, ports, own)
+        least = UNSEEN**2 * float(np.max(np.sum(jacobian[:, :, lengths] ** 2, axis=1), initial=1e-300))
         for k, column in enumerate(at):
             s = jacobian[:, :, column]
             size = np.sum(s**2, axis=1)
-            seen = size > 1e-12 * max(float(np.max(size, initial=0.0)), 1e-300)
-            by = np.einsum("nm,nmc->nc", s, jacobian[:, :, own]) / np.where(seen, size, np.nan)[:, None]
+            seen = size > max(least, 1e-12 * float(np.max(size, initial=0.0)))
+            by = np.where(seen[:, None], shares[:, k], np.nan)
             fitted = by @ p[own]
             beside = -np.sum(s * residual, axis=1) / np.where(seen, size, np.nan)
             found[0, k, rows] = fitted
             found[1, k, rows] = np.sqrt(np.maximum(np.einsum("nc,cd,nd->n", by, covariance, by), 0.0))
             found[2, k, rows] = fitted + beside
     return [PortShift(port, *found[:, k]) for k, port in enumerate(ports) if np.isfinite(found[0, k]).any()]
+
+
+def _slopes(predictor: Predictor, own: Sequence[int], ports: Sequence[str]) -> BatchFunction:
+    """Of each row, how far a unit of each coefficient shifts each port; shifts are linear in them.
+
+    Not from the readings' derivatives: where a term shifts several ports these say what all of them do together.
+    """
+    m = predictor.model
+    shifted = ca.vertcat(*(m.values[port] for port in ports))
+    by = ca.jacobian(shifted, m.p)[:, list(own)]
+    marks = [symbol for symbol in ca.symvar(by) if symbol.name().removeprefix("state.") in m.states]
+    if marks:  # what a sensor sees, on which shifts of its readings depend
+        states = [m.states[mark.name().removeprefix("state.")] for mark in marks]
+        by = ca.substitute(by, ca.vertcat(*marks), ca.vertcat(*states))
+    return BatchFunction("slopes", [m.x, m.q, m.z, m.p], [by])
 
 
 def _blocks(predictor: Predictor, fit: Estimate, p: Array) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
@@ -69,12 +93,26 @@ def _blocks(predictor: Predictor, fit: Estimate, p: Array) -> Iterator[tuple[NDA
         for block in predictor.blocks(p, fit.x):
             rows = np.arange(len(fit.residual))[block.rows]
             kept = np.isin(rows, good)
-            yield rows[kept], block.residual[kept], block.jacobian[kept]
+            yield rows[kept], block.residual[kept], _by_own_row(fit.machine, block)[kept]
         return
     if len(good) > MOST_ROWS:
         good = good[np.unique(np.linspace(0, len(good) - 1, MOST_ROWS).astype(np.intp))]
     for block in predictor.of_rows(good).blocks(p, fit.x[good]):
         yield good[block.rows], block.residual, block.jacobian
+
+
+def _by_own_row(machine: Machine, block: Block) -> Array:
+    """(n, m, np) what each row's own prediction does to its residual, while the rows that it is compared with stand still.
+
+    A shift that is alike in both cancels in what a sensor reads as a change; a row says something of it all the same.
+    """
+    if block.compare is None:
+        return block.jacobian
+    sigma = [c.sigma if sensor.compares else 1.0 for sensor in machine.sensors for c in sensor.channels]
+    told = np.any(
+        block.jacobian != 0.0, axis=2, keepdims=True
+    )  # not one that was lost, or that is its own origin
+    return np.where(told, block.here / np.array(sigma)[:, None], 0.0)
 
 
 def _covariance(fit: Estimate, own: Sequence[int]) -> Array:

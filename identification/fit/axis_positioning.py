@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.pose_repeatability import position_channels
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import APPROACH
 
@@ -84,19 +85,24 @@ def _test(
 
 def _along(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) -> Array | None:
     """(k,) deviations of the readings along the axis, mm: of a distance, or of a position in the direction of the travel."""
-    channels = fit.machine.channels
     if len(rows) < TARGETS * 2 * RUNS:
         return None
-    for kind, wanted in (("distance", 1), ("position", 3)):
-        at = [k for k, channel in enumerate(channels) if channel.kind == kind][:wanted]
-        if len(at) == wanted:
-            off = -fit.residual[rows][:, at] * [channels[k].sigma for k in at]
-            if wanted == 1:
-                return np.asarray(off[:, 0])
-            read = np.column_stack([recording.observations[channels[k].name][rows] for k in at])
-            way = np.linalg.svd(read - np.nanmean(read, axis=0), full_matrices=False)[2][0]
-            return np.asarray(off @ way)
-    return None
+    off = -fit.residual[rows] * [channel.sigma for channel in fit.machine.channels]
+    if fit.lost is not None:
+        off = np.where(fit.lost[rows], np.nan, off)
+    lengths = [k for k, channel in enumerate(fit.machine.channels) if channel.kind == "distance"]
+    if lengths:
+        return np.asarray(off[:, lengths[0]])
+    at = position_channels(fit.machine)
+    names = [fit.machine.channels[k].name for k in at or ()]
+    if at is None or any(name not in recording.observations for name in names):
+        return None
+    read = np.column_stack([recording.observations[name][rows] for name in names])
+    read = read[np.isfinite(read).all(axis=1)]
+    if not len(read):
+        return None
+    way = np.linalg.svd(read - read.mean(axis=0), full_matrices=False)[2][0]
+    return np.asarray(off[:, at] @ way)
 
 
 __all__ = ["AxisTest", "axis_tests"]

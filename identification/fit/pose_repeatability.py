@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
-from truepose.models.sensor import Channel
+from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 VISITS = 3
@@ -35,7 +35,7 @@ class PoseTest:
 
 def pose_test(fit: Estimate, recording: Recording) -> PoseTest | None:
     """By the model of a fit; None where no pose has enough visits, or no sensor reads a position."""
-    axes = _position(fit.machine.channels)
+    axes = position_channels(fit.machine)
     if axes is None:
         return None
     off = fit.residual[:, axes] * [fit.machine.channels[k].sigma for k in axes]
@@ -56,13 +56,19 @@ def pose_test(fit: Estimate, recording: Recording) -> PoseTest | None:
     return PoseTest(accuracy, repeatability, visits.astype(np.intp))
 
 
-def _position(channels: tuple[Channel, ...]) -> list[int] | None:
-    """The three channels of the first point that is read."""
-    points: dict[str, list[int]] = {}
-    for k, channel in enumerate(channels):
-        if channel.kind == "position":
-            points.setdefault(channel.point, []).append(k)
-    return next((at for at in points.values() if len(at) == 3), None)
+def position_channels(machine: Machine) -> list[int] | None:
+    """The three channels of the first point that a sensor reads; None where none does, or rows are only compared."""
+    first = 0
+    for sensor in machine.sensors:
+        points: dict[str, list[int]] = {}
+        for k, channel in enumerate(sensor.channels, first):
+            if channel.kind == "position" and not sensor.compares:
+                points.setdefault(channel.point, []).append(k)
+        first += len(sensor.channels)
+        found = next((at for at in points.values() if len(at) == 3), None)
+        if found is not None:
+            return found
+    return None
 
 
-__all__ = ["PoseTest", "pose_test"]
+__all__ = ["PoseTest", "pose_test", "position_channels"]

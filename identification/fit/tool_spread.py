@@ -1,9 +1,9 @@
 """How well the tool's position is known, and from what: the uncertainty budget of a calibrated model.
 
-The covariance of the estimates is A^-1 (H + L) A^-1 with A = H + L, H what the readings say and L what the tolerances say.
-Its two parts are the readings' noise as it went through the fit, and what the readings left to the drawing. What is beyond
-them in an average over explanations is how far these are apart. What no parameter explains adds to all (GUM, JCGM 100:2008,
-5.1.2: variances of independent sources add).
+The covariance of the estimates is A^-1 (N + L) A^-1 with A = H + L, H what the readings say, N the same with the noise found
+and L what the tolerances say. Its two parts are the readings' noise as it went through the fit, and what the readings left to
+the drawing. What is beyond them in an average over explanations is how far these are apart. What no parameter explains adds
+to all (GUM, JCGM 100:2008, 5.1.2: variances of independent sources add).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
 from truepose.identification.prediction.predictor import Predictor
@@ -74,9 +75,11 @@ def _roots(fit: Estimate) -> dict[str, Array]:
     """Roots (n_free, k) of the covariance's parts, in steps of the prior's scale."""
     if fit.shrunk is not None:
         return {READINGS: fit.root}
-    posterior = fit.known.root @ fit.known.root.T
-    n = len(fit.prior.free)
-    scatter = fit.scatter
+    scatter, n = fit.scatter, len(fit.prior.free)
+    known = fit.decomposition
+    if scatter.slope != 1.0:  # a robust loss holds on to its readings by its slope
+        known = Decomposition.of(np.sqrt(scatter.slope) * fit.factor[:, :n], fit.prior_weight)
+    posterior = known.root @ known.root.T
     pairs = zip(scatter.variance, fit.parts or (fit.factor,), strict=True)
     noise = np.vstack([np.sqrt(v) * part[:, :n] for v, part in pairs])
     return {READINGS: posterior @ noise.T, TOLERANCES: posterior * fit.prior_weight}

@@ -172,10 +172,12 @@ def port_words(machine: Machine, port: str) -> str:
 def _evaluated(
     diagnosis: Diagnosis, terms: Sequence[PlacedEffect], found: Formula, port: str, reading: str, scale: float
 ) -> tuple[Curve, float]:
-    """The formula between the readings too, with its 1-sigma; and its period in the units of x."""
+    """The formula between the readings too, with its 1-sigma; over one period, in the units of x, where more were measured.
+
+    The period is infinite where it is drawn over all that was measured.
+    """
     recording, fit = diagnosis.recording, diagnosis.after
     measured = recording.q[:, recording.joints.index(reading)]
-    x = np.linspace(measured.min(), measured.max(), POINTS)
     shift = found.shifts[port]
     outputs = [ca.densify(shift), ca.densify(ca.jacobian(shift, found.coefficients))]
     function = ca.Function("shift", [found.q[reading], found.coefficients], outputs).map(POINTS)
@@ -184,6 +186,10 @@ def _evaluated(
         values, slopes = function(q[None], np.tile(found.amplitudes[:, None], POINTS))
         return np.array(values).ravel(), np.array(slopes).reshape(POINTS, -1)
 
+    period = _period(diagnosis.machine, terms, reading, lambda q: at_readings(q)[0])
+    if not np.ptp(measured) > FOLDED * period:
+        period = float("inf")
+    x = np.linspace(measured.min(), min(measured.max(), measured.min() + period), POINTS)
     y, slopes = at_readings(x)
     place = {fit.prior.names[int(k)]: j for j, k in enumerate(fit.prior.free)}
     names = [name for term in terms for name in term.parameter_names]
@@ -192,7 +198,6 @@ def _evaluated(
     own = slopes[:, free]
     std = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", own, fit.covariance[np.ix_(at, at)], own), 0.0))
     factor, _ = reading_unit(diagnosis.machine, reading)
-    period = _period(diagnosis.machine, terms, reading, lambda q: at_readings(q)[0])
     return Curve(factor * x, scale * y, scale * std, measured, "", ""), factor * period
 
 
@@ -248,14 +253,11 @@ def _itself(fitted: Array, std: Array) -> Curve:
 
 
 def _folded(curve: Curve, period: float) -> Curve:
-    """Over one period, where what was measured holds more than one."""
-    if not curve.x[-1] - curve.x[0] > FOLDED * period:
-        return curve
+    """What was measured, moved by whole periods onto the one that is drawn."""
     start = curve.x[0]
-    one = curve.x <= start + period
     phase = start + np.mod(curve.measured - start, period)
     title = curve.x_title.replace(" [", f", folded over {period:.4g} [", 1)
-    return replace(curve, x=curve.x[one], y=curve.y[one], std=curve.std[one], measured=phase, x_title=title)
+    return replace(curve, measured=phase, x_title=title)
 
 
 def _period(

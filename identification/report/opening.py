@@ -125,7 +125,8 @@ def _explained(before: float | None, after: float, floor: float) -> str:
         return "nothing of what lies above that is explained"
     if share >= 1.0:
         return "all of what lies above that is explained"
-    return f"{100 * share:.0f} % of what lies above that (in squares) is explained"
+    told = f"{100 * share:.0f} %" if 0.005 <= share < 0.995 else percent(share)
+    return f"{told} of what lies above that (in squares) is explained"
 
 
 def _guilty(finding: Finding) -> Guilty:

@@ -174,10 +174,15 @@ def _told_of_rows(
 
 
 def error_words(machine: Machine, fit: Estimate, row: int) -> str:
-    """A row's residual by kind of reading: ``position 12.1 um, rotation 3.2 urad``."""
+    """A row's residual by kind of reading, of what was read: ``position 12.1 um, rotation 3.2 urad``."""
     said = []
+    gone = np.zeros(len(machine.channels), dtype=bool) if fit.lost is None else fit.lost[row]
     for kind in dict.fromkeys(channel.kind for channel in machine.channels):
-        at = [k for k, channel in enumerate(machine.channels) if channel.kind == kind]
+        every = [k for k, channel in enumerate(machine.channels) if channel.kind == kind]
+        at = [k for k in every if not gone[k]]
+        if not at:
+            said.append(f"{kind} not read")
+            continue
         sigma = np.array([machine.channels[k].sigma for k in at])
         points = max(len({machine.channels[k].point for k in at}), 1)
         size = float(np.sqrt(np.sum((fit.residual[row, at] * sigma) ** 2) / points))

@@ -44,6 +44,8 @@ def sights(fit: Estimate, recording: Recording) -> Sights:
         own = slice(first, first + len(sensor.channels))
         first = own.stop
         missed = -fit.residual[:, own] * [channel.sigma for channel in sensor.channels]
+        if fit.lost is not None:
+            missed = np.where(fit.lost[:, own], np.nan, missed)
         for place, arrow in _of_sensor(sensor, machine, fit, recording, tool, missed):
             points.append((place - base[:3, 3]) @ base[:3, :3])
             arrows.append(arrow @ base[:3, :3])

@@ -28,7 +28,12 @@ _SIZE = {"dot": 4.5, "stroke": 2.0, "ring": 1.3, "tick": 1.2, "diamond": 1.0}
 
 
 def svg(chart: Chart) -> str:
-    """The chart as one SVG element."""
+    """The chart as one SVG element; numbers that no axis can hold are left out."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _svg(chart)
+
+
+def _svg(chart: Chart) -> str:
     frame = _frame(chart)
     below = sorted(chart.layers, key=lambda layer: not isinstance(layer, (Level, Span)))
     drawn = [part for layer in below for part in _DRAWN[type(layer)](layer, frame)]
@@ -70,7 +75,7 @@ def _values(layers: Sequence[Layer], axis: str) -> list[Array]:
     for layer in layers:
         if isinstance(layer, Marks):
             spread = np.zeros(1) if layer.error is None else layer.error
-            out += [layer.x] if axis == "x" else [layer.y - spread, layer.y + spread]
+            out += [layer.x] if axis == "x" else [layer.y, layer.y - spread, layer.y + spread]
         elif isinstance(layer, Line):
             out.append(layer.x if axis == "x" else layer.y)
         elif isinstance(layer, Band):
@@ -167,7 +172,7 @@ def _marks(layer: Marks, frame: _Frame) -> list[str]:
         out.append(f'<path class="error t-{layer.tone}" d="{"".join(bars)}"/>')
     x, y = np.where(gone, -99.0, x), np.where(gone, -99.0, np.clip(y, top, floor))
     path = "".join(map(_POINTS[layer.shape], x.tolist(), y.tolist()))
-    rows = " data-rows" if layer.by_row else ""
+    rows = ' data-rows=""' if layer.by_row else ""
     name = f' data-name="{escape(printable(layer.name))}"' if layer.by_row else ""
     out.append(
         f'<path class="marks {layer.shape} t-{layer.tone}"{rows}{name} stroke-width="{_SIZE[layer.shape]}" d="{path}"/>'
@@ -223,9 +228,17 @@ def _way(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
 
 
 def _band(layer: Band, frame: _Frame) -> list[str]:
-    x = frame.x.all(np.concatenate([layer.x, layer.x[::-1]]))
-    y = frame.y.all(np.concatenate([layer.low, layer.high[::-1]]))
-    return [f'<path class="band t-{layer.tone}" d="{_way(x, y)}Z"/>']
+    """One area for each stretch of points that are known."""
+    every = np.stack([layer.x, layer.low, layer.high])
+    known = np.flatnonzero(np.isfinite(every).all(axis=0))
+    if not len(known):
+        return []
+    ways = []
+    for own in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+        x, low, high = every[:, own]
+        across, up = np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]])
+        ways.append(f"{_way(frame.x.all(across), frame.y.all(up))}Z")
+    return [f'<path class="band t-{layer.tone}" d="{"".join(ways)}"/>']
 
 
 def _bars(layer: Bars, frame: _Frame) -> list[str]:
@@ -233,6 +246,8 @@ def _bars(layer: Bars, frame: _Frame) -> list[str]:
     if layer.edges is not None:
         edges, floor = frame.x.all(layer.edges), frame.y.at(0.0)
         for a, b, top in zip(edges[:-1], edges[1:], frame.y.all(layer.length), strict=True):
+            if not np.isfinite([a, b, top]).all():
+                continue
             out.append(f"M{a + 0.5:.1f} {floor:.1f}V{top:.1f}H{b - 0.5:.1f}V{floor:.1f}Z")
         return [f'<path class="bar t-{layer.tone}" d="{"".join(out)}"/>']
     assert layer.at is not None
@@ -262,6 +277,8 @@ def _beside(end: float, y: float, text: str, zero: float) -> str:
 
 
 def _level(layer: Level, frame: _Frame) -> list[str]:
+    if not math.isfinite(layer.value):
+        return []
     if layer.axis == "x":
         way = f"M{frame.x.at(layer.value):.1f} {frame.y.start:.1f}V{frame.y.end:.1f}"
     else:
@@ -270,7 +287,10 @@ def _level(layer: Level, frame: _Frame) -> list[str]:
 
 
 def _span(layer: Span, frame: _Frame) -> list[str]:
-    a, b = frame.x.at(layer.low), frame.x.at(layer.high)
+    """Within the frame, also where a strip has no end."""
+    if math.isnan(layer.low) or math.isnan(layer.high):
+        return []
+    a, b = np.clip([frame.x.at(layer.low), frame.x.at(layer.high)], frame.x.start, frame.x.end)
     return [
         f'<path class="band t-{layer.tone}" d="M{a:.1f} {frame.y.start:.1f}V{frame.y.end:.1f}H{b:.1f}V{frame.y.start:.1f}Z"/>'
     ]
@@ -278,7 +298,8 @@ def _span(layer: Span, frame: _Frame) -> list[str]:
 
 def _cells(layer: Cells, frame: _Frame) -> list[str]:
     """Positive cells in one colour, negative ones in another, the deeper the larger."""
-    largest = layer.largest or float(np.nanmax(np.abs(layer.values), initial=0.0)) or 1.0
+    known = np.abs(layer.values[np.isfinite(layer.values)])
+    largest = layer.largest or float(np.max(known, initial=0.0)) or 1.0
     wide = abs(frame.x.at(1) - frame.x.at(0))
     tall = abs(frame.y.at(1) - frame.y.at(0))
     out = []
