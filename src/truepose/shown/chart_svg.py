@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.shown.chart import Array, Axis, Band, Bars, Cells, Chart, Layer, Level, Line, Marks, Span
+from truepose.shown.marks_svg import POINTS, SIZE
 from truepose.shown.scale import Scale, ends, ticks
 from truepose.shown.view import printable
 
@@ -24,7 +25,6 @@ LETTER = 6.6
 TOP, BOTTOM, RIGHT = 14.0, 44.0, 14.0
 NAME, ON_END = 30, 13
 """Most letters of a name beside an axis, and of one below it that stands on end."""
-_SIZE = {"dot": 4.5, "stroke": 2.0, "ring": 1.3, "tick": 1.2, "diamond": 1.0}
 
 
 def svg(chart: Chart) -> str:
@@ -171,42 +171,13 @@ def _marks(layer: Marks, frame: _Frame) -> list[str]:
         ]
         out.append(f'<path class="error t-{layer.tone}" d="{"".join(bars)}"/>')
     x, y = np.where(gone, -99.0, x), np.where(gone, -99.0, np.clip(y, top, floor))
-    path = "".join(map(_POINTS[layer.shape], x.tolist(), y.tolist()))
+    path = "".join(map(POINTS[layer.shape], x.tolist(), y.tolist()))
     rows = ' data-rows=""' if layer.by_row else ""
     name = f' data-name="{escape(printable(layer.name))}"' if layer.by_row else ""
     out.append(
-        f'<path class="marks {layer.shape} t-{layer.tone}"{rows}{name} stroke-width="{_SIZE[layer.shape]}" d="{path}"/>'
+        f'<path class="marks {layer.shape} t-{layer.tone}"{rows}{name} stroke-width="{SIZE[layer.shape]}" d="{path}"/>'
     )
     return out
-
-
-def _dot(x: float, y: float) -> str:
-    return f"M{x:.1f} {y:.1f}h0"
-
-
-def _stroke(x: float, y: float) -> str:
-    return f"M{x - 3:.1f} {y:.1f}h6"
-
-
-def _tick(x: float, y: float) -> str:
-    return f"M{x:.1f} {y:.1f}v-7"
-
-
-def _ring(x: float, y: float) -> str:
-    return f"M{x - 2.5:.1f} {y:.1f}a2.5 2.5 0 1 0 5 0a2.5 2.5 0 1 0-5 0"
-
-
-def _diamond(x: float, y: float) -> str:
-    return f"M{x:.1f} {y - 4.5:.1f}l4.5 4.5l-4.5 4.5l-4.5-4.5z"
-
-
-_POINTS: dict[str, Callable[[float, float], str]] = {
-    "dot": _dot,
-    "stroke": _stroke,
-    "tick": _tick,
-    "ring": _ring,
-    "diamond": _diamond,
-}
 
 
 def _line(layer: Line, frame: _Frame) -> list[str]:
