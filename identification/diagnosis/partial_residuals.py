@@ -46,29 +46,69 @@ def port_shifts(
     fit: Estimate, recording: Recording, terms: Sequence[PlacedEffect], ports: Sequence[str]
 ) -> list[PortShift]:
     """What terms of a fit shift at some ports, row by row. Ports that no reading sees are left out."""
-    machine = fit.machine
-    predictor = Predictor(machine, recording, fit.effects, ports=True)
-    names = list(predictor.model.names)
-    own = [names.index(name) for term in terms for name in term.parameter_names]
-    at = [names.index(port) for port in ports]
-    lengths = [*range(len(machine.parameters)), *range(len(fit.p), len(names))]  # all but coefficients
-    p = np.concatenate([fit.p, np.zeros(len(names) - len(fit.p))])
-    found = np.full((3, len(ports), len(recording)), np.nan)
-    covariance, slopes = _covariance(fit, own), _slopes(predictor, own, ports)
+    return all_port_shifts(fit, recording, [(terms, ports)])[0]
+
+
+def all_port_shifts(
+    fit: Estimate, recording: Recording, wanted: Sequence[tuple[Sequence[PlacedEffect], Sequence[str]]]
+) -> list[list[PortShift]]:
+    """The same of several groups of terms, each with its ports: readings are evaluated once for all of them."""
+    if not wanted:
+        return []
+    predictor = Predictor(fit.machine, recording, fit.effects, ports=True)
+    p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
+    groups = [_Group.of(predictor, fit, terms, ports) for terms, ports in wanted]
     for rows, residual, jacobian in _blocks(predictor, fit, p):
-        shares = slopes(fit.x[rows], predictor.q[rows], predictor.z[rows], p)[0]  # (n, ports, own)
+        for group in groups:
+            group.take(rows, residual, jacobian, p)
+    return [group.shifts() for group in groups]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Terms that act together: places of their coefficients and ports among all names, and what rows said so far."""
+
+    predictor: Predictor
+    fit: Estimate
+    ports: Sequence[str]
+    own: list[int]
+    at: list[int]
+    covariance: Array
+    slopes: BatchFunction
+    found: Array  # (3, ports, n): fitted, std, rows
+
+    @classmethod
+    def of(
+        cls, predictor: Predictor, fit: Estimate, terms: Sequence[PlacedEffect], ports: Sequence[str]
+    ) -> _Group:
+        names = list(predictor.model.names)
+        own = [names.index(name) for term in terms for name in term.parameter_names]
+        found = np.full((3, len(ports), len(fit.residual)), np.nan)
+        at = [names.index(port) for port in ports]
+        slopes = _slopes(predictor, own, ports)
+        return cls(predictor, fit, ports, own, at, _covariance(fit, own), slopes, found)
+
+    def take(self, rows: NDArray[np.intp], residual: Array, jacobian: Array, p: Array) -> None:
+        """What some rows say."""
+        fit, q, z, own = self.fit, self.predictor.q[rows], self.predictor.z[rows], self.own
+        count = len(fit.machine.parameters)
+        lengths = [*range(count), *range(len(fit.p), len(p))]  # all but coefficients
+        shares = self.slopes(fit.x[rows], q, z, p)[0]  # (n, ports, own)
         least = UNSEEN**2 * float(np.max(np.sum(jacobian[:, :, lengths] ** 2, axis=1), initial=1e-300))
-        for k, column in enumerate(at):
+        for k, column in enumerate(self.at):
             s = jacobian[:, :, column]
             size = np.sum(s**2, axis=1)
             seen = size > max(least, 1e-12 * float(np.max(size, initial=0.0)))
             by = np.where(seen[:, None], shares[:, k], np.nan)
             fitted = by @ p[own]
             beside = -np.sum(s * residual, axis=1) / np.where(seen, size, np.nan)
-            found[0, k, rows] = fitted
-            found[1, k, rows] = np.sqrt(np.maximum(np.einsum("nc,cd,nd->n", by, covariance, by), 0.0))
-            found[2, k, rows] = fitted + beside
-    return [PortShift(port, *found[:, k]) for k, port in enumerate(ports) if np.isfinite(found[0, k]).any()]
+            spread = np.maximum(np.einsum("nc,cd,nd->n", by, self.covariance, by), 0.0)
+            self.found[:, k, rows] = fitted, np.sqrt(spread), fitted + beside
+
+    def shifts(self) -> list[PortShift]:
+        """Of the ports that readings see."""
+        seen = [k for k in range(len(self.ports)) if np.isfinite(self.found[0, k]).any()]
+        return [PortShift(self.ports[k], *self.found[:, k]) for k in seen]
 
 
 def _slopes(predictor: Predictor, own: Sequence[int], ports: Sequence[str]) -> BatchFunction:
@@ -125,4 +165,4 @@ def _covariance(fit: Estimate, own: Sequence[int]) -> Array:
     return out
 
 
-__all__ = ["PortShift", "port_shifts"]
+__all__ = ["PortShift", "all_port_shifts", "port_shifts"]

@@ -86,7 +86,9 @@ def _roots(fit: Estimate) -> dict[str, Array]:
 
 
 def _spread(slopes: Array, root: Array) -> Array:
-    """(n,) trace of J C J', from J (n, 3, k) and a root of C."""
+    """(n,) trace of J C J', from J (n, 3, k) and a root of C; a root that is wider than high is first made square."""
+    if root.shape[1] > root.shape[0]:
+        root = np.asarray(np.linalg.qr(root.T, mode="r")).T
     return np.asarray(np.sum((slopes @ root) ** 2, axis=(1, 2)))
 
 

@@ -13,15 +13,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.partial_residuals import PortShift, port_shifts
+from truepose.identification.diagnosis.partial_residuals import PortShift, all_port_shifts
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.drivers import Column, column_of, joint_column, reading_unit
+from truepose.identification.report.formulas import Formula, formula, terms_of
 from truepose.identification.report.numbers import finer, unit_symbol
 from truepose.models.driver import Driver
-from truepose.models.effects.base import PlacedEffect, Site
+from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
-from truepose.models.states import asked, state_names
 
 Array = NDArray[np.float64]
 POINTS = 721
@@ -58,62 +58,29 @@ class Curve:
         return replace(self, measured=self.measured[rows], rows=said, fitted=fitted)
 
 
-@dataclass(frozen=True)
-class Formula:
-    """Shifts of some terms by port, in symbols of readings and coefficients; plain: nothing else is in them."""
-
-    q: dict[str, ca.SX]
-    coefficients: ca.SX
-    amplitudes: Array
-    shifts: dict[str, ca.SX]
-    plain: bool
-
-
-def terms_of(diagnosis: Diagnosis, finding: Finding) -> list[PlacedEffect]:
-    """The fitted terms that a finding gathers."""
-    return [t for t in diagnosis.terms if t.effect.slug == finding.effect and t.place == finding.place]
-
-
-def formula(machine: Machine, terms: Sequence[PlacedEffect]) -> Formula | None:
-    """Sum of the terms' shifts at the drawing's geometry; None without terms."""
-    if not terms:
-        return None
-    q = {name: ca.SX.sym(name) for name in machine.mechanism.readings}
-    values = {p.name: ca.SX(p.nominal) for p in machine.parameters} | {
-        port: ca.SX(0) for port in machine.ports
-    }
-    states = {name: ca.SX.sym(name) for name in state_names(machine)}
-    drivers = {name: ca.SX.sym(name) for term in terms for name in term.drivers}
-    cases = machine.load_cases or ("",)
-    loads = {f"{case}{port}": ca.SX.sym(port) for case in cases for port in values}
-    symbols: list[ca.SX] = []
-    shifts: dict[str, ca.SX] = {}
-    for term in terms:
-        c = {coefficient.name: ca.SX.sym(coefficient.name) for coefficient in term.coefficients}
-        symbols += c.values()
-        site = Site(machine, term.place, term.settings_map, c, q, drivers, values, loads, states)
-        for port, shift in term.effect.shifts(site).items():
-            shifts[port] = shifts.get(port, ca.SX(0)) + shift
-    read = [*drivers.values(), *(s for t in terms if t.needs_load for s in loads.values())]
-    plain = not asked(list(shifts.values()), states) and not any(
-        ca.depends_on(shift, symbol) for shift in shifts.values() for symbol in read
-    )
-    amplitudes = np.array([a for term in terms for a in term.amplitudes])
-    return Formula(q, ca.vertcat(*symbols), amplitudes, shifts, plain)
-
-
 def curves(diagnosis: Diagnosis, finding: Finding) -> list[Curve]:
     """What the finding adds, three ports at most, the largest first; none where its terms are not in the fit."""
-    terms, fit = terms_of(diagnosis, finding), diagnosis.after
-    found = formula(diagnosis.machine, terms)
-    known = set(fit.prior.names)
-    if found is None or not all(name in known for term in terms for name in term.parameter_names):
-        return []
-    ports = [port for port, shift in found.shifts.items() if not shift.is_zero()]
-    ports = [port for port in ports if port in diagnosis.machine.ports or port in known]
-    shifts = port_shifts(fit, diagnosis.recording, terms, ports)
-    largest = sorted(shifts, key=lambda s: -_worth(s))[:MOST_PORTS]
-    return [_curve(diagnosis, terms, found, shift) for shift in largest]
+    return all_curves(diagnosis, [finding])[0]
+
+
+def all_curves(diagnosis: Diagnosis, findings: Sequence[Finding]) -> list[list[Curve]]:
+    """The same of several findings, whose readings are evaluated once for all of them."""
+    known, machine, fit = set(diagnosis.after.prior.names), diagnosis.machine, diagnosis.after
+    drawn: dict[int, tuple[list[PlacedEffect], Formula, list[str]]] = {}
+    for k, finding in enumerate(findings):
+        terms = terms_of(diagnosis, finding)
+        found = formula(machine, terms)
+        if found is not None and all(name in known for term in terms for name in term.parameter_names):
+            ports = [port for port, shift in found.shifts.items() if not shift.is_zero()]
+            drawn[k] = terms, found, [port for port in ports if port in machine.ports or port in known]
+    wanted = [(terms, ports) for terms, _, ports in drawn.values()]
+    out: list[list[Curve]] = [[] for _ in findings]
+    for (k, (terms, found, _)), shifts in zip(
+        drawn.items(), all_port_shifts(fit, diagnosis.recording, wanted), strict=True
+    ):
+        largest = sorted(shifts, key=lambda s: -_worth(s))[:MOST_PORTS]
+        out[k] = [_curve(diagnosis, terms, found, shift) for shift in largest]
+    return out
 
 
 def _worth(shift: PortShift) -> float:
@@ -275,18 +242,4 @@ def _period(
     return float("inf")
 
 
-def coupling_matrix(diagnosis: Diagnosis, finding: Finding) -> tuple[list[str], Array] | None:
-    """Ports, and (ports, readings) shift a unit of reading at mid-range; None with fewer than two ports of each."""
-    found = formula(diagnosis.machine, terms_of(diagnosis, finding))
-    if found is None or len(found.shifts) < 2 or not found.plain:
-        return None
-    readings = ca.vertcat(*found.q.values())
-    slope = ca.jacobian(ca.vertcat(*found.shifts.values()), readings)
-    middle = np.array([np.mean(a.range) if a.range else 0.0 for a in diagnosis.machine.mechanism.actuators])
-    value = np.array(
-        ca.Function("slope", [readings, found.coefficients], [slope])(middle, found.amplitudes).full()
-    )
-    return (list(found.shifts), value) if np.count_nonzero(np.any(value != 0.0, axis=0)) > 1 else None
-
-
-__all__ = ["Curve", "coupling_matrix", "curves", "formula", "terms_of"]
+__all__ = ["Curve", "all_curves", "curves"]

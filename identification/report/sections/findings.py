@@ -13,9 +13,10 @@ from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import verdict_reasons
 from truepose.identification.report.applied_words import applied_words
 from truepose.identification.report.coefficient_words import coefficient_words
-from truepose.identification.report.curves import Curve, coupling_matrix, curves
+from truepose.identification.report.curves import Curve, all_curves
 from truepose.identification.report.document import Block, Card, Charts, Fold, Items, Section, Table, Text
 from truepose.identification.report.figures.effects import curve_charts, matrix
+from truepose.identification.report.formulas import coupling_matrix
 from truepose.identification.report.level_words import NAMES, lead_words
 from truepose.identification.report.level_words import title as plain_title
 from truepose.identification.report.numbers import known, measure, percent, significant, uncertain
@@ -48,12 +49,13 @@ def findings_section(diagnosis: Diagnosis, rows: NDArray[np.intp]) -> Section:
         blocks.append(Items(doubts, title="What speaks against it", tone="warn"))
     if diagnosis.remainder is not None:
         blocks.append(_remainder(diagnosis))
+    drawn = [[curve.thinned(rows) for curve in found] for found in all_curves(diagnosis, diagnosis.findings)]
     blocks += [
-        finding_card(diagnosis, finding, rows, number)
-        for number, finding in enumerate(diagnosis.findings, 1)
+        finding_card(diagnosis, finding, own, number)
+        for number, (finding, own) in enumerate(zip(diagnosis.findings, drawn, strict=True), 1)
         if not finding.nameless
     ]
-    blocks += _nameless(diagnosis, rows)
+    blocks += _nameless(diagnosis, drawn)
     if diagnosis.outlier_rows:
         blocks.append(Text(outlier_words(diagnosis.outlier_rows)))
         fringes = fringes_by_row(diagnosis.after, diagnosis.recording, diagnosis.outlier_rows)
@@ -72,7 +74,7 @@ def _untested(diagnosis: Diagnosis) -> list[Block]:
     return [*out, Items(others, title="What else could not be tested")] if others else out
 
 
-def _nameless(diagnosis: Diagnosis, drawn: NDArray[np.intp]) -> list[Block]:
+def _nameless(diagnosis: Diagnosis, drawn: Sequence[Sequence[Curve]]) -> list[Block]:
     """What has a place and a driver, and no name; and what leads below the level of a finding."""
     out: list[Block] = []
     nameless = [(k, finding) for k, finding in enumerate(diagnosis.findings, 1) if finding.nameless]
@@ -91,7 +93,7 @@ def _nameless(diagnosis: Diagnosis, drawn: NDArray[np.intp]) -> list[Block]:
         caption = "What is there without a law of the catalogue: where, and what it follows."
         head = ["", "place", "follows", "place known", "driver known", "log Bayes factor"]
         out.append(Table(head, rows, caption, text_columns=3))
-        found = [chart for _, f in nameless for chart in curve_charts(_thinned(diagnosis, f, drawn))]
+        found = [chart for k, _ in nameless for chart in curve_charts(drawn[k - 1])]
         if found:
             out.append(Charts(found[:MANY], _CURVES))
     if diagnosis.leading:
@@ -133,11 +135,7 @@ _CURVES = (
 )
 
 
-def _thinned(diagnosis: Diagnosis, finding: Finding, rows: NDArray[np.intp]) -> list[Curve]:
-    return [curve.thinned(rows) for curve in curves(diagnosis, finding)]
-
-
-def finding_card(diagnosis: Diagnosis, finding: Finding, rows: NDArray[np.intp], number: int = 0) -> Card:
+def finding_card(diagnosis: Diagnosis, finding: Finding, drawn: Sequence[Curve], number: int = 0) -> Card:
     """One finding: what it is, how large, how sure, what cannot be told from it, what would tell."""
     where = ", ".join(finding.place) or "whole recording"
     blocks: list[Block] = [Text(words.explanation(finding))] if finding.explanation else []
@@ -148,7 +146,7 @@ def finding_card(diagnosis: Diagnosis, finding: Finding, rows: NDArray[np.intp],
             )
         )
     blocks.append(Text(f"How sure: {words.certainty_words(finding)}"))
-    blocks += _pictures(diagnosis, finding, rows)
+    blocks += _pictures(diagnosis, finding, drawn)
     if finding.equivalents:
         blocks.append(_class_table(finding))
     experiment = words.separating_experiment(finding)
@@ -168,7 +166,7 @@ def finding_card(diagnosis: Diagnosis, finding: Finding, rows: NDArray[np.intp],
     )
 
 
-def _pictures(diagnosis: Diagnosis, finding: Finding, rows: NDArray[np.intp]) -> list[Block]:
+def _pictures(diagnosis: Diagnosis, finding: Finding, drawn: Sequence[Curve]) -> list[Block]:
     """A matrix as a heat map, and what the finding adds against what drives it."""
     out: list[Block] = []
     found = coupling_matrix(diagnosis, finding)
@@ -179,7 +177,6 @@ def _pictures(diagnosis: Diagnosis, finding: Finding, rows: NDArray[np.intp]) ->
         chart = matrix("", 1e3 * values, list(map(vector_of, ports)), names, axes)
         said = "How far each part moves as each joint travels by one, in thousandths. Blue: along, orange: against it."
         out.append(Charts([chart], said))
-    drawn = _thinned(diagnosis, finding, rows)
     return [*out, Charts(curve_charts(drawn), _CURVES)] if drawn else out
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report import diagnosis_words as words
-from truepose.identification.report.curves import coupling_matrix
 from truepose.identification.report.document import Block, Charts, Section, Table, Text
 from truepose.identification.report.figures import truth as figures
+from truepose.identification.report.formulas import coupling_matrix
 from truepose.identification.report.numbers import measure, significant
 from truepose.models.parameters import vector_of
 from truepose.shown.chart import Tone

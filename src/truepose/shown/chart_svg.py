@@ -7,24 +7,16 @@ keeps a page of thousands of them small; a script finds the k-th point as the k-
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.shown.chart import Array, Axis, Band, Bars, Cells, Chart, Layer, Level, Line, Marks, Span
+from truepose.shown.chart import Band, Bars, Cells, Chart, Level, Line, Marks, Span
+from truepose.shown.chart_axes import LETTER, WIDTH, Frame, axes, frame_of, label
 from truepose.shown.marks_svg import POINTS, SIZE
-from truepose.shown.scale import Scale, ends, ticks
 from truepose.shown.view import printable
-
-WIDTH = 380.0
-LETTER = 6.6
-"""Width of a letter, about, at the font's 12 px."""
-TOP, BOTTOM, RIGHT = 14.0, 44.0, 14.0
-NAME, ON_END = 30, 13
-"""Most letters of a name beside an axis, and of one below it that stands on end."""
 
 
 def svg(chart: Chart) -> str:
@@ -34,130 +26,18 @@ def svg(chart: Chart) -> str:
 
 
 def _svg(chart: Chart) -> str:
-    frame = _frame(chart)
+    frame = frame_of(chart)
     below = sorted(chart.layers, key=lambda layer: not isinstance(layer, (Level, Span)))
     drawn = [part for layer in below for part in _DRAWN[type(layer)](layer, frame)]
     title = escape(printable(f"{chart.title}: {chart.y.title} against {chart.x.title}"))
     told = f"<desc>{escape(printable(chart.told))}</desc>" if chart.told else ""
     return (
         f'<svg class="chart" role="img" viewBox="0 0 {WIDTH:.0f} {chart.height:.0f}"><title>{title}</title>{told}'
-        f"{''.join(_axes(chart, frame))}{''.join(drawn)}</svg>"
+        f"{''.join(axes(chart, frame))}{''.join(drawn)}</svg>"
     )
 
 
-@dataclass(frozen=True)
-class _Frame:
-    x: Scale
-    y: Scale
-
-
-def _frame(chart: Chart) -> _Frame:
-    xs, ys = _values(chart.layers, "x"), _values(chart.layers, "y")
-    low, high = _ends(chart.y, ys)
-    if chart.y.names:
-        low, high = high, low  # the first name stands on top
-    labels = [text for _, text in _y_ticks(chart.y, low, high, chart.height)]
-    left = 26.0 + LETTER * max((min(len(text), NAME) for text in labels), default=1)
-    bottom = BOTTOM if not _turned(chart.x) else 20.0 + LETTER * _longest(chart.x)
-    across = Scale(*_ends(chart.x, xs), left, WIDTH - RIGHT)
-    return _Frame(across, Scale(low, high, chart.height - bottom, TOP))
-
-
-def _ends(axis: Axis, values: Sequence[Array]) -> tuple[float, float]:
-    if axis.names:
-        return (-0.5, len(axis.names) - 0.5)
-    return ends(values, axis.low, axis.high)
-
-
-def _values(layers: Sequence[Layer], axis: str) -> list[Array]:
-    """What an axis has to show."""
-    out: list[Array] = []
-    for layer in layers:
-        if isinstance(layer, Marks):
-            spread = np.zeros(1) if layer.error is None else layer.error
-            out += [layer.x] if axis == "x" else [layer.y, layer.y - spread, layer.y + spread]
-        elif isinstance(layer, Line):
-            out.append(layer.x if axis == "x" else layer.y)
-        elif isinstance(layer, Band):
-            out += [layer.x] if axis == "x" else [layer.low, layer.high]
-        elif isinstance(layer, Bars):
-            upright = layer.edges is not None
-            out.append(layer.edges if axis == "x" and layer.edges is not None else np.zeros(1))
-            if upright == (axis == "y"):
-                out.append(layer.length)
-        elif isinstance(layer, Level) and layer.axis == axis:
-            out.append(np.array([layer.value]))
-    return out
-
-
-def _y_ticks(axis: Axis, low: float, high: float, height: float) -> list[tuple[float, str]]:
-    if axis.names:
-        return [(float(k), _short(name)) for k, name in enumerate(axis.names)]
-    return list(axis.ticks) or ticks(low, high, max(3, int(height / 45)))
-
-
-def _turned(axis: Axis) -> bool:
-    """Whether names below a chart have to stand on end."""
-    return _longest(axis) * LETTER * len(axis.names) > 0.8 * WIDTH
-
-
-def _longest(axis: Axis) -> int:
-    """Letters of the longest name across, as it is written."""
-    return min(max((len(name) for name in axis.names), default=0), ON_END)
-
-
-def _axes(chart: Chart, frame: _Frame) -> list[str]:
-    x, y = frame.x, frame.y
-    out = [f'<path class="axis" d="M{x.start:.1f} {y.end:.1f}V{y.start:.1f}H{x.end:.1f}"/>']
-    for value, text in _y_ticks(chart.y, y.low, y.high, chart.height):
-        at = y.at(value)
-        if not chart.y.names:
-            out.append(f'<path class="grid" d="M{x.start:.1f} {at:.1f}H{x.end:.1f}"/>')
-        out.append(_text(x.start - 6, at + 4, text, "end"))
-    out += _below(chart.x, frame)
-    middle = 0.5 * (y.start + y.end)
-    if chart.y.title:
-        out.append(
-            f'<text class="name" transform="translate(11 {middle:.1f}) rotate(-90)" text-anchor="middle">'
-            f"{escape(printable(chart.y.title))}</text>"
-        )
-    out.append(_text(0.5 * (x.start + x.end), chart.height - 5, chart.x.title, "middle", "name"))
-    return out
-
-
-def _below(axis: Axis, frame: _Frame) -> list[str]:
-    """Ticks of the axis across, names on end where they would touch."""
-    x, y = frame.x, frame.y
-    if axis.names and _turned(axis):
-        return [
-            f'<text transform="translate({x.at(k) + 4:.1f} {y.start + 6:.1f}) rotate(-90)" text-anchor="end">'
-            f"{escape(printable(_short(name, ON_END)))}</text>"
-            for k, name in enumerate(axis.names)
-        ]
-    found = [(float(k), name) for k, name in enumerate(axis.names)]
-    marks = found or list(axis.ticks) or _fitting(x)
-    out = []
-    for value, text in marks:
-        at = x.at(value)
-        if not axis.names:
-            out.append(f'<path class="grid" d="M{at:.1f} {y.end:.1f}V{y.start:.1f}"/>')
-        half = 0.5 * LETTER * len(text)
-        out.append(_text(min(at, WIDTH - half - 1), y.start + 16, text, "middle"))
-    return out
-
-
-def _fitting(x: Scale) -> list[tuple[float, str]]:
-    """As many ticks as have room for their numbers."""
-    for most in (8, 7, 6, 5, 4, 3, 2):
-        found = ticks(x.low, x.high, most)
-        widest = max((len(text) for _, text in found), default=1)
-        step = (found[1][0] - found[0][0]) if len(found) > 1 else x.high - x.low
-        if (widest + 1.5) * LETTER < abs(x.at(x.low + step) - x.start):
-            return found
-    return found
-
-
-def _marks(layer: Marks, frame: _Frame) -> list[str]:
+def _marks(layer: Marks, frame: Frame) -> list[str]:
     x, y = frame.x.all(layer.x), frame.y.all(layer.y)
     top, floor = frame.y.end, frame.y.start
     gone = ~(np.isfinite(x) & np.isfinite(y))
@@ -180,7 +60,7 @@ def _marks(layer: Marks, frame: _Frame) -> list[str]:
     return out
 
 
-def _line(layer: Line, frame: _Frame) -> list[str]:
+def _line(layer: Line, frame: Frame) -> list[str]:
     dash = " dashed" if layer.dashed else ""
     return [
         f'<path class="line{dash} t-{layer.tone}" d="{_way(frame.x.all(layer.x), frame.y.all(layer.y))}"/>'
@@ -198,7 +78,7 @@ def _way(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
     return "".join(out)
 
 
-def _band(layer: Band, frame: _Frame) -> list[str]:
+def _band(layer: Band, frame: Frame) -> list[str]:
     """One area for each stretch of points that are known."""
     every = np.stack([layer.x, layer.low, layer.high])
     known = np.flatnonzero(np.isfinite(every).all(axis=0))
@@ -212,7 +92,7 @@ def _band(layer: Band, frame: _Frame) -> list[str]:
     return [f'<path class="band t-{layer.tone}" d="{"".join(ways)}"/>']
 
 
-def _bars(layer: Bars, frame: _Frame) -> list[str]:
+def _bars(layer: Bars, frame: Frame) -> list[str]:
     out = []
     if layer.edges is not None:
         edges, floor = frame.x.all(layer.edges), frame.y.at(0.0)
@@ -237,17 +117,17 @@ def _beside(end: float, y: float, text: str, zero: float) -> str:
     wide = LETTER * len(text) + 4
     if end >= zero:
         inside = end + wide > WIDTH
-        return _text(
+        return label(
             end - 4 if inside else end + 4,
             y + 4,
             text,
             "end" if inside else "start",
             "on" if inside else "beside",
         )
-    return _text(zero + 4, y + 4, text, "start", "beside")
+    return label(zero + 4, y + 4, text, "start", "beside")
 
 
-def _level(layer: Level, frame: _Frame) -> list[str]:
+def _level(layer: Level, frame: Frame) -> list[str]:
     if not math.isfinite(layer.value):
         return []
     if layer.axis == "x":
@@ -257,7 +137,7 @@ def _level(layer: Level, frame: _Frame) -> list[str]:
     return [f'<path class="level{" dashed" if layer.dashed else ""} t-{layer.tone}" d="{way}"/>']
 
 
-def _span(layer: Span, frame: _Frame) -> list[str]:
+def _span(layer: Span, frame: Frame) -> list[str]:
     """Within the frame, also where a strip has no end."""
     if math.isnan(layer.low) or math.isnan(layer.high):
         return []
@@ -267,7 +147,7 @@ def _span(layer: Span, frame: _Frame) -> list[str]:
     ]
 
 
-def _cells(layer: Cells, frame: _Frame) -> list[str]:
+def _cells(layer: Cells, frame: Frame) -> list[str]:
     """Positive cells in one colour, negative ones in another, the deeper the larger."""
     known = np.abs(layer.values[np.isfinite(layer.values)])
     largest = layer.largest or float(np.max(known, initial=0.0)) or 1.0
@@ -285,7 +165,7 @@ def _cells(layer: Cells, frame: _Frame) -> list[str]:
                 f' width="{wide:.1f}" height="{tall:.1f}" fill-opacity="{share:.2f}"/>'
             )
             if layer.texts:
-                out.append(_text(x, y + 4, layer.texts[r][c], "middle", "on" if share > 0.6 else ""))
+                out.append(label(x, y + 4, layer.texts[r][c], "middle", "on" if share > 0.6 else ""))
     return out
 
 
@@ -298,12 +178,3 @@ _DRAWN: dict[type, Callable[..., list[str]]] = {
     Span: _span,
     Cells: _cells,
 }
-
-
-def _short(name: str, most: int = NAME) -> str:
-    return name if len(name) <= most else f"{name[: most - 1]}\u2026"
-
-
-def _text(x: float, y: float, text: str, anchor: str, kind: str = "") -> str:
-    own = f' class="{kind}"' if kind else ""
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{own}>{escape(printable(text))}</text>'
