@@ -8,6 +8,7 @@ from truepose.identification.diagnosis.levels import Levels
 from truepose.identification.diagnosis.result import Alternative, Finding, Lead
 from truepose.identification.report.level_words import (
     driver_clauses,
+    known_words,
     lead_words,
     level_of,
     levels_words,
@@ -99,3 +100,16 @@ def test_all_three_levels_are_told_of_a_finding() -> None:
 def test_what_leads_below_the_level_of_a_finding_is_shown() -> None:
     lead = Lead("backlash", ("q3",), Levels(0.46, "arrival", 0.45), 0.4)
     assert lead_words(lead) == "backlash at q3 (40 %; something follows the side of arrival there: 45 %)"
+
+
+def test_a_finding_is_called_by_the_deepest_level_that_is_known() -> None:
+    """A law of 0.7 % gives no title, however sure its place and driver are."""
+    assert known_words(finding("joint-compliance", "q2", 0.98, 0.99, 0.99)) == (
+        "compliant joint at q2",
+        "98.0 %",
+    )
+    said, sure = known_words(finding("joint-compliance", "q2", 0.007, 0.9995, 0.9995))
+    assert said == "q2 gives way under the weight that it carries"
+    assert sure == "over 99.9 %; this law 0.7 %"
+    said, sure = known_words(finding("empirical", "q5", 0.0, 0.95, 0.99, "coupling"))
+    assert (said, sure) == ("q5 follows the position of other joints", "95.0 %")

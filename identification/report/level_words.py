@@ -84,6 +84,17 @@ def driver_clauses(findings: Sequence[Finding]) -> list[str]:
     return out + [_pooled_clause(f) for f in findings if level_of(f) == "pooled"]
 
 
+def known_words(finding: Finding) -> tuple[str, str]:
+    """A finding at the deepest level that is known, and how sure that is: ``compliant joint at q2``, ``98 %``; or ``q5 errs in
+    waves of its own position``, ``over 99.9 %; this law 12 %``."""
+    where = ", ".join(finding.place) or "the recording"
+    if not finding.nameless and (level_of(finding) == "law" or not finding.levels.driver):
+        return f"{title(finding.effect)} at {where}", percent(finding.probability)
+    sure = percent(finding.levels.driver)
+    law = "" if finding.nameless else f"; this law {percent(finding.probability)}"
+    return f"{where} {_ONE[finding.levels.kind]}", f"{sure}{law}"
+
+
 def _untested(finding: Finding) -> bool:
     """Whether what explains a finding best could not be tested."""
     return finding.nameless and not finding.tested and bool(finding.equivalents)

@@ -15,8 +15,7 @@ from truepose.identification.report.calibration_words import figures, nothing_ag
 from truepose.identification.report.document import Command, Gain, Items, Opening, Text
 from truepose.identification.report.fits import stated_noise
 from truepose.identification.report.judgement_words import diagnosis_judgement
-from truepose.identification.report.level_words import NAMES, SAID, level_of, spanned
-from truepose.identification.report.level_words import title as plain_title
+from truepose.identification.report.level_words import NAMES, SAID, known_words, level_of, spanned
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import percent, significant, unit_symbol
 from truepose.identification.report.scene.guilt import Guilty
@@ -130,17 +129,8 @@ def _explained(before: float | None, after: float, floor: float) -> str:
 
 
 def _guilty(finding: Finding) -> Guilty:
-    where = ", ".join(finding.place) or "the whole recording"
-    if finding.nameless:
-        return Guilty(
-            f"something without a name at {where}", "", percent(finding.levels.driver), finding.place
-        )
-    return Guilty(
-        f"{plain_title(finding.effect)} at {where}",
-        finding.effect,
-        percent(finding.probability),
-        finding.place,
-    )
+    said, sure = known_words(finding)
+    return Guilty(said, "" if finding.nameless else finding.effect, sure, finding.place)
 
 
 def _sure(diagnosis: Diagnosis) -> list[str]:

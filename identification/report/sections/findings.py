@@ -17,8 +17,7 @@ from truepose.identification.report.curves import Curve, all_curves
 from truepose.identification.report.document import Block, Card, Charts, Fold, Items, Section, Table, Text
 from truepose.identification.report.figures.effects import curve_charts, matrix
 from truepose.identification.report.formulas import coupling_matrix
-from truepose.identification.report.level_words import NAMES, lead_words
-from truepose.identification.report.level_words import title as plain_title
+from truepose.identification.report.level_words import NAMES, known_words, lead_words, level_of, with_article
 from truepose.identification.report.numbers import known, measure, percent, significant, uncertain
 from truepose.identification.report.untestable_words import missing_words, untestable_lines
 from truepose.models.parameters import vector_of
@@ -137,8 +136,9 @@ _CURVES = (
 
 def finding_card(diagnosis: Diagnosis, finding: Finding, drawn: Sequence[Curve], number: int = 0) -> Card:
     """One finding: what it is, how large, how sure, what cannot be told from it, what would tell."""
-    where = ", ".join(finding.place) or "whole recording"
-    blocks: list[Block] = [Text(words.explanation(finding))] if finding.explanation else []
+    certain = level_of(finding) == "law" or not finding.levels.driver
+    hedge = "" if certain else f"If it is {with_article(finding.effect)}: "
+    blocks: list[Block] = [Text(f"{hedge}{words.explanation(finding)}")] if finding.explanation else []
     if finding.parameters:
         blocks.append(
             Text(
@@ -156,11 +156,11 @@ def finding_card(diagnosis: Diagnosis, finding: Finding, drawn: Sequence[Curve],
     blocks.append(Text(words.tolerance_words(finding), "warn" if finding.prior_dependent else "muted"))
     if finding.parameters:
         blocks.append(_amplitudes(finding))
-    title = plain_title(finding.effect)
+    title, sure = known_words(finding)
     return Card(
-        f"{title[0].upper()}{title[1:]} at {where}",
+        f"{title[0].upper()}{title[1:]}" if certain else title,
         blocks,
-        badge=percent(finding.probability),
+        badge=sure,
         slug=finding.effect,
         number=number,
     )
