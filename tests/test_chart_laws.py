@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
+from typing import Literal
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -266,3 +267,13 @@ def test_a_strip_without_an_end_stays_in_the_frame() -> None:
     places = [float(v) for one in root.iter("path") if "band" in (one.get("class") or "")
               for v in re.findall(rf"[MH]({NUMBER})", one.get("d", ""))]  # fmt: skip
     assert min(places) == left and max(places) == right
+
+
+@pytest.mark.parametrize("value", [2.0, 0.0, 4.0, 5.732439843310956e305, -1.0, float("inf"), float("nan")])
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_level_is_drawn_within_its_axis_alone(value: float, axis: Literal["x", "y"]) -> None:
+    ends_of = Axis("", 0.0, 4.0)
+    root = ET.fromstring(svg(Chart("", ends_of, ends_of, [Level(value, axis)])))
+    assert len([one for one in root.iter("path") if "level" in (one.get("class") or "")]) == (
+        0.0 <= value <= 4.0
+    )

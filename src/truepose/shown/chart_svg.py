@@ -80,15 +80,14 @@ def _way(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
 
 def _band(layer: Band, frame: Frame) -> list[str]:
     """One area for each stretch of points that are known."""
-    every = np.stack([layer.x, layer.low, layer.high])
+    every = np.stack([frame.x.all(layer.x), frame.y.all(layer.low), frame.y.all(layer.high)])
     known = np.flatnonzero(np.isfinite(every).all(axis=0))
     if not len(known):
         return []
     ways = []
     for own in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
         x, low, high = every[:, own]
-        across, up = np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]])
-        ways.append(f"{_way(frame.x.all(across), frame.y.all(up))}Z")
+        ways.append(f"{_way(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))}Z")
     return [f'<path class="band t-{layer.tone}" d="{"".join(ways)}"/>']
 
 
@@ -128,13 +127,17 @@ def _beside(end: float, y: float, text: str, zero: float) -> str:
 
 
 def _level(layer: Level, frame: Frame) -> list[str]:
-    if not math.isfinite(layer.value):
+    """None where its value lies beyond the axis."""
+    scale = frame.x if layer.axis == "x" else frame.y
+    at = scale.at(layer.value)
+    if not min(scale.start, scale.end) - 0.1 <= at <= max(scale.start, scale.end) + 0.1:
         return []
     if layer.axis == "x":
-        way = f"M{frame.x.at(layer.value):.1f} {frame.y.start:.1f}V{frame.y.end:.1f}"
+        way = f"M{at:.1f} {frame.y.start:.1f}V{frame.y.end:.1f}"
     else:
-        way = f"M{frame.x.start:.1f} {frame.y.at(layer.value):.1f}H{frame.x.end:.1f}"
-    return [f'<path class="level{" dashed" if layer.dashed else ""} t-{layer.tone}" d="{way}"/>']
+        way = f"M{frame.x.start:.1f} {at:.1f}H{frame.x.end:.1f}"
+    dash = " dashed" if layer.dashed else ""
+    return [f'<path class="level{dash} t-{layer.tone}" d="{way}"/>']
 
 
 def _span(layer: Span, frame: Frame) -> list[str]:
