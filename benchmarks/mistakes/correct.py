@@ -16,7 +16,8 @@ from .pairs import MACHINE, copied, write
 from .sources.rota import MOST, turns
 
 CORRECT = "correct"
-DATA, PRACTICE = Path("/work/shared/data"), Path("/work/shared/practice")
+BESIDE = Path(__file__).resolve().parents[3] / "shared"
+DATA, PRACTICE = BESIDE / "data", BESIDE / "practice"
 """Real recordings and practice cases, where they are; what is not there is left out."""
 EXAMINED = 6
 """Every sixth pair beyond the fixed ones is a case of the challenge, its strata in turn."""
