@@ -25,7 +25,8 @@ from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 POINTS = 721
-MOST_PORTS = 3
+MOST_PORTS, FEW, MANY = 3, 6, 20
+"""Most ports of a finding that are drawn where there are few findings, else one; of many findings the first are drawn."""
 FOLDED = 1.5
 """Periods in what was measured from which on a function is drawn over one of them."""
 SAME = 1e-3
@@ -67,7 +68,7 @@ def all_curves(diagnosis: Diagnosis, findings: Sequence[Finding]) -> list[list[C
     """The same of several findings, whose readings are evaluated once for all of them."""
     known, machine, fit = set(diagnosis.after.prior.names), diagnosis.machine, diagnosis.after
     drawn: dict[int, tuple[list[PlacedEffect], Formula, list[str]]] = {}
-    for k, finding in enumerate(findings):
+    for k, finding in enumerate(findings[:MANY]):
         terms = terms_of(diagnosis, finding)
         found = formula(machine, terms)
         if found is not None and all(name in known for term in terms for name in term.parameter_names):
@@ -78,7 +79,7 @@ def all_curves(diagnosis: Diagnosis, findings: Sequence[Finding]) -> list[list[C
     for (k, (terms, found, _)), shifts in zip(
         drawn.items(), all_port_shifts(fit, diagnosis.recording, wanted), strict=True
     ):
-        largest = sorted(shifts, key=lambda s: -_worth(s))[:MOST_PORTS]
+        largest = sorted(shifts, key=lambda s: -_worth(s))[: MOST_PORTS if len(findings) <= FEW else 1]
         out[k] = [_curve(diagnosis, terms, found, shift) for shift in largest]
     return out
 

@@ -68,13 +68,20 @@ def _line(layer: Line, frame: Frame) -> list[str]:
 
 
 def _way(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
-    out, letter = [], "M"
+    """A line through points, in steps of a tenth of a pixel from one to the next, which are short to write; it breaks where
+    a point is not finite."""
+    out: list[str] = []
+    last: tuple[int, int] | None = None
     for a, b in zip(x.tolist(), y.tolist(), strict=True):
         if not (math.isfinite(a) and math.isfinite(b)):
-            letter = "M"
+            last = None
             continue
-        out.append(f"{letter}{a:.1f} {b:.1f}")
-        letter = "L"
+        here = round(10 * a), round(10 * b)
+        if last is None:
+            out.append(f"M{here[0] / 10:g} {here[1] / 10:g}")
+        else:
+            out.append(f"l{(here[0] - last[0]) / 10:g} {(here[1] - last[1]) / 10:g}")
+        last = here
     return "".join(out)
 
 
