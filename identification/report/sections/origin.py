@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from truepose.identification.diagnosis.result import Diagnosis
@@ -12,6 +13,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.report.document import Section, Table
 from truepose.identification.report.numbers import measure
 from truepose.identification.report.opening import file_name, recording_names
+from truepose.identification.report.sections.glossary import words_of_diagnoses, words_of_fits
 from truepose.models.machine import Machine
 from truepose.version import VERSION
 
@@ -20,7 +22,8 @@ NOT_A_FILE = "not a file"
 
 def diagnosis_origin(diagnosis: Diagnosis) -> Section:
     """Of a diagnosis."""
-    return origin_section(diagnosis.machine, diagnosis.recording, "diagnose")
+    section = origin_section(diagnosis.machine, diagnosis.recording, "diagnose")
+    return replace(section, blocks=[*section.blocks, words_of_diagnoses()])
 
 
 def calibration_origin(calibration: Calibration) -> Section:
@@ -29,7 +32,8 @@ def calibration_origin(calibration: Calibration) -> Section:
     options = [
         f"--{k} {calibration.method[k]}" for k, v in usual.items() if calibration.method.get(k, v) != v
     ]
-    return origin_section(calibration.fit.machine, calibration.recording, "calibrate", options)
+    section = origin_section(calibration.fit.machine, calibration.recording, "calibrate", options)
+    return replace(section, blocks=[*section.blocks, words_of_fits()])
 
 
 def origin_section(
