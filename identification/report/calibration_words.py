@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from truepose.identification.fit.summary import FitSummary
+from truepose.identification.report.before_after import sensor_unit
 from truepose.identification.report.fits import stated_noise
 from truepose.identification.report.misfit_words import HIGH
-from truepose.identification.report.numbers import measure, significant
+from truepose.identification.report.numbers import significant, unit_symbol
 from truepose.models.machine import Machine
 
 
@@ -26,10 +27,10 @@ def calibrated_headline(machine: Machine, summary: FitSummary) -> tuple[str, boo
         return calibrated_words(machine.name, summary)
     unit = machine.residual_units[kind]
     where = "of rows that were not fitted " if held else ""
-    said = (
-        f"{machine.name} is calibrated: it misses the {kind} {where}by {measure(left[kind], unit)}; the instrument alone makes"
-        f" {measure(stated_noise(machine)[kind], unit)}."
-    )
+    sizes = left[kind], stated_noise(machine)[kind]
+    factor, name = sensor_unit(max(sizes), unit)
+    off, floor = (f"{significant(size * factor)} {unit_symbol(name)}".rstrip() for size in sizes)
+    said = f"{machine.name} is calibrated: it misses the {kind} {where}by {off}; the instrument alone makes {floor}."
     return (said if good else f"{said} Something may be missing."), good
 
 
