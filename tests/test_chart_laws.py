@@ -31,7 +31,8 @@ from truepose.shown.chart import (
     Span,
     legend,
 )
-from truepose.shown.chart_svg import WIDTH, svg
+from truepose.shown.chart_axes import WIDTH
+from truepose.shown.chart_svg import svg
 from truepose.shown.scale import Scale, ends, ticks
 
 Array = NDArray[np.float64]
