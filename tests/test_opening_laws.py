@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.examples import examples
-from support.reports import NAN, arm, summary
+from support.reports import NAN, arm, summary, synthetic
+from truepose.identification.diagnosis.result import Applied, PoseError
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.origin import digest_of, recorded_on
 from truepose.identification.report.document import Gain
-from truepose.identification.report.opening import file_name, gains_of, recording_names
+from truepose.identification.report.opening import diagnosis_opening, file_name, gains_of, recording_names
 from truepose.models.machine import Machine
 
 LAWS = settings(max_examples=examples(120), deadline=None)
@@ -186,3 +187,27 @@ def test_names_stand_as_on_a_command_line(machine: Machine) -> None:
     assert recording_names(["/far/off/a.csv", "my rows.csv"]) == "a.csv my\\ rows.csv"
     assert file_name(machine) == "arm.yaml"
     assert file_name(replace(machine, file=None)) == "MACHINE"
+
+
+def test_the_tool_stands_first_where_it_was_judged_on_rows_held_out_in_turn(tmp_path: Path) -> None:
+    """What improved.yaml is worth on rows that were not fitted goes before figures of fitted rows."""
+    machine = arm(tmp_path)
+    error = PoseError(0.5, 0.2)
+    for held_out, first in (("blocks", "the tool's position, rms"), ("role", "position error, rms")):
+        applied = Applied("whole", held_out, error, 0.4, error, 0.4)
+        opening = diagnosis_opening(synthetic(machine, applied=applied))
+        assert opening.gains[0].kind == first
+        assert not [one for one in opening.lists if one.title == "What improved.yaml holds"]
+    told = diagnosis_opening(
+        synthetic(machine, applied=Applied("whole", "blocks", error, 0.4, error, 0.4))
+    ).gains[0]
+    assert (told.before, told.after) == ("0.500 mm", "0.200 mm")
+    assert "improved.yaml" in told.where and "held out in turn" in told.where
+
+
+def test_less_than_all_that_was_found_is_told(tmp_path: Path) -> None:
+    worse = Applied("plain", "role", PoseError(0.5, 0.5), 1.0, PoseError(0.5, 0.9), 1.2)
+    opening = diagnosis_opening(synthetic(arm(tmp_path), applied=worse))
+    (holds,) = [one for one in opening.lists if one.title == "What improved.yaml holds"]
+    assert "improved.yaml holds plain calibration" in " ".join(holds.items)
+    assert not [step for step in opening.steps if "improved.yaml" in getattr(step, "command", "")]

@@ -33,6 +33,11 @@ def applied_words(applied: Applied | None) -> list[str]:
     return out
 
 
+def rows_words(applied: Applied) -> str:
+    """On which rows the tool was judged."""
+    return _ROWS.get(applied.held_out, applied.held_out)
+
+
 def expected_pose(applied: Applied | None) -> ExpectedPose | None:
     """What improved.yaml says of itself; None where the tool's position was not judged."""
     if applied is None or applied.pose is None:
@@ -97,4 +102,4 @@ def _pose(error: PoseError) -> str:
     return f"{measure(error.plain, 'mm')} with plain calibration, {measure(error.model, 'mm')}"
 
 
-__all__ = ["applied_words", "check_applicable", "expected_pose", "expected_words", "pose_json"]
+__all__ = ["applied_words", "check_applicable", "expected_pose", "expected_words", "pose_json", "rows_words"]

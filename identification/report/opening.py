@@ -6,10 +6,12 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from truepose.identification.diagnosis.result import Diagnosis, Finding
+from truepose.identification.diagnosis.holdout import ROLE
+from truepose.identification.diagnosis.result import WHOLE, Applied, Diagnosis, Finding
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.report import diagnosis_words as words
+from truepose.identification.report.applied_words import applied_words, rows_words
 from truepose.identification.report.before_after import sensor_unit
 from truepose.identification.report.calibration_words import figures, nothing_against
 from truepose.identification.report.document import Command, Gain, Items, Opening, Text
@@ -36,12 +38,18 @@ def diagnosis_opening(diagnosis: Diagnosis) -> Opening:
     before, after = diagnosis.fits["before"], diagnosis.fits["after"]
     two = bool(diagnosis.terms)
     ratio = diagnosis.proof.ratio if diagnosis.proof is not None else math.nan
-    gains = gains_of(diagnosis.machine, before if two else None, after, diagnosis.noise, ratio)
+    gains = [
+        *_applied_gain(diagnosis.applied),
+        *gains_of(diagnosis.machine, before if two else None, after, diagnosis.noise, ratio),
+    ]
     fit = diagnosis.after if two else None
     scene = scene_of(
         diagnosis.before, fit, diagnosis.recording, [_guilty(f) for f in diagnosis.findings[:GUILTY]]
     )
     lists = [Items(_sure(diagnosis), title="How sure")]
+    applied = diagnosis.applied
+    if diagnosis.verdict != "adequate" and applied is not None and applied.model != WHOLE:
+        lists.append(Items(applied_words(applied), title="What improved.yaml holds", tone="warn"))
     against = doubts(diagnosis)
     if against:
         lists.append(Items(_few(against, "part 1", DOUBTS), title="What speaks against it"))
@@ -239,12 +247,20 @@ def calibration_opening(
     return Opening([*worth, *gains_of(fit.machine, None, summary)], lists, steps)
 
 
-def _worth(pose: ExpectedPose) -> Gain:
-    """The tool's position by the drawing and by the fit."""
+def _applied_gain(applied: Applied | None) -> list[Gain]:
+    """The tool's position with improved.yaml, where it was judged on other rows than those of the readings' figures."""
+    if applied is None or applied.pose is None or applied.model == "plain" or applied.held_out == ROLE:
+        return []
+    pose = ExpectedPose("plain calibration", applied.pose.plain, applied.pose.model, rows_words(applied))
+    return [_worth(pose, "improved.yaml")]
+
+
+def _worth(pose: ExpectedPose, name: str = "this calibration") -> Gain:
+    """The tool's position by what was before and by the file."""
     largest = max(pose.before, pose.after) or 1.0
-    factor, name = sensor_unit(max(pose.before, pose.after), "mm")
-    before, after = (f"{significant(v * factor)} {unit_symbol(name)}" for v in (pose.before, pose.after))
-    where = f"{pose.than} and this calibration, on {pose.rows}, base and tool refitted"
+    factor, unit = sensor_unit(max(pose.before, pose.after), "mm")
+    before, after = (f"{significant(v * factor)} {unit_symbol(unit)}" for v in (pose.before, pose.after))
+    where = f"{pose.than} and {name}, on {pose.rows}, base and tool refitted"
     shares = (pose.before / largest, pose.after / largest, 0.0)
     return Gain("the tool's position, rms", before, after, "", "", where, shares)
 
