@@ -6,7 +6,7 @@ import math
 from xml.etree import ElementTree as ET
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from support.examples import examples
@@ -79,6 +79,8 @@ def _drawn(svg: str) -> ET.Element:
 
 
 @given(st.dictionaries(TEXTS, NUMBERS, max_size=12), st.none() | st.floats(0.1, 10))
+@example({"": 5.4e305}, None)
+@example({"": 1.7e308, "a": -1.7e308}, 1.0)
 @settings(max_examples=examples(40))
 def test_bars_of_any_numbers(values: dict[str, float], limit: float | None) -> None:
     tree = _drawn(bars(values, title="t", limit=limit))

@@ -18,6 +18,9 @@ from truepose.shown.chart_axes import LETTER, WIDTH, Frame, axes, frame_of, labe
 from truepose.shown.marks_svg import POINTS, SIZE
 from truepose.shown.view import printable
 
+FAR = 1e5
+"""Pixels beyond which a point is drawn no farther away."""
+
 
 def svg(chart: Chart) -> str:
     """The chart as one SVG element; numbers that no axis can hold are left out."""
@@ -76,7 +79,7 @@ def _way(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
         if not (math.isfinite(a) and math.isfinite(b)):
             last = None
             continue
-        here = round(10 * a), round(10 * b)
+        here = round(10 * min(max(a, -FAR), FAR)), round(10 * min(max(b, -FAR), FAR))
         if last is None:
             out.append(f"M{here[0] / 10:g} {here[1] / 10:g}")
         else:

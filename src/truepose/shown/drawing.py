@@ -31,7 +31,7 @@ def bars(values: Mapping[str, float], *, title: str, limit: float | None = None)
     half -= 60.0 if signed else 0.0
     parts = []
     for k, (name, value) in enumerate(finite.items()):
-        y, long = ROW * (k + 1.5), half * value / top
+        y, long = ROW * (k + 1.5), half * (value / top)
         x = zero + min(long, 0.0)
         parts.append(_label(name, y))
         parts.append(
@@ -41,7 +41,7 @@ def bars(values: Mapping[str, float], *, title: str, limit: float | None = None)
         parts.append(_text(end, y + 4, f"{value:.3g}", "start" if value >= 0 else "end"))
     height = ROW * (len(finite) + 1.5)
     for side in ([1.0, -1.0] if signed else [1.0]) if limit else []:
-        x = zero + side * half * (limit or 0.0) / top
+        x = zero + side * half * ((limit or 0.0) / top)
         parts.append(_rule(x, ROW, x, height - 5, dashed=True))
     parts.append(_rule(zero, ROW, zero, height - 5))
     return _svg(height, title, parts)
@@ -88,7 +88,7 @@ def strips(
         wide = high - low or 1.0
         step = max(1, -(-len(seen) // MOST))
         ticks = "".join(
-            f"M{left + (right - left) * (v - low) / wide:.1f} {y - 6:.1f}v12"
+            f"M{left + (right - left) * ((v - low) / wide):.1f} {y - 6:.1f}v12"
             for v in list(seen)[::step]
             if math.isfinite(v)
         )

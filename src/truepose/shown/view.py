@@ -46,7 +46,7 @@ def screen(view: View) -> str:
         lines += facts[shown]
         shown += 1
     rows = table[: left + min(len(table), TABLE_LINES)]
-    cut = _left_out(len(facts) - shown, len(table) - len(rows), view.more)
+    cut = _left_out(len(facts) - shown, len(table) - len(rows), printable(view.more))
     return "\n".join([*lines, *rows, *cut])
 
 
