@@ -61,7 +61,7 @@ def test_what_is_explained_is_said_as_squares_say(machine: Machine, before: floa
     elif before > FLOOR * (1 + 1e-9):
         share = (before**2 - after**2) / (before**2 - FLOOR**2)
         if after >= before:
-            assert said.startswith("nothing")
+            assert said.startswith("none of the error")
         elif after <= FLOOR * (1 - 1e-9):
             assert said.startswith("all")
         elif after > FLOOR * (1 + 1e-9) and after < before * (1 - 1e-9):
@@ -78,9 +78,9 @@ def test_what_is_explained_is_said_as_squares_say(machine: Machine, before: floa
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        (1.0, 1.0, "nothing of what lies above that is explained"),
-        (1.0, 0.0, "all of what lies above that is explained"),
-        (1.0, 0.5, "75 % of what lies above that (in squares) is explained"),
+        (1.0, 1.0, "none of the error beyond it is explained"),
+        (1.0, 0.0, "all of the error beyond it is explained"),
+        (1.0, 0.5, "75 % of the squared error beyond it is explained"),
         (None, 0.5, ""),
         (NAN, 0.5, ""),
         (0.5, NAN, ""),

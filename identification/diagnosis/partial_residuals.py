@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.covariance import UNSEEN
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
@@ -23,10 +24,7 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-MOST_ROWS = 3000
-"""Rows that are evaluated, evenly spread, unless readings compare rows."""
-UNSEEN = 1e-10
-"""Share of the largest derivative by any constant or port (mm, rad) below which one is rounding."""
+Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -43,14 +41,24 @@ class PortShift:
 
 
 def port_shifts(
-    fit: Estimate, recording: Recording, terms: Sequence[PlacedEffect], ports: Sequence[str]
+    fit: Estimate,
+    recording: Recording,
+    terms: Sequence[PlacedEffect],
+    ports: Sequence[str],
+    rows: Rows | None = None,
 ) -> list[PortShift]:
-    """What terms of a fit shift at some ports, row by row. Ports that no reading sees are left out."""
-    return all_port_shifts(fit, recording, [(terms, ports)])[0]
+    """What terms of a fit shift at some ports, row by row. Ports that no reading sees are left out.
+
+    ``rows``: those that are wanted, by default all; the others are NaN.
+    """
+    return all_port_shifts(fit, recording, [(terms, ports)], rows)[0]
 
 
 def all_port_shifts(
-    fit: Estimate, recording: Recording, wanted: Sequence[tuple[Sequence[PlacedEffect], Sequence[str]]]
+    fit: Estimate,
+    recording: Recording,
+    wanted: Sequence[tuple[Sequence[PlacedEffect], Sequence[str]]],
+    rows: Rows | None = None,
 ) -> list[list[PortShift]]:
     """The same of several groups of terms, each with its ports: readings are evaluated once for all of them."""
     if not wanted:
@@ -58,9 +66,9 @@ def all_port_shifts(
     predictor = Predictor(fit.machine, recording, fit.effects, ports=True)
     p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
     groups = [_Group.of(predictor, fit, terms, ports) for terms, ports in wanted]
-    for rows, residual, jacobian in _blocks(predictor, fit, p):
+    for own, residual, jacobian in _blocks(predictor, fit, p, rows):
         for group in groups:
-            group.take(rows, residual, jacobian, p)
+            group.take(own, residual, jacobian, p)
     return [group.shifts() for group in groups]
 
 
@@ -88,17 +96,17 @@ class _Group:
         slopes = _slopes(predictor, own, ports)
         return cls(predictor, fit, ports, own, at, _covariance(fit, own), slopes, found)
 
-    def take(self, rows: NDArray[np.intp], residual: Array, jacobian: Array, p: Array) -> None:
+    def take(self, rows: Rows, residual: Array, jacobian: Array, p: Array) -> None:
         """What some rows say."""
         fit, q, z, own = self.fit, self.predictor.q[rows], self.predictor.z[rows], self.own
         count = len(fit.machine.parameters)
         lengths = [*range(count), *range(len(fit.p), len(p))]  # all but coefficients
         shares = self.slopes(fit.x[rows], q, z, p)[0]  # (n, ports, own)
-        least = UNSEEN**2 * float(np.max(np.sum(jacobian[:, :, lengths] ** 2, axis=1), initial=1e-300))
+        largest = float(np.max(np.sum(jacobian[:, :, lengths] ** 2, axis=1), initial=0.0))
         for k, column in enumerate(self.at):
             s = jacobian[:, :, column]
             size = np.sum(s**2, axis=1)
-            seen = size > max(least, 1e-12 * float(np.max(size, initial=0.0)))
+            seen = size > UNSEEN**2 * largest
             by = np.where(seen[:, None], shares[:, k], np.nan)
             fitted = by @ p[own]
             beside = -np.sum(s * residual, axis=1) / np.where(seen, size, np.nan)
@@ -126,17 +134,19 @@ def _slopes(predictor: Predictor, own: Sequence[int], ports: Sequence[str]) -> B
     return BatchFunction("slopes", [m.x, m.q, m.z, m.p], [by])
 
 
-def _blocks(predictor: Predictor, fit: Estimate, p: Array) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
-    """Rows, residuals and Jacobians, of rows that could be assembled."""
+def _blocks(
+    predictor: Predictor, fit: Estimate, p: Array, wanted: Rows | None
+) -> Iterator[tuple[Rows, Array, Array]]:
+    """Rows, residuals and Jacobians, of rows that are wanted and could be assembled."""
     good = np.flatnonzero(np.isfinite(fit.residual).all(axis=1))
+    if wanted is not None:
+        good = np.intersect1d(good, wanted)
     if any(sensor.compares for sensor in fit.machine.sensors):
         for block in predictor.blocks(p, fit.x):
             rows = np.arange(len(fit.residual))[block.rows]
             kept = np.isin(rows, good)
             yield rows[kept], block.residual[kept], _by_own_row(fit.machine, block)[kept]
         return
-    if len(good) > MOST_ROWS:
-        good = good[np.unique(np.linspace(0, len(good) - 1, MOST_ROWS).astype(np.intp))]
     for block in predictor.of_rows(good).blocks(p, fit.x[good]):
         yield good[block.rows], block.residual, block.jacobian
 

@@ -64,8 +64,10 @@ def curves(diagnosis: Diagnosis, finding: Finding) -> list[Curve]:
     return all_curves(diagnosis, [finding])[0]
 
 
-def all_curves(diagnosis: Diagnosis, findings: Sequence[Finding]) -> list[list[Curve]]:
-    """The same of several findings, whose readings are evaluated once for all of them."""
+def all_curves(
+    diagnosis: Diagnosis, findings: Sequence[Finding], rows: NDArray[np.intp] | None = None
+) -> list[list[Curve]]:
+    """The same of several findings, whose readings are evaluated once for all of them, in some ``rows`` or in all."""
     known, machine, fit = set(diagnosis.after.prior.names), diagnosis.machine, diagnosis.after
     drawn: dict[int, tuple[list[PlacedEffect], Formula, list[str]]] = {}
     for k, finding in enumerate(findings[:MANY]):
@@ -77,7 +79,7 @@ def all_curves(diagnosis: Diagnosis, findings: Sequence[Finding]) -> list[list[C
     wanted = [(terms, ports) for terms, _, ports in drawn.values()]
     out: list[list[Curve]] = [[] for _ in findings]
     for (k, (terms, found, _)), shifts in zip(
-        drawn.items(), all_port_shifts(fit, diagnosis.recording, wanted), strict=True
+        drawn.items(), all_port_shifts(fit, diagnosis.recording, wanted, rows), strict=True
     ):
         largest = sorted(shifts, key=lambda s: -_worth(s))[: MOST_PORTS if len(findings) <= FEW else 1]
         out[k] = [_curve(diagnosis, terms, found, shift) for shift in largest]

@@ -129,11 +129,11 @@ def _explained(before: float | None, after: float, floor: float) -> str:
         return ""
     share = (before**2 - after**2) / (before**2 - floor**2)
     if share <= 0.0:
-        return "nothing of what lies above that is explained"
+        return "none of the error beyond it is explained"
     if share >= 1.0:
-        return "all of what lies above that is explained"
+        return "all of the error beyond it is explained"
     told = f"{100 * share:.0f} %" if 0.005 <= share < 0.995 else percent(share)
-    return f"{told} of what lies above that (in squares) is explained"
+    return f"{told} of the squared error beyond it is explained"
 
 
 def _guilty(finding: Finding) -> Guilty:

@@ -48,7 +48,9 @@ def findings_section(diagnosis: Diagnosis, rows: NDArray[np.intp]) -> Section:
         blocks.append(Items(doubts, title="What speaks against it", tone="warn"))
     if diagnosis.remainder is not None:
         blocks.append(_remainder(diagnosis))
-    drawn = [[curve.thinned(rows) for curve in found] for found in all_curves(diagnosis, diagnosis.findings)]
+    drawn = [
+        [curve.thinned(rows) for curve in found] for found in all_curves(diagnosis, diagnosis.findings, rows)
+    ]
     blocks += [
         finding_card(diagnosis, finding, own, number)
         for number, (finding, own) in enumerate(zip(diagnosis.findings, drawn, strict=True), 1)

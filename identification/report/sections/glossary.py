@@ -5,9 +5,10 @@ from __future__ import annotations
 from truepose.identification.report.document import Fold, Items
 
 _FITS = (
-    "σ: the sensor's noise as its 1-sigma is stated in the machine file. Residuals are told in it, so that 1 is noise alone.",
+    "σ: the sensor's noise, the 1-sigma that the machine file states. A residual of 1 σ is what noise alone leaves.",
     "rms: root of the mean square. Of a position it is that of the whole vector.",
-    "chi2 per degree of freedom: mean squared residual in σ, with what the fit used up taken off. 1 is noise alone.",
+    "chi2 per degree of freedom: the sum of squared residuals in σ over the number of readings less fitted constants. 1 is"
+    " noise alone.",
     "tolerance: how far a constant may be from its drawing, as a 1-sigma. It is the fit's prior.",
     "validation rows, held out: rows that were not fitted, on which a model is judged.",
     "1 sigma of a constant: how well readings and tolerances together know it.",
