@@ -2,7 +2,7 @@
 
     python -m benchmarks.challenge_page DIR [PAGE]
 
-DIR is the folder of an examination (``truepose challenge -o DIR``).
+DIR is the folder of an examination (``python -m challenge -o DIR``).
 """
 
 from __future__ import annotations

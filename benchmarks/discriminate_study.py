@@ -24,12 +24,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from truepose.challenge.calibration import wilson
-from truepose.challenge.simulator.base import Answer, Campaign, Imperfection, Kind, Plan
-from truepose.challenge.simulator.campaigns import joined
-from truepose.challenge.simulator.ported import PortedMachine
-from truepose.challenge.simulator.registry import MACHINES
-from truepose.challenge.simulator.writing import recording_text
+from challenge.calibration import wilson
+from challenge.simulator.base import Answer, Campaign, Imperfection, Kind, Plan
+from challenge.simulator.campaigns import joined
+from challenge.simulator.ported import PortedMachine
+from challenge.simulator.registry import MACHINES
+from challenge.simulator.writing import recording_text
 from truepose.errors import TrueposeError
 from truepose.identification.diagnosis import engine
 from truepose.identification.diagnosis.result import Diagnosis, Finding

@@ -2,7 +2,7 @@
 
     python -m benchmarks.levels_by_stratum DRAWN DIR
 
-DRAWN holds the cases and their keys, DIR the results of one sitting (``truepose challenge --drawn DRAWN -o DIR``).
+DRAWN holds the cases and their keys, DIR the results of one sitting (``python -m challenge --drawn DRAWN -o DIR``).
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from truepose.challenge.level_figures import level_figures
-from truepose.challenge.schedule import OUTSIDE
-from truepose.challenge.score import Score, read_score
+from challenge.level_figures import level_figures
+from challenge.schedule import OUTSIDE
+from challenge.score import Score, read_score
 from truepose.models.machine_file import NO_WORSE
 
 PARTS: Mapping[str, Callable[[Score], bool]] = {

@@ -2,7 +2,7 @@
 
     python -m benchmarks.prior_expectations DRAWN [DRAWN ...]
 
-DRAWN are folders of ``truepose challenge --draw`` or ``python -m truepose.challenge.mujoco``, with development seeds. Each
+DRAWN are folders of ``python -m challenge --draw`` or ``python -m challenge.mujoco``, with development seeds. Each
 case is diagnosed; no key is read. What ``diagnosis.prior`` says of machines stands beside its expectation under the
 posteriors, averaged over the cases. Where both differ little, the prior says of such machines what these machines say
 themselves.

@@ -2,7 +2,7 @@
 
     python -m benchmarks.reliability DIR [FIGURE]
 
-DIR is the folder of an examination (``truepose challenge -o DIR``); FIGURE by default docs/figures/challenge_reliability.svg.
+DIR is the folder of an examination (``python -m challenge -o DIR``); FIGURE by default docs/figures/challenge_reliability.svg.
 """
 
 from __future__ import annotations

@@ -55,7 +55,6 @@ FLOORS = (
     ("identification.planning",),
     ("identification.report",),
     ("__init__",),
-    ("challenge",),
     ("commands",),
     ("demo",),
     ("cli",),

@@ -12,16 +12,16 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from challenge import examine, schedule, solutions
+from challenge.__main__ import app
+from challenge.cases import Case, draw_case
+from challenge.rivals import Rival, rivals
+from challenge.schedule import SHARES, VARIANTS, Seat
+from challenge.setup import Setup, Setups
+from challenge.simulator.base import Imperfection, Kind, Plan
+from challenge.sizing import LARGEST, LIMIT_SNR, detection_limit
+from challenge.strata import UndrawnError
 from support.tiny_machine import Tiny
-from truepose.challenge import examine, schedule, solutions
-from truepose.challenge.cases import Case, draw_case
-from truepose.challenge.rivals import Rival, rivals
-from truepose.challenge.schedule import SHARES, VARIANTS, Seat
-from truepose.challenge.setup import Setup, Setups
-from truepose.challenge.simulator.base import Imperfection, Kind, Plan
-from truepose.challenge.sizing import LARGEST, LIMIT_SNR, detection_limit
-from truepose.challenge.strata import UndrawnError
-from truepose.cli import app
 from truepose.identification.prediction.predictor import Predictor
 
 Array = NDArray[np.float64]
@@ -194,7 +194,7 @@ def test_kinds_are_measured_by_the_plan_that_they_need() -> None:
 
 
 def _run(*words: str) -> tuple[int, str, str]:
-    done = CliRunner().invoke(app, ["challenge", *words])
+    done = CliRunner().invoke(app, [*words])
     return done.exit_code, done.stdout, done.stderr
 
 

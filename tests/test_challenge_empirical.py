@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from challenge.empirical import MOST, RIDGE, Problem, _errors, best_empirical
+from challenge.setup import Setup
+from challenge.simulator.base import Imperfection, Plan
+from challenge.slopes import Constant
 from support.tiny_machine import Tiny
-from truepose.challenge.empirical import MOST, RIDGE, Problem, _errors, best_empirical
-from truepose.challenge.setup import Setup
-from truepose.challenge.simulator.base import Imperfection, Plan
-from truepose.challenge.slopes import Constant
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from challenge.figures import at_least, at_most, between, median, quantile
+from challenge.findings import read_reply
+from challenge.headline import headline
+from challenge.score import score
+from challenge.score_table import lines, markdown, table
+from challenge.table_document import document
 from support.challenge_replies import PLAY, examination, finding, key, reply
 from support.studies import study_module
-from truepose.challenge.figures import at_least, at_most, between, median, quantile
-from truepose.challenge.findings import read_reply
-from truepose.challenge.headline import headline
-from truepose.challenge.score import score
-from truepose.challenge.score_table import lines, markdown, table
-from truepose.challenge.table_document import document
 from truepose.identification.report.json_text import json_text
 
 

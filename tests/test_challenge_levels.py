@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from challenge.drivers import LIBRARY, OUTSIDE, agree, driver_of, of_effect
+from challenge.figures import Figure
+from challenge.findings import FORM, Found, Judge, Levels, Reply, Said
+from challenge.headline import headline
+from challenge.levels import judged
+from challenge.predictions import Predicted
+from challenge.score import Score, score
+from challenge.score_table import markdown, table
+from challenge.simulator.registry import MACHINES
+from challenge.solutions import Truth
+from challenge.table_document import document
 from support.challenge_replies import BEAT, BEND, PLAY, finding, key, leveled, nameless, reply
-from truepose.challenge.drivers import LIBRARY, OUTSIDE, agree, driver_of, of_effect
-from truepose.challenge.figures import Figure
-from truepose.challenge.findings import FORM, Found, Judge, Levels, Reply, Said
-from truepose.challenge.headline import headline
-from truepose.challenge.levels import judged
-from truepose.challenge.predictions import Predicted
-from truepose.challenge.score import Score, score
-from truepose.challenge.score_table import markdown, table
-from truepose.challenge.simulator.registry import MACHINES
-from truepose.challenge.solutions import Truth
-from truepose.challenge.table_document import document
 from truepose.models.effects.base import effects
 from truepose.models.effects.of_rows import OF_ROWS
 

@@ -14,16 +14,16 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from scipy.stats import norm
 
+from challenge.calibration import brier, calibration_error, honest_error, reliability, wilson
+from challenge.headline import headline
+from challenge.measures import held_out_error, parameter_bias, standard_scores
+from challenge.predictions import Predicted, coefficients
+from challenge.score import Score, read_score, score
+from challenge.score_table import table
+from challenge.solutions import HeldOut, to_text
+from challenge.statements import Statement
+from challenge.table_document import document
 from support.challenge_replies import BEAT, GEOMETRY, HELD, PLAY, examination, finding, key, reply
-from truepose.challenge.calibration import brier, calibration_error, honest_error, reliability, wilson
-from truepose.challenge.headline import headline
-from truepose.challenge.measures import held_out_error, parameter_bias, standard_scores
-from truepose.challenge.predictions import Predicted, coefficients
-from truepose.challenge.score import Score, read_score, score
-from truepose.challenge.score_table import table
-from truepose.challenge.solutions import HeldOut, to_text
-from truepose.challenge.statements import Statement
-from truepose.challenge.table_document import document
 from truepose.identification.report.json_text import json_text
 
 

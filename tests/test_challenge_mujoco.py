@@ -17,12 +17,12 @@ if find_spec("mujoco") is None or find_spec("robosuite") is None:
 
 import mujoco
 
-from truepose.challenge.mujoco import arms, chain, motion, packages
-from truepose.challenge.mujoco.arms import MujocoArm
-from truepose.challenge.mujoco.mjcf import RATE, STEP, Bend, Build, Yielding
-from truepose.challenge.mujoco.motion import Way, driven
-from truepose.challenge.simulator.base import Campaign, Imperfection, Kind, Plan, Specimen
-from truepose.challenge.simulator.writing import recording_text
+from challenge.mujoco import arms, chain, motion, packages
+from challenge.mujoco.arms import MujocoArm
+from challenge.mujoco.mjcf import RATE, STEP, Bend, Build, Yielding
+from challenge.mujoco.motion import Way, driven
+from challenge.simulator.base import Campaign, Imperfection, Kind, Plan, Specimen
+from challenge.simulator.writing import recording_text
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording

@@ -20,12 +20,12 @@ if find_spec("mujoco") is None or find_spec("robosuite") is None:
 
 import typer
 
-from truepose.challenge import solutions
-from truepose.challenge.mujoco.__main__ import main
-from truepose.challenge.mujoco.arms import machines
-from truepose.challenge.mujoco.written import Asked, unsaid, write
-from truepose.challenge.simulator.base import Imperfection, Plan
-from truepose.challenge.simulator.writing import recording_text
+from challenge import solutions
+from challenge.mujoco.__main__ import main
+from challenge.mujoco.arms import machines
+from challenge.mujoco.written import Asked, unsaid, write
+from challenge.simulator.base import Imperfection, Plan
+from challenge.simulator.writing import recording_text
 from truepose.errors import InputError
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.recording.load import load_recording

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.studies import study_module
-from truepose.challenge.simulator import (
+from challenge.simulator import (
     nanopositioner_physics,
     polisher_physics,
     telescope_geometry,
     telescope_physics,
 )
-from truepose.challenge.simulator.base import Campaign, Imperfection, Kind, Plan, Specimen
-from truepose.challenge.simulator.cavity import Constants
-from truepose.challenge.simulator.mechanism_frames import fixed
-from truepose.challenge.simulator.nanopositioner import Nanopositioner
-from truepose.challenge.simulator.polisher import Polisher
-from truepose.challenge.simulator.ported import PortedMachine, Work
-from truepose.challenge.simulator.telescope import Telescope, TelescopeTargets
-from truepose.challenge.simulator.writing import recording_text
+from challenge.simulator.base import Campaign, Imperfection, Kind, Plan, Specimen
+from challenge.simulator.cavity import Constants
+from challenge.simulator.mechanism_frames import fixed
+from challenge.simulator.nanopositioner import Nanopositioner
+from challenge.simulator.polisher import Polisher
+from challenge.simulator.ported import PortedMachine, Work
+from challenge.simulator.telescope import Telescope, TelescopeTargets
+from challenge.simulator.writing import recording_text
+from support.studies import study_module
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine

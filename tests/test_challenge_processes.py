@@ -11,8 +11,8 @@ from pathlib import Path
 import joblib
 import pytest
 
-from truepose.challenge import examine
-from truepose.challenge.examine import Challenge
+from challenge import examine
+from challenge.examine import Challenge
 
 
 def _done(folder: Path, count: int) -> Challenge:

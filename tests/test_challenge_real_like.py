@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import truepose.challenge as package
+import challenge as package
+from challenge import schedule
+from challenge.adaptation import Adaptation
+from challenge.cases import draw_case
+from challenge.measures import difference
+from challenge.nulls import gone_wild, misstated, noisy, wild_rows
+from challenge.real_like import FEWEST, MOST, NO_FAMILY, real_like
+from challenge.setup import Setup, Setups
+from challenge.simulator.arm import Arm
+from challenge.simulator.base import Imperfection, Kind, Plan
+from challenge.simulator.registry import MACHINES
+from challenge.slopes import Constant, by_joints
+from challenge.strata import nameable
 from support.tiny_machine import Tiny
-from truepose.challenge import schedule
-from truepose.challenge.adaptation import Adaptation
-from truepose.challenge.cases import draw_case
-from truepose.challenge.measures import difference
-from truepose.challenge.nulls import gone_wild, misstated, noisy, wild_rows
-from truepose.challenge.real_like import FEWEST, MOST, NO_FAMILY, real_like
-from truepose.challenge.setup import Setup, Setups
-from truepose.challenge.simulator.arm import Arm
-from truepose.challenge.simulator.base import Imperfection, Kind, Plan
-from truepose.challenge.simulator.registry import MACHINES
-from truepose.challenge.slopes import Constant, by_joints
-from truepose.challenge.strata import nameable
 from truepose.errors import ConvergenceError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.load import load_machine
@@ -68,7 +68,7 @@ def test_what_a_size_means_does_not_ask_the_product() -> None:
         for node in ast.walk(ast.parse((root / f"{module}.py").read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("truepose"):
                 assert not node.module.startswith("truepose.identification"), f"{module}: {node.module}"
-                inner = node.module.removeprefix("truepose.challenge.")
+                inner = node.module.removeprefix("challenge.")
                 if (root / f"{inner}.py").is_file() and inner not in seen:
                     todo.append(inner)
     assert {"measures", "solutions"} <= seen
@@ -180,7 +180,7 @@ def test_no_case_is_lost_because_the_product_fails(monkeypatch: pytest.MonkeyPat
     seat = schedule.Seat(3, "concealed", schedule.MISSTATED, "tiny")
     whole = draw_case(Tiny(), seat, 5)
     for module in ("references", "imitations"):
-        monkeypatch.setattr(f"truepose.challenge.{module}.estimate", stuck)
+        monkeypatch.setattr(f"challenge.{module}.estimate", stuck)
     bare = draw_case(Tiny(), seat, 5)
     assert (bare.machine, bare.recording, bare.held_out) == (whole.machine, whole.recording, whole.held_out)
     assert whole.solution.missing == ()

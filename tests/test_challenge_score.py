@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from challenge.findings import read_reply
+from challenge.headline import headline
+from challenge.score import Score, score
+from challenge.solutions import Solution, Truth
 from support.challenge_replies import BEAT, BEND, PLAY, finding, key, reply
-from truepose.challenge.findings import read_reply
-from truepose.challenge.headline import headline
-from truepose.challenge.score import Score, score
-from truepose.challenge.solutions import Solution, Truth
 
 
 def marks(s: Score) -> str:

@@ -11,13 +11,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import truepose.challenge.simulator as package
+import challenge.simulator as package
+from challenge.simulator.arm import Arm
+from challenge.simulator.base import Campaign, Imperfection, Plan, SimulatedMachine
+from challenge.simulator.campaigns import joined
+from challenge.simulator.registry import MACHINES as REGISTERED
+from challenge.simulator.writing import recording_text
 from support.simulated_machines import MACHINES, drawn
-from truepose.challenge.simulator.arm import Arm
-from truepose.challenge.simulator.base import Campaign, Imperfection, Plan, SimulatedMachine
-from truepose.challenge.simulator.campaigns import joined
-from truepose.challenge.simulator.registry import MACHINES as REGISTERED
-from truepose.challenge.simulator.writing import recording_text
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
@@ -185,7 +185,7 @@ def test_the_simulator_imports_nothing_that_it_examines() -> None:
                 assert node.level <= depth, f"{path}: leaves the simulator"
                 names = [] if node.level else [str(node.module)]
             for name in names:
-                own = name.startswith("truepose.challenge.simulator")
+                own = name.startswith("challenge.simulator")
                 assert own or name.split(".")[0] in allowed, f"{path}: imports {name}"
                 seen.add(name.split(".")[0])
     assert {"numpy", "scipy", "pandas", "yaml"} <= seen

@@ -13,18 +13,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from challenge import keys
+from challenge.examinee import PLAIN, TOOL
+from challenge.perfect import seen_perfectly, without_sensor
+from challenge.predictions import beyond_bounds
+from challenge.setup import Setup
+from challenge.simulator.base import Campaign, Imperfection, Kind, Plan, Specimen
+from challenge.sizing import Sized
+from challenge.solutions import HeldOut, Solution, Truth
+from challenge.strata import Draft
+from challenge.tool_pose import point_columns, pose_error, read_pose_ratio, true_points
 from support.challenge_replies import PLAY, key
 from support.tiny_machine import ANGLE, LENGTH, MACHINE, SIGMA, Tiny
-from truepose.challenge import keys
-from truepose.challenge.examinee import PLAIN, TOOL
-from truepose.challenge.perfect import seen_perfectly, without_sensor
-from truepose.challenge.predictions import beyond_bounds
-from truepose.challenge.setup import Setup
-from truepose.challenge.simulator.base import Campaign, Imperfection, Kind, Plan, Specimen
-from truepose.challenge.sizing import Sized
-from truepose.challenge.solutions import HeldOut, Solution, Truth
-from truepose.challenge.strata import Draft
-from truepose.challenge.tool_pose import point_columns, pose_error, read_pose_ratio, true_points
 
 Array = NDArray[np.float64]
 SLIP = Truth("slip", "fringe-miscount", ("rows",), 2.0, 1.0, 0.5, 20.0)

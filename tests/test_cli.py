@@ -52,7 +52,6 @@ COMMANDS = (
     "codegen",
     "export",
     "effects",
-    "challenge",
     "schema",
 )
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from challenge.simulator.telescope_ring import beams
 from support.telescope_models import (
     LENGTH,
     LOADED,
@@ -23,7 +24,6 @@ from support.telescope_models import (
     recording_of,
     simulator,
 )
-from truepose.challenge.simulator.telescope_ring import beams
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie

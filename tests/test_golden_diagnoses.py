@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 import truepose
+from challenge.simulator.registry import NAMES
 from support.golden_diagnoses import changes, summary, text
-from truepose.challenge.simulator.registry import NAMES
 from truepose.identification.report.lines import COLUMNS, LINES
 from truepose.identification.report.terminal import diagnosis_lines
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from challenge.simulator.arm import Arm
+from challenge.simulator.base import Array, Campaign, Imperfection, Place, SimulatedMachine, Specimen
+from challenge.simulator.ported import Work
+from challenge.simulator.stewart import Stewart
+from challenge.simulator.stewart_closure import StewartPose
+from challenge.simulator.stewart_drawing import PAYLOAD_COM, PLATFORM_COM, PLATFORM_KG
 from support.simulated_machines import MACHINES, drawn
-from truepose.challenge.simulator.arm import Arm
-from truepose.challenge.simulator.base import Array, Campaign, Imperfection, Place, SimulatedMachine, Specimen
-from truepose.challenge.simulator.ported import Work
-from truepose.challenge.simulator.stewart import Stewart
-from truepose.challenge.simulator.stewart_closure import StewartPose
-from truepose.challenge.simulator.stewart_drawing import PAYLOAD_COM, PLATFORM_COM, PLATFORM_KG
 
 ONLY_TARGETS = ("target-offset", "sensor-scale")
 """What three reflectors change; the rest of ``arm-targets`` is ``arm``."""

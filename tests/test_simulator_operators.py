@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from challenge.simulator import heat, operators
+from challenge.simulator.base import Array
+from challenge.simulator.cantilever import Section, cantilever
+from challenge.simulator.stewart_physics import ring_compliance
 from support.examples import examples
-from truepose.challenge.simulator import heat, operators
-from truepose.challenge.simulator.base import Array
-from truepose.challenge.simulator.cantilever import Section, cantilever
-from truepose.challenge.simulator.stewart_physics import ring_compliance
 
 signals = arrays(np.float64, st.integers(2, 30), elements=st.floats(-5, 5, width=32))
 

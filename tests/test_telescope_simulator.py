@@ -11,9 +11,9 @@ import numpy.typing as npt
 import pytest
 import yaml
 
+from challenge.simulator.telescope_ring import beams, ring, rotations, simulation, statics
 from support.studies import BENCHMARKS, study_module
 from support.texts import assert_same_to_the_last_digit
-from truepose.challenge.simulator.telescope_ring import beams, ring, rotations, simulation, statics
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
@@ -21,7 +21,7 @@ from truepose.models.load import load_machine
 ROOT = Path(__file__).resolve().parent.parent
 BUNDLED = ROOT / "models" / "machines" / "telescope"
 PACKAGE = BENCHMARKS / "telescope_simulator"
-MECHANICS = ROOT / "src" / "truepose" / "challenge" / "simulator" / "telescope_ring"
+MECHANICS = ROOT / "challenge" / "simulator" / "telescope_ring"
 Array = npt.NDArray[np.float64]
 
 

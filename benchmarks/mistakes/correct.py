@@ -114,10 +114,10 @@ def practice() -> dict[str, Writer]:
 
 def _challenge(folder: Path, seed: int, k: int) -> bool:
     """A case as the examination of diagnoses draws it; False where this seat had nothing to offer."""
-    from truepose.challenge.cases import draw_case
-    from truepose.challenge.schedule import schedule
-    from truepose.challenge.simulator.registry import MACHINES
-    from truepose.challenge.strata import UndrawnError
+    from challenge.cases import draw_case
+    from challenge.schedule import schedule
+    from challenge.simulator.registry import MACHINES
+    from challenge.strata import UndrawnError
 
     place = k // EXAMINED
     seat = schedule(place + 1, tuple(MACHINES))[place]

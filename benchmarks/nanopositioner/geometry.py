@@ -1,4 +1,4 @@
-"""The paper's tables as constants of the nanopositioner's geometry (``truepose.challenge.simulator.cavity``)."""
+"""The paper's tables as constants of the nanopositioner's geometry (``challenge.simulator.cavity``)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.challenge.simulator import cavity as simulator
-from truepose.challenge.simulator.cavity import (
+from challenge.simulator import cavity as simulator
+from challenge.simulator.cavity import (
     cavity,
     end_effector,
     lengths,
@@ -18,7 +18,7 @@ from truepose.challenge.simulator.cavity import (
     normals,
     reflection,
 )
-from truepose.challenge.simulator.motions import rotation, shift
+from challenge.simulator.motions import rotation, shift
 
 from .tables import BEAM_ZERO, JOINTS, NOMINAL, Tabled
 

@@ -24,9 +24,9 @@ from telescope_simulator import (
     simulate,
 )
 
-from truepose.challenge.simulator.telescope_ring.beams import Section
-from truepose.challenge.simulator.telescope_ring.machine import TARGETS
-from truepose.challenge.simulator.telescope_ring.simulation import PoseSensor, TargetsSensor
+from challenge.simulator.telescope_ring.beams import Section
+from challenge.simulator.telescope_ring.machine import TARGETS
+from challenge.simulator.telescope_ring.simulation import PoseSensor, TargetsSensor
 from truepose.identification.photogrammetry.pose_table import pose_table
 
 Array = NDArray[np.float64]

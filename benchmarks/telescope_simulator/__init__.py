@@ -1,4 +1,4 @@
-"""An independent simulator of the telescope (its mechanics: ``truepose.challenge.simulator.telescope_ring``).
+"""An independent simulator of the telescope (its mechanics: ``challenge.simulator.telescope_ring``).
 
 The platform is a ring of beam finite elements around a rigid hub, bent by circular flexures whose equilibrium
 is solved; the effect catalogue of truepose plays no part. mm, N, rad (a pose sensor reads deg).
@@ -22,15 +22,15 @@ is solved; the effect catalogue of truepose plays no part. mm, N, rad (a pose se
 `python -m telescope_simulator OUTDIR`, from benchmarks/, writes the bundled demo.
 """
 
-from truepose.challenge.simulator.telescope_ring.machine import Machine, draw_machine, nominal_machine
-from truepose.challenge.simulator.telescope_ring.ring import Ring
-from truepose.challenge.simulator.telescope_ring.simulation import (
+from challenge.simulator.telescope_ring.machine import Machine, draw_machine, nominal_machine
+from challenge.simulator.telescope_ring.ring import Ring
+from challenge.simulator.telescope_ring.simulation import (
     PoseSensor,
     Simulation,
     TargetsSensor,
     simulate,
 )
-from truepose.challenge.simulator.telescope_ring.statics import Flexure, NoEquilibriumError
+from challenge.simulator.telescope_ring.statics import Flexure, NoEquilibriumError
 
 from .bundle import machine_text, paper_poses, recording_text
 

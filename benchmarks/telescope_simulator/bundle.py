@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from truepose.challenge.simulator.telescope_ring.machine import (
+from challenge.simulator.telescope_ring.machine import (
     FLEXURE_LENGTH,
     TRAVEL,
     Machine,
     draw_machine,
     nominal_machine,
 )
-from truepose.challenge.simulator.telescope_ring.ring import Ring
-from truepose.challenge.simulator.telescope_ring.rotations import Array
-from truepose.challenge.simulator.telescope_ring.simulation import Sensor, Simulation, TargetsSensor, simulate
-from truepose.challenge.simulator.telescope_ring.statics import Flexure, rigid_poses
+from challenge.simulator.telescope_ring.ring import Ring
+from challenge.simulator.telescope_ring.rotations import Array
+from challenge.simulator.telescope_ring.simulation import Sensor, Simulation, TargetsSensor, simulate
+from challenge.simulator.telescope_ring.statics import Flexure, rigid_poses
 
 SEED = 20121009  # of the true machine; the sensor's noise takes the next one
 SECONDS_PER_POSE = 180

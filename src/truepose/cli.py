@@ -71,12 +71,16 @@ for _command in (
     compensate,
     codegen,
     export,
-    challenge,
     effects,
     schema,
 ):
     app.command()(_quietable(_command))
 app.command("import")(_quietable(import_))
+app.command(
+    hidden=True,
+    add_help_option=False,
+    context_settings={"ignore_unknown_options": True},
+)(challenge)
 
 
 def _version(wanted: bool) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from truepose.challenge.simulator.base import Plan
+from challenge.simulator.base import Plan
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class PutIn:
 
 @dataclass(frozen=True)
 class Case:
-    """A golden case. ``noise`` and ``tolerance``: true over stated; ``tails``: as ``truepose.challenge.nulls``.
+    """A golden case. ``noise`` and ``tolerance``: true over stated; ``tails``: as ``challenge.nulls``.
 
     withheld: columns that were not logged, by name or by what stands before the dot. split: a file for each session.
     """

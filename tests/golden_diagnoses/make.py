@@ -1,6 +1,6 @@
 """Makes the recordings of the golden diagnoses, always the same: ``python tests/golden_diagnoses/make.py [CASE ...]``.
 
-The simulated machines of the examination (``truepose.challenge.simulator``) measure; nothing that diagnoses is used.
+The simulated machines of the examination (``challenge.simulator``) measure; nothing that diagnoses is used.
 What is put into a case stands in ``cases.py`` and in README.md, whose table is written from it; the files that a
 diagnosis reads do not say. Afterwards ``pytest tests/test_golden_diagnoses.py --update-golden``.
 """
@@ -19,10 +19,10 @@ import yaml
 from cases import CASES, Case
 from numpy.typing import NDArray
 
-from truepose.challenge.nulls import Decoy, noisy
-from truepose.challenge.simulator.base import Imperfection, SimulatedMachine
-from truepose.challenge.simulator.registry import MACHINES
-from truepose.challenge.simulator.writing import recording_text
+from challenge.nulls import Decoy, noisy
+from challenge.simulator.base import Imperfection, SimulatedMachine
+from challenge.simulator.registry import MACHINES
+from challenge.simulator.writing import recording_text
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from truepose.challenge.findings import Reply, read_reply
-from truepose.challenge.predictions import Predicted
-from truepose.challenge.score import Score, score
-from truepose.challenge.solutions import Geometry, HeldOut, Reference, Solution, Truth
+from challenge.findings import Reply, read_reply
+from challenge.predictions import Predicted
+from challenge.score import Score, score
+from challenge.solutions import Geometry, HeldOut, Reference, Solution, Truth
 
 GEOMETRY = Geometry(("a", "b"), (1.0, 2.0), (0.1, 0.2), ((1.0, 0.0),))
 HELD = HeldOut(("x",), ("mm",), (0.01,), ((1.0,), (2.0,)))

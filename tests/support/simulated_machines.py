@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from truepose.challenge.simulator.arm import Arm, ArmTargets
-from truepose.challenge.simulator.base import Campaign, Plan, SimulatedMachine, Specimen
-from truepose.challenge.simulator.stewart import Stewart
+from challenge.simulator.arm import Arm, ArmTargets
+from challenge.simulator.base import Campaign, Plan, SimulatedMachine, Specimen
+from challenge.simulator.stewart import Stewart
 
 MACHINES: tuple[SimulatedMachine, ...] = (Arm(), ArmTargets(), Stewart())
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.challenge.simulator.base import (
+from challenge.simulator.base import (
     Campaign,
     Imperfection,
     Kind,

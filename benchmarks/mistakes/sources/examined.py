@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from truepose.challenge.simulator.base import Campaign, Imperfection, Kind, Plan, SimulatedMachine, Specimen
-from truepose.challenge.simulator.registry import MACHINES
-from truepose.challenge.simulator.writing import recording_text
+from challenge.simulator.base import Campaign, Imperfection, Kind, Plan, SimulatedMachine, Specimen
+from challenge.simulator.registry import MACHINES
+from challenge.simulator.writing import recording_text
 from truepose.errors import TrueposeError
 
 from ..pairs import Array, Pair
@@ -29,7 +29,7 @@ def names() -> tuple[str, ...]:
 
 def _mujoco() -> Mapping[str, type[SimulatedMachine]]:
     try:
-        from truepose.challenge.mujoco.arms import machines
+        from challenge.mujoco.arms import machines
 
         return machines()
     except (TrueposeError, ImportError):
