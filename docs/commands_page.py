@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from typer.models import ArgumentInfo, OptionInfo
+from typer.models import ArgumentInfo, CommandInfo, OptionInfo
 
 from truepose.cli import app
 
@@ -89,7 +89,7 @@ class Parameter:
 
 def page() -> str:
     """The whole page."""
-    commands = {_name(info): info.callback for info in app.registered_commands if info.callback}
+    commands = {_name(info): info.callback for info in offered() if info.callback}
     known = [p for command in commands.values() for p in _parameters(command)]
     everywhere = {p.name: _row(p) for p in known if p.name in COMMON}
     common = [everywhere[name] for name in COMMON]
@@ -99,6 +99,11 @@ def page() -> str:
     sections = [_section(name, command, several) for name, command in commands.items()]
     tables = HEAD + _lines([*common, helped]) + SEVERAL + _lines(several) + CODES
     return tables + "\n" + "\n\n".join(sections) + "\n"
+
+
+def offered() -> list[CommandInfo]:
+    """The commands that ``truepose --help`` lists: what has moved away is hidden."""
+    return [info for info in app.registered_commands if not info.hidden]
 
 
 def _lines(rows: Sequence[str]) -> str:
@@ -162,7 +167,7 @@ def _default(value: Any) -> str:
 def main() -> None:
     """Renew the page."""
     PAGE.write_text(page(), encoding="utf-8")
-    sys.stdout.write(f"{PAGE.relative_to(ROOT)}: {len(app.registered_commands)} commands\n")
+    sys.stdout.write(f"{PAGE.relative_to(ROOT)}: {len(offered())} commands\n")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from challenge import examine, schedule, solutions
-from challenge.__main__ import app
+from challenge.__main__ import app, challenge
 from challenge.cases import Case, draw_case
 from challenge.rivals import Rival, rivals
 from challenge.schedule import SHARES, VARIANTS, Seat
@@ -25,6 +25,7 @@ from support.tiny_machine import Tiny
 from truepose.identification.prediction.predictor import Predictor
 
 Array = NDArray[np.float64]
+EXAMPLE = re.compile(r"^\s*(?:Example|Drawn once, [^:]*): (python -m challenge .*)$", re.MULTILINE)
 
 
 @pytest.fixture(autouse=True)
@@ -223,6 +224,21 @@ def test_two_cases_through_the_command(examined: tuple[Path, dict[str, Any]]) ->
     whole = json.loads((folder / "table.json").read_text())
     assert [s["case"] for s in whole["scores"]] == ["case001", "case002"]
     assert all(s["held_out"] is not None for s in whole["scores"])
+
+
+def test_the_examples_of_the_help_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As they stand there, on one case of a tiny machine."""
+    helped = " ".join(_run("--help")[1].split())
+    lines = [line for line in re.findall(EXAMPLE, challenge.__doc__ or "") if line in helped]
+    commands = [part.split() for line in lines for part in line.split("; ")]
+    assert [words[:3] for words in commands] == [["python", "-m", "challenge"]] * 3
+    monkeypatch.chdir(tmp_path)
+    for words in commands:
+        fewer = ["-n", "1", "--jobs", "1", *([] if "--drawn" in words else ["--strata", "null"])]
+        code, out, err = _run(*words[3:], *fewer)
+        assert code == 0, out + err
+    assert {p.name for p in tmp_path.iterdir()} == {"examination", "drawn", "first"}
+    assert all((tmp_path / name / "table.md").is_file() for name in ("examination", "first"))
 
 
 def test_the_engine_is_shown_no_truth(examined: tuple[Path, dict[str, Any]]) -> None:

@@ -18,7 +18,7 @@ from truepose.cli import app
 from truepose.models.load import load_machine
 
 ROOT = Path(__file__).resolve().parent.parent
-EXAMPLE = re.compile(r"^\s*(?:Example: |Drawn once, [^:]*: )(truepose .*)$", re.MULTILINE)
+EXAMPLE = re.compile(r"^\s*Example: (truepose .*)$", re.MULTILINE)
 HEAVY = (
     "numpy",
     "casadi",
@@ -32,11 +32,13 @@ HEAVY = (
     "yaml",
 )
 COMMANDS = {
-    command.callback.__name__: command.callback for command in app.registered_commands if command.callback
+    command.callback.__name__: command.callback
+    for command in app.registered_commands
+    if command.callback and not command.hidden
 }
 NAMES = {name: name.rstrip("_").replace("_", "-") for name in COMMANDS}
-SLOW = ("demo", "challenge")
-"""Examples of these take minutes: tests of their own run the same commands on less."""
+SLOW = ("demo",)
+"""Examples of these take long: tests of their own run the same commands on less."""
 MACHINE = """
 schema: truepose/machine/1
 name: arm

@@ -14,5 +14,5 @@ MOVED = "challenge: the examination is not installed any more; in a clone of the
 def challenge(
     words: Annotated[list[str] | None, typer.Argument(metavar="...", help="Whatever it took before.")] = None,
 ) -> None:
-    """Moved: in a clone of the project, run python -m challenge."""
+    """Moved: ``python -m challenge`` runs the examination in a clone of the project."""
     fail(MOVED, BAD_INPUT)
