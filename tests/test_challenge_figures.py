@@ -14,9 +14,9 @@ from challenge.findings import read_reply
 from challenge.headline import headline
 from challenge.score import score
 from challenge.score_table import lines, markdown, table
+from challenge.studies import page
 from challenge.table_document import document
 from support.challenge_replies import PLAY, examination, finding, key, reply
-from support.studies import study_module
 from truepose.identification.report.json_text import json_text
 
 
@@ -76,7 +76,7 @@ def test_the_table_is_written_in_all_forms(tmp_path: Path) -> None:
 
 
 def test_the_page_holds_the_table_between_its_marks(tmp_path: Path) -> None:
-    page, text = study_module("challenge_page"), markdown(table(examination(tmp_path)))
+    text = markdown(table(examination(tmp_path)))
     told = f"before\n{page.BEGIN}\nwhat stood here\n{page.END}\nafter\n"
     once = page.filled(told, text)
     assert once.startswith("before\n") and once.endswith("\nafter\n") and "what stood here" not in once

@@ -12,9 +12,11 @@ import pytest
 from truepose.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
-TOPS = ("models", "identification", "codegen", "src", "benchmarks", "tests", "examples", "docs")
+TOPS = ("models", "identification", "codegen", "src", "challenge", "benchmarks", "tests", "examples", "docs")
 TOLD = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
-RESULTS = sorted((ROOT / "benchmarks" / "results").glob("*.md"))
+RESULTS = sorted(
+    path for top in ("benchmarks", "challenge") for path in (ROOT / top / "results").glob("*.md")
+)
 DOCUMENTS = [*(ROOT / name for name in TOLD), *sorted((ROOT / "docs").rglob("*.md")), *RESULTS]
 SOURCES = sorted(
     path
@@ -30,7 +32,7 @@ PLACE = re.compile(rf"^(?:{'|'.join(TOPS)})(?:/[\w.*-]+)*/?$")
 MODULE_FILE = re.compile(r"^(?:[\w.*-]+/)*[\w*]+\.py$")
 DOTTED = re.compile(r"(?<!://)\btruepose(?:\.[A-Za-z_]\w*)+")
 """Modules and what they hold; an address is neither."""
-RUN = re.compile(r"python3? -m ((?:benchmarks|examples|truepose)[\w.]*)")
+RUN = re.compile(r"python3? -m ((?:benchmarks|challenge|examples|truepose)[\w.]*)")
 WRITTEN = re.compile(r"(?:^|/)NAME_|^travel_cubic\.py$|CASE")
 """Generated files, the reader's own, and words that stand for any name."""
 MADE_UP = {f"tests/test_{name}.py" for name in ("docs", "imports", "cli")}
@@ -94,6 +96,7 @@ def test_what_docstrings_and_comments_name_is_there(top: str) -> None:
 
 def test_what_is_not_there_is_seen() -> None:
     text = "`models/nothing.py`, `no_such.py`, `docs/*.none`, truepose.models.nothing, python -m benchmarks.nothing, "
-    assert len(_missing(text + "truepose.models.lie.nothing")) == 6
+    more = "truepose.models.lie.nothing, `challenge/nothing.py`, python -m challenge.nothing"
+    assert len(_missing(text + more)) == 8
     held = "`models/lie.py`, `lie.py`, `tests/test_*.py`, truepose.models.lie.exp_so3, python -m benchmarks.telescope_models"
-    assert _missing(held) == []
+    assert _missing(f"{held}, python -m challenge, python -m challenge.studies.page") == []

@@ -12,9 +12,10 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from challenge.studies import reliability
 from support.studies import BENCHMARKS, study_module
 
-figures, reliability = study_module("figures"), study_module("reliability")
+figures = study_module("figures")
 DRAW = """
 import sys
 from pathlib import Path

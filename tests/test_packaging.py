@@ -87,6 +87,7 @@ def _installed(name: str) -> str | None:
 
 
 def test_the_wheel_holds_the_tracked_files_and_nothing_else(tmp_path: Path) -> None:
+    """Nothing else: no file of the examination, the studies and the tests, either."""
     expected = {place for name in _tracked() if (place := _installed(name)) is not None}
     assert expected >= DATA
     _run("-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path), cwd=ROOT)
@@ -170,9 +171,9 @@ def test_the_effect_of_the_guide_acts_on_what_travels(tmp_path: Path) -> None:
 
 
 def test_links_of_the_documents_lead_somewhere() -> None:
-    results = ROOT / "benchmarks" / "results"
+    results = [path for top in ("benchmarks", "challenge") for path in (ROOT / top / "results").glob("*.md")]
     named = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
-    documents = [*named, *(ROOT / "docs").rglob("*.md"), *results.glob("*.md")]
+    documents = [*named, *(ROOT / "docs").rglob("*.md"), *results]
     links = [
         (document, target)
         for document in documents

@@ -189,7 +189,7 @@ def machines() -> Mapping[str, type[MujocoArm]]:
     if not found:
         packages = " or ".join(sorted({source.package for source in SOURCES.values()}))
         raise InputError(
-            f"challenge.mujoco: found no arm, expected the package {packages}: pip install 'truepose[mujoco]'"
+            f"challenge.mujoco: found no arm, expected the package {packages}: pip install '.[mujoco]'"
         )
     return found
 

@@ -21,7 +21,7 @@ try:
     import mujoco
 except ImportError as exc:
     raise InputError(
-        "challenge.mujoco: found no package 'mujoco', expected the extra: pip install 'truepose[mujoco]'"
+        "challenge.mujoco: found no package 'mujoco', expected the extra: pip install '.[mujoco]'"
     ) from exc
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def read(name: str) -> Package:
     if path is None:
         raise InputError(
             f"challenge.mujoco: found no package {source.package!r} with {source.file}, which arm {name!r} is from; "
-            "expected the extra: pip install 'truepose[mujoco]'"
+            "expected the extra: pip install '.[mujoco]'"
         )
     model = _bare(path) if source.bare else mujoco.MjModel.from_xml_path(str(path))
     return _read(model, source.tip)

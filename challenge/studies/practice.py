@@ -1,6 +1,6 @@
 """Diagnose the practice cases through the command line, predict their held-out rows, and score them.
 
-    python benchmarks/practice.py PRACTICE_FOLDER RESULTS_FOLDER
+    python -m challenge.studies.practice PRACTICE_FOLDER RESULTS_FOLDER
 
 PRACTICE_FOLDER holds ``caseNNN/`` and ``score.py``. The commands see machine and recording only.
 """

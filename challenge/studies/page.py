@@ -1,6 +1,6 @@
-"""The published table of an examination: into its marked place in benchmarks/results/examination.md.
+"""The published table of an examination: into its marked place in challenge/results/examination.md.
 
-    python -m benchmarks.challenge_page DIR [PAGE]
+    python -m challenge.studies.page DIR [PAGE]
 
 DIR is the folder of an examination (``python -m challenge -o DIR``).
 """
@@ -11,7 +11,7 @@ import re
 import sys
 from pathlib import Path
 
-PAGE = Path(__file__).resolve().parent / "results" / "examination.md"
+PAGE = Path(__file__).resolve().parents[1] / "results" / "examination.md"
 BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 
 

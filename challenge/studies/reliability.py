@@ -1,6 +1,6 @@
 """Whether the probabilities of an examination mean what they say: the figure of docs/results/examination.md.
 
-    python -m benchmarks.reliability DIR [FIGURE]
+    python -m challenge.studies.reliability DIR [FIGURE]
 
 DIR is the folder of an examination (``python -m challenge -o DIR``); FIGURE by default docs/figures/challenge_reliability.svg.
 """
@@ -11,10 +11,10 @@ import json
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # benchmarks/, where `figures` is
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))  # where `figures` is
 from figures import Series, write_chart
 
-FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "challenge_reliability.svg"
+FIGURE = Path(__file__).resolve().parents[2] / "docs" / "figures" / "challenge_reliability.svg"
 
 
 def draw(table: Path, figure: Path) -> None:

@@ -1,6 +1,6 @@
 """What an examination says at three levels, and what it is worth to the tool, apart for what the catalogue holds and what not.
 
-    python -m benchmarks.levels_by_stratum DRAWN DIR
+    python -m challenge.studies.levels_by_stratum DRAWN DIR
 
 DRAWN holds the cases and their keys, DIR the results of one sitting (``python -m challenge --drawn DRAWN -o DIR``).
 """

@@ -1,6 +1,6 @@
 """What the posteriors of simulated machines say of the prior numbers that were chosen: one step of empirical Bayes.
 
-    python -m benchmarks.prior_expectations DRAWN [DRAWN ...]
+    python -m challenge.studies.prior_expectations DRAWN [DRAWN ...]
 
 DRAWN are folders of ``python -m challenge --draw`` or ``python -m challenge.mujoco``, with development seeds. Each
 case is diagnosed; no key is read. What ``diagnosis.prior`` says of machines stands beside its expectation under the
