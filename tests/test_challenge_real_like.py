@@ -33,6 +33,11 @@ Array = NDArray[np.float64]
 every_machine = pytest.mark.parametrize("name", list(MACHINES))
 
 
+def _source(module: str) -> Path:
+    """Where a module of the examination would be."""
+    return Path(str(package.__file__)).parents[1] / f"{module.replace('.', '/')}.py"
+
+
 def _setup(name: str, *, moving: bool = False) -> Setup:
     machine, rng = MACHINES[name](), np.random.default_rng(4)
     return Setup.draw(machine, machine.specimen(rng), Plan(sessions=2, moving=moving), rng)
@@ -60,18 +65,18 @@ def test_the_simulators_derivatives_are_those_of_the_drawing(name: str) -> None:
 
 def test_what_a_size_means_does_not_ask_the_product() -> None:
     """Detection limits import nothing of the identification, however far one follows their imports."""
-    root = Path(str(package.__file__)).parent
-    seen, todo = set[str](), ["sizing", "adaptation", "slopes"]
+    seen, todo = set[str](), [f"challenge.{name}" for name in ("sizing", "adaptation", "slopes")]
     while todo:
         module = todo.pop()
         seen.add(module)
-        for node in ast.walk(ast.parse((root / f"{module}.py").read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("truepose"):
-                assert not node.module.startswith("truepose.identification"), f"{module}: {node.module}"
-                inner = node.module.removeprefix("challenge.")
-                if (root / f"{inner}.py").is_file() and inner not in seen:
-                    todo.append(inner)
-    assert {"measures", "solutions"} <= seen
+        for node in ast.walk(ast.parse(_source(module).read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                used = {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+                assert not any(name.startswith("truepose.identification") for name in used), (
+                    f"{module}: {used}"
+                )
+                todo += sorted(name for name in used - seen if _source(name).is_file())
+    assert {"challenge.measures", "challenge.solutions"} <= seen
 
 
 @every_machine
