@@ -382,6 +382,7 @@ def test_no_progress_display_where_output_is_no_terminal(recording: Path, tmp_pa
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
     stages = (
         "calibrating",
+        "checking",
         "fitting",
         "looking",
         "writing",
