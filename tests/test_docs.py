@@ -94,6 +94,24 @@ def test_what_docstrings_and_comments_name_is_there(top: str) -> None:
     assert {name: names for name, names in missing.items() if names} == {}
 
 
+def _studies() -> list[Path]:
+    """What can be run of the studies: modules, and folders that run as one."""
+    found = [path for top in ("benchmarks", "challenge/studies") for path in (ROOT / top).rglob("*.py")]
+    runs = [path for path in found if '__name__ == "__main__"' in path.read_text(encoding="utf-8")]
+    whole = {path.parent for path in runs if path.name == "__main__.py"}
+    return [*sorted(whole), *(path for path in runs if not whole & set(path.parents))]
+
+
+@pytest.mark.parametrize("kept", [*_studies(), *RESULTS], ids=_name)
+def test_a_page_names_every_study_and_every_table_of_results(kept: Path) -> None:
+    """What no page needs goes: studies are kept for what the pages say."""
+    told = [path for path in DOCUMENTS if path not in (ROOT / "CHANGELOG.md", kept)]
+    pages = "\n".join(path.read_text(encoding="utf-8") for path in told)
+    module = _name(kept).removesuffix(".py").replace("/", ".")
+    names = (re.escape(_name(kept)), re.escape(module), rf"python -m {re.escape(kept.stem)}")
+    assert re.search(rf"\b(?:{'|'.join(names)})\b", pages)
+
+
 def test_what_is_not_there_is_seen() -> None:
     text = "`models/nothing.py`, `no_such.py`, `docs/*.none`, truepose.models.nothing, python -m benchmarks.nothing, "
     more = "truepose.models.lie.nothing, `challenge/nothing.py`, python -m challenge.nothing"
