@@ -151,7 +151,7 @@ class TestTheSameArm:
             packages.read("scara")
         monkeypatch.setattr(packages, "find_spec", lambda _: None)
         assert packages.installed() == ()
-        with pytest.raises(InputError, match=r"no package 'robosuite'.*truepose\[mujoco\]"):
+        with pytest.raises(InputError, match=r"no package 'robosuite'.*pip install '\.\[mujoco\]'"):
             packages.read("ur5e")
         with pytest.raises(InputError, match="found no arm"):
             arms.machines()
