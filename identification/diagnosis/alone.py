@@ -11,7 +11,7 @@ from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Weighed
-from truepose.identification.posterior.design import Point
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import slot_odds
 from truepose.identification.posterior.posterior import best_point
 from truepose.identification.posterior.weighing import Weighing
@@ -42,13 +42,12 @@ def weighed_alone(problem: Weighed, count: int) -> Array:
     return out
 
 
-def _points(weighing: Weighing) -> list[Point]:
+def _points(weighing: Weighing) -> list[GridPoint]:
     """Noises from the smallest to what nothing but noise would need, at stated tolerances and wider ones."""
-    shape = weighing.unknowns.shape
-    kinds, top = len(shape) - 2, best_point(weighing)[0]
-    widest = max(range(shape[kinds]), key=lambda k: sum(weighing.unknowns.widening[k]))
+    unknowns, top = weighing.unknowns, best_point(weighing).noise[0]
+    widest = max(range(len(unknowns.widening)), key=lambda k: sum(unknowns.widening[k]))
     noises = sorted({*range(0, top + 1, EVERY), top})
-    return [(*(min(k, n - 1) for n in shape[:kinds]), w, 0) for k in noises for w in {0, widest}]
+    return [unknowns.all_at(k, widening) for k in noises for widening in {0, widest}]
 
 
 def flip_inflation(found: Found, one: Named) -> float | None:
@@ -72,7 +71,7 @@ def flip_inflation(found: Found, one: Named) -> float | None:
     odds += sum(slot_odds(prior.RICHNESS, len(rest) + k) for k in range(len(every) - len(rest)))
 
     def needed(k: int) -> bool:
-        point = (*mode.point[:-2], k, mode.point[-1])
+        point = mode.point._replace(widening=k)
         return part.log_evidence(point, every) - part.log_evidence(point, rest) + odds > 0.0
 
     if needed(len(WIDENINGS) - 1):

@@ -146,7 +146,7 @@ def _kept(found: Found, state: State, kept: Collection[int]) -> State:
     """A state without rare terms, and without a remainder where the likeliest has none."""
     candidates = found.weighed.candidates
     members = tuple(m for m in state.members if all(i in kept for i in candidates[m[0]]))
-    point = state.point if found.mode.point[-1] else (*state.point[:-1], 0)
+    point = state.point if found.mode.point.remainder else state.point._replace(remainder=0)
     return State(members, point, state.log_posterior)
 
 
@@ -157,7 +157,7 @@ def _turn(found: Found, kept: Sequence[int]) -> Array:
     out = np.zeros((lin.free + len(columns), design.n + design.width))
     out[: lin.free, : lin.free] = np.eye(lin.free)
     stated = {column: lin.free + k for k, column in enumerate(lin.indices(found.catalogue.stated))}
-    forms = {int(column): k for k, column in enumerate(problem.nameless)} if found.mode.point[-1] else {}
+    forms = {int(column): k for k, column in enumerate(problem.nameless)} if found.mode.point.remainder else {}
     for row, column in enumerate(columns, start=lin.free):
         out[row, stated.get(column, design.n + column)] = 1.0
         if column in forms:

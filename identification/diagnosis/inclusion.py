@@ -55,7 +55,7 @@ def inclusion(problem: Weighed, posterior: Posterior) -> Inclusion:
     for state, share in posterior.states:
         numbers = sorted({int(problem.weighing.terms.cause[term]) for term, _ in state.members})
         key = tuple(dict.fromkeys(c for k in numbers for c in problem.causes[k].told))
-        key += (Cause(Empirical.slug, ()),) if state.point[-1] > 0 else ()
+        key += (Cause(Empirical.slug, ()),) if state.point.remainder > 0 else ()
         sets[key] = sets.get(key, 0.0) + share
     ranked = sorted(places.items(), key=lambda item: -item[1])
     listed = {place: min(p, 1.0) for place, p in ranked if p > REPORTED}
@@ -68,6 +68,6 @@ def _nameless(problem: Weighed, posterior: Posterior) -> float:
     return sum(
         share
         for state, share in posterior.states
-        if state.point[-1] > 0
+        if state.point.remainder > 0
         or any(causes[int(cause[term])].effect == Empirical.slug for term, _ in state.members)
     )

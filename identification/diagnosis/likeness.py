@@ -101,9 +101,8 @@ def _gains(found: Found, wanted: Sequence[Sequence[Index]]) -> list[Array]:
     part = design.restricted(np.concatenate([columns, forms]).astype(np.intp))
     first, scale = len(columns), np.array(SHARES) * np.sqrt(len(lin.sources)) / ERROR
     plain, best = -np.inf, [np.full((len(own), len(SHARES)), -np.inf) for own in wanted]
-    *noise, widening, remainder = found.mode.point
-    for step in (step for step in FINER if min(noise) + step >= 0):
-        point = (*(k + step for k in noise), widening, remainder)
+    for step in (step for step in FINER if min(found.mode.point.noise) + step >= 0):
+        point = found.mode.point.louder(step)
         root = marginal(part, problem.weighing.unknowns, problem.weighing.terms, point)
         there = root.including(np.arange(first), sizes)
         plain = max(plain, there.log_evidence)

@@ -36,7 +36,7 @@ class Shape:
 def remainder_shapes(found: Found) -> tuple[Shape, ...]:
     """The forms that make most of the remainder of the mode, the largest first; none where it has none."""
     problem, mode = found.weighed, found.mode
-    tau = problem.weighing.unknowns.size.values[mode.point[-1]]
+    tau = problem.weighing.unknowns.size.values[mode.point.remainder]
     if tau == 0.0 or not problem.remainder.size:
         return ()
     known, always = moments(problem.weighing, mode), problem.weighing.design.always
@@ -96,7 +96,7 @@ def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shap
     prior = prior_of(machine, terms)
     sigma, count = prior.sigma.copy(), len(machine.parameters)
     factors = dict(
-        zip(problem.classes, problem.weighing.unknowns.widening[found.mode.point[-2]], strict=True)
+        zip(problem.classes, problem.weighing.unknowns.widening[found.mode.point.widening], strict=True)
     )
     free = [k for k in range(count) if sigma[k] > 0.0]
     classes = part_classes([prior.names[k] for k in free], [prior.parts[k] for k in free])

@@ -73,13 +73,10 @@ def _injected(after: Estimate, found: Found, main: int) -> bool:
     fitted = next(e for e in after.fitted_effects() if e.label == label)
     amplitude = np.array(fitted.amplitudes) / [c.scale for c in fitted.coefficients]
     columns = found.linearisation.columns[main]
-    kinds = len(problem.weighing.unknowns.noise)
-    noises = [
-        a.values[k] for a, k in zip(problem.weighing.unknowns.noise, found.mode.point[:kinds], strict=True)
-    ]
+    noises = problem.weighing.unknowns.scales(found.mode.point).tolist()
     design = _simulated(problem.weighing.design, columns, amplitude, noises)
     weighing = Weighing(design, problem.weighing.unknowns, problem.weighing.terms, problem.weighing.sizes)
-    odds = np.logaddexp.reduce(weighing.log_odds((*found.mode.point[:kinds], 0, 0), ()), axis=0)
+    odds = np.logaddexp.reduce(weighing.log_odds(found.mode.point._replace(widening=0, remainder=0), ()), axis=0)
     cause = problem.weighing.terms.cause
     by_cause = np.array([np.logaddexp.reduce(odds[cause == k]) for k in range(len(problem.causes))])
     alike = [

@@ -14,7 +14,7 @@ from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.result import Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Weighed, weighed
-from truepose.identification.posterior.design import Point
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import Climb, slot_odds
 from truepose.identification.posterior.weighing import Members
 from truepose.identification.recording.history import order_in_time
@@ -27,7 +27,7 @@ DIFFERENT = 1e-3
 @dataclass(frozen=True)
 class _Half:
     problem: Weighed
-    point: Point
+    point: GridPoint
     mean: Array
     covariance: Array
 
@@ -53,8 +53,7 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
 def _half(problem: Weighed, found: Found) -> _Half:
     """The likeliest point of a half with the mode's members, and their coefficients there."""
     members = _members(problem, found)
-    shape = problem.weighing.unknowns.shape
-    start = tuple(min(k, n - 1) for k, n in zip(found.mode.point, shape, strict=True))
+    start = problem.weighing.unknowns.nearest(found.mode.point)
     point = Climb(problem.weighing, prior.RICHNESS).point_near(start, members)
     mean, covariance = problem.weighing.root(point).posterior(*problem.weighing.columns(members))
     return _Half(problem, point, mean, covariance)

@@ -122,8 +122,7 @@ def _renumbered(problem: Weighed, state: State, now: Weighed) -> list[State]:
     number = {own: k for k, own in enumerate(now.candidates)}
     members = [(number.get(problem.candidates[term]), size) for term, size in state.members]
     kept = tuple((term, size) for term, size in members if term is not None)
-    point = tuple(min(k, n - 1) for k, n in zip(state.point, now.weighing.unknowns.shape, strict=True))
-    return [State(kept, point, 0.0)]
+    return [State(kept, now.weighing.unknowns.nearest(state.point), 0.0)]
 
 
 def chosen(problem: Weighed, state: State) -> dict[int, float]:

@@ -89,7 +89,7 @@ def _deflections(machine: Machine, found: Found) -> list[PlacedEffect]:
 
 def _noise(found: Found) -> float:
     unknowns = found.weighed.weighing.unknowns
-    return float(unknowns.noise[0].values[found.mode.point[0]])
+    return float(unknowns.noise[0].values[found.mode.point.noise[0]])
 
 
 def _left_by_geometry(lin: Linearisation, noise: float) -> Array:

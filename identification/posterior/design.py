@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,8 +79,20 @@ class Axis:
     log_prior: tuple[float, ...]
 
 
-Point = tuple[int, ...]
-"""Indices on the axes: a noise for each kind of channel, a widening of tolerances, the remainder's size."""
+class GridPoint(NamedTuple):
+    """Indices on the axes of a grid: the noise of each kind of channel, the widening of tolerances, the remainder's size."""
+
+    noise: tuple[int, ...]
+    widening: int
+    remainder: int
+
+    def louder(self, steps: int) -> GridPoint:
+        """The noise of all kinds moved by so many steps."""
+        return self._replace(noise=tuple(k + steps for k in self.noise))
+
+    def with_noise(self, kind: int, at: int) -> GridPoint:
+        """Another noise of one kind."""
+        return self._replace(noise=(*self.noise[:kind], at, *self.noise[kind + 1 :]))
 
 
 @dataclass(frozen=True)
@@ -92,18 +105,36 @@ class Unknowns:
     log_widening: tuple[float, ...]
     size: Axis
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Number of values on each axis of a point."""
-        return (*(len(a.values) for a in self.noise), len(self.widening), len(self.size.values))
+    def holds(self, point: GridPoint) -> bool:
+        """Whether a point is on the grid."""
+        inside = all(0 <= k < len(a.values) for k, a in zip(point.noise, self.noise, strict=True))
+        return (
+            inside and 0 <= point.widening < len(self.widening) and 0 <= point.remainder < len(self.size.values)
+        )
 
-    def log_prior(self, point: Point) -> float:
+    def nearest(self, point: GridPoint) -> GridPoint:
+        """A point of another grid with like axes, moved onto this one."""
+        noise = tuple(min(k, len(a.values) - 1) for k, a in zip(point.noise, self.noise, strict=True))
+        return GridPoint(
+            noise,
+            min(point.widening, len(self.widening) - 1),
+            min(point.remainder, len(self.size.values) - 1),
+        )
+
+    def all_at(self, noise: int, widening: int = 0, remainder: int = 0) -> GridPoint:
+        """The point with one index of noise for every kind (the largest there is, where an axis is shorter)."""
+        return GridPoint(tuple(min(noise, len(a.values) - 1) for a in self.noise), widening, remainder)
+
+    def scales(self, point: GridPoint) -> Array:
+        """(k,) noise of each kind of channel in stated sigmas."""
+        return np.array([a.values[k] for a, k in zip(self.noise, point.noise, strict=True)])
+
+    def log_prior(self, point: GridPoint) -> float:
         """Of a point; the first noise is paid by how far it is from stated, others by how far they are from the first."""
-        *noise, widening, size = point
-        own = [a.log_prior[k] for a, k in zip(self.noise, noise, strict=True)]
-        steps = [np.log(a.values[k]) for a, k in zip(self.noise, noise, strict=True)]
-        apart = [ratio_log_prior(step - steps[0]) for step in steps[1:]]
-        return own[0] + sum(apart) + self.log_widening[widening] + self.size.log_prior[size]
+        steps = np.log(self.scales(point))
+        apart = [ratio_log_prior(float(step)) for step in steps[1:] - steps[0]]
+        own = self.noise[0].log_prior[point.noise[0]] + sum(apart)
+        return own + self.log_widening[point.widening] + self.size.log_prior[point.remainder]
 
 
 def ratio_log_prior(step: float) -> float:

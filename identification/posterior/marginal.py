@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from truepose.identification.posterior.design import Design, Point, Unknowns
+from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.terms import SameSize, Terms
 
 Array = NDArray[np.float64]
@@ -202,12 +202,11 @@ class Marginal:
         return out
 
 
-def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: Point) -> Marginal:
+def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint) -> Marginal:
     """Everything that all models have marginalised at a point; its log evidence holds the point's log prior."""
-    *noise, widening, size = point
-    scales = np.array([axis.values[k] for axis, k in zip(unknowns.noise, noise, strict=True)])
+    scales = unknowns.scales(point)
     weights = scales**-2.0
-    sigma, keep = _sigma(design, unknowns, widening, size)
+    sigma, keep = _sigma(design, unknowns, point)
     inside, sigma = np.flatnonzero(keep), sigma[keep]
     rows = sum(gram[inside] * weight for gram, weight in zip(design.grams, weights, strict=True))
     scale = 1.0 / np.sqrt(np.maximum(rows[np.arange(len(inside)), inside] + sigma**-2.0, 1e-300))
@@ -225,9 +224,9 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: Point) -> 
     return Marginal(terms, own, Halves(factor, beside, turned), log_evidence + unknowns.log_prior(point))
 
 
-def _sigma(design: Design, unknowns: Unknowns, widening: int, size: int) -> tuple[Array, NDArray[np.bool_]]:
+def _sigma(design: Design, unknowns: Unknowns, point: GridPoint) -> tuple[Array, NDArray[np.bool_]]:
     """(n,) 1-sigmas of A at a point, and which columns are there at all: without a size the remainder is not."""
-    always, tau = design.always, unknowns.size.values[size]
-    factors = np.array([*unknowns.widening[widening], 1.0])  # part -1: none
+    always, tau = design.always, unknowns.size.values[point.remainder]
+    factors = np.array([*unknowns.widening[point.widening], 1.0])  # part -1: none
     sigma = always.sigma * np.where(always.remainder, tau, factors[always.part])
     return sigma, ~always.remainder | (tau > 0.0)

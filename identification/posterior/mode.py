@@ -1,25 +1,30 @@
-"""The likeliest set: climbed slot by slot and step by step on the grid, from a start."""
+"""The posterior mode by coordinate ascent, slot by slot and axis by axis, from a start; and what is plausible around it.
+
+Forward selection with a second look: a state gains the likeliest term while one is likelier than nothing, then every slot
+is filled anew beside the others, until nothing changes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.posterior.design import Point
-from truepose.identification.posterior.sampler import Richness
+from truepose.identification.posterior.design import GridPoint, Unknowns
+from truepose.identification.posterior.sampler import Reach, Richness
 from truepose.identification.posterior.weighing import Member, Members, Weighing
 
 Array = NDArray[np.float64]
-CLIMBS = 30
-"""Most rounds of a climb: each adds one term at most."""
+ROUNDS = 30
+"""Most rounds of an ascent: each adds one term at most."""
 STEPS = (4, 1)
-"""Steps on the axes of noise and remainder that are repeated while they gain, in turn."""
-PASSES = 3
-LADDER = (-1, 0, 1, 2, 4, 8, 14)
+"""Steps on an axis of the grid that are repeated while they gain, in turn."""
+LOUDER = (-1, 0, 1, 2, 4, 8, 14)
 """Steps of the noise at which a state is looked at without some of its members."""
+HOPELESS, CERTAIN = 6.0, 20.0
+"""Log odds below which a term is left out of the chains, and from which on a member is no question any more."""
 
 
 @dataclass(frozen=True)
@@ -27,103 +32,138 @@ class State:
     """A set of terms with their sizes at a point of the grid, and its log posterior up to a constant."""
 
     members: Members
-    point: Point
+    point: GridPoint
     log_posterior: float
 
 
-class Climb:
-    """Climbs of one problem. ``interest`` (c,): the largest log probability in a slot that each term had where one looked."""
-
-    def __init__(self, weighing: Weighing, richness: Richness) -> None:
-        self._weighing, self._richness = weighing, richness
-        self.interest = np.full(len(weighing.terms), -np.inf)
-
-    def from_(self, point: Point, members: Sequence[Member]) -> State:
-        """A state whose every slot holds the likeliest cause beside the others, or nothing, at the likeliest point near."""
-        current = list(members)
-        for _ in range(CLIMBS):
-            before, here = set(current), point
-            point = self._best_point(point, current, thorough=False)
-            grown = [*current, *self._best(point, current)]
-            if len(grown) > len(current):
-                current = grown
-                continue
-            for member in sorted(current, key=lambda m: self._weighing.sizes.values[m[1]]):
-                rest = [m for m in current if m != member]
-                current = [*rest, *self._best(point, rest, (member,))]
-            point = self._best_point(point, current)
-            if set(current) == before and point == here:
-                break
-        found = tuple(sorted(current))
-        return State(found, point, log_posterior(self._weighing, self._richness, found, point))
-
-    def look(self, point: Point, members: Sequence[Member]) -> None:
-        """Take note of what every slot of a state may hold, and one more, with its remainder and without any."""
-        for size in {0, point[-1]}:
-            at = (*point[:-1], size)
-            self._note(at, members)
-            for member in members:
-                self._note(at, [m for m in members if m != member], (member,))
-
-    def point_near(self, point: Point, members: Sequence[Member]) -> Point:
-        """The likeliest point near one."""
-        return self._best_point(point, members)
-
-    def _note(self, point: Point, rest: Sequence[Member], leaving: Members = ()) -> None:
-        conditional = self._weighing.conditional(point, rest, leaving=leaving)
-        slot = slot_odds(self._richness, len(rest))
-        own = np.log(np.maximum(conditional.terms(slot), 1e-300))
-        np.maximum(self.interest, own, out=self.interest)
-
-    def _best(self, point: Point, rest: Sequence[Member], leaving: Members = ()) -> list[Member]:
-        """The likeliest term of the likeliest cause in a slot, at its likeliest size; none where nothing is likelier."""
-        odds = self._weighing.conditional(point, rest, leaving=leaving).log_odds
-        own = np.logaddexp.reduce(odds, axis=0)
-        cause, top = self._weighing.terms.cause, float(own.max(initial=-np.inf))
-        if not np.isfinite(top):
-            return []  # nothing may stand beside the rest
-        weight = np.bincount(cause, weights=np.exp(own - top))
-        best = int(np.argmax(weight))
-        if float(np.log(weight[best])) + top + slot_odds(self._richness, len(rest)) < 0.0:
-            return []
-        term = int(np.argmax(np.where(cause == best, own, -np.inf)))
-        return [(term, int(np.argmax(odds[:, term])))]
-
-    def _best_point(self, point: Point, members: Sequence[Member], *, thorough: bool = True) -> Point:
-        """Coordinates in turn, until none gains: noise and remainder; if ``thorough`` each kind's noise and tolerances, too."""
-        shape = self._weighing.unknowns.shape
-        kinds = len(shape) - 2
-        axes = [tuple(range(kinds)), (kinds + 1,)]
-        if thorough and kinds > 1:
-            axes += [(k,) for k in range(kinds)]
-        best, value = point, self._weighing.log_evidence(point, members)
-
-        def tried(other: Point) -> bool:
-            nonlocal best, value
-            if not all(0 <= k < n for k, n in zip(other, shape, strict=True)):
-                return False
-            new = self._weighing.log_evidence(other, members)
-            better = new > value
-            if better:
-                best, value = other, new
-            return better
-
-        for _ in range(PASSES if thorough else 1):
-            first = best
-            for axis in axes:
-                for step in STEPS:
-                    while tried(_moved(best, axis, -step)) or tried(_moved(best, axis, step)):
-                        pass
-            if thorough:
-                for k in range(shape[kinds]):
-                    tried((*best[:kinds], k, best[-1]))
-            if best == first:
-                break
-        return best
+def ascended(weighing: Weighing, richness: Richness, point: GridPoint, members: Sequence[Member]) -> State:
+    """A state whose every slot holds the likeliest cause beside the others, or nothing, at the likeliest point near."""
+    current = list(members)
+    for _ in range(ROUNDS):
+        before, here = set(current), point
+        point = nearest_top(weighing, point, current, thorough=False)
+        grown = [*current, *_likeliest(weighing, richness, point, current)]
+        if len(grown) > len(current):
+            current = grown
+            continue
+        for member in sorted(current, key=lambda m: weighing.sizes.values[m[1]]):
+            rest = [m for m in current if m != member]
+            current = [*rest, *_likeliest(weighing, richness, point, rest, (member,))]
+        point = nearest_top(weighing, point, current)
+        if set(current) == before and point == here:
+            break
+    found = tuple(sorted(current))
+    return State(found, point, log_posterior(weighing, richness, found, point))
 
 
-def _moved(point: Point, axes: Sequence[int], step: int) -> Point:
-    return tuple(k + step if axis in axes else k for axis, k in enumerate(point))
+def _likeliest(
+    weighing: Weighing, richness: Richness, point: GridPoint, rest: Sequence[Member], leaving: Members = ()
+) -> list[Member]:
+    """The likeliest term of the likeliest cause in a slot, at its likeliest size; none where nothing is likelier."""
+    odds = weighing.conditional(point, rest, leaving).log_odds
+    own = np.logaddexp.reduce(odds, axis=0)
+    cause, top = weighing.terms.cause, float(own.max(initial=-np.inf))
+    if not np.isfinite(top):
+        return []  # nothing may stand beside the rest
+    weight = np.bincount(cause, weights=np.exp(own - top))
+    best = int(np.argmax(weight))
+    if float(np.log(weight[best])) + top + slot_odds(richness, len(rest)) < 0.0:
+        return []
+    term = int(np.argmax(np.where(cause == best, own, -np.inf)))
+    return [(term, int(np.argmax(odds[:, term])))]
+
+
+def nearest_top(
+    weighing: Weighing, point: GridPoint, members: Sequence[Member], *, thorough: bool = True
+) -> GridPoint:
+    """The likeliest point of the grid near one, coordinate by coordinate until none gains.
+
+    Not ``thorough``: one noise of all kinds and the remainder, once.
+    """
+    unknowns, best, value = weighing.unknowns, point, weighing.log_evidence(point, members)
+    lines = (*_LINES, *_lines_of_kinds(len(point.noise))) if thorough and len(point.noise) > 1 else _LINES
+    while True:
+        before = best
+        for line in lines:
+            for step in STEPS:
+                moved = True
+                while moved:
+                    near = [p for p in (line(best, -step), line(best, step)) if unknowns.holds(p)]
+                    best, value, moved = _better(weighing, members, near, best, value)
+        if thorough:
+            best, value, _ = _better(weighing, members, _along(unknowns, best, "widening"), best, value)
+        if best == before or not thorough:
+            return best
+
+
+Line = Callable[[GridPoint, int], GridPoint]
+_LINES: tuple[Line, ...] = (
+    lambda point, step: point.louder(step),
+    lambda point, step: point._replace(remainder=point.remainder + step),
+)
+
+
+def _lines_of_kinds(count: int) -> list[Line]:
+    """The noise of each kind of channel by itself."""
+
+    def of(kind: int) -> Line:
+        return lambda point, step: point.with_noise(kind, point.noise[kind] + step)
+
+    return [of(kind) for kind in range(count)]
+
+
+def _better(
+    weighing: Weighing, members: Sequence[Member], points: Sequence[GridPoint], best: GridPoint, value: float
+) -> tuple[GridPoint, float, bool]:
+    """The best of some points and the present one, its log evidence, and whether it is another one."""
+    found = [(weighing.log_evidence(p, members), k) for k, p in enumerate(points)]
+    top, at = max(found, default=(-np.inf, 0))
+    return (points[at], top, True) if top > value else (best, value, False)
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """What chains draw from: ``terms`` (c,) that are not hopeless in some slot, and such values of the grid; ``certain``:
+    members that nothing can replace."""
+
+    terms: NDArray[np.bool_]
+    reach: Reach
+    certain: Members
+
+
+def plausible(weighing: Weighing, richness: Richness, states: Sequence[State]) -> Plausible:
+    """Around states: what each slot may hold, one more among them, with the state's remainder and without any."""
+    interest = np.full(len(weighing.terms), -np.inf)
+    reach = {"widening": set[int](), "remainder": set[int]()}
+    certain = set.intersection(*(set(state.members) for state in states))
+    for state in states:
+        for rest, leaving in _slots_of(state.members):
+            slot = slot_odds(richness, len(rest))
+            for size in {0, state.point.remainder}:
+                conditional = weighing.conditional(state.point._replace(remainder=size), rest, leaving)
+                np.maximum(interest, np.log(np.maximum(conditional.terms(slot), 1e-300)), out=interest)
+                certain -= {m for m in leaving if conditional.lead(m[0], slot) < CERTAIN}
+        interest[[term for term, _ in state.members]] = np.inf
+        for axis, values in reach.items():
+            points = _along(weighing.unknowns, state.point, axis)
+            logs = np.array([weighing.log_evidence(p, state.members) for p in points])
+            values |= {getattr(state.point, axis), *np.flatnonzero(logs > logs.max() - CERTAIN).tolist()}
+    axes = Reach(tuple(sorted(reach["widening"])), tuple(sorted(reach["remainder"])))
+    return Plausible(interest > -HOPELESS, axes, tuple(sorted(certain)))
+
+
+def _along(unknowns: Unknowns, point: GridPoint, axis: str) -> list[GridPoint]:
+    """All points that differ in ``widening`` or ``remainder`` alone."""
+    if axis == "widening":
+        return [point._replace(widening=k) for k in range(len(unknowns.widening))]
+    return [point._replace(remainder=k) for k in range(len(unknowns.size.values))]
+
+
+def _slots_of(members: Members) -> Iterator[tuple[list[Member], Members]]:
+    """What stands beside an empty slot, and beside each full one with what it holds."""
+    yield list(members), ()
+    for member in members:
+        yield [m for m in members if m != member], (member,)
 
 
 def supports(weighing: Weighing, state: State, parts: Sequence[NDArray[np.intp]]) -> list[float]:
@@ -131,11 +171,11 @@ def supports(weighing: Weighing, state: State, parts: Sequence[NDArray[np.intp]]
 
     parts: places (k,) among the columns of all members. Without them the noise can only be larger.
     """
-    kinds, (columns, sizes) = len(weighing.unknowns.shape) - 2, weighing.columns(state.members)
+    columns, sizes = weighing.columns(state.members)
     whole, without = -np.inf, np.full(len(parts), -np.inf)
-    for step in LADDER:
-        point = _moved(state.point, range(kinds), step)
-        if not all(0 <= k < n for k, n in zip(point, weighing.unknowns.shape, strict=True)):
+    for step in LOUDER:
+        point = state.point.louder(step)
+        if not weighing.unknowns.holds(point):
             continue
         there = weighing.root(point).including(columns, sizes)
         whole = max(whole, there.log_evidence)
@@ -146,12 +186,17 @@ def supports(weighing: Weighing, state: State, parts: Sequence[NDArray[np.intp]]
 
 def slot_odds(richness: Richness, number: int) -> float:
     """Log prior odds of one more member beside ``number``, whichever slot it takes, richness marginalised."""
-    same, more = richness.log_totals[number : number + 2].tolist()
-    return float(more - same) + float(np.log(max(richness.slots - number, 1)))
+    return richness.slot(number) + float(np.log(max(richness.slots - number, 1)))
 
 
-def log_posterior(weighing: Weighing, richness: Richness, members: Members, point: Point) -> float:
+def log_posterior(weighing: Weighing, richness: Richness, members: Members, point: GridPoint) -> float:
     """Up to a constant, richness and the order of slots marginalised."""
     number = sum(slot_odds(richness, k) for k in range(len(members)))
     here = weighing.log_evidence(point, members) + weighing.log_bounds(point, members)
     return here + weighing.log_prior(members) + number
+
+
+def best_point(weighing: Weighing) -> GridPoint:
+    """The likeliest noise without any term, at stated tolerances and without a remainder."""
+    count = max(len(axis.values) for axis in weighing.unknowns.noise)
+    return max((weighing.unknowns.all_at(k) for k in range(count)), key=lambda p: weighing.root(p).log_evidence)

@@ -29,21 +29,20 @@ class Moments:
 def moments(weighing: Weighing, state: State) -> Moments:
     """Given the state's members, their sizes, and its noise, tolerances and remainder."""
     design, unknowns = weighing.design, weighing.unknowns
-    *noise, widening, size = state.point
     columns, sizes = weighing.columns(state.members)
-    tau = unknowns.size.values[size]
+    tau = unknowns.size.values[state.point.remainder]
     own = np.flatnonzero(~design.always.remainder | (tau > 0.0))
     at = np.concatenate([own, design.n + columns]).astype(np.intp)
-    factors = np.array([*unknowns.widening[widening], 1.0])
+    factors = np.array([*unknowns.widening[state.point.widening], 1.0])
     sigma = design.always.sigma * np.where(design.always.remainder, tau, factors[design.always.part])
     gram, right = np.diag(np.concatenate([sigma[own], sizes]) ** -2.0), np.zeros(len(at))
-    for part, axis, k in zip(design.grams, unknowns.noise, noise, strict=True):
-        gram += part[np.ix_(at, at)] / axis.values[k] ** 2
-        right += part[at, -1] / axis.values[k] ** 2
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    covariance = scale[:, None] * np.linalg.pinv(
-        gram * scale[:, None] * scale, rcond=ROUNDING, hermitian=True
-    ) * scale  # fmt: skip
+    for part, scale in zip(design.grams, unknowns.scales(state.point), strict=True):
+        gram += part[np.ix_(at, at)] / scale**2
+        right += part[at, -1] / scale**2
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    covariance = unit[:, None] * np.linalg.pinv(
+        gram * unit[:, None] * unit, rcond=ROUNDING, hermitian=True
+    ) * unit  # fmt: skip
     return Moments(at, covariance @ right, covariance)
 
 

@@ -1,5 +1,5 @@
-"""The posterior over sets, from several chains: how probable each term and cause is, which stand in for each other,
-the likeliest sets, and how far the chains agree."""
+"""The posterior over sets, from two chains: how probable each term and cause is, which stand in for each other, the
+likeliest sets, and how far the chains agree."""
 
 from __future__ import annotations
 
@@ -10,37 +10,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.posterior.design import Point
-from truepose.identification.posterior.mode import Climb, State, log_posterior
-from truepose.identification.posterior.sampler import Chain, Passage, Richness, Sweep
+from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.mode import (
+    State,
+    ascended,
+    best_point,
+    log_posterior,
+    plausible,
+)
+from truepose.identification.posterior.sampler import Chain, Richness, Sweep
 from truepose.identification.posterior.weighing import Members, Weighing
 
 Array = NDArray[np.float64]
-AGREED, APART = 0.02, 0.1
-"""Largest difference of a cause's probability between two chains that is none, and from which on they are caught apart."""
-_Seen = tuple[Members, Point]
-BURN, ROUND, ROUNDS, LEARNING = 25, 40, 5, 2
-"""Sweeps of a chain before it counts, sweeps of each round, most rounds, and after how many of them passages are laid."""
-VISITED = 3
-"""States of each chain, the most visited, between which passages are laid."""
-LONG, HOPELESS_LONG = 16, -3.5
-"""Columns from which on a term costs much, and the log probability below which it is left out."""
-FOR_CLASS = 0.9
-"""How much a member counts for its class; the rest for itself, so that the likeliest of a class stands for it."""
+AGREED = 0.02
+"""Largest difference of a cause's probability between two chains that is none."""
+BURN, ROUND, ROUNDS = 25, 40, 8
+"""Sweeps of a chain before it counts, sweeps of each round, and most rounds."""
 ALIKE = 0.05
 """Share of a slot from which on two causes stand in for each other."""
 RARE = 0.2
 """Probability up to which a cause is mostly not there."""
 CLASS, CLEAR = 5, 0.8
 """Most causes of a class, and probability that these hold a slot together for it to be one."""
-HOPELESS, OVERLOOKED = -6.0, -3.0
-"""Log probability in a slot below which a term is left out of the chains, and above which leaving it out was wrong."""
-LOOKS, TYPICAL = 2, 3
-"""Most times that the chains are run with more terms, and sets that are looked at after each."""
 LONG_SET, SHORTER = 150, 3
-"""Columns of a set beyond which finding it from nothing takes too long, and chains are so many times shorter, of one round."""
-HOT, HEAT = 8, 3.0
-"""Sweeps of the second chain's start with odds flattened by so much: it comes from elsewhere."""
+"""Columns of a set beyond which a sweep takes long, and by how much chains and rounds are shorter then."""
+FOR_CLASS = 0.9
+"""How much a member counts for its class; the rest for itself, so that the likeliest of a class stands for it."""
 
 
 @dataclass(frozen=True)
@@ -57,44 +52,38 @@ class Posterior:
     causes: Array
     beside: Array
     states: tuple[tuple[State, float], ...]
-    points: tuple[tuple[Point, float], ...]
+    points: tuple[tuple[GridPoint, float], ...]
     disagreement: float
     sweeps: int
 
-    def typical(self, number: int) -> list[State]:
-        """A state of each of the sets of terms that were visited most."""
-        sets: dict[tuple[int, ...], tuple[State, float]] = {}
-        for state, share in self.states:
-            key = tuple(term for term, _ in state.members)
-            first, before = sets.get(key, (state, 0.0))
-            sets[key] = (first, before + share)
-        return [state for state, _ in sorted(sets.values(), key=lambda s: -s[1])[:number]]
-
-    @property
-    def mixed(self) -> bool:
-        """Whether the chains agree."""
-        return self.disagreement <= AGREED
-
 
 class _Tally:
-    """Sums over the sweeps of one chain."""
+    """Sums over the sweeps of one chain; ``given``: terms that every state holds."""
 
     def __init__(self, weighing: Weighing) -> None:
         self._cause, self.sweeps = weighing.terms.cause, 0
+        self._given = weighing.given
         self.terms, self.number = np.zeros(len(weighing.terms)), weighing.terms.n_causes
         self.beside, self.held = np.zeros((self.number, self.number)), np.zeros(self.number)
-        self.seen = Counter[_Seen]()
+        self.seen = Counter[tuple[Members, GridPoint]]()
 
     def add(self, sweep: Sweep) -> None:
         self.sweeps += 1
+        for term, _ in self._given:
+            one = np.zeros(len(self.terms))
+            one[term] = 1.0
+            self._count(one, filled=True)
         for visit in sweep.visits:
-            self.terms += visit.terms
-            if visit.filled:
-                own = self._by_cause(visit.terms)
-                some = np.flatnonzero(own > 1e-4)
-                self.beside[np.ix_(some, some)] += np.outer(own[some], own[some])
-                self.held += own
-        self.seen[tuple(sorted(sweep.members)), sweep.point] += 1
+            self._count(visit.terms, filled=visit.filled)
+        self.seen[tuple(sorted((*self._given, *sweep.members))), sweep.point] += 1
+
+    def _count(self, terms: Array, *, filled: bool) -> None:
+        self.terms += terms
+        if filled:
+            own = self._by_cause(terms)
+            some = np.flatnonzero(own > 1e-4)
+            self.beside[np.ix_(some, some)] += np.outer(own[some], own[some])
+            self.held += own
 
     def _by_cause(self, terms: Array) -> Array:
         found: Array = np.bincount(self._cause, weights=terms, minlength=self.number).astype(float)
@@ -109,87 +98,38 @@ class _Tally:
 def sample(
     weighing: Weighing, richness: Richness, *, seed: int = 1, known: Sequence[State] = ()
 ) -> Posterior:
-    """Two chains, from the likeliest set and from nothing, until they agree or long enough.
+    """Two chains, from the mode and from half of it, until they agree or long enough.
 
-    Climbs from nothing and from ``known`` states come first; terms that were hopeless in all of them are left out of the
-    chains, and looked at again at the sets that these visit most.
+    Terms and values of the grid that are hopeless around the modes are left out, and what nothing can replace there is given.
     """
-    climb, start = Climb(weighing, richness), best_point(weighing)
-    tops = _tops(climb, weighing, start, known)
+    tops = _tops(weighing, richness, known)
     top = max(tops, key=lambda state: state.log_posterior)
-    for state in tops:
-        climb.look(state.point, state.members)
-    limit = np.where([len(c) > LONG for c in weighing.terms.columns], HOPELESS_LONG, HOPELESS)
-    for _ in range(LOOKS):
-        wanted = climb.interest > limit
-        wanted[[term for term, _ in top.members]] = True
-        part, index = weighing.restricted(wanted)
-        found = _sampled(part, index, richness, seed, top, start)
-        for state in found.typical(TYPICAL):
-            climb.look(state.point, state.members)
-        if not np.any(~wanted & (climb.interest > OVERLOOKED)):
-            break
-    return found
-
-
-def _sampled(
-    part: Weighing, index: NDArray[np.intp], richness: Richness, seed: int, top: State, start: Point
-) -> Posterior:
-    """Chains over the terms ``index`` of the whole problem; the result is in the whole problem's numbers."""
-    back = {int(term): k for k, term in enumerate(index)}
-    members = tuple((back[term], size) for term, size in top.members)
+    around = plausible(weighing, richness, tops)
+    whole, index = weighing.restricted(around.terms)
+    number = {int(term): k for k, term in enumerate(index)}
+    part = whole.conditioned([(number[term], size) for term, size in around.certain])
+    free = [(number[term], size) for term, size in top.members if (term, size) not in around.certain]
     chains = [
-        Chain(part, richness, top.point, members, seed),
-        _other(part, richness, start, top.point, members, seed),
+        Chain(part, richness, around.reach, top.point, start, seed + k)
+        for k, start in enumerate((free, free[::2]))
     ]
-    shorter = SHORTER if len(part.columns(members)[0]) > LONG_SET else 1
+    shorter = SHORTER if len(weighing.columns(top.members)[0]) > LONG_SET else 1
     for chain in chains:
         _run(chain, BURN // shorter)
-        chain.tuned = True
-    return _gathered(
-        part, index, richness, _counted(chains, part, ROUND // shorter, 1 if shorter > 1 else ROUNDS)
-    )
+    tallies = _counted(chains, part, ROUND // shorter, ROUNDS // shorter)
+    return _gathered(part, index, richness, tallies)
 
 
 def _counted(chains: Sequence[Chain], part: Weighing, sweeps: int, rounds: int) -> list[_Tally]:
-    """Rounds of so many sweeps, until the chains agree.
-
-    Each may be caught in sets of its own. After the first rounds they learn of each other's, and count anew.
-    """
-    tallies = list[_Tally]()
-    for k in range(rounds):
-        if k <= LEARNING:
-            tallies = [_Tally(part) for _ in chains]
+    """Rounds of so many sweeps, until the chains agree."""
+    tallies = [_Tally(part) for _ in chains]
+    for _ in range(rounds):
         for chain, tally in zip(chains, tallies, strict=True):
             for sweep in chain.sweeps(sweeps):
                 tally.add(sweep)
-        if _disagreement(tallies, np.full(len(tallies), 1.0 / len(tallies))) <= AGREED:
+        if _disagreement(tallies) <= AGREED:
             break
-        if k < LEARNING:
-            ways = _passages(*tallies)
-            for chain in chains:
-                chain.passages = tuple(dict.fromkeys((*chain.passages, *ways)))
     return tallies
-
-
-def _passages(one: _Tally, other: _Tally) -> tuple[Passage, ...]:
-    """Ways between the states that two chains visited most."""
-    often = [[state for state, _ in tally.seen.most_common(VISITED)] for tally in (one, other)]
-    ways = [Passage.between(a, b) for a in often[0] for b in often[1] if a[0] != b[0]]
-    return tuple(dict.fromkeys(ways))
-
-
-def _other(
-    part: Weighing, richness: Richness, start: Point, point: Point, members: Members, seed: int
-) -> Chain:
-    """A chain that comes from elsewhere: from nothing through flattened odds, or, where that takes long, from half of a set."""
-    if len(part.columns(members)[0]) > LONG_SET:
-        return Chain(part, richness, point, members[::2], seed + 1)
-    chain = Chain(part, richness, start, (), seed + 1)
-    chain.heat = HEAT
-    _run(chain, HOT)
-    chain.heat = 1.0
-    return chain
 
 
 def _run(chain: Chain, number: int) -> None:
@@ -197,84 +137,48 @@ def _run(chain: Chain, number: int) -> None:
         pass
 
 
-def best_point(weighing: Weighing) -> Point:
-    """The likeliest noise without any term, at stated tolerances and without a remainder: every other value, then beside it."""
-    shape = weighing.unknowns.shape
-    kinds = len(shape) - 2
-
-    def at(k: int) -> Point:
-        return (*(min(k, n - 1) for n in shape[:kinds]), 0, 0)
-
-    coarse = max(range(0, shape[0], 4), key=lambda k: weighing.root(at(k)).log_evidence)
-    near = range(max(coarse - 3, 0), min(coarse + 4, shape[0]))
-    return at(max(near, key=lambda k: weighing.root(at(k)).log_evidence))
-
-
-def _disagreement(tallies: Sequence[_Tally], weights: Array) -> float:
-    """Largest difference of a cause's probability between chains that count alike; less where one hardly counts."""
+def _disagreement(tallies: Sequence[_Tally]) -> float:
+    """Largest difference of a cause's probability between chains."""
     shares = np.array([t.causes for t in tallies])
-    apart = 2.0 * weights @ np.abs(shares - weights @ shares)
-    return float(np.max(apart, initial=0.0))
-
-
-def _weights(
-    part: Weighing, richness: Richness, tallies: Sequence[_Tally]
-) -> tuple[Array, dict[_Seen, float]]:
-    """(chains,) how much each chain counts, and the log posterior of every state that one of them visited.
-
-    Chains that agree count alike. Where they do not, each is caught in sets of its own, and how long it stayed there says
-    nothing of how probable they are: each counts by the posterior mass of the states that it visited, renormalised over all
-    (as in shotgun stochastic search; Benner et al. 2016, Bioinformatics 32:1493). A state of several is shared among them.
-    """
-    every = dict.fromkeys(state for tally in tallies for state in tally.seen)
-    logs = {(members, point): log_posterior(part, richness, members, point) for members, point in every}
-    equal = np.full(len(tallies), 1.0 / len(tallies))
-    if _disagreement(tallies, equal) <= APART:
-        return equal, logs
-    visitors = {state: sum(state in tally.seen for tally in tallies) for state in every}
-    mass = [np.logaddexp.reduce([logs[s] - np.log(visitors[s]) for s in tally.seen]) for tally in tallies]
-    return np.exp(mass - np.logaddexp.reduce(mass)), logs
+    return float(np.max(np.ptp(shares, axis=0), initial=0.0))
 
 
 def _gathered(
     part: Weighing, index: NDArray[np.intp], richness: Richness, tallies: Sequence[_Tally]
 ) -> Posterior:
-    weights, logs = _weights(part, richness, tallies)
-    shares: dict[_Seen, float] = dict.fromkeys(logs, 0.0)
-    for weight, tally in zip(weights, tallies, strict=True):
-        for state, count in tally.seen.items():
-            shares[state] += float(weight) * count / tally.sweeps
-    states, points = list[tuple[State, float]](), dict[Point, float]()
-    for (members, point), share in sorted(shares.items(), key=lambda item: -item[1]):
-        whole = tuple(sorted((int(index[term]), size) for term, size in members))
-        states.append((State(whole, point, logs[members, point]), share))
-        points[point] = points.get(point, 0.0) + share
-    pairs = list(zip(weights, tallies, strict=True))
-    beside = np.sum([w * t.beside / t.sweeps for w, t in pairs], axis=0)
-    held = np.sum([w * t.held / t.sweeps for w, t in pairs], axis=0)[:, None]
-    terms = np.minimum(np.sum([w * t.terms / t.sweeps for w, t in pairs], axis=0), 1.0)
+    shares = Counter[tuple[Members, GridPoint]]()
+    for tally in tallies:
+        shares.update(tally.seen)
+    sweeps = sum(t.sweeps for t in tallies)
+    whole = Weighing(part.design, part.unknowns, part.terms, part.sizes)
+    states, points = list[tuple[State, float]](), Counter[GridPoint]()
+    for (members, point), count in sorted(shares.items(), key=lambda item: -item[1]):
+        numbered = tuple(sorted((int(index[term]), size) for term, size in members))
+        log = log_posterior(whole, richness, members, point)
+        states.append((State(numbered, point, log), count / sweeps))
+        points[point] += count
+    beside, held = sum(t.beside for t in tallies), np.sum([t.held for t in tallies], axis=0)[:, None]
+    terms = np.minimum(np.sum([t.terms for t in tallies], axis=0) / sweeps, 1.0)
     return Posterior(
         terms=dict(zip(index.tolist(), terms.tolist(), strict=True)),
-        causes=np.sum([w * t.causes for w, t in pairs], axis=0),
-        beside=beside / np.where(held > 0.0, held, 1.0),
+        causes=np.mean([t.causes for t in tallies], axis=0),
+        beside=np.asarray(beside / np.where(held > 0.0, held, 1.0)),
         states=tuple(states),
-        points=tuple(sorted(points.items(), key=lambda item: -item[1])),
-        disagreement=_disagreement(tallies, weights),
-        sweeps=sum(t.sweeps for t in tallies),
+        points=tuple((point, count / sweeps) for point, count in points.most_common()),
+        disagreement=_disagreement(tallies),
+        sweeps=sweeps,
     )
 
 
 def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ()) -> State:
-    """The likeliest state that climbs from nothing and from ``known`` states reach."""
-    tops = _tops(Climb(weighing, richness), weighing, best_point(weighing), known)
-    return max(tops, key=lambda state: state.log_posterior)
+    """The likeliest state that ascents from nothing and from ``known`` states reach."""
+    return max(_tops(weighing, richness, known), key=lambda state: state.log_posterior)
 
 
-def _tops(climb: Climb, weighing: Weighing, start: Point, known: Sequence[State]) -> list[State]:
-    """Where climbs from known states lead, and the one from nothing, which takes long where these are large."""
-    large = any(len(weighing.columns(state.members)[0]) > LONG_SET for state in known)
-    first = [] if large else [climb.from_(start, ())]
-    return [*first, *(climb.from_(state.point, state.members) for state in known)]
+def _tops(weighing: Weighing, richness: Richness, known: Sequence[State]) -> list[State]:
+    """Where ascents lead: from known states, else from nothing."""
+    starts = [(state.point, state.members) for state in known] or [(best_point(weighing), ())]
+    return [ascended(weighing, richness, *start) for start in starts]
 
 
 def mode(posterior: Posterior, weighing: Weighing) -> State:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.posterior.conditional import Sizes, log_gains, plausibility
-from truepose.identification.posterior.design import Design, Point, Unknowns
+from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.marginal import Marginal, marginal
 from truepose.identification.posterior.terms import Terms
 
@@ -90,11 +90,16 @@ class Conditional:
 
 
 class Weighing:
-    """One design with its terms, sizes and grid of unknowns."""
+    """One design with its terms, sizes and grid of unknowns; ``given``: members that are there for sure."""
 
-    def __init__(self, design: Design, unknowns: Unknowns, terms: Terms, sizes: Sizes) -> None:
+    def __init__(
+        self, design: Design, unknowns: Unknowns, terms: Terms, sizes: Sizes, given: Sequence[Member] = ()
+    ) -> None:
         self.design, self.unknowns, self.terms, self.sizes = design, unknowns, terms, sizes
+        self.given = tuple(sorted(given))
         self._roots = Memory[Marginal](REMEMBERED // (8 * (design.n + 1) * (design.width + 1)))
+        taken = len(self.columns(self.given)[0])
+        self._bases = Memory[Marginal](REMEMBERED // (24 * (taken + 1) * (design.width + 1)))
         self._taken = Memory[Marginal](8)
         self._conditionals = Memory[Conditional](REMEMBERED // (16 * (len(terms) + 1) * len(sizes.values)))
         self._evidences = Memory[float](SETS)
@@ -113,7 +118,13 @@ class Weighing:
             self.sizes,
         ), index
 
-    def root(self, point: Point) -> Marginal:
+    def conditioned(self, given: Sequence[Member]) -> Weighing:
+        """The same problem with members that are no question any more: they are taken in once at every point."""
+        other = Weighing(self.design, self.unknowns, self.terms, self.sizes, given)
+        other.__dict__["noticeable"] = self.noticeable
+        return other
+
+    def root(self, point: GridPoint) -> Marginal:
         """Without any term, at a point."""
         return self._roots.get_or(point, lambda: marginal(self.design, self.unknowns, self.terms, point))
 
@@ -121,20 +132,19 @@ class Weighing:
     def noticeable(self) -> NDArray[np.bool_]:
         """(s, c) which terms would be noticed at which size, at the stated noise; what nobody would notice is nothing."""
         unknowns = self.unknowns
-        stated = [int(np.argmin(np.abs(np.log(axis.values)))) for axis in unknowns.noise]
-        root = self.root((*stated, 0, 0))
+        stated = tuple(int(np.argmin(np.abs(np.log(axis.values)))) for axis in unknowns.noise)
+        root = self.root(GridPoint(stated, 0, 0))
         information = np.zeros(len(self.terms))
         for group in self.terms.by_size:
             every = np.arange(len(group.terms))
             information[group.terms] = np.trace(root.block(group, every), axis1=1, axis2=2)
         return np.asarray(self.sizes.values[:, None] ** 2 * information > NOTICED)
 
-    def base(self, point: Point, settled: Members) -> Marginal:
-        """With members that stay for long taken in."""
-        root = self.root(point)
-        if not settled:
-            return root
-        return self._taken.get_or((point, settled), lambda: root.including(*self.columns(settled)))
+    def base(self, point: GridPoint) -> Marginal:
+        """With what is given, at a point."""
+        if not self.given:
+            return self.root(point)
+        return self._bases.get_or(point, lambda: self.root(point).including(*self.columns(self.given)))
 
     def columns(self, members: Sequence[Member]) -> tuple[Index, Array]:
         """Columns (k,) of all members, and the size of each (k,)."""
@@ -144,53 +154,45 @@ class Weighing:
         sizes = [np.full(len(c), self.sizes.values[s]) for c, (_, s) in zip(own, members, strict=True)]
         return np.concatenate(own), np.concatenate(sizes)
 
-    def beside(
-        self, point: Point, members: Sequence[Member], settled: Members = (), leaving: Members = ()
-    ) -> Marginal:
+    def beside(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Marginal:
         """With members taken in. ``leaving`` were there a moment ago: as long as each leaves a set in turn, that is cheap."""
-        base = self.base(point, settled)
-        others = sorted(m for m in (*members, *leaving) if m not in settled)
+        base, others = self.base(point), sorted((*members, *leaving))
         if not others:
             return base
-        key = (point, settled, tuple(others))
+        key = (point, tuple(others))
         whole = self._taken.get_or(key, lambda: base.including(*self.columns(others)))
         if not leaving:
             return whole
         owner = np.repeat(np.arange(len(others)), [len(self.terms.columns[term]) for term, _ in others])
         return whole.without(np.flatnonzero(np.isin(owner, [others.index(m) for m in leaving])))
 
-    def log_odds(
-        self, point: Point, members: Sequence[Member], settled: Members = (), leaving: Members = ()
-    ) -> Array:
+    def log_odds(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Array:
         """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
-        return self.log_odds_beside(self.beside(point, members, settled, leaving), members)
+        return self.log_odds_beside(self.beside(point, members, leaving), members)
 
     def log_odds_beside(self, beside: Marginal, members: Sequence[Member]) -> Array:
         """(s, c) the same beside a marginal in which the members, or most of them, were taken in."""
-        prior = self.terms.log_prior([term for term, _ in members])
+        prior = self.terms.log_prior([term for term, _ in (*self.given, *members)])
         gains = log_gains(beside, self.sizes, np.isfinite(prior))
         return np.where(self.noticeable & np.isfinite(prior), gains + prior, -np.inf)
 
     def conditional(
-        self, point: Point, members: Sequence[Member], settled: Members = (), leaving: Members = (),
-        heat: float = 1.0,
-    ) -> Conditional:  # fmt: skip
-        """What a further slot may hold; ``heat`` above 1 flattens the odds; others as in ``beside``."""
-        key = (point, tuple(sorted(members)), heat)
-        return self._conditionals.get_or(
-            key, lambda: Conditional.of(self.log_odds(point, members, settled, leaving) / heat)
-        )
+        self, point: GridPoint, members: Sequence[Member], leaving: Members = ()
+    ) -> Conditional:
+        """What a further slot may hold beside the members; ``leaving`` as in ``beside``."""
+        key = (point, tuple(sorted(members)))
+        return self._conditionals.get_or(key, lambda: Conditional.of(self.log_odds(point, members, leaving)))
 
-    def log_evidence(self, point: Point, members: Sequence[Member]) -> float:
+    def log_evidence(self, point: GridPoint, members: Sequence[Member]) -> float:
         """Log evidence of a point with its members, and the point's log prior, up to a constant."""
         key = (point, tuple(sorted(members)))
         return self._evidences.get_or(key, lambda: self._log_evidence(point, members))
 
-    def _log_evidence(self, point: Point, members: Sequence[Member]) -> float:
-        root = self.root(point)
-        return root.log_evidence + (root.gain(*self.columns(members)) if members else 0.0)
+    def _log_evidence(self, point: GridPoint, members: Sequence[Member]) -> float:
+        base = self.base(point)
+        return base.log_evidence + (base.gain(*self.columns(members)) if members else 0.0)
 
-    def log_bounds(self, point: Point, members: Sequence[Member]) -> float:
+    def log_bounds(self, point: GridPoint, members: Sequence[Member]) -> float:
         """Log factor of the physical signs and bounds of members together, at a point; 0 where none has any."""
         held = [self.terms.all[term] for term, _ in members]
         lower = np.concatenate([np.array(t.lower) for t in held]) if held else np.zeros(0)
@@ -202,8 +204,8 @@ class Weighing:
         return float(plausibility(mean[None, None], std[None, None], lower[None], upper[None])[0, 0])
 
     def log_prior(self, members: Sequence[Member]) -> float:
-        """Log prior of members and their sizes, without that of their number."""
-        terms = [term for term, _ in members]
+        """Log prior of members and their sizes beside what is given, without that of their number."""
+        terms = [term for term, _ in (*self.given, *members)]
         if not all(self.noticeable[size, term] for term, size in members):
             return -np.inf
         return self.terms.log_prior_of(terms) + float(sum(self.sizes.log_prior[size] for _, size in members))
