@@ -12,8 +12,7 @@ from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Weighed
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import slot_odds
-from truepose.identification.posterior.posterior import best_point
+from truepose.identification.posterior.mode import best_point, slot_odds
 from truepose.identification.posterior.weighing import Weighing
 
 Array = NDArray[np.float64]

@@ -157,7 +157,9 @@ def _turn(found: Found, kept: Sequence[int]) -> Array:
     out = np.zeros((lin.free + len(columns), design.n + design.width))
     out[: lin.free, : lin.free] = np.eye(lin.free)
     stated = {column: lin.free + k for k, column in enumerate(lin.indices(found.catalogue.stated))}
-    forms = {int(column): k for k, column in enumerate(problem.nameless)} if found.mode.point.remainder else {}
+    forms = (
+        {int(column): k for k, column in enumerate(problem.nameless)} if found.mode.point.remainder else {}
+    )
     for row, column in enumerate(columns, start=lin.free):
         out[row, stated.get(column, design.n + column)] = 1.0
         if column in forms:

@@ -99,7 +99,10 @@ def _inflation(found: Found) -> dict[PartClass, float]:
     """How many times wider than stated the tolerances of each class of part likely are."""
     unknowns = found.weighed.weighing.unknowns
     logs = sum(
-        (share * np.log(np.array(unknowns.widening[point.widening])) for point, share in found.posterior.points),
+        (
+            share * np.log(np.array(unknowns.widening[point.widening]))
+            for point, share in found.posterior.points
+        ),
         np.zeros(len(found.weighed.classes)),
     )
     return dict(zip(found.weighed.classes, np.exp(logs).tolist(), strict=True))
@@ -108,7 +111,9 @@ def _inflation(found: Found) -> dict[PartClass, float]:
 def _noise(found: Found) -> float:
     """Of the first kind of reading, in stated sigmas."""
     values = found.weighed.weighing.unknowns.noise[0].values
-    return float(np.exp(sum(share * np.log(values[point.noise[0]]) for point, share in found.posterior.points)))
+    return float(
+        np.exp(sum(share * np.log(values[point.noise[0]]) for point, share in found.posterior.points))
+    )
 
 
 def _conclude(fits: Fits, found: Found, outcome: Outcome) -> Diagnosis:

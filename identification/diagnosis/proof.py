@@ -76,7 +76,9 @@ def _injected(after: Estimate, found: Found, main: int) -> bool:
     noises = problem.weighing.unknowns.scales(found.mode.point).tolist()
     design = _simulated(problem.weighing.design, columns, amplitude, noises)
     weighing = Weighing(design, problem.weighing.unknowns, problem.weighing.terms, problem.weighing.sizes)
-    odds = np.logaddexp.reduce(weighing.log_odds(found.mode.point._replace(widening=0, remainder=0), ()), axis=0)
+    odds = np.logaddexp.reduce(
+        weighing.log_odds(found.mode.point._replace(widening=0, remainder=0), ()), axis=0
+    )
     cause = problem.weighing.terms.cause
     by_cause = np.array([np.logaddexp.reduce(odds[cause == k]) for k in range(len(problem.causes))])
     alike = [

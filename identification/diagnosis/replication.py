@@ -15,7 +15,7 @@ from truepose.identification.diagnosis.result import Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Weighed, weighed
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import Climb, slot_odds
+from truepose.identification.posterior.mode import nearest_top, slot_odds
 from truepose.identification.posterior.weighing import Members
 from truepose.identification.recording.history import order_in_time
 
@@ -54,7 +54,7 @@ def _half(problem: Weighed, found: Found) -> _Half:
     """The likeliest point of a half with the mode's members, and their coefficients there."""
     members = _members(problem, found)
     start = problem.weighing.unknowns.nearest(found.mode.point)
-    point = Climb(problem.weighing, prior.RICHNESS).point_near(start, members)
+    point = nearest_top(problem.weighing, start, members)
     mean, covariance = problem.weighing.root(point).posterior(*problem.weighing.columns(members))
     return _Half(problem, point, mean, covariance)
 

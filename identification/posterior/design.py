@@ -109,7 +109,9 @@ class Unknowns:
         """Whether a point is on the grid."""
         inside = all(0 <= k < len(a.values) for k, a in zip(point.noise, self.noise, strict=True))
         return (
-            inside and 0 <= point.widening < len(self.widening) and 0 <= point.remainder < len(self.size.values)
+            inside
+            and 0 <= point.widening < len(self.widening)
+            and 0 <= point.remainder < len(self.size.values)
         )
 
     def nearest(self, point: GridPoint) -> GridPoint:

@@ -134,7 +134,7 @@ class Plausible:
 def plausible(weighing: Weighing, richness: Richness, states: Sequence[State]) -> Plausible:
     """Around states: what each slot may hold, one more among them, with the state's remainder and without any."""
     interest = np.full(len(weighing.terms), -np.inf)
-    reach = {"widening": set[int](), "remainder": set[int]()}
+    reach: dict[str, set[int]] = {axis: set() for axis in Reach._fields}
     certain = set.intersection(*(set(state.members) for state in states))
     for state in states:
         for rest, leaving in _slots_of(state.members):
@@ -148,7 +148,7 @@ def plausible(weighing: Weighing, richness: Richness, states: Sequence[State]) -
             points = _along(weighing.unknowns, state.point, axis)
             logs = np.array([weighing.log_evidence(p, state.members) for p in points])
             values |= {getattr(state.point, axis), *np.flatnonzero(logs > logs.max() - CERTAIN).tolist()}
-    axes = Reach(tuple(sorted(reach["widening"])), tuple(sorted(reach["remainder"])))
+    axes = Reach(*(tuple(sorted(values)) for values in reach.values()))
     return Plausible(interest > -HOPELESS, axes, tuple(sorted(certain)))
 
 
@@ -199,4 +199,6 @@ def log_posterior(weighing: Weighing, richness: Richness, members: Members, poin
 def best_point(weighing: Weighing) -> GridPoint:
     """The likeliest noise without any term, at stated tolerances and without a remainder."""
     count = max(len(axis.values) for axis in weighing.unknowns.noise)
-    return max((weighing.unknowns.all_at(k) for k in range(count)), key=lambda p: weighing.root(p).log_evidence)
+    return max(
+        (weighing.unknowns.all_at(k) for k in range(count)), key=lambda p: weighing.root(p).log_evidence
+    )

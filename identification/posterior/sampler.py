@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,12 +72,11 @@ class Sweep:
     visits: tuple[Visit, ...]
 
 
-@dataclass(frozen=True)
-class Reach:
-    """Values of the widening of tolerances and of the remainder's size that are not hopeless."""
+class Reach(NamedTuple):
+    """Values of a grid's axes that are not hopeless: of the widening of tolerances, and of the remainder's size."""
 
-    widenings: tuple[int, ...]
-    remainders: tuple[int, ...]
+    widening: tuple[int, ...]
+    remainder: tuple[int, ...]
 
 
 class Chain:
@@ -97,8 +97,9 @@ class Chain:
             visits = tuple(self._each_slot())
             self._exchange()
             self._with_grid(self._noises())
-            self._with_grid([self.point._replace(widening=k) for k in self._some(self._reach.widenings, self.point.widening)])
-            self._with_grid([self.point._replace(remainder=k) for k in self._some(self._reach.remainders, self.point.remainder)])
+            for axis, values in self._reach._asdict().items():
+                few = self._some(values, getattr(self.point, axis))
+                self._with_grid([self.point._replace(**{axis: k}) for k in few])
             yield Sweep(tuple(self.members), self.point, visits)
 
     def _each_slot(self) -> Iterator[Visit]:

@@ -176,9 +176,7 @@ class Weighing:
         gains = log_gains(beside, self.sizes, np.isfinite(prior))
         return np.where(self.noticeable & np.isfinite(prior), gains + prior, -np.inf)
 
-    def conditional(
-        self, point: GridPoint, members: Sequence[Member], leaving: Members = ()
-    ) -> Conditional:
+    def conditional(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Conditional:
         """What a further slot may hold beside the members; ``leaving`` as in ``beside``."""
         key = (point, tuple(sorted(members)))
         return self._conditionals.get_or(key, lambda: Conditional.of(self.log_odds(point, members, leaving)))
