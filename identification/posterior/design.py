@@ -90,6 +90,10 @@ class GridPoint(NamedTuple):
         """The noise of all kinds moved by so many steps."""
         return self._replace(noise=tuple(k + steps for k in self.noise))
 
+    def at(self, axis: str, value: int) -> GridPoint:
+        """Another ``widening`` or ``remainder``."""
+        return self._replace(widening=value) if axis == "widening" else self._replace(remainder=value)
+
     def with_noise(self, kind: int, at: int) -> GridPoint:
         """Another noise of one kind."""
         return self._replace(noise=(*self.noise[:kind], at, *self.noise[kind + 1 :]))

@@ -154,9 +154,8 @@ def plausible(weighing: Weighing, richness: Richness, states: Sequence[State]) -
 
 def _along(unknowns: Unknowns, point: GridPoint, axis: str) -> list[GridPoint]:
     """All points that differ in ``widening`` or ``remainder`` alone."""
-    if axis == "widening":
-        return [point._replace(widening=k) for k in range(len(unknowns.widening))]
-    return [point._replace(remainder=k) for k in range(len(unknowns.size.values))]
+    count = len(unknowns.widening if axis == "widening" else unknowns.size.values)
+    return [point.at(axis, k) for k in range(count)]
 
 
 def _slots_of(members: Members) -> Iterator[tuple[list[Member], Members]]:

@@ -99,7 +99,7 @@ class Chain:
             self._with_grid(self._noises())
             for axis, values in self._reach._asdict().items():
                 few = self._some(values, getattr(self.point, axis))
-                self._with_grid([self.point._replace(**{axis: k}) for k in few])
+                self._with_grid([self.point.at(axis, k) for k in few])
             yield Sweep(tuple(self.members), self.point, visits)
 
     def _each_slot(self) -> Iterator[Visit]:
