@@ -13,7 +13,7 @@ from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.weighed import WIDE, Weighed, weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
-from truepose.identification.posterior.posterior import LONG_SET, Posterior, climbed, mode, sample
+from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, climbed, mode, sample
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.identification.signatures.refine import refined
@@ -21,8 +21,8 @@ from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-CLIMBS, ROUNDS = 4, 3
-"""Most expansion points that are climbed to, and most at which the posterior is drawn."""
+CLIMBS, MOVES = 4, 2
+"""Most expansion points that are climbed to, and most that follow from a posterior that was drawn."""
 ROUGH = 1e-2
 """What a fit may leave to gain of half its sum of squares where it is an expansion point only."""
 REFINED = 2
@@ -60,13 +60,12 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
         if moved is None:
             break
         state = moved
-    for left in reversed(range(ROUNDS if state.short else 1)):
-        posterior = sample(state.problem.weighing, prior.RICHNESS, known=state.known)
-        best = mode(posterior, state.problem.weighing)
-        moved = state.moved(best) if left else None
+    for _ in range(MOVES if state.short else 0):
+        moved = state.moved(state.sampled(rounds=1)[1])
         if moved is None:
             break
         state = moved
+    posterior, best = state.sampled()
     return Found(
         state.problem,
         posterior,
@@ -97,6 +96,12 @@ class _Expansion:
     def short(self) -> bool:
         """Whether its set has few columns, so that all is quick."""
         return sum(len(self.catalogue.candidates[i].coefficients) for i in self.accepted) <= LONG_SET
+
+    def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
+        """The posterior at this point, and its mode."""
+        weighing = self.problem.weighing
+        found = sample(weighing, prior.RICHNESS, known=self.known, rounds=rounds)
+        return found, mode(found, weighing)
 
     def moved(self, best: State) -> _Expansion | None:
         """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""

@@ -65,12 +65,18 @@ def _gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array
 
 
 def _wide_gains(block: Array, score: Array, squared: Array) -> Array:
-    """(s, c) as ``_gains``, without bounds, by triangular factors: quicker than eigenvalues of large blocks."""
-    root = np.sqrt(squared)[:, None, None]
-    factor = np.linalg.cholesky(np.eye(block.shape[1]) + squared[:, None, None, None] * block)
-    turned = np.linalg.solve(factor, (root * score)[..., None])[..., 0]
-    logs = np.log(np.diagonal(factor, axis1=2, axis2=3))
-    out: Array = 0.5 * np.sum(turned**2, axis=2) - np.sum(logs, axis=2)
+    """(s, c) as ``_gains``, without bounds, by triangular factors: quicker than eigenvalues of large blocks.
+
+    The factor of [[I + q M, b], [b', c]], b the score by the size, has the solution of the factor's own system as last row.
+    """
+    k, right = block.shape[1], np.sqrt(squared)[:, None, None] * score
+    bordered = np.empty((len(squared), len(block), k + 1, k + 1))
+    bordered[:, :, :k, :k] = np.eye(k) + squared[:, None, None, None] * block
+    bordered[:, :, k, :k] = bordered[:, :, :k, k] = right
+    bordered[:, :, k, k] = 1.0 + np.sum(right**2, axis=2)  # more than the solution's length
+    factor = np.linalg.cholesky(bordered)
+    logs = np.log(np.diagonal(factor, axis1=2, axis2=3)[:, :, :k])
+    out: Array = 0.5 * np.sum(factor[:, :, k, :k] ** 2, axis=2) - np.sum(logs, axis=2)
     return out
 
 

@@ -96,7 +96,12 @@ class _Tally:
 
 
 def sample(
-    weighing: Weighing, richness: Richness, *, seed: int = 1, known: Sequence[State] = ()
+    weighing: Weighing,
+    richness: Richness,
+    *,
+    seed: int = 1,
+    known: Sequence[State] = (),
+    rounds: int = ROUNDS,
 ) -> Posterior:
     """Two chains, from the mode and from half of it, until they agree or long enough.
 
@@ -116,7 +121,7 @@ def sample(
     shorter = SHORTER if len(weighing.columns(top.members)[0]) > LONG_SET else 1
     for chain in chains:
         _run(chain, BURN // shorter)
-    tallies = _counted(chains, part, ROUND // shorter, ROUNDS // shorter)
+    tallies = _counted(chains, part, ROUND // shorter, max(rounds // shorter, 1))
     return _gathered(part, index, richness, tallies)
 
 

@@ -96,10 +96,7 @@ class Chain:
         for _ in range(number):
             visits = tuple(self._each_slot())
             self._exchange()
-            self._with_grid(self._noises())
-            for axis, values in self._reach._asdict().items():
-                few = self._some(values, getattr(self.point, axis))
-                self._with_grid([self.point.at(axis, k) for k in few])
+            self._with_grid(self._near())
             yield Sweep(tuple(self.members), self.point, visits)
 
     def _each_slot(self) -> Iterator[Visit]:
@@ -131,6 +128,14 @@ class Chain:
         backward = self._conditional([*rest, first], second)
         if np.log(self._rng.random()) < forward.log_total(slots[1]) - backward.log_total(slots[1]):
             self.members = [*rest, new, last]
+
+    def _near(self) -> list[GridPoint]:
+        """A few points that differ in one coordinate, the present one among them: as likely chosen from each of them."""
+        axis = int(self._rng.integers(1 + len(self._reach)))
+        if axis == 0:
+            return self._noises()
+        name, values = self._reach._fields[axis - 1], self._reach[axis - 1]
+        return [self.point.at(name, k) for k in self._some(values, getattr(self.point, name))]
 
     def _some(self, values: Sequence[int], present: int) -> list[int]:
         """A few values of an axis, the present one among them: as likely chosen from each of them."""
