@@ -67,6 +67,10 @@ class TestParts:
     def test_a_cut_leaves_rows_to_predict(self) -> None:
         assert Real("short", 60).parts == ("whole", *HALVES)
         assert Real("longer", 120).parts[-1] == "cut-60"
+        assert Real("long", 1000).parts[-2:] == (
+            "cut-60",
+            "cut-120",
+        )  # all of it that is diagnosed is the next
         fitted, predicted = Real("longer", 120).split("cut-60")
         assert len(fitted) == len(predicted) == 60 and not set(fitted) & set(predicted)
 

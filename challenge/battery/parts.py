@@ -33,7 +33,7 @@ class Real:
 
     name: str
     rows: int
-    most: int = 300
+    most: int = max(CUTS)
 
     @property
     def diagnosed(self) -> int:
@@ -42,8 +42,10 @@ class Real:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What is diagnosed of it: all, halves, and every cut that leaves rows to predict."""
-        cuts = (f"cut-{count}" for count in CUTS if count < (1.0 - LEAST_LEFT) * self.rows)
+        """What is diagnosed of it: all (of a long one the largest cut), halves, and every smaller cut that leaves rows to
+        predict."""
+        most = min((1.0 - LEAST_LEFT) * self.rows, self.diagnosed)
+        cuts = (f"cut-{count}" for count in CUTS if count < most)
         return (WHOLE, *HALVES, *cuts)
 
     def split(self, part: str) -> tuple[Index, Index]:
