@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from challenge.battery.parts import RECORDED, SIMULATED
-from challenge.battery.recorded import DIAGNOSIS, MEASURES
+from challenge.battery.recorded import MEASURES
 from challenge.examine import RUN
+from challenge.examinee import DIAGNOSIS
 from challenge.score import Score, read_score
 
 Json = Mapping[str, Any]

@@ -18,8 +18,9 @@ from joblib import Parallel, delayed
 
 from challenge import examine
 from challenge.battery.parts import ARMS, CASES, MUJOCO, RECORDED, SIMULATED, STRATA
-from challenge.battery.recorded import DIAGNOSIS, MEASURES
+from challenge.battery.recorded import MEASURES
 from challenge.examine import CLONE, RUN
+from challenge.examinee import DIAGNOSIS
 from truepose.errors import InputError
 
 BESIDE = (CLONE, CLONE / "benchmarks")
