@@ -53,7 +53,7 @@ def sit(
     jobs: JobsOption = 2,
     timeout: Annotated[
         float, typer.Option("--timeout", metavar="S", min=1.0, help="Seconds after which a case has failed.")
-    ] = 900.0,
+    ] = 3600.0,
 ) -> None:
     """Diagnose the drawn cases and real recordings with the engine that is importable; what has a result is left alone.
 

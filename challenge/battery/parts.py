@@ -72,14 +72,15 @@ class Real:
 
 
 REALS = (
+    Real("session_60", 60),
+    Real("session_108", 108),
+    Real("panda_1_with_sensor", 120),
+    Real("panda_1", 182),
     Real("configurations", 1495),
     Real("random", 2773),
     Real("grid", 11911),
-    Real("session_108", 108),
-    Real("session_60", 60),
-    Real("panda_1", 182),
-    Real("panda_1_with_sensor", 120),
 )
+"""What takes least first."""
 CASES: Mapping[str, tuple[Real, str]] = {
     f"{real.name}.{part}": (real, part) for real in REALS for part in real.parts
 }
