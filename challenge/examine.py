@@ -38,6 +38,7 @@ from truepose.models.registry import load_plugin
 
 CASES = 400
 SETTINGS, RUN, UNDRAWN = "challenge.json", "run.json", "undrawn.txt"
+CLONE = Path(__file__).resolve().parent.parent
 TIMEOUT = 900.0
 """Seconds after which a diagnosis counts as failed."""
 Progress = Callable[[int, int, str], None]
@@ -235,37 +236,57 @@ def _write(asked: Challenge, seat: Seat) -> None:
 
 
 def sit(case: Path, results: Path, timeout: float, plugins: Sequence[Path] = ()) -> None:
-    """Give the engine copies of the case's files in a folder that says nothing, and keep what it writes.
-
-    A crash, or more than ``timeout`` seconds, leaves a run.json with the message and no diagnosis.
-    """
-    start, message = time.perf_counter(), ""
-    threads = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
+    """Give the engine copies of the case's files in a folder that says nothing, and keep what it writes."""
     with tempfile.TemporaryDirectory() as room:
         for name in (MACHINE, RECORDING, HELD_OUT):
             shutil.copy(case / name, room)
-        command = [sys.executable, "-P", "-m", "challenge.examinee", *map(str, plugins)]
-        try:
-            done = subprocess.run(
-                command, cwd=room, env=_beside(threads), capture_output=True, timeout=timeout, check=False
-            )
-            said = done.stderr.decode(errors="replace").strip().splitlines()
-            message = "" if done.returncode == 0 else (said or [f"exit code {done.returncode}"])[-1]
-        except subprocess.TimeoutExpired:
-            message = f"timeout after {timeout:g} s"
-        shutil.rmtree(results, ignore_errors=True)
-        with atomic_directory(results) as partial:
-            for name in WRITTEN:
-                if (Path(room) / name).is_file():
-                    shutil.copy(Path(room) / name, partial)
-            about = {"seconds": round(time.perf_counter() - start, 2), "message": message}
-            (partial / RUN).write_text(json.dumps(about) + "\n", encoding="utf-8")
+        kept(("challenge.examinee", *map(str, plugins)), Path(room), results, timeout, WRITTEN)
 
 
-def _beside(more: Mapping[str, str]) -> dict[str, str]:
-    """The environment, with this folder, which is not installed, where a process in another folder finds it."""
-    here = (str(Path(__file__).resolve().parent.parent), os.environ.get("PYTHONPATH", ""))
+def kept(
+    module: Sequence[str],
+    room: Path,
+    results: Path,
+    timeout: float,
+    written: Sequence[str],
+    beside: Sequence[Path] = (CLONE,),
+) -> None:
+    """Run a module with its arguments in a folder, and keep in another what it has ``written`` there. ``beside``: folders that
+    it imports from.
+
+    A crash, or more than ``timeout`` seconds, leaves a run.json with the message and nothing else of worth.
+    """
+    start, busy, message = time.perf_counter(), _cpu(), ""
+    threads = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
+    command = [sys.executable, "-P", "-m", *module]
+    try:
+        done = subprocess.run(
+            command, cwd=room, env=_beside(threads, beside), capture_output=True, timeout=timeout, check=False
+        )
+        said = done.stderr.decode(errors="replace").strip().splitlines()
+        message = "" if done.returncode == 0 else (said or [f"exit code {done.returncode}"])[-1]
+    except subprocess.TimeoutExpired:
+        message = f"timeout after {timeout:g} s"
+    shutil.rmtree(results, ignore_errors=True)
+    with atomic_directory(results) as partial:
+        for name in written:
+            if (room / name).is_file():
+                shutil.copy(room / name, partial)
+        seconds = {"seconds": time.perf_counter() - start, "cpu": _cpu() - busy}
+        about = {name: round(value, 2) for name, value in seconds.items()} | {"message": message}
+        (partial / RUN).write_text(json.dumps(about) + "\n", encoding="utf-8")
+
+
+def _cpu() -> float:
+    """Seconds of processor time of all processes that this one has started and that have ended."""
+    used = os.times()
+    return used.children_user + used.children_system
+
+
+def _beside(more: Mapping[str, str], folders: Sequence[Path]) -> dict[str, str]:
+    """The environment, with folders that are not installed where a process in another folder finds them."""
+    here = (*map(str, folders), os.environ.get("PYTHONPATH", ""))
     return os.environ | more | {"PYTHONPATH": os.pathsep.join(filter(None, here))}
 
 
-__all__ = ["CASES", "Challenge", "challenge", "run", "sit", "sitting", "write", "write_and_sit"]
+__all__ = ["CASES", "Challenge", "challenge", "kept", "run", "sit", "sitting", "write", "write_and_sit"]

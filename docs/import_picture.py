@@ -68,6 +68,7 @@ FLOORS = (
     ("challenge.simulator",),
     ("challenge",),
     ("challenge.mujoco", "challenge.studies"),
+    ("challenge.battery",),
 )
 
 

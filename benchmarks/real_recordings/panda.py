@@ -112,14 +112,15 @@ def by_placement(data: Path, work: Path, name: str) -> None:
         say(f"{name}, placement {one} alone: chi2 per degree of freedom {fit.chi2_per_dof:.1f}")
 
 
-def _with_gravity(machine_file: Path) -> Machine:
+def with_gravity(machine_file: Path) -> Machine:
+    """The machine, where gravity pulls down in the arm's frame; its file says so from now on."""
     text = machine_file.read_text(encoding="utf-8") + "gravity: [0, 0, -9.80665]\n"
     machine_file.write_text(text, encoding="utf-8")
     return load_machine(machine_file)
 
 
 def _diagnosed(sets: Sequence[str], files: tuple[Path, Path]) -> None:
-    machine = _with_gravity(files[0])
+    machine = with_gravity(files[0])
     found = diagnose(machine, load_recording(machine, [files[1]]))
     say(f"  diagnosed {' + '.join(sets)}: {found.verdict}; remainder {found.remainder}")
     for f in found.findings:

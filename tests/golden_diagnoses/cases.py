@@ -1,11 +1,12 @@
 """What is put into each golden case: machine of the examination, seed, plan, imperfections or decoys.
 
-Add a case: an entry here, ``make.py`` with its name, the test with ``--update-golden``.
+Add a case: an entry here or, of many effects, in ``rich.py``, ``make.py`` with its name, the test with ``--update-golden``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import groupby
 
 from challenge.simulator.base import Plan
 
@@ -41,12 +42,18 @@ class Case:
     @property
     def told(self) -> str:
         """What was put in, in words."""
-        said = [f"{p.kind} at {' and '.join(p.place)}, {p.size:g} times the usual" for p in self.put_in]
+        said = [_words(kind, tuple(same)) for kind, same in groupby(self.put_in, key=lambda p: p.kind)]
         said += [f"noise {self.noise:g} times the stated"] if self.noise != 1.0 else []
         said += [f"tolerances {self.tolerance:g} times the stated"] if self.tolerance != 1.0 else []
         said += [f"noise with {_TAILS[self.tails]}"] if self.tails else []
         said += [f"without {', '.join(self.withheld)}"] if self.withheld else []
         return "; ".join(said) or "nothing"
+
+
+def _words(kind: str, same: tuple[PutIn, ...]) -> str:
+    """What one kind does at its places."""
+    places = ", ".join(" and ".join(p.place) for p in same)
+    return f"{kind} at {places}{':' if len(same) > 1 else ','} {', '.join(f'{p.size:g}' for p in same)} times the usual"
 
 
 _TAILS = {"t": "heavy tails (Student's t, 4 degrees of freedom)", "outliers": "2 % far rows"}

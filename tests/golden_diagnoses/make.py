@@ -1,8 +1,9 @@
 """Makes the recordings of the golden diagnoses, always the same: ``python tests/golden_diagnoses/make.py [CASE ...]``.
 
-The simulated machines of the examination (``challenge.simulator``) measure; nothing that diagnoses is used.
-What is put into a case stands in ``cases.py`` and in README.md, whose table is written from it; the files that a
-diagnosis reads do not say. Afterwards ``pytest tests/test_golden_diagnoses.py --update-golden``.
+The simulated machines of the examination (``challenge.simulator``, ``challenge.mujoco``) measure; nothing that diagnoses is
+used. Cases of MuJoCo's arms stay as they are where that is not installed. What is put into a case stands in ``cases.py``,
+``rich.py`` and in README.md, whose table is written from it; the files that a diagnosis reads do not say. Afterwards
+``pytest tests/test_golden_diagnoses.py --update-golden``.
 """
 
 from __future__ import annotations
@@ -16,24 +17,30 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import yaml
-from cases import CASES, Case
+from cases import CASES as FEW
+from cases import Case
 from numpy.typing import NDArray
+from rich import RICH
 
 from challenge.nulls import Decoy, noisy
 from challenge.simulator.base import Imperfection, SimulatedMachine
 from challenge.simulator.registry import MACHINES
 from challenge.simulator.writing import recording_text
+from truepose.errors import InputError
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
 START, END = "<!-- written by make.py -->", "<!-- end -->"
+CASES = (*FEW, *RICH)
+MUJOCO = "mujoco-"
+"""How the machines begin that MuJoCo moves."""
 FINE = 100.0
 """Readings are written to a hundredth of their sigma or finer."""
 
 
 def files(case: Case) -> dict[str, str]:
     """Texts of the files of a case by name."""
-    machine = MACHINES[case.machine]()
+    machine = _machine(case.machine)
     specimen_rng, campaign_rng, shape_rng, noise_rng = (
         np.random.default_rng([case.seed, k]) for k in range(4)
     )
@@ -46,6 +53,15 @@ def files(case: Case) -> dict[str, str]:
     text = recording_text(machine, campaign, readings)
     table = _rounded(pd.read_csv(io.StringIO(text)), _decimals(machine, yaml.safe_load(drawing)))
     return {"machine.yaml": drawing, **_tables(table, case)}
+
+
+def _machine(name: str) -> SimulatedMachine:
+    """Raises InputError for an arm of MuJoCo's where that is not installed."""
+    if not name.startswith(MUJOCO):
+        return MACHINES[name]()
+    from challenge.mujoco.arms import machines  # says what is missing where MuJoCo is not installed
+
+    return machines()[name]()
 
 
 def _imperfections(
@@ -88,12 +104,17 @@ def _csv(table: pd.DataFrame) -> str:
 
 
 def write(case: Case) -> None:
-    """The files of a case; what is expected of it stays, and is updated by the test."""
+    """The files of a case; what is expected of it stays, and is updated by the test. Without MuJoCo its cases stay."""
+    try:
+        made = files(case)
+    except InputError as exc:
+        sys.stdout.write(f"{case.name} stays as it is: {exc}\n")
+        return
     folder = HERE / case.name
     folder.mkdir(exist_ok=True)
     for stale in folder.glob("recording*.csv"):
         stale.unlink()
-    for name, content in files(case).items():
+    for name, content in made.items():
         (folder / name).write_text(content, encoding="utf-8")
 
 
