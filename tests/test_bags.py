@@ -12,7 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
-from truepose.identification.recording.recording import JointColumn, Recording, read_recording
+from truepose.identification.recording.file import JointColumn
+from truepose.identification.recording.read import read_recording
+from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.settled import Stream, average, stretches
 from truepose.identification.recording.table import bag_table
 from truepose.models.units import UnitSystem

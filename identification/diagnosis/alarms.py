@@ -133,23 +133,16 @@ def _draws(r: Array) -> int:
 
 
 def _order(fit: Estimate, recording: Recording) -> NDArray[np.intp]:
-    """Rows in the order of acquisition."""
-    rows = np.flatnonzero(fit.used)
-    if recording.time is None:
-        return np.arange(len(rows))
-    return np.argsort(recording.time[rows], kind="stable")
+    """Places of the fitted rows, among themselves, in the order of acquisition."""
+    place = np.cumsum(fit.used) - 1
+    return np.asarray(place[recording.order[fit.used[recording.order]]])
 
 
 def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
     """Orthonormal functions (n, k) of each recorded driver: three powers and two waves over its range."""
-    rows = np.flatnonzero(fit.used)
-    columns = {name: recording.q[rows, k] for k, name in enumerate(recording.joints)}
-    for name in recording.logged:
-        values = recording.driver(name)
-        if values is not None:
-            columns[name] = values[rows]
     out = {}
-    for name, values in columns.items():
+    for name, column in recording.columns().items():
+        values = column[fit.used]
         span = float(np.ptp(values))
         if span == 0.0 or len(np.unique(values)) < 2:
             continue

@@ -16,9 +16,8 @@ from truepose.identification.diagnosis.result import BlockProof
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
-from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import Driver
+from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.machine_file import NO_WORSE
 
 Array = NDArray[np.float64]
@@ -125,7 +124,7 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
     if recording.validation.sum() >= 3:
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
     taken = np.any([np.zeros(len(used), dtype=bool), *(b.rows for b in blocks)], axis=0)
-    order = order_in_time(recording.time, recording.source_file, recording.source_row)
+    order = recording.order
     inner = [k for k in order if used[k] and not taken[k]]
     for k, part in enumerate(np.array_split(np.array(inner, dtype=int), FOLDS - 1), start=1):
         mask = np.zeros(len(used), dtype=bool)
@@ -141,7 +140,7 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
     centred = recording.q - recording.q[used].mean(axis=0)
     reach = np.linalg.norm(centred / np.maximum(np.std(recording.q[used], axis=0), 1e-12), axis=1)
     scores = [(OUTERMOST, reach)]
-    for name, words in (("payload", "heaviest loads"), *_thermometers(recording)):
+    for name, words in ((PAYLOAD, "heaviest loads"), *_thermometers(recording)):
         values = recording.driver(name)
         if values is not None and len(np.unique(values[used])) >= LEVELS:
             scores.append((words, values))

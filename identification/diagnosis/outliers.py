@@ -15,7 +15,6 @@ from scipy.stats import binom, chi2
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.lost import told
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.distance import Distance
@@ -87,11 +86,8 @@ def bridges(recording: Recording) -> NDArray[np.bool_]:
 
 def recording_coordinates(recording: Recording, rows: NDArray[np.intp]) -> Array:
     """(k, d) where rows lie: joints, order of acquisition and all that was logged, in standard deviations."""
-    order = np.argsort(order_in_time(recording.time, recording.source_file, recording.source_row)).astype(
-        float
-    )
-    logged = [recording.driver(name) for name in recording.logged]
-    columns = [*recording.q.T, order, *(np.asarray(v, dtype=float) for v in logged if v is not None)]
+    order, columns = np.argsort(recording.order).astype(float), list(recording.columns().values())
+    columns.insert(len(recording.joints), order)
     picked = np.column_stack([c[rows] for c in columns])
     spread = picked.std(axis=0)
     return np.asarray((picked[:, spread > 0] - picked.mean(axis=0)[spread > 0]) / spread[spread > 0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.alarms import Structure
 from truepose.identification.diagnosis.result import Form, Remainder
@@ -18,11 +17,11 @@ def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remai
     """Driver and form of the strongest dependence found by the structure tests."""
     size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
     driver, told = structure.driver, Driver.of(structure.driver)
-    values = _values(fit, recording, driver)
+    values = recording.columns().get(driver)
     place = (driver,) if driver in recording.joints else ()
     if told.thermal or told.kind == APPROACH:
         place = (told.place,)
-    kind, cycles = ("order", 0) if values is None else _form(fit.residual[fit.used], values)
+    kind, cycles = ("order", 0) if values is None else _form(fit.residual[fit.used], values[fit.used])
     return Remainder(place, driver, Form(kind, structure.share, cycles), size)
 
 
@@ -32,14 +31,6 @@ def of_form(cat: Catalogue, index: int, fit: Estimate) -> Remainder:
     assert isinstance(placed.effect, Empirical)
     driver, kind = placed.effect.describe(placed.settings_map)
     return Remainder(placed.place, driver, Form(kind), float(np.sqrt(max(fit.chi2_per_dof, 0.0))))
-
-
-def _values(fit: Estimate, recording: Recording, driver: str) -> NDArray[np.float64] | None:
-    """(n,) the driver at the fitted rows; None for the order of rows."""
-    if driver in recording.joints:
-        return recording.q[fit.used][:, recording.joints.index(driver)]
-    found = recording.driver(driver) if driver != "order" else None
-    return None if found is None else found[fit.used]
 
 
 def _form(residual: np.ndarray, values: np.ndarray) -> tuple[str, int]:

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.empirical_forms import empirical_forms
-from truepose.models.driver import Driver
+from truepose.identification.signatures.empirical_forms import empirical_forms, ranges
+from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import PAYLOAD, Machine
+from truepose.models.machine import Machine
 
 Cause = tuple[str, tuple[str, ...]]
 """Slug of an effect and its place."""
@@ -79,7 +79,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
     found: list[PlacedEffect] = []
     missing: list[Untestable] = []
-    kinds, seen = [effects.get(slug, "catalogue")() for slug in effects], _seen(recording)
+    kinds, seen = [effects.get(slug, "catalogue")() for slug in effects], ranges(recording)
     for effect in kinds:
         slug = effect.slug
         places = [tuple(place) for place in effect.places(machine) if effect.screened(machine, tuple(place))]
@@ -107,12 +107,6 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     labels = {e.label for e in machine.effects}
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
     return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated)
-
-
-def _seen(recording: Recording) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value of each joint in the calibration rows."""
-    rows = recording.q[~recording.validation]
-    return {name: (float(q.min()), float(q.max())) for name, q in zip(recording.joints, rows.T, strict=True)}
 
 
 def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:

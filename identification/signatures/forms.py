@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from truepose.identification.prediction.spread import FORM_ERROR
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import Driver
 
 Array = NDArray[np.float64]
 ERROR = FORM_ERROR
@@ -43,11 +42,7 @@ class Forms:
         """Of the signals, over the ranges of the rows ``used`` (n,)."""
         if not signals:
             return cls.none()
-        columns = dict(zip(recording.joints, recording.q.T, strict=True))
-        for name in recording.logged:
-            values = recording.driver(name)
-            if values is not None and (name in ("payload", "time") or Driver.of(name).thermal):
-                columns[name] = values
+        columns = recording.columns(smooth=True)
         varied = {name: values for name, values in columns.items() if np.ptp(values[used]) > 0}
         pairs = [_chebyshev(values, used) for values in varied.values()]
         phi = np.column_stack(pairs) if pairs else np.zeros((len(used), 0))
