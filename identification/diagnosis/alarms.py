@@ -19,6 +19,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Linearisation
+from truepose.models.smooth import orthonormal, powers, scaled, waves
 
 Array = NDArray[np.float64]
 RAISED = 0.01
@@ -143,22 +144,13 @@ def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
     out = {}
     for name, column in recording.columns().items():
         values = column[fit.used]
-        span = float(np.ptp(values))
-        if span == 0.0 or len(np.unique(values)) < 2:
+        low, high = float(values.min()), float(values.max())
+        if low == high:
             continue
-        t = 2 * (values - values.min()) / span - 1
+        t = scaled(values, low, high)
         few = len(np.unique(np.round(t, 9))) - 1
-        functions = [
-            t,
-            t**2,
-            t**3,
-            np.sin(np.pi * t),
-            np.cos(np.pi * t),
-            np.sin(2 * np.pi * t),
-            np.cos(2 * np.pi * t),
-        ][: max(1, min(7, few))]
-        basis, _ = np.linalg.qr(np.column_stack([np.ones(len(t)), *functions]))
-        out[name] = basis[:, 1:]
+        functions = [*powers(t, 3), *waves(t, 1), *waves(t, 2)]
+        out[name] = orthonormal(functions[: max(1, few)])
     return out
 
 

@@ -11,6 +11,10 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.driver import APPROACH, Driver
 from truepose.models.effects.empirical import Empirical
+from truepose.models.smooth import orthonormal, powers, scaled, waves
+
+CYCLES = (1, 2, 3, 4, 6, 8)
+"""Cycles over a driver's range that a periodic form may have."""
 
 
 def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remainder:
@@ -35,18 +39,15 @@ def of_form(cat: Catalogue, index: int, fit: Estimate) -> Remainder:
 
 def _form(residual: np.ndarray, values: np.ndarray) -> tuple[str, int]:
     """Best of a few simple shapes of the residuals against the driver: its kind, and how many cycles."""
-    span = float(np.ptp(values))
-    t = 2 * (values - values.min()) / span - 1 if span else np.zeros(len(values))
-    shapes = {("linear", 0): [t], ("quadratic", 0): [t, t**2]}
-    for cycles in (1, 2, 3, 4, 6, 8):
-        w = np.pi * cycles * t
-        shapes["periodic", cycles] = [np.sin(w), np.cos(w)]
     if len(np.unique(values)) <= 3:
         return "steps", 0
+    t = scaled(values, float(values.min()), float(values.max()))
+    shapes = {("linear", 0): powers(t, 1), ("quadratic", 0): powers(t, 2)}
+    shapes |= {("periodic", cycles): waves(t, cycles) for cycles in CYCLES}
     best, score = ("linear", 0), -np.inf
     for shape, functions in shapes.items():
-        basis, _ = np.linalg.qr(np.column_stack([np.ones(len(t)), *functions]))
-        gain = float(np.sum((basis[:, 1:].T @ residual) ** 2)) - 2.0 * len(functions) * residual.shape[1]
+        explained = float(np.sum((orthonormal(functions).T @ residual) ** 2))
+        gain = explained - 2.0 * len(functions) * residual.shape[1]
         if gain > score:
             best, score = shape, gain
     return best

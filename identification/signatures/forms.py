@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.prediction.spread import FORM_ERROR
 from truepose.identification.recording.recording import Recording
+from truepose.models.smooth import chebyshev, scaled
 
 Array = NDArray[np.float64]
 ERROR = FORM_ERROR
@@ -65,6 +66,5 @@ class Forms:
 
 def _chebyshev(values: Array, used: NDArray[np.bool_]) -> Array:
     """(n, PAIR) the first two polynomials over the range of the used rows."""
-    low, high = float(values[used].min()), float(values[used].max())
-    t = np.clip(2.0 * (values - low) / (high - low) - 1.0, -1.0, 1.0)
-    return np.column_stack([t, 2.0 * t**2 - 1.0])
+    t = scaled(values, float(values[used].min()), float(values[used].max()))
+    return np.column_stack(chebyshev(np.clip(t, -1.0, 1.0), PAIR)[1:])
