@@ -23,7 +23,7 @@ from truepose.models.machine_file import NO_WORSE
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FOLDS = 5
-BOOTSTRAP = 1000
+BOOTSTRAP, SEED = 1000, 3
 LEVELS = 4
 """Levels that a driver must have for its largest values to be predicted from the others."""
 OUTERMOST = "outermost poses"
@@ -222,7 +222,7 @@ def _ratio(before: Array, after: Array) -> float:
     return float(np.sqrt(after.mean() / max(before.mean(), 1e-300)))
 
 
-def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float, tuple[float, float]]:
+def ratio_interval(before: Array, after: Array) -> tuple[float, tuple[float, float]]:
     """Root of the ratio of mean squares of rows, ``before`` and ``after`` (n,), with its 95 % bootstrap interval.
 
     The order of rows does not matter.
@@ -232,6 +232,6 @@ def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float
         return ratio, (ratio, ratio)
     order = np.lexsort((after, before))
     before, after = before[order], after[order]
-    picks = np.random.default_rng(seed).integers(0, len(before), (BOOTSTRAP, len(before)))
+    picks = np.random.default_rng(SEED).integers(0, len(before), (BOOTSTRAP, len(before)))
     draws = np.sqrt(after[picks].mean(axis=1) / before[picks].mean(axis=1))
     return ratio, (float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)))

@@ -88,7 +88,10 @@ class Signatures:
         return other
 
     def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
-        """Gram matrices at a fit, whose effects must be among the candidates; ``order`` (n,) as in ``blocks``."""
+        """Gram matrices at a fit, whose effects must be among the candidates.
+
+        ``order`` (n,) gives effects the drivers of other rows (a placebo).
+        """
         geometry = self._geometry(fit)
         n, forms = len(geometry), self._forms(fit)
         kinds = [channel.kind for channel in self._predictor(fit.effects).channels]
@@ -143,12 +146,9 @@ class Signatures:
         free = fit.prior.free
         return free[free < len(self.machine.parameters)]
 
-    def blocks(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Iterator[Array]:
-        """Blocks (k, free + width + 1) of rows of [J G r] of the fitted readings.
-
-        ``order`` (n,) gives effects the drivers of other rows (a placebo).
-        """
-        for block in self._stacked(fit, Forms.none(), order):
+    def blocks(self, fit: Estimate) -> Iterator[Array]:
+        """Blocks (k, free + width + 1) of rows of [J G r] of the fitted readings."""
+        for block in self._stacked(fit, Forms.none(), None):
             yield block.reshape(-1, block.shape[2])
 
     def _stacked(self, fit: Estimate, forms: Forms, order: NDArray[np.intp] | None) -> Iterator[Array]:
