@@ -18,12 +18,12 @@ from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.proof import _black_box, _injected, _linear_test
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import weighed
+from truepose.identification.drift.scales import noise_scales
 from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.posterior.mode import State
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import _tolerance_notes
-from truepose.identification.selection.scales import noise_scales
-from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.empirical_forms import empirical_forms
 from truepose.identification.signatures.linearisation import Linearisation

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.tolerance_classes import PartClass, part_classes
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.tolerance_classes import PartClass, part_classes
 from truepose.identification.signatures.forms import Forms
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
