@@ -14,9 +14,8 @@ from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
+from truepose.models.placed import EffectAtPlace
 
-Cause = tuple[str, tuple[str, ...]]
-"""Slug of an effect and its place."""
 TOGETHER = 0.2
 """Prior share of a slug's places that join several parts, where parts alone are places too."""
 
@@ -53,10 +52,9 @@ class Catalogue:
             self, candidates=(*self.candidates, *added), log_prior=(*log_prior, *[share] * len(added))
         )
 
-    def cause(self, index: int) -> Cause:
-        """What a candidate blames, at whatever settings: slug and place."""
-        placed = self.candidates[index]
-        return placed.effect.slug, placed.place
+    def cause(self, index: int) -> EffectAtPlace:
+        """What a candidate blames, at whatever settings."""
+        return self.candidates[index].at_place
 
     @cached_property
     def smooth(self) -> tuple[int, ...]:
@@ -143,11 +141,11 @@ def _log_prior(machine: Machine, found: list[PlacedEffect]) -> tuple[float, ...]
     slugs = {e.effect.slug: e.effect.commonness for e in found}
     shares = {slug: _place_shares({e.place for e in found if e.effect.slug == slug}) for slug in slugs}
     weights = [e.effect.weight(e.settings_map) for e in found]
-    total: dict[tuple[str, tuple[str, ...]], float] = {}
+    total: dict[EffectAtPlace, float] = {}
     for e, weight in zip(found, weights, strict=True):
-        total[e.effect.slug, e.place] = total.get((e.effect.slug, e.place), 0.0) + weight
+        total[e.at_place] = total.get(e.at_place, 0.0) + weight
     return tuple(
-        float(np.log(weight * share * e.effect.likely(machine, e.place) / total[e.effect.slug, e.place]))
+        float(np.log(weight * share * e.effect.likely(machine, e.place) / total[e.at_place]))
         for e, weight in zip(found, weights, strict=True)
         for share in (slugs[e.effect.slug] / sum(slugs.values()) * shares[e.effect.slug][e.place],)
     )

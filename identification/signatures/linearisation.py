@@ -25,6 +25,7 @@ from truepose.identification.signatures.forms import Forms
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
+from truepose.models.placed import EffectAtPlace
 from truepose.models.states import state_names
 
 Array = NDArray[np.float64]
@@ -121,11 +122,11 @@ class Signatures:
         labels = {c.label: k for k, c in enumerate(self.candidates)}
         return [(effect, self.columns[labels[effect.label]]) for effect in fit.fitted_effects()]
 
-    def _causes(self, fit: Estimate) -> dict[tuple[str, tuple[str, ...]], list[int]]:
-        """Candidates of the fit by what they blame: slug and place."""
-        out: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    def _causes(self, fit: Estimate) -> dict[EffectAtPlace, list[int]]:
+        """Candidates of the fit by what they blame."""
+        out: dict[EffectAtPlace, list[int]] = {}
         for effect, at in self._present(fit):
-            out.setdefault((effect.effect.slug, effect.place), []).append(self.columns.index(at))
+            out.setdefault(effect.at_place, []).append(self.columns.index(at))
         return out
 
     def _forms(self, fit: Estimate) -> Forms:
