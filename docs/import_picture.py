@@ -54,7 +54,7 @@ FLOORS = (
         "identification.photogrammetry",
         "identification.compensation",
     ),
-    ("identification.selection", "identification.posterior"),
+    ("identification.load", "identification.posterior"),
     ("identification.signatures",),
     ("identification.check",),
     ("identification.diagnosis",),

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from truepose.models import flexure, lie
-from truepose.models.machine import PAYLOAD, Machine
+from truepose.models.driver import PAYLOAD
+from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Rod, Step
 
 MM_PER_M = 1000.0

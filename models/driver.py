@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 SESSION, TIME, TEMPERATURE, VELOCITY, APPROACH = "session", "time", "temperature", "velocity", "approach"
+PAYLOAD = "payload"
 AIR = f"{TEMPERATURE}.air"
 DriverKind = Literal[
     "load",
@@ -40,7 +41,7 @@ _KINDS: Final[Mapping[str, tuple[str, float]]] = {
     "pressure": ("hPa", 1013.25),
     "humidity": ("%", 50.0),
     TEMPERATURE: ("degC", 20.0),
-    "payload": ("kg", 0.0),
+    PAYLOAD: ("kg", 0.0),
     VELOCITY: ("{reading}/s", 0.0),
     APPROACH: ("1", 0.0),
     "stop": ("{reading}", 0.0),
@@ -53,7 +54,7 @@ _DRIVES: Final[Mapping[str, DriverKind]] = {
     TIME: "time",
     "creep": "time",
     TEMPERATURE: "temperature",
-    "payload": "load",
+    PAYLOAD: "load",
     "torque": "load",
     VELOCITY: "arrival",
     APPROACH: "arrival",
@@ -129,11 +130,20 @@ class Driver:
         """Whether it is the temperature of a place."""
         return self.kind == TEMPERATURE and bool(self.place)
 
+    @property
+    def smooth(self) -> bool:
+        """Whether a part may err as a smooth function of it: of weight, time and heat.
+
+        Not of the way that a joint came, which jumps, nor of air's pressure, which acts on sensors alone.
+        """
+        return self.name in (PAYLOAD, TIME) or self.thermal
+
 
 __all__ = [
     "AIR",
     "APPROACH",
     "OF_THE_WAY",
+    "PAYLOAD",
     "SESSION",
     "TEMPERATURE",
     "TIME",

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.models.assembly import assemble, frame_of, symbols
-from truepose.models.driver import Driver
+from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effect import Site
 from truepose.models.home import closed_home, coordinate_scale, home_readings
-from truepose.models.machine import PAYLOAD, Machine
+from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 from truepose.models.near_home import Stance, near_home
 from truepose.models.placed import PlacedEffect

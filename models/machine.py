@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 FRAMES = ("base", "tool")
 FRAME_OF: Mapping[str, str] = {f"{frame}.{axis}": frame for frame in FRAMES for axis in AXES}
 """The frame that each of the twelve parameters ``base.x`` ... ``tool.rz`` is of."""
-PAYLOAD = "payload"
 
 
 @dataclass(frozen=True)

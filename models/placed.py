@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -19,6 +19,13 @@ SERIES = 24
 Place = tuple[str, ...]
 Settings = Mapping[str, float]
 Shifts = Mapping[str, ca.SX]
+
+
+class EffectAtPlace(NamedTuple):
+    """The slug of an effect and where it acts, at whatever settings."""
+
+    effect: str
+    place: Place
 
 
 @dataclass(frozen=True)
@@ -173,6 +180,11 @@ class PlacedEffect:
         return cls(
             effect, place, tuple(sorted(fixed.items())), coefficients, drivers, amplitudes, spread, kind
         )
+
+    @property
+    def at_place(self) -> EffectAtPlace:
+        """What and where it is, without its settings."""
+        return EffectAtPlace(self.effect.slug, self.place)
 
     @property
     def settings_map(self) -> Settings:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from truepose.errors import InputError
-from truepose.models.machine import PAYLOAD, Mass, body_of
+from truepose.models.driver import PAYLOAD
+from truepose.models.machine import Mass, body_of
 from truepose.models.machine_file import MachineFile, MassSpec
 from truepose.models.mechanism import Mechanism
 from truepose.wording import close_matches

@@ -20,9 +20,10 @@ from truepose.identification.diagnosis.far_rows import far_rows
 from truepose.identification.fit.absurd import GROSS, judged, judged_diagnosis
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import Estimate, estimate, wrapped
-from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.effect_text import parse_effect
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Mechanism
 

@@ -16,9 +16,9 @@ from scipy.stats import chi2
 from support.examples import examples
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
+from truepose.identification.drift.scales import Grid
+from truepose.identification.fit.tolerance_classes import PartClass, inflations, part_classes
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.scales import Grid
-from truepose.identification.selection.tolerance_classes import PartClass, inflations, part_classes
 from truepose.identification.signatures.linearisation import Linearisation
 
 Array = NDArray[np.float64]

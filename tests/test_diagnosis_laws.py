@@ -14,10 +14,10 @@ from support.sensor_bench import Bench
 from truepose.identification.diagnosis.alarms import Alarm, replicate_noise
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.outliers import bridges, outlying_rows
+from truepose.identification.drift.scales import Grid
 from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.scales import Grid
-from truepose.identification.selection.tolerance_classes import PartClass
 
 Array = NDArray[np.float64]
 

@@ -23,12 +23,13 @@ from truepose.identification.planning.discriminate.factors import MOST, Factor, 
 from truepose.identification.planning.discriminate.rows import Rows, recording_of, signals
 from truepose.identification.planning.discriminate.targets import Target, with_targets
 from truepose.identification.planning.information import PoseInformation
-from truepose.identification.prediction.simulate import parse_effect, simulate, with_inputs
+from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.experiment_words import sentences
 from truepose.identification.report.notes import worded
 from truepose.identification.report.pose_tables import experiment_table
 from truepose.identification.signatures.linearisation import Signatures
+from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

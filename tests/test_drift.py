@@ -24,9 +24,9 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.drift.analysis import Drift, drift
 from truepose.identification.drift.movement_evidence import Stack, solve, weigh
+from truepose.identification.drift.scales import Scales
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
-from truepose.identification.selection.scales import Point
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]
@@ -178,14 +178,14 @@ def test_evidence_is_that_of_the_dense_gaussian() -> None:
     jacobian, offset = rng.standard_normal((sessions, rows, n)), 2.0 * rng.standard_normal((sessions, rows))
     weight, inflated = np.array([1.0, 0.5, 1.0, 1.0]), np.array([True, False, True, True])
     stack = Stack(jacobian, offset, sessions * rows, weight, inflated)
-    points = [Point(noise, (inflation,), -noise) for noise in (0.8, 2.0) for inflation in (1.0, 3.0)]
+    points = [Scales(noise, (inflation,), -noise) for noise in (0.8, 2.0) for inflation in (1.0, 3.0)]
     accepted, candidates = {1: 0.3}, [(0,), (2, 3)]
     weighed = weigh(stack, [solve(stack, accepted, point) for point in points], candidates)
 
     between = np.eye(sessions) - 1.0 / sessions
     stacked = jacobian.reshape(-1, n)
 
-    def dense(point: Point, moving: Mapping[int, float]) -> float:
+    def dense(point: Scales, moving: Mapping[int, float]) -> float:
         spread = np.where(inflated, point.inflation[0], 1.0) / weight
         cov = point.noise**2 * np.eye(len(stacked)) + (stacked * spread**2) @ stacked.T
         for i, q in moving.items():

@@ -18,12 +18,12 @@ from support import MACHINES
 from truepose.identification.drift.analysis import _unseen, drift
 from truepose.identification.drift.movement_evidence import Stack, grid_for, solve, weigh
 from truepose.identification.drift.movement_selection import Candidate, Selection, candidates_of, select
+from truepose.identification.drift.scales import Scales
 from truepose.identification.drift.sessions import Linear, linearised, sessions_of
 from truepose.identification.drift.sizes import _line, joint_parameters, movements
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drift_words import drift_notes
-from truepose.identification.selection.scales import Point
 from truepose.models.load import load_machine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
@@ -37,7 +37,7 @@ def test_a_movement_is_believed_from_a_probability_of_095() -> None:
     rng = np.random.default_rng(1)
     rows = 30
     jacobian = rng.standard_normal((2, rows, 1))
-    points, only = [Point(1.0, (1.0,), 0.0)], Candidate("q1.d", (0,), False)
+    points, only = [Scales(1.0, (1.0,), 0.0)], Candidate("q1.d", (0,), False)
     believed: list[float] = []
     doubted: list[float] = []
     for size in np.linspace(0.0, 1.5, 61):
@@ -73,7 +73,7 @@ def stacked(seed: int, moving: Array | None = None) -> Stack:
     return Stack(jacobian, offset, SESSIONS * ROWS, WEIGHT, np.array([True, False, False]))
 
 
-def dense(stack: Stack, point: Point, moving: dict[int, float]) -> tuple[Array, Array]:
+def dense(stack: Stack, point: Scales, moving: dict[int, float]) -> tuple[Array, Array]:
     """Posterior mean and covariance of all sessions' parameters (K n), by conditioning one Gaussian on the readings."""
     k, _, n = stack.jacobian.shape
     tolerance = np.where(stack.inflated, point.inflation[0], 1.0) / stack.weight
@@ -88,7 +88,7 @@ def dense(stack: Stack, point: Point, moving: dict[int, float]) -> tuple[Array, 
     return np.asarray(mean, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
 
 
-def chosen(stack: Stack, point: Point, moving: dict[int, float], log_odds: Array) -> Selection:
+def chosen(stack: Stack, point: Scales, moving: dict[int, float], log_odds: Array) -> Selection:
     """What moves, said rather than found."""
     found = (solve(stack, moving, point),)
     return Selection(
@@ -102,8 +102,8 @@ def chosen(stack: Stack, point: Point, moving: dict[int, float], log_odds: Array
     )
 
 
-@pytest.mark.parametrize("point", [Point(1.0, (1.0,), 0.0), Point(1.7, (4.0,), 0.0)])
-def test_movements_are_those_of_the_joint_gaussian(point: Point) -> None:
+@pytest.mark.parametrize("point", [Scales(1.0, (1.0,), 0.0), Scales(1.7, (4.0,), 0.0)])
+def test_movements_are_those_of_the_joint_gaussian(point: Scales) -> None:
     """Changes since the first session, their 1-sigma, and what would stay hidden of the others."""
     stack, moving = stacked(2, np.array([0.0, 0.6, -0.3, 1.0])), {1: 0.8}
     found = chosen(stack, point, moving, np.array([-4.0, 6.0, 0.5]))
@@ -143,7 +143,7 @@ def test_of_two_movements_each_has_its_own_change_and_spread() -> None:
     stack, moving, point = (
         stacked(2, np.array([0.0, 0.6, -0.3, 1.0])),
         {2: 1.5, 1: 0.8},
-        Point(1.0, (1.0,), 0.0),
+        Scales(1.0, (1.0,), 0.0),
     )
     found = chosen(stack, point, moving, np.array([-4.0, 6.0, 6.0]))
     mean, covariance = dense(stack, point, moving)
@@ -156,11 +156,11 @@ def test_of_two_movements_each_has_its_own_change_and_spread() -> None:
 
 
 def test_a_steady_movement_has_its_rate_and_an_unsteady_one_says_so() -> None:
-    point, units = Point(0.05, (1.0,), 0.0), {"a": "mm", "b": "rad", "c": "mm"}
+    point, units = Scales(0.05, (1.0,), 0.0), {"a": "mm", "b": "rad", "c": "mm"}
     for way, steady in (((0.0, 0.6, 2.4, 3.0), True), ((0.0, 3.0, 0.0, 3.0), False)):
         stack = stacked(3, np.array(way))
         quiet = Stack(stack.jacobian, stack.offset, stack.n_observations, WEIGHT, stack.inflated)
-        found = chosen(quiet, Point(1.0, (1.0,), 0.0), {1: 3.0}, np.array([-4.0, 6.0, -4.0]))
+        found = chosen(quiet, Scales(1.0, (1.0,), 0.0), {1: 3.0}, np.array([-4.0, 6.0, -4.0]))
         _, own, _ = movements(quiet, found, PRIOR, units, TIMES)
         assert own.steady is steady and own.rate is not None and own.rate_std is not None
         if steady:
@@ -213,7 +213,7 @@ def test_what_no_session_sees_is_unseen_and_what_a_movement_hides_is_masked() ->
         1.0 + 1e-4 * np.random.default_rng(5).standard_normal((SESSIONS, ROWS))
     )
     hard = Stack(blind, stack.offset, stack.n_observations, np.array([1.0, 1e-3, 1e-3]), stack.inflated)
-    found = chosen(hard, Point(1.0, (1.0,), 0.0), {1: 100.0}, np.array([-4.0, 6.0, -4.0]))
+    found = chosen(hard, Scales(1.0, (1.0,), 0.0), {1: 100.0}, np.array([-4.0, 6.0, -4.0]))
     unseen, moved, masked = movements(hard, found, PRIOR, {"a": "mm", "b": "rad", "c": "mm"}, None)
     assert (unseen.status, moved.status, masked.status) == ("unseen", "moved", "masked")
     assert np.isinf(unseen.hidden)
@@ -248,7 +248,7 @@ def test_frames_and_sensors_may_move_as_a_whole(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rms", [0.5, 1.0, 8.0])
 def test_the_grid_holds_the_stated_noise_and_what_is_left_when_nothing_moves(rms: float) -> None:
     stack = stacked(6)
-    still = solve(stack, {}, Point(1.0, (1.0,), 0.0)).residual
+    still = solve(stack, {}, Scales(1.0, (1.0,), 0.0)).residual
     stack = replace(stack, offset=stack.offset * rms * np.sqrt(stack.n_observations) / np.linalg.norm(still))
     points = grid_for(stack).points
     noise = sorted({p.noise for p in points})
@@ -268,7 +268,7 @@ def test_frames_go_first_where_they_explain_as_much() -> None:
     jacobian[:, :, 1] = jacobian[:, :, 0] * (1.0 + 1e-3 * rng.standard_normal((2, 20)))
     apart = np.array([-1.0, 1.0])[:, None] * 4.0 * jacobian[:, :, 0]
     stack = Stack(jacobian, apart, 40, np.ones(2), np.zeros(2, dtype=bool))
-    points = [Point(1.0, (1.0,), 0.0)]
+    points = [Scales(1.0, (1.0,), 0.0)]
     for frame in (0, 1):
         both = [Candidate(f"p{k}", (k,), k == frame) for k in (0, 1)]
         found = select(stack, both, points)
@@ -287,7 +287,7 @@ def test_alike_is_what_would_be_believed_in_its_place_with_odds_that_are_not_hop
         jacobian[:, :, k] = moving + share * jacobian[:, :, k]
     apart = np.array([-0.5, 0.5])[:, None] * 2.2 * moving
     stack = Stack(jacobian, apart, 2 * rows, np.ones(5), np.zeros(5, dtype=bool))
-    points = [Point(1.0, (1.0,), 0.0)]
+    points = [Scales(1.0, (1.0,), 0.0)]
     found = select(stack, [Candidate(f"p{k}", (k,), k in (0, 4)) for k in range(5)], points)
     assert set(found.accepted) == {2}
     alone = weigh(stack, [solve(stack, {}, points[0])], [(k,) for k in range(5)]).gain
@@ -319,7 +319,7 @@ def test_what_no_session_sees_says_nothing_and_adds_nothing_to_what_moves_with_i
     jacobian[:, :, 2] *= 1e-18
     stack = replace(plain, jacobian=jacobian)
     assert stack.visible.tolist() == [True, True, False]
-    states = [solve(stack, {}, Point(1.0, (1.0,), 0.0))]
+    states = [solve(stack, {}, Scales(1.0, (1.0,), 0.0))]
     found = weigh(stack, states, [(2,), (1,), (1, 2), (0, 1, 2), (0, 1)])
     assert (found.gain[0], found.size[0]) == (0.0, 0.0)
     assert found.gain[1] > 3.0 and found.gain[2] == pytest.approx(found.gain[1])

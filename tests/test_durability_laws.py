@@ -18,6 +18,7 @@ from truepose.identification.drift import analysis
 from truepose.identification.drift.durability import Check, _met, durability, noise_of
 from truepose.identification.drift.movement_evidence import Stack, solve
 from truepose.identification.drift.movement_selection import Candidate, Selection, _summed
+from truepose.identification.drift.scales import Scales
 from truepose.identification.drift.sessions import Session, bounded, sessions_of
 from truepose.identification.drift.sizes import movements
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -25,7 +26,6 @@ from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
-from truepose.identification.selection.scales import Point
 from truepose.models.load import load_machine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
@@ -194,7 +194,7 @@ def test_a_check_is_that_of_the_gaussian_of_all_readings(
 
 SESSIONS, ROWS = 4, 9
 PRIOR = Prior(("a", "b"), np.zeros(2), np.ones(2), np.array([0.5, 2.0]), ("length", "length"))
-POINT = Point(1.0, (1.0,), 0.0)
+POINT = Scales(1.0, (1.0,), 0.0)
 
 
 def stack(unseen: tuple[int, ...] = ()) -> Stack:
@@ -253,7 +253,7 @@ def test_the_joint_fit_rests_when_no_sessions_readings_change_by_a_tenth_of_thei
 
     def chosen(stack: Stack, *_: object) -> Selection:
         none = np.zeros(n)
-        states = (solve(stack, {}, Point(noise, (1.0,), 0.0)),)
+        states = (solve(stack, {}, Scales(noise, (1.0,), 0.0)),)
         return Selection({}, none, none, {}, states, 0.0, np.zeros(n, dtype=bool))
 
     def walk(stack: Stack, found: Selection, prior: Prior) -> Array:

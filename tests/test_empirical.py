@@ -20,11 +20,12 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
 from truepose.identification.prediction.predict import predict, predicted, predictor_for
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.empirical_forms import empirical_forms
+from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.kinematics import symbolic_model

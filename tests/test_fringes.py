@@ -20,9 +20,9 @@ from support.studies import study_module
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.fringes.faults import Fault
-from truepose.identification.fringes.load import load_recording
 from truepose.identification.fringes.move import Move, read_move
 from truepose.identification.fringes.photocurrent import read_samples
+from truepose.identification.load import load_recording
 from truepose.identification.prediction.predict import predict
 from truepose.models.load import load_machine
 from truepose.models.units import UnitSystem

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from support.graph_machines import Document, document_of, machine_of, model_of, poses, spread, written
 from truepose.errors import InputError
-from truepose.identification.prediction.simulate import parse_effect
+from truepose.models.effect_text import parse_effect
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.loops import looped

@@ -19,10 +19,11 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
+from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

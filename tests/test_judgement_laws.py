@@ -17,8 +17,8 @@ from truepose.identification.diagnosis.conflict import conflict_with_tolerances
 from truepose.identification.diagnosis.holdout import ratio_interval
 from truepose.identification.diagnosis.judgement import judged
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
+from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import _untestable
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.models.effects.base import PlacedEffect

@@ -14,8 +14,9 @@ from support.searched_arm import PLAY, SCALE, Case
 from truepose.identification.diagnosis import likeness, prior
 from truepose.identification.diagnosis.likeness import forms_hold
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
+from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 
 UNTESTED = 1.0 / (1.0 + prior.ONLY_ALIKE)

@@ -18,13 +18,14 @@ from truepose.identification.diagnosis.weighed import _forms_by_place
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
 from truepose.identification.prediction.predict import predicted, predictor_for
-from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.prediction.spread import FORM_ERROR
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import form_words
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.empirical_forms import empirical_forms
+from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.examples import examples
+from truepose.identification.recording.file import JointColumn
 from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
-from truepose.identification.recording.recording import JointColumn, Recording, read_recording
+from truepose.identification.recording.read import read_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.driver import Driver
 from truepose.models.units import UnitSystem
 

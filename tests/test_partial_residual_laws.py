@@ -14,8 +14,10 @@ import truepose.models
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.exact_fits import fit_at, formula_of, posed, read
-from truepose.identification.diagnosis.partial_residuals import PortShift, port_shifts
+from truepose.identification.diagnosis.partial_residuals import PortShift, all_port_shifts
+from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -49,6 +51,17 @@ def placed(machines: Mapping[str, Machine], told: Told) -> tuple[Machine, Placed
     name, slug, place, settings, values = told
     machine = machines[name]
     return machine, with_effect(machine, slug, place, settings, **values)
+
+
+def port_shifts(
+    fit: Estimate,
+    recording: Recording,
+    terms: Sequence[PlacedEffect],
+    ports: Sequence[str],
+    rows: NDArray[np.intp] | None = None,
+) -> list[PortShift]:
+    """Of one group of terms."""
+    return all_port_shifts(fit, recording, [(terms, ports)], rows)[0]
 
 
 def agree(shifts: Sequence[PortShift], truth: Mapping[str, Array]) -> None:

@@ -15,8 +15,8 @@ from support.texts import assert_same_to_the_last_digit
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import parse_effect
 from truepose.identification.recording.load import load_recording
+from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 
 ROOT = Path(__file__).resolve().parent.parent

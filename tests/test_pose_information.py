@@ -19,9 +19,10 @@ from truepose.identification.planning.criteria import CRITERIA, Objective
 from truepose.identification.planning.information import PoseInformation
 from truepose.identification.planning.plan import plan
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import parse_effect, simulate, with_inputs
+from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.pose_tables import plan_table
+from truepose.models.effect_text import parse_effect
 from truepose.models.machine import Machine, Mass
 from truepose.models.sensors.pose import Position
 

@@ -14,9 +14,10 @@ from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict, unassembled
-from truepose.identification.prediction.simulate import parse_effect, simulate, with_inputs
+from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 from truepose.models.units import convert

@@ -18,12 +18,12 @@ from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.proof import _black_box, _injected, _linear_test
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import weighed
+from truepose.identification.drift.scales import noise_scales
 from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.posterior.mode import State
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import _tolerance_notes
-from truepose.identification.selection.scales import noise_scales
-from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.empirical_forms import empirical_forms
 from truepose.identification.signatures.linearisation import Linearisation
@@ -189,9 +189,9 @@ def test_repeats_of_a_pose_are_held_out_together(case: Case) -> None:
 def test_the_interval_holds_the_ratio_of_a_large_sample() -> None:
     """95 in 100 times; it narrows as rows are more, and one ratio for all rows has none."""
     rng, held, widths = np.random.default_rng(5), 0, []
-    for k in range(60):
+    for _ in range(60):
         before, after = rng.chisquare(3, 80), 0.25 * rng.chisquare(3, 80)
-        _, (low, high) = ratio_interval(before, after, seed=k)
+        _, (low, high) = ratio_interval(before, after)
         held += low <= 0.5 <= high
         widths.append(high - low)
     assert 52 <= held <= 60

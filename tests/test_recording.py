@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from support.examples import examples
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
-from truepose.identification.recording.recording import JointColumn, read_recording
+from truepose.identification.recording.file import JointColumn
+from truepose.identification.recording.read import read_recording
 from truepose.models.units import UnitSystem
 
 
@@ -117,6 +118,30 @@ def test_temperatures_of_unlogged_places_are_the_airs(tmp_path: Path) -> None:
     assert leg.tolist() == [20.0, 18.0]
     assert recording.driver("payload") is None
     assert recording.driver("temperature.base~100") is None  # no clock
+
+
+def test_columns_are_joints_then_what_was_logged(tmp_path: Path) -> None:
+    text = "s,r,x,rx,time,approach.s,temperature.base,payload,pressure,humidity,velocity.r\n"
+    recording = read(tmp_path, text + "10,90,1,0,5,1,20,2,1013,50,1\n20,-90,2,0,4,-1,21,3,1014,51,2\n")
+    columns = recording.columns()
+    assert tuple(columns) == (*recording.joints, *recording.logged)
+    np.testing.assert_array_equal(np.column_stack(list(columns.values()))[:, :2], recording.q)
+    assert all(columns[name] is recording.driver(name) for name in recording.logged)
+    smooth = recording.columns(smooth=True)
+    assert set(smooth) == {"s", "r", "time", "temperature.base", "payload"}
+    assert list(smooth) == [name for name in columns if name in smooth]
+
+
+@pytest.mark.parametrize("clock", [True, False])
+def test_rows_come_in_the_order_of_acquisition_however_they_are_picked(tmp_path: Path, clock: bool) -> None:
+    """Without a clock, and where two rows have one time, by file and row."""
+    head, times = ("s,r,x,rx,time\n", (",7", ",3", ",7")) if clock else ("s,r,x,rx\n", ("", "", ""))
+    texts = [head + "".join(f"{10 * (k + 1)},0,{k},0{t}\n" for k, t in enumerate(times)) for _ in range(2)]
+    whole = read(tmp_path, *texts)
+    expected = [1, 4, 0, 2, 3, 5] if clock else [0, 1, 2, 3, 4, 5]
+    assert whole.order.tolist() == expected
+    part = whole.subset([5, 0, 4, 2, 1, 3])
+    assert part.rows[part.order].tolist() == expected
 
 
 def test_columns_of_some_files_only_are_not_used(tmp_path: Path) -> None:

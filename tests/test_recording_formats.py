@@ -20,7 +20,8 @@ from support.workbook import write_workbook
 from truepose.errors import InputError
 from truepose.identification.recording import table
 from truepose.identification.recording.load import as_recording, load_recording, tables
-from truepose.identification.recording.recording import Recording, read_recording
+from truepose.identification.recording.read import read_recording
+from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table
 from truepose.models.load import load_machine
 from truepose.models.units import UnitSystem

@@ -11,7 +11,7 @@ import pytest
 
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
 from truepose.errors import InputError
-from truepose.identification.recording.recording import read_recording
+from truepose.identification.recording.read import read_recording
 from truepose.models.units import UnitSystem
 
 ROW_2 = "s,r,x,rx\n10,90,1,180\n{}\n"

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from support.studies import study_module
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.recording import JointColumn, read_recording
+from truepose.identification.recording.file import JointColumn
+from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.table import Column, Table
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

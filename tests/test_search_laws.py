@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from truepose.identification.selection.forward import MAX_TERMS, Accepted, select_forward
-from truepose.identification.selection.scales import Grid
-from truepose.identification.selection.tolerance_classes import FEW, PartClass, inflations, part_classes
+from truepose.identification.drift.forward import MAX_TERMS, Accepted, select_forward
+from truepose.identification.drift.scales import Grid
+from truepose.identification.fit.tolerance_classes import FEW, PartClass, inflations, part_classes
 
 # -- steps ---------------------------------------------------------------------------------------------------
 

@@ -16,10 +16,11 @@ from support.effects import with_effect
 from support.structures import TEXTS, G, structure, turn_between
 from support.tool_pose import HEAD, pose
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
+from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect, Settings, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

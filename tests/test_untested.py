@@ -18,12 +18,13 @@ from truepose.identification.diagnosis.summary import summarised
 from truepose.identification.diagnosis.untested import beside_untested, without_untested
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.level_words import driver_clauses
 from truepose.identification.report.untestable_words import untestable_lines
 from truepose.identification.signatures.candidates import Untestable
 from truepose.identification.signatures.untestable import GRAVITY
+from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 
 ARM = """

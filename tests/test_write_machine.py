@@ -14,9 +14,10 @@ import pytest
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.write_machine import calibrated_document, write_calibrated
 from truepose.identification.prediction.covariance import Covariance
-from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

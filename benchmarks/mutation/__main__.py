@@ -29,7 +29,6 @@ AREAS = {
     "signatures": "identification/signatures/*.py",
     "posterior": "identification/posterior/*.py",
     "diagnosis": "identification/diagnosis/*.py",
-    "selection": "identification/selection/*.py",
     "drift": "identification/drift/*.py",
     "fringes": "identification/fringes/*.py",
     "codegen": "codegen/*.py",

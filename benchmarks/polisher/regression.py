@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.recording import JointColumn, Recording, read_recording
+from truepose.identification.recording.file import JointColumn
+from truepose.identification.recording.read import read_recording
+from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Column, Table
 from truepose.models.machine import Machine
 from truepose.models.units import UnitSystem

@@ -21,9 +21,9 @@ from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predictor_for
-from truepose.identification.prediction.simulate import parse_effect
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

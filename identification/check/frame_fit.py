@@ -75,14 +75,8 @@ class FrameFit:
         for _ in range(steps):
             heed = _weights(residual) * self.good
             j = (jacobian[:, :, moving] * heed[:, None, None]).reshape(-1, len(moving)) * size
-            right = (
-                j.T @ (residual * heed[:, None]).reshape(-1) + weight * (t - drawn)[moving] / size * weight
-            )
-            normal = j.T @ j + np.diag(weight**2)
-            floor = 1e-9 * max(float(np.diag(normal).max(initial=0.0)), 1e-300)
-            step = np.linalg.solve(
-                normal + np.diag(damping * np.maximum(np.diag(normal), floor) + floor * 1e-3), right
-            )
+            away = weight * (t - drawn)[moving] / size * weight
+            step = _damped(j, (residual * heed[:, None]).reshape(-1), away, weight, damping)
             trial = t.copy()
             trial[moving] -= step * size
             fresh, slopes = self._evaluate(trial)
@@ -153,6 +147,15 @@ def _turning(rpy: Array) -> Array:
     """(3, 3) axes, as columns, about which a frame Rz(yaw) Ry(pitch) Rx(roll) turns with roll, pitch and yaw."""
     (_, cp, cy), (_, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array([[cy * cp, -sy, 0.0], [sy * cp, cy, 0.0], [-sp, 0.0, 1.0]])
+
+
+def _damped(j: Array, residual: Array, away: Array, weight: Array, damping: float) -> Array:
+    """(k,) a damped Gauss-Newton step: Jacobian (r, k), residual (r,), what the tolerances pull by (k,), their weight (k,)."""
+    right = j.T @ residual + away
+    normal = j.T @ j + np.diag(weight**2)
+    floor = 1e-9 * max(float(np.diag(normal).max(initial=0.0)), 1e-300)
+    more = np.diag(damping * np.maximum(np.diag(normal), floor) + floor * 1e-3)
+    return np.asarray(np.linalg.solve(normal + more, right))
 
 
 def _row_sizes(residual: Array) -> Array:

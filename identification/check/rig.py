@@ -75,11 +75,12 @@ class Rig:
         scene: Scene | None = None,
         free: tuple[str, ...] = FRAMES,
         *,
-        aligned: bool = True,
         quick: bool = False,
     ) -> Stand:
-        """The best fit of the frames ``free``, wherever they are, others within their tolerance; ``aligned``: also from
-        closed forms; ``quick``: a few steps only, none where a closed form has it."""
+        """The best fit of the frames ``free``, wherever they are, others within their tolerance, also from closed forms.
+
+        ``quick``: a few steps only, none where a closed form has it.
+        """
         scene = scene or self.scene
         rows = chosen(self.machine, scene)
         here = self.predictor.over(scene.rows.subset(rows))
@@ -92,7 +93,7 @@ class Rig:
         wide = [f for f in FRAMES if f in free or not np.isfinite(self.tolerance[self.at[f]]).all()]
         begins = (
             starts(self.machine, here.recording, flange, stated, self._points(scene.p))
-            if aligned and "base" in wide
+            if "base" in wide
             else [stated]
         )
         held = [

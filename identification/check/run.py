@@ -16,7 +16,7 @@ from truepose.identification.check.search import search
 from truepose.identification.check.sensorless import without_sensor
 from truepose.identification.check.sigma import sigmas
 from truepose.identification.check.unread import unnamed_table
-from truepose.identification.fringes.load import load_recording
+from truepose.identification.load import load_recording
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import missing_inputs

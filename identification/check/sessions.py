@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.check.drawing import expected
-from truepose.identification.check.pair import Sheet
-from truepose.identification.check.result import Found
+from truepose.identification.check.pair import Pair, Sheet
+from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
 
 Array = NDArray[np.float64]
@@ -45,21 +45,28 @@ def moved(rig: Rig, scene: Scene, stand: Stand, price: float) -> Iterator[Found]
     known = best in _edges(scene)
     if known and stand.misfit < ABSURD * motion(rig, stand):
         return  # a mount that moved a little between sessions is physics, with a name of its own
-    row = scene.rows.where(min(best, len(scene.rows) - 1))
-    yield Found(
+    yield _two_setups(scene, best, "suspect" if known else "wrong", stand.length, length)
+
+
+def _two_setups(scene: Scene, cut: int, verdict: Verdict, before: float | None, after: float | None) -> Found:
+    """What is said of a recording whose rows from ``cut`` on are another set-up; misfits before and after, mm."""
+    row = scene.rows.where(min(cut, len(scene.rows) - 1))
+
+    def mended(pair: Pair) -> Pair:
+        if len(pair.sheets) != 1:
+            return pair
+        return replace(pair, sheets=tuple(_with_session(s, cut) for s in pair.sheets))
+
+    return Found(
         "sessions-mixed",
         ("session",),
         f"two set-ups in one recording, the second from about {row} on",
         "give each set-up its own number in a column 'session', or calibrate them one by one",
-        "suspect" if known else "wrong",
-        stand.length,
-        length,
+        verdict,
+        before,
+        after,
         "mm",
-        lambda pair: (
-            replace(pair, sheets=tuple(_with_session(s, best) for s in pair.sheets))
-            if len(pair.sheets) == 1
-            else pair
-        ),
+        mended,
     )
 
 

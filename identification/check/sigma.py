@@ -13,7 +13,7 @@ from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import APPROACH, Driver
+from truepose.models.driver import APPROACH, PAYLOAD, Driver
 from truepose.models.machine import Machine
 from truepose.models.units import convert
 
@@ -90,7 +90,7 @@ def _replicates(recording: Recording) -> list[NDArray[np.intp]]:
     Alike: at one reading of all joints, in one session, reached from the same sides, under the same load.
     """
     use = np.setdiff1d(np.flatnonzero(~recording.validation), repeats(recording))
-    like = [v for name, v in recording.drivers.items() if Driver.of(name).kind in (APPROACH, "payload")]
+    like = [v for name, v in recording.drivers.items() if Driver.of(name).kind in (APPROACH, PAYLOAD)]
     told = np.column_stack([recording.q, recording.session, *like])[use] + 0.0
     _, label, count = np.unique(told, axis=0, return_inverse=True, return_counts=True)
     label = label.reshape(-1)

@@ -13,7 +13,7 @@ from truepose.identification.check.judging import shown
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
-from truepose.identification.fringes.load import load_recording
+from truepose.identification.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine_file import write_machine
 

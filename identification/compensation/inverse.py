@@ -97,14 +97,14 @@ def inverse(machine: Machine, poses: Array, start: Array | None = None) -> Inver
 class PoseSolver:
     """Forward and inverse kinematics of one machine with the effects of its file, many rows at once.
 
-    ``p`` (np,) are parameters, then effect coefficients (default: the machine's own), ``z`` (nz,) drivers.
+    ``p`` (np,) are parameters, then effect coefficients (default: the machine's own); drivers have their usual values.
     """
 
-    def __init__(self, machine: Machine, p: Array | None = None, z: Array | None = None) -> None:
+    def __init__(self, machine: Machine, p: Array | None = None) -> None:
         model = self.model = symbolic_model(machine, machine.effects)
         self.machine = machine
         self.p = model.p_home if p is None else np.asarray(p, dtype=float)
-        self.z = model.z_home if z is None else np.asarray(z, dtype=float)
+        self.z = model.z_home
         scale = coordinate_scale(machine, len(model.home), model.gap.numel())
         lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
         self.size = max([1.0, *lengths, *scale.size])

@@ -22,7 +22,8 @@ from truepose.identification.compensation.compiled import (
 )
 from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
 from truepose.identification.recording.load import joint_columns
-from truepose.identification.recording.recording import Recording, read_recording
+from truepose.identification.recording.read import read_recording
+from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table, read_table
 from truepose.models import lie
 from truepose.models.kinematics import symbolic_model

@@ -19,10 +19,11 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Linearisation
+from truepose.models.smooth import orthonormal, powers, scaled, waves
 
 Array = NDArray[np.float64]
 RAISED = 0.01
-DRAWS = 300
+DRAWS, SEED = 300, 1
 MIN_REPLICATES = 8
 LARGEST_PROJECTION = 30_000_000
 
@@ -98,7 +99,7 @@ class Structure:
     share: float
 
 
-def structure_alarm(fit: Estimate, recording: Recording, *, seed: int = 1) -> Structure:
+def structure_alarm(fit: Estimate, recording: Recording) -> Structure:
     """Runs, order and driver tests on whitened residuals, the largest of them judged against random draws."""
     residual = fit.residual[fit.used]
     lost = fit.lost_among(fit.used)
@@ -107,7 +108,7 @@ def structure_alarm(fit: Estimate, recording: Recording, *, seed: int = 1) -> St
     bases = _bases(fit, recording)
     order = _order(fit, recording)
     observed = _tests(r[None], bases, order)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     project = _projector(fit, recording)
     back = np.argsort(order)  # noise is drawn in the order of acquisition: shuffled rows get the same draws
     drawn = (project(rng.standard_normal(r.shape)[back]) for _ in range(_draws(r)))
@@ -133,39 +134,23 @@ def _draws(r: Array) -> int:
 
 
 def _order(fit: Estimate, recording: Recording) -> NDArray[np.intp]:
-    """Rows in the order of acquisition."""
-    rows = np.flatnonzero(fit.used)
-    if recording.time is None:
-        return np.arange(len(rows))
-    return np.argsort(recording.time[rows], kind="stable")
+    """Places of the fitted rows, among themselves, in the order of acquisition."""
+    place = np.cumsum(fit.used) - 1
+    return np.asarray(place[recording.order[fit.used[recording.order]]])
 
 
 def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
     """Orthonormal functions (n, k) of each recorded driver: three powers and two waves over its range."""
-    rows = np.flatnonzero(fit.used)
-    columns = {name: recording.q[rows, k] for k, name in enumerate(recording.joints)}
-    for name in recording.logged:
-        values = recording.driver(name)
-        if values is not None:
-            columns[name] = values[rows]
     out = {}
-    for name, values in columns.items():
-        span = float(np.ptp(values))
-        if span == 0.0 or len(np.unique(values)) < 2:
+    for name, column in recording.columns().items():
+        values = column[fit.used]
+        low, high = float(values.min()), float(values.max())
+        if low == high:
             continue
-        t = 2 * (values - values.min()) / span - 1
+        t = scaled(values, low, high)
         few = len(np.unique(np.round(t, 9))) - 1
-        functions = [
-            t,
-            t**2,
-            t**3,
-            np.sin(np.pi * t),
-            np.cos(np.pi * t),
-            np.sin(2 * np.pi * t),
-            np.cos(2 * np.pi * t),
-        ][: max(1, min(7, few))]
-        basis, _ = np.linalg.qr(np.column_stack([np.ones(len(t)), *functions]))
-        out[name] = basis[:, 1:]
+        functions = [*powers(t, 3), *waves(t, 1), *waves(t, 2)]
+        out[name] = orthonormal(functions[: max(1, few)])
     return out
 
 

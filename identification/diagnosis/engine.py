@@ -29,10 +29,10 @@ from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.summary import summarise
+from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.linearisation import Signatures
 from truepose.identification.signatures.untestable import missing_inputs

@@ -94,9 +94,7 @@ def _alternative(cat: Catalogue, member: Member) -> Alternative:
     if slug == Empirical.slug:
         return Alternative(UNNAMED, member.cause.place, member.probability, member.gain)
     experiment = effects.get(slug, "class").experiment
-    kind = next(
-        (c.kind for c in cat.candidates if (c.effect.slug, c.place) == (slug, member.cause.place)), None
-    )
+    kind = next((c.kind for c in cat.candidates if c.at_place == (slug, member.cause.place)), None)
     return Alternative(
         slug, member.cause.place, member.probability, member.gain, experiment, member.tested, kind
     )

@@ -16,15 +16,14 @@ from truepose.identification.diagnosis.result import BlockProof
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
-from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import Driver
+from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.machine_file import NO_WORSE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FOLDS = 5
-BOOTSTRAP = 1000
+BOOTSTRAP, SEED = 1000, 3
 LEVELS = 4
 """Levels that a driver must have for its largest values to be predicted from the others."""
 OUTERMOST = "outermost poses"
@@ -125,7 +124,7 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
     if recording.validation.sum() >= 3:
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
     taken = np.any([np.zeros(len(used), dtype=bool), *(b.rows for b in blocks)], axis=0)
-    order = order_in_time(recording.time, recording.source_file, recording.source_row)
+    order = recording.order
     inner = [k for k in order if used[k] and not taken[k]]
     for k, part in enumerate(np.array_split(np.array(inner, dtype=int), FOLDS - 1), start=1):
         mask = np.zeros(len(used), dtype=bool)
@@ -141,7 +140,7 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
     centred = recording.q - recording.q[used].mean(axis=0)
     reach = np.linalg.norm(centred / np.maximum(np.std(recording.q[used], axis=0), 1e-12), axis=1)
     scores = [(OUTERMOST, reach)]
-    for name, words in (("payload", "heaviest loads"), *_thermometers(recording)):
+    for name, words in ((PAYLOAD, "heaviest loads"), *_thermometers(recording)):
         values = recording.driver(name)
         if values is not None and len(np.unique(values[used])) >= LEVELS:
             scores.append((words, values))
@@ -223,7 +222,7 @@ def _ratio(before: Array, after: Array) -> float:
     return float(np.sqrt(after.mean() / max(before.mean(), 1e-300)))
 
 
-def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float, tuple[float, float]]:
+def ratio_interval(before: Array, after: Array) -> tuple[float, tuple[float, float]]:
     """Root of the ratio of mean squares of rows, ``before`` and ``after`` (n,), with its 95 % bootstrap interval.
 
     The order of rows does not matter.
@@ -233,6 +232,6 @@ def ratio_interval(before: Array, after: Array, *, seed: int = 3) -> tuple[float
         return ratio, (ratio, ratio)
     order = np.lexsort((after, before))
     before, after = before[order], after[order]
-    picks = np.random.default_rng(seed).integers(0, len(before), (BOOTSTRAP, len(before)))
+    picks = np.random.default_rng(SEED).integers(0, len(before), (BOOTSTRAP, len(before)))
     draws = np.sqrt(after[picks].mean(axis=1) / before[picks].mean(axis=1))
     return ratio, (float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)))

@@ -12,8 +12,8 @@ from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis.search import Found, start_from
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.posterior.moments import moments
-from truepose.identification.selection.tolerance_classes import part_classes
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]

@@ -15,7 +15,6 @@ from scipy.stats import binom, chi2
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.lost import told
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.distance import Distance
@@ -26,7 +25,7 @@ LIMIT = 0.1
 FEWEST, NEIGHBOURS, TOGETHER = 4, 4, 0.3
 """Rows below which nothing can be said of where they lie, neighbours that are asked, and their share that must be far too."""
 CHANCE = 1e-3
-"""Probability below which far rows that lie together are no chance."""
+"""Probability below which a far residual is no chance, nor that far rows lie together."""
 NEAR = 3.0
 """A whole number fits when what it leaves is within so many predictive sigma."""
 BY_CHANCE = 0.2
@@ -44,10 +43,8 @@ def row_scale(residual: Array, lost: NDArray[np.bool_] | None = None) -> tuple[A
     return size, max(typical, 1e-300)
 
 
-def outlying_rows(
-    fit: Estimate, recording: Recording, candidates: NDArray[np.bool_], *, significance: float = 1e-3
-) -> NDArray[np.bool_]:
-    """(n,) rows among ``candidates`` whose residual chance would not make once in 1/significance recordings.
+def outlying_rows(fit: Estimate, recording: Recording, candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) rows among ``candidates`` whose residual chance would not make once in a thousand recordings.
 
     The noise scale is the larger of the stated one and the rows' own median, so that a model that is wrong
     everywhere flags nothing. Rows that lie together, in poses, load or time, are physics and no outliers.
@@ -62,7 +59,7 @@ def outlying_rows(
     m = told(fit.residual[rows], lost)
     scale = max(typical, 1.0)
     # heavy tails are common: the Gaussian limit, and half as much again
-    limit = 1.5 * scale * np.sqrt(chi2.isf(significance / len(rows), m) / m)
+    limit = 1.5 * scale * np.sqrt(chi2.isf(CHANCE / len(rows), m) / m)
     far = size > limit
     if np.sum(far) <= LIMIT * len(rows) and not clustered(recording_coordinates(recording, rows), far):
         out[rows[far]] = True
@@ -87,11 +84,8 @@ def bridges(recording: Recording) -> NDArray[np.bool_]:
 
 def recording_coordinates(recording: Recording, rows: NDArray[np.intp]) -> Array:
     """(k, d) where rows lie: joints, order of acquisition and all that was logged, in standard deviations."""
-    order = np.argsort(order_in_time(recording.time, recording.source_file, recording.source_row)).astype(
-        float
-    )
-    logged = [recording.driver(name) for name in recording.logged]
-    columns = [*recording.q.T, order, *(np.asarray(v, dtype=float) for v in logged if v is not None)]
+    order, columns = np.argsort(recording.order).astype(float), list(recording.columns().values())
+    columns.insert(len(recording.joints), order)
     picked = np.column_stack([c[rows] for c in columns])
     spread = picked.std(axis=0)
     return np.asarray((picked[:, spread > 0] - picked.mean(axis=0)[spread > 0]) / spread[spread > 0])

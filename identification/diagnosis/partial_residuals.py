@@ -40,27 +40,16 @@ class PortShift:
     rows: Array
 
 
-def port_shifts(
-    fit: Estimate,
-    recording: Recording,
-    terms: Sequence[PlacedEffect],
-    ports: Sequence[str],
-    rows: Rows | None = None,
-) -> list[PortShift]:
-    """What terms of a fit shift at some ports, row by row. Ports that no reading sees are left out.
-
-    ``rows``: those that are wanted, by default all; the others are NaN.
-    """
-    return all_port_shifts(fit, recording, [(terms, ports)], rows)[0]
-
-
 def all_port_shifts(
     fit: Estimate,
     recording: Recording,
     wanted: Sequence[tuple[Sequence[PlacedEffect], Sequence[str]]],
     rows: Rows | None = None,
 ) -> list[list[PortShift]]:
-    """The same of several groups of terms, each with its ports: readings are evaluated once for all of them."""
+    """What groups of terms of a fit shift at some ports each, row by row; readings are evaluated once for all of them.
+
+    Ports that no reading sees are left out. ``rows``: those that are wanted, by default all; the others are NaN.
+    """
     if not wanted:
         return []
     predictor = Predictor(fit.machine, recording, fit.effects, ports=True)
@@ -175,4 +164,4 @@ def _covariance(fit: Estimate, own: Sequence[int]) -> Array:
     return out
 
 
-__all__ = ["PortShift", "all_port_shifts", "port_shifts"]
+__all__ = ["PortShift", "all_port_shifts"]

@@ -19,7 +19,6 @@ from truepose.identification.diagnosis.weighed import weighed
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import Design
 from truepose.identification.posterior.weighing import Weighing
-from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Signatures
@@ -56,7 +55,7 @@ def _placebo(before: Estimate, found: Found, main: int) -> float:
     recording = signatures.recording
     order = np.arange(len(before.used))
     # in the order of acquisition, so that shuffled rows get the same placebo
-    in_time = order_in_time(recording.time, recording.source_file, recording.source_row)
+    in_time = recording.order
     rows = in_time[before.used[in_time]]
     order[rows] = np.random.default_rng(11).permutation(rows)
     stated = [cat.candidates[i] for i in cat.stated]

@@ -17,7 +17,6 @@ from truepose.identification.diagnosis.weighed import Weighed, weighed
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import nearest_top, slot_odds
 from truepose.identification.posterior.weighing import Members
-from truepose.identification.recording.history import order_in_time
 
 Array = NDArray[np.float64]
 DIFFERENT = 1e-3
@@ -37,7 +36,7 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
     if not names:
         return ()
     fit, recording = found.fit, found.signatures.recording
-    order = order_in_time(recording.time, recording.source_file, recording.source_row)
+    order = recording.order
     rows = order[fit.used[order]]
     halves = []
     for part in np.array_split(rows, 2):

@@ -10,8 +10,8 @@ from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.levels import UNKNOWN, Levels
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary
+from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Untestable
 from truepose.identification.signatures.untestable import Missing
 from truepose.models.driver import DriverKind

@@ -13,11 +13,10 @@ from scipy.special import logsumexp
 
 from truepose.identification.diagnosis import prior
 from truepose.identification.diagnosis.families import families
+from truepose.identification.fit.tolerance_classes import PartClass, inflations, tolerance_cost
 from truepose.identification.posterior.design import Always, Axis, Design, Unknowns, stated_log_prior
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.weighing import Weighing
-from truepose.identification.selection.scales import tolerance_cost
-from truepose.identification.selection.tolerance_classes import PartClass, inflations
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect

@@ -7,7 +7,7 @@ common departure from the drawing is no movement, and no session is the referenc
 is marginalised over a million to one in tolerances, evenly in its logarithm up to a tenth of a tolerance and
 less likely beyond: parts move by less than they were made wrong. Noise scale and an inflation of tolerances are
 marginalised too (wrong sigmas and wrong tolerances are rival explanations, see
-``truepose.identification.selection.scales``).
+``truepose.identification.drift.scales``).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from scipy.linalg import helmert, solve_triangular
 from scipy.special import logsumexp
 
+from truepose.identification.drift.scales import Grid, Scales, log_gains, noise_scales
 from truepose.identification.drift.sessions import Linear
 from truepose.identification.fit.decomposition import ROUNDING
 from truepose.identification.fit.problem import Prior
-from truepose.identification.selection.scales import Grid, Point, log_gains, noise_scales
-from truepose.identification.selection.tolerance_classes import INFLATED, INFLATIONS, PartClass
+from truepose.identification.fit.tolerance_classes import INFLATED, INFLATIONS, PartClass
 
 Array = NDArray[np.float64]
 SIZES = np.geomspace(1e-6, 3.0, 27)
@@ -86,14 +86,14 @@ class Stack:
 
 def grid_for(stack: Stack) -> Grid:
     """Noise from below the stated sigma to what is left when nothing may move; one inflation for all tolerances."""
-    nothing = solve(stack, {}, Point(1.0, (1.0,), 0.0))
+    nothing = solve(stack, {}, Scales(1.0, (1.0,), 0.0))
     rms = float(np.linalg.norm(nothing.residual)) / np.sqrt(stack.n_observations)
     inflations = INFLATIONS if stack.inflated.any() else (1.0,)
     return Grid(noise_scales(rms, 0.4), tuple((v,) for v in inflations), (PartClass("all"),))
 
 
 @dataclass(frozen=True)
-class State:
+class Solved:
     """The model in which ``accepted`` (parameter to size q, in steps) moves, at one grid point.
 
     log_evidence; basis (K (n + 1), c) readings' part of an orthonormal basis of what the model can follow;
@@ -102,7 +102,7 @@ class State:
     """
 
     accepted: tuple[tuple[int, float], ...]
-    point: Point
+    point: Scales
     log_evidence: float
     basis: Array
     residual: Array
@@ -110,7 +110,7 @@ class State:
     root: Array
 
 
-def solve(stack: Stack, accepted: Mapping[int, float], point: Point) -> State:
+def solve(stack: Stack, accepted: Mapping[int, float], point: Scales) -> Solved:
     """Solve the model at one noise scale and inflation."""
     sessions, rows, n = stack.jacobian.shape
     k = sessions - 1
@@ -130,7 +130,7 @@ def solve(stack: Stack, accepted: Mapping[int, float], point: Point) -> State:
     )
     root = solve_triangular(r, np.eye(len(r)))
     data = sessions * rows
-    return State(
+    return Solved(
         tuple(accepted.items()),
         point,
         log_evidence,
@@ -142,7 +142,7 @@ def solve(stack: Stack, accepted: Mapping[int, float], point: Point) -> State:
 
 
 @dataclass(frozen=True)
-class Weighed:
+class Gains:
     """Candidates against a model: gain (C,) log Bayes factors, size (C,) their likeliest size q in steps;
     null: the model's own log evidence over the grid."""
 
@@ -153,9 +153,9 @@ class Weighed:
 
 def weigh(
     stack: Stack,
-    states: Sequence[State],
+    states: Sequence[Solved],
     candidates: Sequence[Sequence[int]],
-) -> Weighed:
+) -> Gains:
     """Evidence that the members of each candidate move too, all in proportion to their steps."""
     prior = np.array([s.point.log_prior + s.log_evidence for s in states])
     null = float(logsumexp(prior))
@@ -170,16 +170,16 @@ def weigh(
         joint = logs + prior[:, None] + likely
         gain[c] = float(logsumexp(joint)) - null
         size[c] = sizes[int(np.argmax(logsumexp(joint, axis=0)))]
-    return Weighed(null, gain, size)
+    return Gains(null, gain, size)
 
 
-def _gains(stack: Stack, s: State, inside: Array, members: Sequence[int], sizes: Array) -> Array:
+def _gains(stack: Stack, s: Solved, inside: Array, members: Sequence[int], sizes: Array) -> Array:
     """(sizes,) log Bayes factors of a movement of each size."""
     values, vectors, score = information(stack, s, inside, members)
     return log_gains(sizes, values, vectors.T @ score)
 
 
-def information(stack: Stack, s: State, inside: Array, members: Sequence[int]) -> tuple[Array, Array, Array]:
+def information(stack: Stack, s: Solved, inside: Array, members: Sequence[int]) -> tuple[Array, Array, Array]:
     """What the readings say of the k contrasts of ``members``, all else free, in steps.
 
     Eigenvalues (k,) and eigenvectors (k, k) of the information, and the score (k,); ``inside`` (c, n (K - 1)): the part of

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
-from truepose.identification.drift.movement_evidence import Stack, State, solve, weigh
+from truepose.identification.drift.forward import Accepted, select_forward
+from truepose.identification.drift.movement_evidence import Solved, Stack, solve, weigh
+from truepose.identification.drift.scales import Scales
 from truepose.identification.fit.problem import Prior
-from truepose.identification.selection.forward import Accepted, select_forward
-from truepose.identification.selection.scales import Point
 from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.parameters import vector_of
 
@@ -52,12 +52,12 @@ class Selection:
     gain: Array
     log_odds: Array
     alike: Mapping[int, Mapping[int, float]]
-    states: tuple[State, ...]
+    states: tuple[Solved, ...]
     log_bayes_factor: float
     extrinsic: NDArray[np.bool_]
 
     @property
-    def best(self) -> State:
+    def best(self) -> Solved:
         """The likeliest grid point."""
         return max(self.states, key=lambda s: s.point.log_prior + s.log_evidence)
 
@@ -93,7 +93,7 @@ def candidates_of(machine: Machine, prior: Prior) -> tuple[Candidate, ...]:
 def select(
     stack: Stack,
     candidates: Sequence[Candidate],
-    points: Sequence[Point],
+    points: Sequence[Scales],
     progress: Callable[[str], None] = lambda _: None,
 ) -> Selection:
     """Forward selection, each step followed by deletion of what is no longer asked for."""
@@ -124,7 +124,7 @@ def _first(left: Sequence[Candidate], score: Array) -> int | None:
     return max(alike, key=lambda k: (left[k].extrinsic, float(score[k])))
 
 
-def _near(points: Sequence[Point], stack: Stack, accepted: Mapping[int, float]) -> list[Point]:
+def _near(points: Sequence[Scales], stack: Stack, accepted: Mapping[int, float]) -> list[Scales]:
     """Points of the grid about the likeliest noise once ``accepted`` moves."""
     now = [solve(stack, accepted, point) for point in points]
     likeliest = max(now, key=lambda s: s.point.log_prior + s.log_evidence).point.noise
@@ -132,7 +132,7 @@ def _near(points: Sequence[Point], stack: Stack, accepted: Mapping[int, float]) 
     return [point for point in points if low <= point.noise <= high]
 
 
-def _pruned(stack: Stack, accepted: Mapping[int, float], points: Sequence[Point]) -> dict[int, float]:
+def _pruned(stack: Stack, accepted: Mapping[int, float], points: Sequence[Scales]) -> dict[int, float]:
     """Every size set to its likeliest with the others given; what evidence speaks against is deleted."""
     kept = dict(accepted)
     while True:
@@ -149,7 +149,7 @@ def _pruned(stack: Stack, accepted: Mapping[int, float], points: Sequence[Point]
 
 
 def _summed(
-    stack: Stack, accepted: Mapping[int, float], candidates: Sequence[Candidate], points: Sequence[Point]
+    stack: Stack, accepted: Mapping[int, float], candidates: Sequence[Candidate], points: Sequence[Scales]
 ) -> Selection:
     """Evidence of each parameter's movement given the others, and what would do as well in its place."""
     n, odds = stack.jacobian.shape[2], -np.log(len(candidates))
@@ -179,5 +179,5 @@ def _summed(
     return Selection(accepted, gain, gain + log_odds, alike, states, total, extrinsic)
 
 
-def _total(states: Sequence[State]) -> float:
+def _total(states: Sequence[Solved]) -> float:
     return float(logsumexp([s.point.log_prior + s.log_evidence for s in states]))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from truepose.identification.drift.movement_evidence import Stack, State, information, solve
+from truepose.identification.drift.movement_evidence import Solved, Stack, information, solve
 from truepose.identification.drift.movement_selection import Selection
 from truepose.identification.fit.problem import Prior
 
@@ -100,7 +100,7 @@ def _still(hidden: float, otherwise: float, probability: float) -> str:
     return "still" if probability < 0.5 else "perhaps"
 
 
-def _followed(stack: Stack, model: State) -> tuple[State, Array]:
+def _followed(stack: Stack, model: Solved) -> tuple[Solved, Array]:
     """A model with the part of every movement that it can follow."""
     return model, model.basis.T @ stack.movements.reshape(len(model.residual), -1)
 
@@ -111,7 +111,7 @@ def _named(found: Selection, i: int, names: Sequence[str]) -> dict[str, float]:
 
 def _moved(
     stack: Stack,
-    best: State,
+    best: Solved,
     place: int,
     scale: float,
     clock: Array,
@@ -155,7 +155,7 @@ def _line(elapsed: Array, change: Array, root: Array) -> tuple[float, float, flo
     return rate, gain**-0.5 * max(1.0, float(np.sqrt(chi2 / freedom))), float(stats.chi2.sf(chi2, freedom))
 
 
-def _hidden(stack: Stack, model: State, inside: Array, i: int) -> float:
+def _hidden(stack: Stack, model: Solved, inside: Array, i: int) -> float:
     """1-sigma, in steps, of a movement of parameter i from the first session to the last, if it moved alone."""
     if not stack.visible[i]:
         return float("inf")

@@ -91,27 +91,14 @@ def calibrate(
     together, for bounds that cannot be kept and for too few rows, ConvergenceError naming the parameters
     responsible.
     """
-    _check("estimator", estimator, ESTIMATORS)
-    _check("solver", solver, SOLVERS)
-    _check("scaling", scaling, SCALINGS)
-    biased = estimator in TUNING and estimator != "ols"
-    if biased and solver == "ipopt":
-        raise InputError(
-            f"--solver: found 'ipopt' with --estimator {estimator}, which relinearises by itself and keeps no "
-            "bounds; expected gn or lm, or the estimators map, ols or huber"
-        )
+    biased = _checked(estimator, solver, scaling)
     recording = as_recording(machine, recording)
     work = _Work(machine, recording, solver, bounds_of(machine, machine.effects))
     progress("fitting")
     method = {"estimator": estimator, "solver": solver}
-    if biased:
-        fit, notes = work.linear(estimator, scaling, tuning)
-        assert fit.shrunk is not None
+    fit, notes = work.linear(estimator, scaling, tuning) if biased else work.unbiased(estimator)
+    if biased and fit.shrunk is not None:
         method |= {"scaling": scaling, TUNING[estimator]: f"{fit.shrunk.tuning:.6g}"}
-    elif estimator == "ols":
-        fit, notes = work.least_squares()
-    else:
-        fit, notes = work.fitted(loss="huber" if estimator == "huber" else "gauss")
     progress("fitting without tolerances")
     free, more = work.free(fit.p)
     notes = [
@@ -123,6 +110,20 @@ def calibrate(
         *more,
     ]
     return Calibration(fit, free, recording, tuple(notes), method)
+
+
+def _checked(estimator: str, solver: str, scaling: str) -> bool:
+    """Whether the estimator is a biased one, where it exists and goes with the solver."""
+    _check("estimator", estimator, ESTIMATORS)
+    _check("solver", solver, SOLVERS)
+    _check("scaling", scaling, SCALINGS)
+    biased = estimator in TUNING and estimator != "ols"
+    if biased and solver == "ipopt":
+        raise InputError(
+            f"--solver: found 'ipopt' with --estimator {estimator}, which relinearises by itself and keeps no "
+            "bounds; expected gn or lm, or the estimators map, ols or huber"
+        )
+    return biased
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,12 @@ class _Work:
             "held at the drawing, those that depend on others or show less than a tenth of a sigma a tolerance"
         )
         return prior, start, note
+
+    def unbiased(self, estimator: str) -> tuple[Estimate, list[str]]:
+        """By ols, map or huber."""
+        if estimator == "ols":
+            return self.least_squares()
+        return self.fitted(loss="huber" if estimator == "huber" else "gauss")
 
     def fitted(self, solver: str | None = None, **options: Any) -> tuple[Estimate, list[str]]:
         """By the solver asked for; of gn and lm by the other where that one finds no minimum."""

@@ -12,6 +12,8 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.models.sensors.base import Channel
 
 Array = NDArray[np.float64]
+LEVEL, DRAWS, SEED = 0.99, 2000, 7
+"""Quantile of the largest departure that a true model is allowed, and the machines that are drawn to find it."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +52,8 @@ def rms_by_kind(
     return out
 
 
-def worst_allowed(fit: Estimate, *, level: float = 0.99, draws: int = 2000, seed: int = 7) -> float:
-    """Bootstrap null of the largest |estimate - nominal| / tolerance: what a true model exceeds once in 1/(1 - level).
+def worst_allowed(fit: Estimate) -> float:
+    """Bootstrap null of the largest |estimate - nominal| / tolerance: what a true model exceeds once in a hundred.
 
     Under a true model the estimate's departure is N(0, S - C), S tolerances and C the posterior covariance.
     """
@@ -63,8 +65,8 @@ def worst_allowed(fit: Estimate, *, level: float = 0.99, draws: int = 2000, seed
     scaled = fit.posterior[np.ix_(known, known)] / np.outer(tolerance[known], tolerance[known])
     values, vectors = np.linalg.eigh(np.eye(int(known.sum())) - scaled)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    sample = root @ np.random.default_rng(seed).standard_normal((root.shape[1], draws))
-    return float(np.quantile(np.max(np.abs(sample), axis=0), level))
+    sample = root @ np.random.default_rng(SEED).standard_normal((root.shape[1], DRAWS))
+    return float(np.quantile(np.max(np.abs(sample), axis=0), LEVEL))
 
 
 def summarise(fit: Estimate, validation: NDArray[np.bool_]) -> FitSummary:

@@ -82,14 +82,13 @@ def calibrated_document(
     if refused:
         document["judgement"] = {"calibrated": False, "why": list(refused)}
     if pose is not None:
-        document["pose_error"] = {
-            "than": pose.than,
-            "before": pose.before,
-            "after": pose.after,
-            "unit": "mm",
-            "rows": pose.rows,
-        }
+        document["pose_error"] = _pose_error(pose)
     return document
+
+
+def _pose_error(pose: ExpectedPose) -> dict[str, Any]:
+    said = {"than": pose.than, "before": pose.before, "after": pose.after}
+    return {**said, "unit": "mm", "rows": pose.rows}
 
 
 def covariance_of(estimate: Estimate) -> Covariance:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -27,7 +26,7 @@ def miscounted(
     assert rows.from_row is not None
     length, variance, root = _lengths(rows, change, sigma, read)
     label, bad, notes = rows.replicates(), np.zeros(len(rows), dtype=bool), []
-    order = order_in_time(rows.time, rows.source_file, rows.source_row)
+    order = rows.order
     first: dict[tuple[int, int], int] = {}
     for row in order.tolist():
         place = int(label[row]), int(root[row])
@@ -59,7 +58,7 @@ def _lengths(
     assert rows.from_row is not None
     length, variance = np.zeros(len(rows)), np.zeros(len(rows))
     root = np.arange(len(rows))
-    for row in order_in_time(rows.time, rows.source_file, rows.source_row).tolist():
+    for row in rows.order.tolist():
         origin = int(rows.from_row[row])
         if read[row] and origin != row:
             length[row] = length[origin] + change[row]

@@ -112,21 +112,10 @@ def plan(
     """
     judged = _checked(n, method, criterion, candidates)
     information = PoseInformation(machine)
-    rng = np.random.default_rng(seed)
     progress("looking at candidates")
-    supply = Supply.of(information, candidates, rng)
-    draws = [supply.draw(n, rng) for _ in range(DRAWS)]
-    objective, determined = _objective(information, judged, draws)
-    landscape = Landscape(information, objective, supply.strongest)
-    values = np.array([landscape.value(draw) for draw in draws])
-    q, by_exchange = draws[0].q, None
-    if method != "random":
-        progress("exchanging poses")
-        q = _exchanged(landscape, supply, draws[int(np.argmax(values))])
-        by_exchange = landscape.value(information.at(q))
-    if method == "continuous":
-        q = climb(landscape, q, seed, progress)
-    found = information.at(q if candidates is not None else _short(q, landscape, machine))
+    work = _Work.of(information, n, judged, candidates, seed)
+    q, by_exchange = work.design(method, seed, progress)
+    found = information.at(q if candidates is not None else _short(q, work.landscape, machine))
     return Plan(
         machine=machine,
         method=method,
@@ -135,13 +124,44 @@ def plan(
         q=found.q,
         span=information.span,
         origin=np.maximum(np.arange(n) - 1, 0) if information.differs.any() else None,
-        value=_finite(landscape.value(found), judged, n),
-        random=values,
+        value=_finite(work.landscape.value(found), judged, n),
+        random=work.values,
         by_exchange=by_exchange,
-        determined=determined,
+        determined=work.determined,
         indices=_indices(information, found),
-        left_out=supply.left_out,
+        left_out=work.supply.left_out,
     )
+
+
+@dataclass(frozen=True)
+class _Work:
+    """Candidates, random sets of poses with their values (DRAWS,), and the criterion, of which they determine directions."""
+
+    supply: Supply
+    draws: Sequence[Poses]
+    landscape: Landscape
+    determined: int
+    values: Array
+
+    @classmethod
+    def of(
+        cls, information: PoseInformation, n: int, criterion: Criterion, candidates: Array | None, seed: int
+    ) -> _Work:
+        rng = np.random.default_rng(seed)
+        supply = Supply.of(information, candidates, rng)
+        draws = [supply.draw(n, rng) for _ in range(DRAWS)]
+        objective, determined = _objective(information, criterion, draws)
+        landscape = Landscape(information, objective, supply.strongest)
+        return cls(supply, draws, landscape, determined, np.array([landscape.value(draw) for draw in draws]))
+
+    def design(self, method: str, seed: int, progress: Callable[[str], None]) -> tuple[Array, float | None]:
+        """(n, nq) joint values, and the criterion after the exchange where there was one."""
+        if method == "random":
+            return self.draws[0].q, None
+        progress("exchanging poses")
+        q = _exchanged(self.landscape, self.supply, self.draws[int(np.argmax(self.values))])
+        exchanged = self.landscape.value(self.landscape.information.at(q))
+        return climb(self.landscape, q, seed, progress) if method == "continuous" else q, exchanged
 
 
 def _checked(n: int, method: str, criterion: str, candidates: Array | None) -> Criterion:

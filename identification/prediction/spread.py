@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
+from truepose.models.driver import PAYLOAD
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import PAYLOAD, Machine
+from truepose.models.machine import Machine
 from truepose.models.sensors.base import Sensor
 
 Array = NDArray[np.float64]

@@ -60,15 +60,8 @@ class _Log:
         self.poses.setdefault(name, []).append((_stamp(header, logged), values))
 
 
-def read_bag(
-    path: Path,
-    topic: str | None = None,
-    *,
-    joints: Sequence[str] = (),
-    band: float = BAND,
-    seconds: float = SECONDS,
-) -> TextTable:
-    """A row for each stretch in which all joints stand still for ``seconds`` within ``band`` (rad, m), with its time.
+def read_bag(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -> TextTable:
+    """A row for each stretch in which all joints stand still for ``SECONDS`` within ``BAND`` (rad, m), with its time.
 
     ``topic``: the topic of poses or points, or the frame ``parent->child``, where there are several; ``joints``: those
     that matter, by default all. Beside the pose's columns stand ``<column>.sigma``, the 1-sigma of the average by its
@@ -85,11 +78,11 @@ def read_bag(
         )
     streams = {name: Stream.of(log.joints[name]) for name in joints or log.joints}
     seen = {prefix: Stream.of(log.poses[name]) for prefix, name in _chosen(log, topic, path).items()}
-    found = stretches(streams, band, seconds)
+    found = stretches(streams)
     rows = [(start, end) for start, end in found if any(len(s.between(start, end)) for s in seen.values())]
     if not rows:
         raise InputError(
-            f"{path}: found {len(found)} stretches in which all joints stand still for {seconds:g} s within {band:g} "
+            f"{path}: found {len(found)} stretches in which all joints stand still for {SECONDS:g} s within {BAND:g} "
             f"rad (m), none with a pose in it; expected at least one (joints: {', '.join(streams)})"
         )
     return _table(path, rows, streams, seen, len(found) - len(rows))

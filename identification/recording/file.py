@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -77,11 +77,7 @@ def read_part(
     table = in_known_case(table, (*names, *sensor_columns, *logged, *_OTHER))
     unread = [name for name, unit in sensor_columns.items() if unit != LABEL and _all_empty(table, name)]
     table = table.without([name for name in unread if name not in needed])
-    for name in (*names, *needed):
-        if name not in table:
-            raise missing_column(table, name, (*names, *sensor_columns, *logged, *_OTHER))
-        if name in unread:
-            raise InputError(f"{table.where(name)}: every cell is empty, expected readings")
+    _check_there(table, (*names, *needed), unread, (*names, *sensor_columns, *logged, *_OTHER))
     present = {name: unit for name, unit in sensor_columns.items() if name in table}
     readings = {name: unit for name, unit in present.items() if unit != LABEL}
     said = {j.name: table.unit(j.name, units.of_joint(j.unit), j.unit) for j in joints}
@@ -105,6 +101,15 @@ def read_part(
         notes=(*table.notes, *_lost(table.file, observations), *_notes(table, known, joints)),
         said=said,
     )
+
+
+def _check_there(table: Table, needed: Sequence[str], empty: Collection[str], known: Sequence[str]) -> None:
+    """Refuse a table without a column that is ``needed``, or with no cell in it; ``known`` names are offered."""
+    for name in needed:
+        if name not in table:
+            raise missing_column(table, name, known)
+        if name in empty:
+            raise InputError(f"{table.where(name)}: every cell is empty, expected readings")
 
 
 def written_units(

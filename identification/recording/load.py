@@ -14,9 +14,10 @@ from typing import Any, TypeAlias
 import pandas as pd
 
 from truepose.errors import InputError
-from truepose.identification.recording.file import LABEL
+from truepose.identification.recording.file import LABEL, JointColumn
 from truepose.identification.recording.memory_tables import is_table
-from truepose.identification.recording.recording import JointColumn, Recording, read_recording
+from truepose.identification.recording.read import read_recording
+from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table, read_table, table_in_memory
 from truepose.models.machine import Machine
 

@@ -17,7 +17,6 @@ from truepose.identification.recording.history import (
     creep_sum,
     exponential_lag,
     line_of_full_loop,
-    order_in_time,
     stop_operator,
 )
 from truepose.models.driver import APPROACH, Driver
@@ -43,7 +42,7 @@ class Logged(Protocol):
     @property
     def source_file(self) -> IntArray: ...
     @property
-    def source_row(self) -> IntArray: ...
+    def order(self) -> IntArray: ...
     def driver(self, name: str) -> FloatArray | None: ...
     def __len__(self) -> int: ...
 
@@ -69,10 +68,6 @@ def remembered(whole: Logged, driver: Driver) -> FloatArray | None:
     return None
 
 
-def _order(whole: Logged) -> IntArray:
-    return order_in_time(whole.time, whole.source_file, whole.source_row)
-
-
 def _pieces(whole: Logged) -> IntArray:
     """Label of the uninterrupted way that each row belongs to, (n,)."""
     files = whole.source_file if whole.time is None else np.zeros(len(whole), dtype=np.int64)
@@ -87,7 +82,7 @@ def _pieces_of_clock(whole: Logged, order: IntArray) -> IntArray:
 
 
 def _stop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
-    order = _order(whole)
+    order = whole.order
     recorded = whole.drivers.get(Driver(APPROACH, joint).name)
     approach = np.zeros(len(whole)) if recorded is None else np.sign(recorded)
     readings = whole.q[:, whole.joints.index(joint)]
@@ -105,7 +100,7 @@ def _loop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
 def _creep(whole: Logged, joint: str, numbers: list[float]) -> FloatArray | None:
     if whole.time is None:
         return None
-    order = _order(whole)
+    order = whole.order
     out = np.empty(len(whole))
     readings = whole.q[:, whole.joints.index(joint)]
     pieces = _pieces_of_clock(whole, order)
@@ -118,7 +113,7 @@ def _lagged(whole: Logged, name: str, seconds: float) -> FloatArray | None:
     values = whole.driver(name)
     if values is None or whole.time is None:
         return None
-    order = _order(whole)
+    order = whole.order
     lagged = np.empty_like(values)
     lagged[order] = exponential_lag(whole.time[order], values[order], seconds)
     return lagged

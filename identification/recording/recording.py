@@ -1,7 +1,7 @@
 """Recordings: what was commanded, read and logged, row by row, in internal units (mm, rad).
 
-`read_recording` makes a `Recording` from files; the rest of the package works on it. A recording never
-changes: `subset` gives some rows that still know the whole, so that what depends on history (lags, session
+`read_recording` (``read.py``) makes a `Recording` from files; the rest of the package works on it. A recording
+never changes: `subset` gives some rows that still know the whole, so that what depends on history (lags, session
 ranks, the row that `from` names) means the same in any part.
 """
 
@@ -9,19 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from truepose.errors import InputError
-from truepose.identification.recording.file import JointColumn, RecordingPart, read_part, written_units
+from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.memory import remembered
-from truepose.identification.recording.origin import digest_of, recorded_on
-from truepose.identification.recording.table import Column, Table
 from truepose.models.driver import TIME, Driver
-from truepose.models.units import FloatArray, UnitSystem
+from truepose.models.units import FloatArray
 from truepose.shown.result import Shown, frame_of
 
 if TYPE_CHECKING:
@@ -32,7 +28,7 @@ BoolArray = npt.NDArray[np.bool_]
 Rows = IntArray | BoolArray | Sequence[int] | slice
 A = TypeVar("A", bound=npt.NDArray[Any])
 
-__all__ = ["Column", "JointColumn", "Recording", "read_recording"]
+__all__ = ["Recording", "frozen"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,6 +115,22 @@ class Recording(Shown):
         """Every logged driver, time included."""
         return (*self.drivers, *((TIME,) if self.time is not None else ()))
 
+    @property
+    def order(self) -> IntArray:
+        """(n,) indices that put these rows in order of acquisition: by time where it is recorded, by file and row."""
+        return frozen(order_in_time(self.time, self.source_file, self.source_row))
+
+    def columns(self, *, smooth: bool = False) -> dict[str, FloatArray]:
+        """(n,) values of all that was varied, by name: the joints' readings, then every logged driver, time last.
+
+        smooth: of the drivers only those that an error may be a smooth function of (`Driver.smooth`). In the units of `q`
+        and of `truepose.models.driver`.
+        """
+        logged = [name for name in self.logged if Driver.of(name).smooth or not smooth]
+        found = {name: self.driver(name) for name in logged}
+        readings = dict(zip(self.joints, self.q.T, strict=True))
+        return readings | {name: values for name, values in found.items() if values is not None}
+
     def driver(self, name: str, sessions: Sequence[int] | None = None) -> FloatArray | None:
         """(n,) values that the recording has for a driver; None when it has none.
 
@@ -184,110 +196,3 @@ def frozen(array: A) -> A:
     """The array, made read-only."""
     array.setflags(write=False)
     return array
-
-
-def read_recording(
-    paths: Sequence[Path | str | Table],
-    joints: Sequence[JointColumn],
-    sensor_columns: Mapping[str, str],
-    units: UnitSystem,
-    need_observations: bool = True,
-    *,
-    required: Sequence[str] = (),
-    optional_labels: Sequence[str] = (),
-) -> Recording:
-    """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
-
-    `sensor_columns` maps each column to its internal unit ("mm", "rad", "1"), or to "label" for a text.
-    Without `need_observations` sensor columns may be missing. `required` names further columns that must be
-    there (`from`), `optional_labels` texts to keep when they are. Raises InputError naming file, row and
-    column.
-    """
-    if not paths:
-        raise InputError("found no recording, expected at least one file")
-    asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
-    needed = (*(sensor_columns if need_observations else ()), *required)
-    parts = [read_part(path, joints, asked, units, needed) for path in paths]
-    joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked))
-    return replace(joined, written=written_units(joints, sensor_columns, tuple(joined.drivers), units))
-
-
-def _join(
-    parts: Sequence[RecordingPart], joints: tuple[str, ...], sensor_columns: tuple[str, ...]
-) -> Recording:
-    sizes = [len(part.q) for part in parts]
-    starts = np.cumsum([0, *sizes[:-1]])
-    notes = [note for part in parts for note in part.notes]
-    names = dict.fromkeys(name for part in parts for name in part.drivers)
-    from_rows = [
-        None if p.from_row is None else p.from_row + start for p, start in zip(parts, starts, strict=True)
-    ]
-    has_pose = any(part.pose is not None for part in parts)
-    # where repeats are numbered in another file only, every row here is a pose of its own
-    poses = [np.arange(len(part.q)) if part.pose is None else part.pose for part in parts]
-    return Recording(
-        joints=joints,
-        q=frozen(np.concatenate([part.q for part in parts])),
-        observations=_common(parts, "observations", sensor_columns, notes),
-        labels={
-            name: _labels(parts, name) for name in sensor_columns if any(name in p.labels for p in parts)
-        },
-        drivers=_common(parts, "drivers", tuple(names), notes),
-        files=tuple(part.file for part in parts),
-        source_file=frozen(np.repeat(np.arange(len(parts)), sizes)),
-        source_row=frozen(np.concatenate([np.arange(1, size + 1) for size in sizes])),
-        session=frozen(np.concatenate(_sessions(parts))),
-        session_recorded=frozen(np.repeat([part.session is not None for part in parts], sizes)),
-        validation=frozen(np.concatenate([part.validation for part in parts])),
-        pose=frozen(np.concatenate(poses)) if has_pose else None,
-        time=_if_all([part.time for part in parts], parts, "time", notes),
-        from_row=_if_all(from_rows, parts, "from", notes),
-        notes=tuple(notes),
-        said={n: u for n, u in parts[0].said.items() if all(part.said.get(n) == u for part in parts)},
-        digests=tuple(digest_of(part.file) for part in parts),
-        dates=tuple(recorded_on(part.file) for part in parts),
-    )
-
-
-def _if_all(arrays: Sequence[Any], parts: Sequence[RecordingPart], name: str, notes: list[str]) -> Any:
-    """The arrays end to end, None (with a note) when a file has none."""
-    without = [part.file for part, array in zip(parts, arrays, strict=True) if array is None]
-    if not without:
-        return frozen(np.concatenate(arrays))
-    if len(without) < len(parts):
-        notes.append(f"column {name!r} is not used: {', '.join(without)} has none")
-    return None
-
-
-def _common(
-    parts: Sequence[RecordingPart], group: str, names: Sequence[str], notes: list[str]
-) -> dict[str, FloatArray]:
-    joined = {}
-    for name in names:
-        arrays = [_column(getattr(part, group), name) for part in parts]
-        values = _if_all(arrays, parts, name, notes)
-        if values is not None:
-            joined[name] = values
-    return joined
-
-
-def _column(columns: Mapping[str, FloatArray], name: str) -> FloatArray | None:
-    return columns.get(Driver.of(name).served_by(columns))
-
-
-def _labels(parts: Sequence[RecordingPart], name: str) -> tuple[str, ...]:
-    return tuple(text for part in parts for text in part.labels.get(name, ("",) * len(part.q)))
-
-
-def _sessions(parts: Sequence[RecordingPart]) -> list[IntArray]:
-    """Session numbers of every file; a file without gets the next number nobody recorded."""
-    recorded = [part.session for part in parts if part.session is not None]
-    following = 1 + max((int(numbers.max()) for numbers in recorded), default=0)
-    out = []
-    for part in parts:
-        if part.session is None:
-            out.append(np.full(len(part.q), following, dtype=np.int64))
-            following += 1
-        else:
-            out.append(part.session)
-    return out

@@ -186,15 +186,11 @@ def _read(path: Path) -> Table:
     return _table(file, found)
 
 
-def bag_table(
-    path: Path, topic: str | None = None, joints: Sequence[str] = (), seconds: float | None = None
-) -> Table:
-    """A ROS bag as a table, a row for each stretch of ``seconds`` in which all joints stand; see ``bags.read_bag``."""
+def bag_table(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -> Table:
+    """A ROS bag as a table, a row for each stretch in which all joints stand; see ``bags.read_bag``."""
     from truepose.identification.recording.bags import read_bag
-    from truepose.identification.recording.settled import SECONDS
 
-    found = read_bag(path, topic, joints=joints, seconds=SECONDS if seconds is None else seconds)
-    return _table(str(path), found)
+    return _table(str(path), read_bag(path, topic, joints))
 
 
 def is_bag(path: Path) -> bool:

@@ -71,9 +71,9 @@ def set_words(effects: Sequence[tuple[str, tuple[str, ...]]]) -> str:
     return "; ".join(said) or "no effect"
 
 
-def several(count: int, one: str, many: str = "") -> str:
+def several(count: int, one: str) -> str:
     """``1 finding``, ``2 findings``."""
-    return f"{count} {one if count == 1 else many or one + 's'}"
+    return f"{count} {one if count == 1 else one + 's'}"
 
 
 def headline(diagnosis: Diagnosis, *, brief: bool = False) -> tuple[str, Tone]:

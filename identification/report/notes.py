@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.identifiability.note import Note
-from truepose.identification.selection.tolerance_classes import PartClass
 
 _SAID = {
     "unassembled": "{}: the mechanism cannot be assembled there; the row was left out",

@@ -5,38 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-import numpy as np
-
 from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.far_rows import FarRow
-from truepose.identification.diagnosis.levels import Levels
-from truepose.identification.diagnosis.outliers import fringes_by_row
-from truepose.identification.diagnosis.result import (
-    Alternative,
-    Applied,
-    Diagnosis,
-    Finding,
-    Lead,
-    PoseError,
-    Quantity,
-    Remainder,
-    Replication,
-)
+from truepose.identification.diagnosis.result import Applied, Diagnosis, PoseError, Proof, Remainder
 from truepose.identification.fit.absurd import judged
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.diagnosis_words import explanation, form_words, separating_experiment
+from truepose.identification.report.diagnosis_words import form_words
+from truepose.identification.report.findings_json import (
+    alternative_json,
+    finding_json,
+    law_of,
+    levels_json,
+    outliers_json,
+    untestable_json,
+)
 from truepose.identification.report.json_text import Json, finite
 from truepose.identification.report.judgement_words import diagnosis_judgement, judgement_json
 from truepose.identification.report.notes import diagnosis_notes
 from truepose.identification.report.unseen_words import meaning
-from truepose.identification.signatures.candidates import Untestable
-from truepose.identification.signatures.untestable import Missing
-from truepose.models.effects.base import effects
-from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 
 DIAGNOSIS_SCHEMA = "truepose/diagnosis/1"
@@ -57,10 +47,10 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "concealed": diagnosis.concealed,
         "alarms": {name: _alarm(a) for name, a in diagnosis.alarms.items()},
         "alarms_after": {name: _alarm(a) for name, a in diagnosis.alarms_after.items()},
-        "findings": [*(_finding(f) for f in diagnosis.findings), *_outliers(diagnosis)],
+        "findings": [*(finding_json(f) for f in diagnosis.findings), *outliers_json(diagnosis)],
         "leading": [
             {"effect": one.effect, "place": list(one.place), "probability": one.probability}
-            | {"levels": _levels(one.levels, _law(one))}
+            | {"levels": levels_json(one.levels, law_of(one))}
             for one in diagnosis.leading
         ],
         "sets": [
@@ -74,20 +64,11 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "disagreement": diagnosis.disagreement,
         "noise": diagnosis.noise,
         "remainder": left and _remainder(left, units),
-        "candidates": [_alternative(c) for c in diagnosis.candidates],
+        "candidates": [alternative_json(c) for c in diagnosis.candidates],
         "evidence_map": dict(diagnosis.evidence_map),
-        "untestable": [_untestable(u, diagnosis.missing) for u in diagnosis.untestable],
+        "untestable": [untestable_json(u, diagnosis.missing) for u in diagnosis.untestable],
         "fit": {name: _summary(fit, units, before=name != "free") for name, fit in diagnosis.fits.items()},
-        "proof": proof
-        and {
-            "held_out": proof.held_out,
-            "blocks": [{"name": b.name, "rows": b.rows, "ratio": b.ratio} for b in proof.blocks],
-            "ratio": proof.ratio,
-            "ratio_interval": list(proof.ratio_interval),
-            "placebo_gain": proof.placebo_gain,
-            "black_box_ratio": proof.black_box_ratio,
-            "injected_recovered": proof.injected_recovered,
-        },
+        "proof": proof and _proof(proof),
         "applied": diagnosis.applied and _applied(diagnosis.applied),
         "parameters": parameters_json(diagnosis.after),
         "notes": list(diagnosis_notes(diagnosis)),
@@ -194,40 +175,31 @@ def _effect(fit: Estimate, k: int) -> Json:
     }
 
 
-def _alarm(alarm: Alarm) -> Json:
-    return {"statistic": alarm.statistic, "p": alarm.p, "raised": alarm.raised, "about": alarm.about}
-
-
-def _finding(finding: Finding) -> Json:
+def _remainder(left: Remainder, units: Mapping[str, str]) -> Json:
+    """``gain``: by how much modelling it lowers the rms of held-out rows, null where that is not known."""
     return {
-        "effect": finding.effect,
-        "place": list(finding.place),
-        "probability": finding.probability,
-        "certainty": finding.certainty,
-        "log_bayes_factor": finding.log_bayes_factor,
-        "equivalents": [_alternative(a) for a in finding.equivalents],
-        "parameters": {name: _quantity(q) for name, q in finding.parameters.items()},
-        "settings": [dict(s) for s in finding.settings],
-        "levels": _levels(finding.levels, _law(finding)),
-        "law_tested": finding.tested,
-        "prior_dependent": finding.prior_dependent,
-        "flip_lambda": finding.flip_lambda,
-        "family": finding.family or None,
-        "replication": finding.replication and _replication(finding.replication),
-        "explanation": explanation(finding),
-        "separating_experiment": separating_experiment(finding),
+        "place": list(left.place),
+        "driver": left.driver,
+        "form": form_words(left),
+        "size_sigma": left.size_sigma,
+        "gain": _rms(left.gain or None, units),
     }
 
 
-def _law(one: Finding | Lead) -> float | None:
-    """The probability of a law; None where there is none."""
-    return None if one.effect == Empirical.slug else one.probability
+def _proof(proof: Proof) -> Json:
+    return {
+        "held_out": proof.held_out,
+        "blocks": [{"name": b.name, "rows": b.rows, "ratio": b.ratio} for b in proof.blocks],
+        "ratio": proof.ratio,
+        "ratio_interval": list(proof.ratio_interval),
+        "placebo_gain": proof.placebo_gain,
+        "black_box_ratio": proof.black_box_ratio,
+        "injected_recovered": proof.injected_recovered,
+    }
 
 
-def _levels(levels: Levels, law: float | None) -> Json:
-    """What is known of where something is, of what drives it, and of its law."""
-    driver = {"kind": levels.kind, "probability": levels.driver}
-    return {"place": levels.place, "driver": driver, "law": law}
+def _alarm(alarm: Alarm) -> Json:
+    return {"statistic": alarm.statistic, "p": alarm.p, "raised": alarm.raised, "about": alarm.about}
 
 
 def _applied(applied: Applied) -> Json:
@@ -243,74 +215,6 @@ def _applied(applied: Applied) -> Json:
         "readings_ratio": applied.ratio,
         "all_that_was_found": {"pose": pose(applied.whole_pose), "readings_ratio": applied.whole_ratio},
     }
-
-
-def _outliers(diagnosis: Diagnosis) -> list[Json]:
-    """Rows that were left out, as findings of their own; they do not change the verdict."""
-    rows = fringes_by_row(diagnosis.after, diagnosis.recording, diagnosis.outlier_rows)
-    others = [row for row in diagnosis.outlier_rows if row not in rows]
-    told = ", ".join(f"row {row}: {count:+d}" for row, count in rows.items())
-    found = [_row_finding(diagnosis, "fringe-miscount", list(rows), f" Half wavelengths too many: {told}.")]
-    found.append(_row_finding(diagnosis, "outliers", others))
-    return [finding for finding in found if finding["place"]]
-
-
-def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str = "") -> Json:
-    """A finding of rows."""
-    after, recording = diagnosis.after, diagnosis.recording
-    left_out = ~after.used & ~recording.validation & np.isfinite(after.residual).all(axis=1)
-    left_out &= np.isin(recording.source_row, rows)
-    far = after.residual[left_out] ** 2 / max(after.chi2_per_dof, 1.0)
-    effect, place = effects.get(slug, slug)(), tuple(str(row) for row in rows)
-    return {
-        "effect": slug,
-        "place": list(place),
-        "probability": 0.999,
-        "certainty": 0.999,
-        "log_bayes_factor": 0.5 * float(np.sum(far[far != 0.0] - 1.0)),  # a lost reading says nothing
-        "equivalents": [],
-        "parameters": {},
-        "settings": [],
-        "levels": {"place": 0.999, "driver": {"kind": "sensor", "probability": 0.999}, "law": 0.999},
-        "law_tested": False,
-        "prior_dependent": False,
-        "flip_lambda": None,
-        "family": None,
-        "replication": None,
-        "explanation": effect.explain(diagnosis.machine, place) + more,
-        "separating_experiment": effect.experiment,
-    }
-
-
-def _replication(halves: Replication) -> Json:
-    return {"halves": list(halves.halves), "agree": halves.agree}
-
-
-def _remainder(left: Remainder, units: Mapping[str, str]) -> Json:
-    """``gain``: by how much modelling it lowers the rms of held-out rows, null where that is not known."""
-    return {
-        "place": list(left.place),
-        "driver": left.driver,
-        "form": form_words(left),
-        "size_sigma": left.size_sigma,
-        "gain": _rms(left.gain or None, units),
-    }
-
-
-def _untestable(one: Untestable, missing: Sequence[Missing]) -> Json:
-    """Why an effect could not be tested, and what to ``add`` where a line or a column would change that."""
-    add = next((m.add for m in missing if one.effect in m.effects), None)
-    return {"effect": one.effect, "why": one.why} | ({} if add is None else {"add": add})
-
-
-def _alternative(other: Alternative) -> Json:
-    out: Json = {"effect": other.effect, "place": list(other.place)}
-    out |= {"probability": other.probability, "log_bayes_factor": other.log_bayes_factor}
-    return out if other.tested else out | {"tested": False}
-
-
-def _quantity(quantity: Quantity) -> Json:
-    return {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}
 
 
 def _summary(fit: FitSummary, units: Mapping[str, str], *, before: bool) -> Json:

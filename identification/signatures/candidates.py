@@ -9,14 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.empirical_forms import empirical_forms
-from truepose.models.driver import Driver
+from truepose.identification.signatures.empirical_forms import empirical_forms, ranges
+from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import PAYLOAD, Machine
+from truepose.models.machine import Machine
+from truepose.models.placed import EffectAtPlace
 
-Cause = tuple[str, tuple[str, ...]]
-"""Slug of an effect and its place."""
 TOGETHER = 0.2
 """Prior share of a slug's places that join several parts, where parts alone are places too."""
 
@@ -53,10 +52,9 @@ class Catalogue:
             self, candidates=(*self.candidates, *added), log_prior=(*log_prior, *[share] * len(added))
         )
 
-    def cause(self, index: int) -> Cause:
-        """What a candidate blames, at whatever settings: slug and place."""
-        placed = self.candidates[index]
-        return placed.effect.slug, placed.place
+    def cause(self, index: int) -> EffectAtPlace:
+        """What a candidate blames, at whatever settings."""
+        return self.candidates[index].at_place
 
     @cached_property
     def smooth(self) -> tuple[int, ...]:
@@ -79,7 +77,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
     found: list[PlacedEffect] = []
     missing: list[Untestable] = []
-    kinds, seen = [effects.get(slug, "catalogue")() for slug in effects], _seen(recording)
+    kinds, seen = [effects.get(slug, "catalogue")() for slug in effects], ranges(recording)
     for effect in kinds:
         slug = effect.slug
         places = [tuple(place) for place in effect.places(machine) if effect.screened(machine, tuple(place))]
@@ -107,12 +105,6 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     labels = {e.label for e in machine.effects}
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
     return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated)
-
-
-def _seen(recording: Recording) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value of each joint in the calibration rows."""
-    rows = recording.q[~recording.validation]
-    return {name: (float(q.min()), float(q.max())) for name, q in zip(recording.joints, rows.T, strict=True)}
 
 
 def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:
@@ -149,11 +141,11 @@ def _log_prior(machine: Machine, found: list[PlacedEffect]) -> tuple[float, ...]
     slugs = {e.effect.slug: e.effect.commonness for e in found}
     shares = {slug: _place_shares({e.place for e in found if e.effect.slug == slug}) for slug in slugs}
     weights = [e.effect.weight(e.settings_map) for e in found]
-    total: dict[tuple[str, tuple[str, ...]], float] = {}
+    total: dict[EffectAtPlace, float] = {}
     for e, weight in zip(found, weights, strict=True):
-        total[e.effect.slug, e.place] = total.get((e.effect.slug, e.place), 0.0) + weight
+        total[e.at_place] = total.get(e.at_place, 0.0) + weight
     return tuple(
-        float(np.log(weight * share * e.effect.likely(machine, e.place) / total[e.effect.slug, e.place]))
+        float(np.log(weight * share * e.effect.likely(machine, e.place) / total[e.at_place]))
         for e, weight in zip(found, weights, strict=True)
         for share in (slugs[e.effect.slug] / sum(slugs.values()) * shares[e.effect.slug][e.place],)
     )

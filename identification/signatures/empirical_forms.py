@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import TIME, Driver
+from truepose.models.driver import Driver
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import (
@@ -26,7 +26,7 @@ from truepose.models.effects.empirical import (
     seen_over,
 )
 from truepose.models.effects.sights import XYZ, point_names
-from truepose.models.machine import FRAMES, PAYLOAD, Machine
+from truepose.models.machine import FRAMES, Machine
 
 Array = NDArray[np.float64]
 SAME = 1e-6
@@ -41,7 +41,7 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     each joint and mount as a curve in the load that it carries (lines of it have names), where the file states weights; each
     sensor of points with a volume that bends.
     """
-    seen = _seen(machine, recording)
+    seen = _varied(recording)
     joints = [name for name in seen if name in machine.mechanism.readings]
     others = [name for name in seen if name not in joints]
     curves: list[Settings] = [seen_over({name: seen[name]}, CURVE) for name in seen]
@@ -60,19 +60,18 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     return tuple(out)
 
 
-def _seen(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value of all that was varied, joints first."""
+def _varied(recording: Recording) -> dict[str, tuple[float, float]]:
+    """Ranges of all that was varied: joints, payload, time, thermometers by name, however the file has its columns."""
+    seen = {name: ends for name, ends in ranges(recording).items() if ends[1] > ends[0]}
+    own = sorted(seen.keys() - set(recording.joints), key=lambda name: (Driver.of(name).thermal, name))
+    return {name: seen[name] for name in (*(n for n in recording.joints if n in seen), *own)}
+
+
+def ranges(recording: Recording) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value of joints and of smooth drivers in the calibration rows."""
     rows = ~recording.validation
-    columns = {name: recording.q[rows, k] for k, name in enumerate(recording.joints)}
-    for name in (PAYLOAD, TIME, *sorted(n for n in recording.drivers if Driver.of(n).thermal)):
-        values = recording.driver(name)
-        if values is not None:
-            columns[name] = values[rows]
-    return {
-        name: (float(np.min(values)), float(np.max(values)))
-        for name, values in columns.items()
-        if np.ptp(values) > 0
-    }
+    columns = recording.columns(smooth=True)
+    return {name: (float(np.min(v[rows])), float(np.max(v[rows]))) for name, v in columns.items()}
 
 
 def _of_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]]:
@@ -113,4 +112,4 @@ def _reach(machine: Machine, recording: Recording) -> float:
     return max((float(np.max(np.abs(values))) for values in told if len(values)), default=1.0) or 1.0
 
 
-__all__ = ["empirical_forms"]
+__all__ = ["empirical_forms", "ranges"]

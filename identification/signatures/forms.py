@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.prediction.spread import FORM_ERROR
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import Driver
+from truepose.models.smooth import chebyshev, scaled
 
 Array = NDArray[np.float64]
 ERROR = FORM_ERROR
@@ -43,11 +43,7 @@ class Forms:
         """Of the signals, over the ranges of the rows ``used`` (n,)."""
         if not signals:
             return cls.none()
-        columns = dict(zip(recording.joints, recording.q.T, strict=True))
-        for name in recording.logged:
-            values = recording.driver(name)
-            if values is not None and (name in ("payload", "time") or Driver.of(name).thermal):
-                columns[name] = values
+        columns = recording.columns(smooth=True)
         varied = {name: values for name, values in columns.items() if np.ptp(values[used]) > 0}
         pairs = [_chebyshev(values, used) for values in varied.values()]
         phi = np.column_stack(pairs) if pairs else np.zeros((len(used), 0))
@@ -70,6 +66,5 @@ class Forms:
 
 def _chebyshev(values: Array, used: NDArray[np.bool_]) -> Array:
     """(n, PAIR) the first two polynomials over the range of the used rows."""
-    low, high = float(values[used].min()), float(values[used].max())
-    t = np.clip(2.0 * (values - low) / (high - low) - 1.0, -1.0, 1.0)
-    return np.column_stack([t, 2.0 * t**2 - 1.0])
+    t = scaled(values, float(values[used].min()), float(values[used].max()))
+    return np.column_stack(chebyshev(np.clip(t, -1.0, 1.0), PAIR)[1:])

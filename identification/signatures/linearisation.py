@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.tolerance_classes import PartClass, part_classes
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
-from truepose.identification.selection.tolerance_classes import PartClass, part_classes
 from truepose.identification.signatures.forms import Forms
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
+from truepose.models.placed import EffectAtPlace
 from truepose.models.states import state_names
 
 Array = NDArray[np.float64]
@@ -88,7 +89,10 @@ class Signatures:
         return other
 
     def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
-        """Gram matrices at a fit, whose effects must be among the candidates; ``order`` (n,) as in ``blocks``."""
+        """Gram matrices at a fit, whose effects must be among the candidates.
+
+        ``order`` (n,) gives effects the drivers of other rows (a placebo).
+        """
         geometry = self._geometry(fit)
         n, forms = len(geometry), self._forms(fit)
         kinds = [channel.kind for channel in self._predictor(fit.effects).channels]
@@ -118,11 +122,11 @@ class Signatures:
         labels = {c.label: k for k, c in enumerate(self.candidates)}
         return [(effect, self.columns[labels[effect.label]]) for effect in fit.fitted_effects()]
 
-    def _causes(self, fit: Estimate) -> dict[tuple[str, tuple[str, ...]], list[int]]:
-        """Candidates of the fit by what they blame: slug and place."""
-        out: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    def _causes(self, fit: Estimate) -> dict[EffectAtPlace, list[int]]:
+        """Candidates of the fit by what they blame."""
+        out: dict[EffectAtPlace, list[int]] = {}
         for effect, at in self._present(fit):
-            out.setdefault((effect.effect.slug, effect.place), []).append(self.columns.index(at))
+            out.setdefault(effect.at_place, []).append(self.columns.index(at))
         return out
 
     def _forms(self, fit: Estimate) -> Forms:
@@ -143,12 +147,9 @@ class Signatures:
         free = fit.prior.free
         return free[free < len(self.machine.parameters)]
 
-    def blocks(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Iterator[Array]:
-        """Blocks (k, free + width + 1) of rows of [J G r] of the fitted readings.
-
-        ``order`` (n,) gives effects the drivers of other rows (a placebo).
-        """
-        for block in self._stacked(fit, Forms.none(), order):
+    def blocks(self, fit: Estimate) -> Iterator[Array]:
+        """Blocks (k, free + width + 1) of rows of [J G r] of the fitted readings."""
+        for block in self._stacked(fit, Forms.none(), None):
             yield block.reshape(-1, block.shape[2])
 
     def _stacked(self, fit: Estimate, forms: Forms, order: NDArray[np.intp] | None) -> Iterator[Array]:

@@ -9,6 +9,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.models.smooth import chebyshev
+
 Array = NDArray[np.float64]
 LINE_END = 2.0
 """Where a line ends, in halves of the range seen: most that is linear goes on, but not for ever."""
@@ -25,7 +27,9 @@ class Source:
     high: float
 
     def within(self, value: ca.SX, end: float = 1.0) -> ca.SX:
-        """The value scaled to -1 ... 1 over the range, and held at -``end`` and ``end`` outside of it."""
+        """The value scaled to -1 ... 1 over the range (an operation less than ``scaled``, for the controller), and held at
+        -``end`` and ``end`` outside of it.
+        """
         return ca.fmax(-end, ca.fmin(end, (2 * value - (self.low + self.high)) / (self.high - self.low)))
 
     def overshoot(self, values: Array) -> Array:
@@ -35,10 +39,8 @@ class Source:
 
 def series(coefficients: Mapping[int, ca.SX], t: ca.SX) -> ca.SX:
     """Sum of c_k T_k(t), T_k the Chebyshev polynomials."""
-    powers = [ca.SX(1), t]
-    for _ in range(2, max(coefficients) + 1):
-        powers.append(2 * t * powers[-1] - powers[-2])
-    return total(c * powers[k] for k, c in coefficients.items())
+    polynomials = chebyshev(t, max(coefficients))
+    return total(c * polynomials[k] for k, c in coefficients.items())
 
 
 def yielding(

@@ -10,10 +10,11 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.models.assembly import frame_of, placed_frame
+from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import drives_joint, own_offset, singly
 from truepose.models.loops import looped
-from truepose.models.machine import PAYLOAD, Machine, Mass
+from truepose.models.machine import Machine, Mass
 from truepose.models.mechanism import AXES, Joint
 from truepose.models.statics import load_scale
 

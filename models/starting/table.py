@@ -85,7 +85,7 @@ class Row:
         return low, high
 
 
-def table_start(path: Path, convention: str, name: str = "") -> Start:
+def table_start(path: Path, convention: str) -> Start:
     """The start of a table file. Raises InputError naming file, row and column."""
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -95,7 +95,7 @@ def table_start(path: Path, convention: str, name: str = "") -> Start:
     rows = _rows(text, path)
     if not convention:
         convention = _stated(rows, path)
-    return start_of(rows, convention, name or path.stem, f"the table {path.name}", str(path))
+    return start_of(rows, convention, path.stem, f"the table {path.name}", str(path))
 
 
 def start_of(rows: Sequence[Row], convention: str, name: str, title: str, where: str) -> Start:

@@ -20,12 +20,13 @@ if _typing.TYPE_CHECKING:
     from truepose.identification.fit.calibrate import calibrate
     from truepose.identification.fit.estimate import estimate
     from truepose.identification.fit.write_machine import write_calibrated
-    from truepose.identification.fringes.load import load_recording
     from truepose.identification.identifiability.analysis import identifiability
+    from truepose.identification.load import load_recording
     from truepose.identification.planning.plan import plan
     from truepose.identification.prediction.predict import predict
-    from truepose.identification.prediction.simulate import parse_effect, simulate
+    from truepose.identification.prediction.simulate import simulate
     from truepose.identification.report.results import diagnosis_json, fit_json
+    from truepose.models.effect_text import parse_effect
     from truepose.models.export.write import export
     from truepose.models.load import load_machine
 
@@ -52,8 +53,8 @@ _HOMES = {
     "identifiability": "truepose.identification.identifiability.analysis",
     "inverse": "truepose.identification.compensation.inverse",
     "load_machine": "truepose.models.load",
-    "load_recording": "truepose.identification.fringes.load",
-    "parse_effect": "truepose.identification.prediction.simulate",
+    "load_recording": "truepose.identification.load",
+    "parse_effect": "truepose.models.effect_text",
     "plan": "truepose.identification.planning.plan",
     "predict": "truepose.identification.prediction.predict",
     "simulate": "truepose.identification.prediction.simulate",

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from support.effects import with_effect
 from truepose.identification.diagnosis.weighed import Weighed
-from truepose.identification.selection.tolerance_classes import PartClass
+from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect

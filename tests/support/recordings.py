@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.recording.recording import JointColumn, Recording, read_recording
+from truepose.identification.recording.file import JointColumn
+from truepose.identification.recording.read import read_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.units import UnitSystem
 
 JOINTS = (JointColumn("s", "mm", (0.0, 100.0)), JointColumn("r", "rad", (-math.pi, math.pi)))

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.fit.estimate import Estimate, estimate
-from truepose.identification.prediction.simulate import parse_effect, simulate
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.identification.signatures.linearisation import Signatures
+from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 

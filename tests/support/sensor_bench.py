@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 
 from support.telescope_legs import FLEXURED
-from truepose.identification.prediction.simulate import parse_effect, simulate, with_inputs
+from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

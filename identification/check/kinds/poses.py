@@ -39,28 +39,25 @@ def poses(rig: Rig, scene: Scene) -> Iterator[Slip]:
         "give the rotation of the tool, not its inverse",
         _turned_back,
     )
+    for says, change in _angles():
+        yield _slip(rig, "rotation-convention", says, "write rotation vectors (axis times angle)", change)
+
+
+def _angles() -> Iterator[tuple[str, Callable[[Array], Array]]]:
+    """Euler's angles in all orders, in words and as what turns them into rotation vectors."""
     orders = [*("".join(order) for order in permutations("xyz")), *_PROPER]
     for fixed in (False, True):
         for order in orders:
-            sequence = order if fixed else order.upper()
             about = "fixed" if fixed else "moving"
-            yield _slip(
-                rig,
-                "rotation-convention",
-                f"rx, ry, rz as angles about {', '.join(order)}, {about} axes",
-                "write rotation vectors (axis times angle)",
-                partial(_euler, sequence, (0, 1, 2)),
-            )
+            says = f"rx, ry, rz as angles about {', '.join(order)}, {about} axes"
+            yield says, partial(_euler, order if fixed else order.upper(), (0, 1, 2))
     # roll, pitch and yaw stand in the columns of their axes, but are applied in another order
     for axes in permutations("xyz"):
         places = tuple("xyz".index(axis) for axis in axes)
         if places != (0, 1, 2):
             product = " ".join(f"R{axis}(r{axis})" for axis in axes)
-            yield _slip(
-                rig,
-                "rotation-convention",
+            yield (
                 f"rx, ry, rz as angles of their axes: {product}",
-                "write rotation vectors (axis times angle)",
                 partial(_euler, "".join(axes).upper(), places),
             )
 

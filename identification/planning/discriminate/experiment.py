@@ -31,9 +31,9 @@ from truepose.identification.planning.discriminate.result import Experiment, Pai
 from truepose.identification.planning.discriminate.rows import Rows, Signals, recording_of, signals
 from truepose.identification.planning.discriminate.targets import Target, with_targets
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import AIR, Driver
+from truepose.models.driver import AIR, PAYLOAD, Driver
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import PAYLOAD, Machine, Mass
+from truepose.models.machine import Machine, Mass
 from truepose.wording import joined
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import UNNAMED
 from truepose.identification.identifiability.note import Note
-from truepose.identification.prediction.simulate import parse_effect
+from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
 from truepose.models.effects.of_rows import OF_ROWS

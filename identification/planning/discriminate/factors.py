@@ -15,10 +15,20 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.identifiability.note import Note
-from truepose.models.driver import AIR, APPROACH, OF_THE_WAY, SESSION, TEMPERATURE, TIME, VELOCITY, Driver
+from truepose.models.driver import (
+    AIR,
+    APPROACH,
+    OF_THE_WAY,
+    PAYLOAD,
+    SESSION,
+    TEMPERATURE,
+    TIME,
+    VELOCITY,
+    Driver,
+)
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.kinematics import driver_default
-from truepose.models.machine import PAYLOAD, Machine
+from truepose.models.machine import Machine
 from truepose.wording import close_matches
 
 Array = NDArray[np.float64]

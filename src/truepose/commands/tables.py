@@ -90,12 +90,13 @@ def simulate(
         from truepose.identification.prediction import simulate as simulation
         from truepose.identification.prediction.predict import unheard
         from truepose.identification.recording.load import load_recording
+        from truepose.models.effect_text import parse_effect
         from truepose.models.load import load_machine
 
         check_file(output)
         with progress("simulating"):
             loaded = load_machine(machine)
-            extra = [simulation.parse_effect(text, loaded) for text in effect or ()]
+            extra = [parse_effect(text, loaded) for text in effect or ()]
             whole = loaded.with_effects((*loaded.effects, *extra))
             rows = load_recording(loaded, [poses], need_observations=False)
             frame = simulation.with_inputs(poses, simulation.simulate(whole, rows, seed=seed))

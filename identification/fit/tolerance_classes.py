@@ -11,8 +11,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from truepose.models.parameters import like_parts
 
+Array = NDArray[np.float64]
+TOLERANCE_DOUBT = 0.6
+"""1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
 INFLATED = ("length", "angle")
 """Kinds whose classes are told apart; all others (frames, sensors, targets) are one class each."""
 ALONE = (*INFLATED, "frame")
@@ -52,3 +58,23 @@ def inflations(classes: Sequence[PartClass]) -> tuple[tuple[float, ...], ...]:
         alone = [k for k, c in enumerate(classes) if c.kind in ALONE]
         out += [tuple(factor if j == k else 1.0 for j in range(len(classes))) for k in alone]
     return tuple(dict.fromkeys(out))
+
+
+def tolerance_cost(inflation: Sequence[float], classes: Sequence[PartClass]) -> float:
+    """Minus the log prior (up to a constant) of one factor of widening for each class of parts.
+
+    All are off together by one factor, at its cost, or each kind by its own; classes by what they differ from it.
+    """
+    doubt = np.log(np.array(inflation, dtype=float)) / TOLERANCE_DOUBT
+    kinds = [doubt[[c.kind == kind for c in classes]] for kind in dict.fromkeys(c.kind for c in classes)]
+    return min(
+        float(0.5 * common**2) + sum(_cheapest(own, common) for own in kinds)
+        for common in {0.0, *doubt.tolist()}
+    )
+
+
+def _cheapest(own: Array, common: float) -> float:
+    """Cost of a kind's classes (in steps of doubt) when the kind is off by one factor of its own beside the common one."""
+    return min(
+        0.5 * float((base - common) ** 2 + np.sum((own - base) ** 2)) for base in {common, *own.tolist()}
+    )

@@ -1,4 +1,4 @@
-"""Rival explanations in every search: the noise is not as stated, or tolerances are not."""
+"""Rival explanations of every movement: the noise is not as stated, or tolerances are not."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.selection.tolerance_classes import PartClass
+from truepose.identification.fit.tolerance_classes import PartClass, tolerance_cost
 
 Array = NDArray[np.float64]
-TOLERANCE_DOUBT = 0.6
-"""1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
 
 
 @dataclass(frozen=True)
-class Point:
+class Scales:
     """A noise scale and an inflation of tolerances per class of parts, with the log of their prior probability."""
 
     noise: float
@@ -34,35 +32,15 @@ class Grid:
     classes: tuple[PartClass, ...]
 
     @cached_property
-    def points(self) -> tuple[Point, ...]:
+    def points(self) -> tuple[Scales, ...]:
         """Every combination: for each noise scale all inflations."""
-        return tuple(Point(k, i, self.log_prior(k, i)) for k in self.noise for i in self.inflation)
+        return tuple(Scales(k, i, self.log_prior(k, i)) for k in self.noise for i in self.inflation)
 
     def log_prior(self, noise: float, inflation: Sequence[float]) -> float:
         """Stated sigmas are mostly right and sometimes far off; tolerances are rarely off by much."""
         step = np.log(noise)
         stated = np.logaddexp(np.log(0.8 / 0.1) - 0.5 * (step / 0.1) ** 2, np.log(0.2) - 0.5 * step**2)
         return float(stated) - tolerance_cost(inflation, self.classes)
-
-
-def tolerance_cost(inflation: Sequence[float], classes: Sequence[PartClass]) -> float:
-    """Minus the log prior (up to a constant) of one factor of widening for each class of parts.
-
-    All are off together by one factor, at its cost, or each kind by its own; classes by what they differ from it.
-    """
-    doubt = np.log(np.array(inflation, dtype=float)) / TOLERANCE_DOUBT
-    kinds = [doubt[[c.kind == kind for c in classes]] for kind in dict.fromkeys(c.kind for c in classes)]
-    return min(
-        float(0.5 * common**2) + sum(_cheapest(own, common) for own in kinds)
-        for common in {0.0, *doubt.tolist()}
-    )
-
-
-def _cheapest(own: Array, common: float) -> float:
-    """Cost of a kind's classes (in steps of doubt) when the kind is off by one factor of its own beside the common one."""
-    return min(
-        0.5 * float((base - common) ** 2 + np.sum((own - base) ** 2)) for base in {common, *own.tolist()}
-    )
 
 
 def noise_scales(rms: float, step: float) -> tuple[float, ...]:

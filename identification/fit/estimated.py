@@ -1,0 +1,194 @@
+"""The result of a fit: constants with their covariance, residuals, and what the readings alone determine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.fit.decomposition import Decomposition
+from truepose.identification.fit.leastsquares import Solution
+from truepose.identification.fit.noise import Scatter, channel_groups
+from truepose.identification.fit.problem import Prior
+from truepose.identification.fit.relinearised import Shrunk
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
+from truepose.shown.result import Shown, frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+UNKNOWN = 1e15
+"""1-sigma, in steps, of a direction that nothing determines."""
+
+
+@dataclass(frozen=True, repr=False)
+class Estimate(Shown):
+    """Result of a fit.
+
+    p (np,) parameters then effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by
+    sigma (NaN where a row cannot be assembled), used (n,) rows that were fitted, weights (n,) of the robust
+    loss, factor: triangular factor of [J r] of the readings, columns scaled by ``prior.scale`` and restricted
+    to ``prior.free``.
+    """
+
+    machine: Machine
+    effects: tuple[PlacedEffect, ...]
+    prior: Prior
+    p: Array
+    x: Array
+    residual: Array
+    used: NDArray[np.bool_]
+    weights: Array
+    factor: Array
+    solution: Solution
+    unassembled: tuple[int, ...]
+    shrunk: Shrunk | None = None
+    """What a linear (biased) estimator knows of itself; it has no prior, and its variance is not J'J's."""
+    levels: int = 0
+    """Unknowns that compared rows share; they cost readings."""
+    lost: NDArray[np.bool_] | None = None
+    """(n, m) channels whose reading was lost, with a residual of zero; None where none was."""
+    parts: tuple[Array, ...] = ()
+    """``factor`` of each sensor's kinds of reading alone, where there are several (``noise.channel_groups``)."""
+
+    def lost_among(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> NDArray[np.bool_] | None:
+        """(k, m) channels of some rows whose reading was lost; None where none was."""
+        return None if self.lost is None else self.lost[rows]
+
+    @property
+    def prior_weight(self) -> Array:
+        """(n,) scale over tolerance of each free entry; 0 without a prior."""
+        free = self.prior.free
+        return np.where(
+            np.isinf(self.prior.sigma[free]), 0.0, self.prior.scale[free] / self.prior.sigma[free]
+        )
+
+    @cached_property
+    def decomposition(self) -> Decomposition:
+        """What readings and prior know of the free entries, in steps of ``prior.scale``: one SVD."""
+        return Decomposition.of(self.factor[:, : len(self.prior.free)], self.prior_weight)
+
+    @property
+    def known(self) -> Decomposition | Shrunk:
+        """Whose root and unknown directions are this estimate's: readings and prior, or a biased estimator."""
+        return self.decomposition if self.shrunk is None else self.shrunk
+
+    @cached_property
+    def scatter(self) -> Scatter:
+        """The noise that the fitted readings were found to have, by sensor and kind of reading."""
+        if not self.used.any():
+            return Scatter((1.0,) * max(len(self.parts), 1))
+        residual, n = self.residual[self.used], len(self.prior.free)
+        groups, taken = [list(range(residual.shape[1]))], [self.effective_parameters]
+        if len(self.parts) > 1 and self.shrunk is None:
+            groups = list(channel_groups(self.machine).values())
+            taken = [float(np.sum((part[:, :n] @ self.decomposition.root) ** 2)) for part in self.parts]
+        levels = [self.levels * len(at) / residual.shape[1] for at in groups]
+        used = [a + b for a, b in zip(taken, levels, strict=True)]
+        return Scatter.of(residual, self.weights[self.used], groups, used)
+
+    @cached_property
+    def root(self) -> Array:
+        """(n_free, k) F, in steps of ``prior.scale``: F F' is the covariance of what is determined, with the noise found."""
+        found, n = self.scatter, len(self.prior.free)
+        if found.as_stated:
+            return self.known.root
+        if self.shrunk is not None:
+            return np.asarray(np.sqrt(found.variance[0]) * self.shrunk.root)
+        pairs = zip(found.variance, self.parts or (self.factor,), strict=True)
+        return self.decomposition.root_with(found.slope, [np.sqrt(v) * part[:, :n] for v, part in pairs])
+
+    @cached_property
+    def posterior(self) -> Array:
+        """(n_free, n_free) covariance if every sigma were as stated and the loss plain."""
+        return self._spread(self.known.root)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(n_free, n_free) covariance with the noise found; directions nothing determines have a variance of 1e30.
+
+        Tolerances are taken as stated; readings as noisy as they were (``truepose.identification.fit.noise``).
+        """
+        return self._spread(self.root)
+
+    def _spread(self, root: Array) -> Array:
+        scale = self.prior.scale[self.prior.free][:, None]
+        out = np.hstack([root, UNKNOWN * self.known.unknown.T]) * scale
+        return np.asarray(out @ out.T)
+
+    @property
+    def std(self) -> Array:
+        """(np,) 1-sigma with the noise found; 0 for what is fixed."""
+        out = np.zeros(len(self.p))
+        out[self.prior.free] = np.sqrt(np.diag(self.covariance))
+        return out
+
+    @property
+    def null_space(self) -> Array:
+        """(k, n_free) directions, in steps of ``prior.scale``, that the readings alone cannot see."""
+        return self.decomposition.null_space
+
+    @property
+    def rank(self) -> int:
+        """How many directions of the free parameters the readings determine."""
+        return self.decomposition.rank
+
+    @property
+    def effective_parameters(self) -> float:
+        """Trace of the readings' share of the information: degrees of freedom that were really used."""
+        return self.known.effective
+
+    @property
+    def n_observations(self) -> int:
+        """Number of fitted readings, less the levels that compared rows share."""
+        return int(np.sum(self.residual[self.used] != 0.0)) - self.levels
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squared whitened residuals of the fitted rows."""
+        return float(np.sum(self.residual[self.used] ** 2))
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """chi2 over readings less effective parameters."""
+        return self.chi2 / max(self.n_observations - self.effective_parameters, 1.0)
+
+    @property
+    def in_tolerances(self) -> Array:
+        """(np,) (estimate - nominal) / drawing tolerance; 0 where the tolerance is zero or infinite."""
+        nominal = np.array([p.nominal for p in self.machine.parameters])
+        tolerance = np.array([p.tolerance for p in self.machine.parameters])
+        ok = (tolerance > 0) & np.isfinite(tolerance)
+        out = np.zeros(len(self.p))
+        out[: len(ok)][ok] = (self.p[: len(ok)][ok] - nominal[ok]) / tolerance[ok]
+        return out
+
+    @property
+    def worst_parameter_sigma(self) -> float:
+        """Largest |estimate - nominal| / tolerance."""
+        return float(np.max(np.abs(self.in_tolerances), initial=0.0))
+
+    def to_frame(self) -> pd.DataFrame:
+        """Free constants, one a row: ``parameter``, ``value``, ``std`` (1-sigma), ``nominal`` (of the drawing), ``unit``,
+        ``tolerance``, ``in_tolerances`` ((value - nominal) / tolerance), ``identifiable``.
+
+        mm, rad; coefficients of effects follow in their own units. std is inf where neither readings nor tolerances hold.
+        """
+        return frame_of(self)
+
+    def fitted_effects(self) -> tuple[PlacedEffect, ...]:
+        """The effects with their estimated coefficients."""
+        offset, out = len(self.machine.parameters), []
+        for effect in self.effects:
+            size = len(effect.coefficients)
+            out.append(effect.with_values(self.p[offset : offset + size].tolist()))
+            offset += size
+        return tuple(out)
+
+
+__all__ = ["Estimate"]

@@ -1,0 +1,128 @@
+"""Recordings from files: every part read and checked, then joined into one `Recording`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truepose.errors import InputError
+from truepose.identification.recording.file import JointColumn, RecordingPart, read_part, written_units
+from truepose.identification.recording.origin import digest_of, recorded_on
+from truepose.identification.recording.recording import IntArray, Recording, frozen
+from truepose.identification.recording.table import Table
+from truepose.models.driver import Driver
+from truepose.models.units import FloatArray, UnitSystem
+
+
+def read_recording(
+    paths: Sequence[Path | str | Table],
+    joints: Sequence[JointColumn],
+    sensor_columns: Mapping[str, str],
+    units: UnitSystem,
+    need_observations: bool = True,
+    *,
+    required: Sequence[str] = (),
+    optional_labels: Sequence[str] = (),
+) -> Recording:
+    """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
+
+    `sensor_columns` maps each column to its internal unit ("mm", "rad", "1"), or to "label" for a text.
+    Without `need_observations` sensor columns may be missing. `required` names further columns that must be
+    there (`from`), `optional_labels` texts to keep when they are. Raises InputError naming file, row and
+    column.
+    """
+    if not paths:
+        raise InputError("found no recording, expected at least one file")
+    asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
+    needed = (*(sensor_columns if need_observations else ()), *required)
+    parts = [read_part(path, joints, asked, units, needed) for path in paths]
+    joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked))
+    return replace(joined, written=written_units(joints, sensor_columns, tuple(joined.drivers), units))
+
+
+def _join(
+    parts: Sequence[RecordingPart], joints: tuple[str, ...], sensor_columns: tuple[str, ...]
+) -> Recording:
+    sizes = [len(part.q) for part in parts]
+    starts = np.cumsum([0, *sizes[:-1]])
+    notes = [note for part in parts for note in part.notes]
+    names = dict.fromkeys(name for part in parts for name in part.drivers)
+    from_rows = [
+        None if p.from_row is None else p.from_row + start for p, start in zip(parts, starts, strict=True)
+    ]
+    has_pose = any(part.pose is not None for part in parts)
+    # where repeats are numbered in another file only, every row here is a pose of its own
+    poses = [np.arange(len(part.q)) if part.pose is None else part.pose for part in parts]
+    return Recording(
+        joints=joints,
+        q=frozen(np.concatenate([part.q for part in parts])),
+        observations=_common(parts, "observations", sensor_columns, notes),
+        labels={
+            name: _labels(parts, name) for name in sensor_columns if any(name in p.labels for p in parts)
+        },
+        drivers=_common(parts, "drivers", tuple(names), notes),
+        files=tuple(part.file for part in parts),
+        source_file=frozen(np.repeat(np.arange(len(parts)), sizes)),
+        source_row=frozen(np.concatenate([np.arange(1, size + 1) for size in sizes])),
+        session=frozen(np.concatenate(_sessions(parts))),
+        session_recorded=frozen(np.repeat([part.session is not None for part in parts], sizes)),
+        validation=frozen(np.concatenate([part.validation for part in parts])),
+        pose=frozen(np.concatenate(poses)) if has_pose else None,
+        time=_if_all([part.time for part in parts], parts, "time", notes),
+        from_row=_if_all(from_rows, parts, "from", notes),
+        notes=tuple(notes),
+        said={n: u for n, u in parts[0].said.items() if all(part.said.get(n) == u for part in parts)},
+        digests=tuple(digest_of(part.file) for part in parts),
+        dates=tuple(recorded_on(part.file) for part in parts),
+    )
+
+
+def _if_all(arrays: Sequence[Any], parts: Sequence[RecordingPart], name: str, notes: list[str]) -> Any:
+    """The arrays end to end, None (with a note) when a file has none."""
+    without = [part.file for part, array in zip(parts, arrays, strict=True) if array is None]
+    if not without:
+        return frozen(np.concatenate(arrays))
+    if len(without) < len(parts):
+        notes.append(f"column {name!r} is not used: {', '.join(without)} has none")
+    return None
+
+
+def _common(
+    parts: Sequence[RecordingPart], group: str, names: Sequence[str], notes: list[str]
+) -> dict[str, FloatArray]:
+    joined = {}
+    for name in names:
+        arrays = [_column(getattr(part, group), name) for part in parts]
+        values = _if_all(arrays, parts, name, notes)
+        if values is not None:
+            joined[name] = values
+    return joined
+
+
+def _column(columns: Mapping[str, FloatArray], name: str) -> FloatArray | None:
+    return columns.get(Driver.of(name).served_by(columns))
+
+
+def _labels(parts: Sequence[RecordingPart], name: str) -> tuple[str, ...]:
+    return tuple(text for part in parts for text in part.labels.get(name, ("",) * len(part.q)))
+
+
+def _sessions(parts: Sequence[RecordingPart]) -> list[IntArray]:
+    """Session numbers of every file; a file without gets the next number nobody recorded."""
+    recorded = [part.session for part in parts if part.session is not None]
+    following = 1 + max((int(numbers.max()) for numbers in recorded), default=0)
+    out = []
+    for part in parts:
+        if part.session is None:
+            out.append(np.full(len(part.q), following, dtype=np.int64))
+            following += 1
+        else:
+            out.append(part.session)
+    return out
+
+
+__all__ = ["read_recording"]
