@@ -45,6 +45,7 @@ FLOORS = (
     ("models.export", "models.schemas", "models.starting"),
     ("codegen",),
     ("codegen.evaluation",),
+    ("identification.prior",),
     ("identification.recording",),
     ("identification.prediction",),
     ("identification.fit",),

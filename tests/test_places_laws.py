@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.linear_models import READINGS, catalogue_of, linear, shifts_of, unit
-from truepose.identification.diagnosis import prior
+from truepose.identification import prior
 from truepose.identification.diagnosis.places import at_places
 from truepose.identification.diagnosis.weighed import Cause, weighed
 from truepose.identification.posterior.mode import State, slot_odds

@@ -10,7 +10,7 @@ import pytest
 
 from support.searched_arm import PLAY, ROWS, SCALE, Case
 from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis import prior
+from truepose.identification import prior
 from truepose.identification.diagnosis import search as searching
 from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
 from truepose.identification.diagnosis.inclusion import inclusion

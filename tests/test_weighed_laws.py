@@ -16,7 +16,7 @@ from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, shifts_of, unit
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import prior
+from truepose.identification import prior
 from truepose.identification.diagnosis.alone import WIDENINGS, flip_inflation, weighed_alone
 from truepose.identification.diagnosis.families import FEWEST, LARGEST, families
 from truepose.identification.diagnosis.model import FEW, WORTH, remainder_shapes

@@ -3,7 +3,7 @@
     python -m challenge.studies.prior_expectations DRAWN [DRAWN ...]
 
 DRAWN are folders of ``python -m challenge --draw`` or ``python -m challenge.mujoco``, with development seeds. Each
-case is diagnosed; no key is read. What ``diagnosis.prior`` says of machines stands beside its expectation under the
+case is diagnosed; no key is read. What ``identification.prior`` says of machines stands beside its expectation under the
 posteriors, averaged over the cases. Where both differ little, the prior says of such machines what these machines say
 themselves.
 """
@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from truepose import diagnose, load_machine, load_recording
-from truepose.identification.diagnosis import engine, prior
+from truepose.identification import prior
+from truepose.identification.diagnosis import engine
 from truepose.identification.diagnosis.families import FEWEST
 from truepose.identification.diagnosis.outcome import Fits, Outcome, concluded
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.posterior.design import stated_log_prior
 from truepose.identification.posterior.mode import State
 from truepose.models.effects.empirical import Empirical
 
@@ -121,7 +121,7 @@ def table(cases: Sequence[Expected]) -> Iterator[str]:
 def _within(share: float) -> float:
     """Prior probability that the noise is off by less than a share: over the values of its grid up to twice the stated one."""
     values = np.exp(np.arange(np.log(prior.NOISE_FROM), np.log(2.0), prior.NOISE_STEP))
-    likely = softmax(np.array(stated_log_prior(values.tolist())))
+    likely = softmax(np.array(prior.noise_log_prior(values.tolist())))
     return float(np.sum(likely[np.abs(np.log(values)) < np.log(1.0 + share)]))
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis import prior
+from truepose.identification import prior
 from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Weighed

@@ -13,19 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis import prior
+from truepose.identification import prior
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import design_with_forms
 from truepose.identification.posterior.marginal import marginal
-from truepose.identification.signatures.forms import ERROR, PAIR
+from truepose.identification.prior import FORM_ERROR, OFF_FORM, POOR
+from truepose.identification.signatures.forms import PAIR
 from truepose.models.parameters import element_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-SHARES = (0.25, 0.5, 1.0)
-"""How far a signal is modulated by one source, as shares of it: the first makes a poor formula, the others another thing."""
-POOR = 0.3
-"""Prior probability that the formula of a thing that is there is poor."""
 FINER = (0, -2, -4, -8)
 """Steps of the noise at which all is weighed: with more freedom it can only be smaller."""
 
@@ -99,8 +96,8 @@ def _gains(found: Found, wanted: Sequence[Sequence[Index]]) -> list[Array]:
     design = design_with_forms(lin, found.catalogue, problem)
     forms = np.arange(design.width - lin.forms, design.width)
     part = design.restricted(np.concatenate([columns, forms]).astype(np.intp))
-    first, scale = len(columns), np.array(SHARES) * np.sqrt(len(lin.sources)) / ERROR
-    plain, best = -np.inf, [np.full((len(own), len(SHARES)), -np.inf) for own in wanted]
+    first, scale = len(columns), np.array(OFF_FORM) * np.sqrt(len(lin.sources)) / FORM_ERROR
+    plain, best = -np.inf, [np.full((len(own), len(OFF_FORM)), -np.inf) for own in wanted]
     for step in (step for step in FINER if min(found.mode.point.noise) + step >= 0):
         point = found.mode.point.louder(step)
         root = marginal(part, problem.weighing.unknowns, problem.weighing.terms, point)
@@ -121,7 +118,7 @@ def _held(gains: Array, odds: float, bent: float = 0.0) -> float:
     if not len(gains):
         return 1.0 / (1.0 + odds)
     if bent > 0.0:
-        shares = np.array([ERROR, *SHARES])
+        shares = np.array([FORM_ERROR, *OFF_FORM])
         likely = -0.5 * (bent / shares) ** 2 - np.log(shares)
         gains = np.vstack([gains, likely[1:] - likely[0]])
     by_share = np.logaddexp.reduce(gains, axis=0) - np.log(len(gains))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis import prior
+from truepose.identification import prior
 from truepose.identification.diagnosis.inclusion import Inclusion
 from truepose.identification.diagnosis.levels import UNKNOWN, Levels, Presence, driver_of, parts_of
 from truepose.identification.diagnosis.likeness import forms_hold

@@ -18,9 +18,9 @@ from truepose.identification.diagnosis.proof import prove
 from truepose.identification.diagnosis.result import WHOLE, Applied, Proof
 from truepose.identification.diagnosis.search import Found, chosen
 from truepose.identification.diagnosis.summary import SURE, Summary, summarised, verdict
-from truepose.identification.diagnosis.weighed import WIDE
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import summarise
+from truepose.identification.prior import STATED
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -108,7 +108,7 @@ def _known(found: Found, summary: Summary) -> list[str]:
 
 def _likeliest(fits: Fits, found: Found) -> Model:
     """Where no minimum is found with the likeliest set, the fit of the last expansion point stands, and what it holds."""
-    accepted = dict.fromkeys(found.catalogue.stated, WIDE) | chosen(found.weighed, found.mode)
+    accepted = dict.fromkeys(found.catalogue.stated, STATED) | chosen(found.weighed, found.mode)
     shapes = remainder_shapes(found)
     if not accepted and not shapes:
         return Model(accepted, (), fits.before)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis import prior
+from truepose.identification import prior
 from truepose.identification.diagnosis.weighed import Cause, Weighed
 from truepose.identification.posterior.marginal import Marginal
 from truepose.identification.posterior.mode import State, slot_odds

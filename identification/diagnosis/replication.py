@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from truepose.identification.diagnosis import prior
+from truepose.identification import prior
 from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.result import Replication
 from truepose.identification.diagnosis.search import Found

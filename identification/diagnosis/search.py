@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis import prior
-from truepose.identification.diagnosis.weighed import WIDE, Weighed, weighed
+from truepose.identification import prior
+from truepose.identification.diagnosis.weighed import Weighed, weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
 from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, climbed, mode, sample
@@ -51,7 +51,7 @@ class Found:
 
 def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Found:
     """From the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary whitened residual."""
-    state = _Expansion(signatures, cat, null, dict.fromkeys(cat.stated, WIDE), exclude, rms)
+    state = _Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
     first = state.problem, state.linearisation
     for k in range(CLIMBS):
         if k and not state.short:
@@ -105,7 +105,7 @@ class _Expansion:
 
     def moved(self, best: State) -> _Expansion | None:
         """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
-        wanted = dict.fromkeys(self.catalogue.stated, WIDE) | chosen(self.problem, best)
+        wanted = dict.fromkeys(self.catalogue.stated, prior.STATED) | chosen(self.problem, best)
         cat, signatures = self.catalogue, self.signatures
         finer = refined(signatures.machine, cat, wanted) if self._refined < REFINED else cat
         if set(wanted) == set(self.accepted) and finer is cat:

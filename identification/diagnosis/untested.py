@@ -22,7 +22,7 @@ from truepose.identification.diagnosis.levels import Levels, parts_of
 from truepose.identification.diagnosis.naming import SHOWN, Member, Named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause
-from truepose.identification.signatures.forms import ERROR
+from truepose.identification.prior import FORM_ERROR
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.identification.signatures.untestable import GRAVITY
 from truepose.models.effects.base import PlacedEffect, effects
@@ -143,7 +143,7 @@ def _worth(found: Found, own: Sequence[int], lin: Linearisation, left: Array, pl
     (column,) = lin.indices([labels[placed.label]])
     length = float(left[column, column])
     alike = float(left[column] @ signal) ** 2 / max(energy * length, 1e-300) if length > 0.0 else 0.0
-    return float(np.exp(-0.5 * (1.0 - min(alike, 1.0)) * energy / (1.0 + ERROR**2 * energy)))
+    return float(np.exp(-0.5 * (1.0 - min(alike, 1.0)) * energy / (1.0 + FORM_ERROR**2 * energy)))
 
 
 def _prior_ratio(found: Found, name: Named, joints: int, commonness: float) -> float:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from truepose.identification.diagnosis import prior
+from truepose.identification import prior
 from truepose.identification.diagnosis.families import families
 from truepose.identification.fit.tolerance_classes import PartClass, inflations, tolerance_cost
-from truepose.identification.posterior.design import Always, Axis, Design, Unknowns, stated_log_prior
+from truepose.identification.posterior.design import Always, Axis, Design, Unknowns
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.weighing import Weighing
 from truepose.identification.signatures.candidates import Catalogue
@@ -22,8 +22,6 @@ from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]
-WIDE = 100.0
-"""1-sigma of the coefficients of what the machine file states already, in scales."""
 FAINT = 0.3
 """Information, in units of its prior's, below which a direction of the errors of form is left out."""
 FLAT = 0.1
@@ -143,7 +141,7 @@ def _design(
     mixed[:-1, -1], mixed[-1, -1] = lin.departure, -1.0
     picked = np.concatenate([fixed, n + np.arange(width + bent)]).astype(np.intp)
     sigma = np.concatenate(
-        [_sigma(lin.weight), np.full(len(stated), WIDE), np.ones(bend.shape[1] + turn.shape[1])]
+        [_sigma(lin.weight), np.full(len(stated), prior.STATED), np.ones(bend.shape[1] + turn.shape[1])]
     )
     numbers = [classes.index(part) for part in lin.parts]
     part = np.array([*numbers, *[-1] * (len(sigma) - n)], dtype=np.intp)
@@ -170,7 +168,7 @@ def _unknowns(lin: Linearisation, classes: Sequence[PartClass], rms: float, dire
     noise = np.exp(
         np.arange(np.log(prior.NOISE_FROM), np.log(top) + prior.NOISE_STEP, prior.NOISE_STEP)
     ).tolist()
-    axis = Axis(tuple(noise), stated_log_prior(noise))
+    axis = Axis(tuple(noise), prior.noise_log_prior(noise))
     stated = (1.0,) * len(classes)
     wide = [w for w in dict.fromkeys([*inflations(classes), (prior.NARROWER,) * len(classes)]) if w != stated]
     widening = (stated, *wide) if classes else ((),)

@@ -25,7 +25,8 @@ from truepose.identification.drift.scales import Grid, Scales, log_gains, noise_
 from truepose.identification.drift.sessions import Linear
 from truepose.identification.fit.decomposition import ROUNDING
 from truepose.identification.fit.problem import Prior
-from truepose.identification.fit.tolerance_classes import INFLATED, INFLATIONS, PartClass
+from truepose.identification.fit.tolerance_classes import INFLATED, PartClass
+from truepose.identification.prior import INFLATIONS
 
 Array = NDArray[np.float64]
 SIZES = np.geomspace(1e-6, 3.0, 27)

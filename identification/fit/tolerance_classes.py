@@ -14,16 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.prior import INFLATIONS, TOLERANCE_DOUBT
 from truepose.models.parameters import like_parts
 
 Array = NDArray[np.float64]
-TOLERANCE_DOUBT = 0.6
-"""1-sigma, in the log, of how far the tolerances of a kind of parts are misstated."""
 INFLATED = ("length", "angle")
 """Kinds whose classes are told apart; all others (frames, sensors, targets) are one class each."""
 ALONE = (*INFLATED, "frame")
 """Kinds that may be misstated alone; gains, sensors and targets come with instruments, each with a paper of its own."""
-INFLATIONS = (1.0, 2.0, 4.0)
 FEW = 4
 """Parameters that a class needs to stand on its own; smaller ones share the rest of their kind."""
 

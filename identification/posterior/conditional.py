@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from truepose.identification.posterior.marginal import Marginal
 from truepose.identification.posterior.terms import SameSize
+from truepose.identification.prior import BOUND_DOUBT, Sizes
 
 Array = NDArray[np.float64]
-BOUND_DOUBT = 0.2
-"""1-sigma, in the log, of how far physical bounds are known: a driver is logged beside where it acts, a unit is wrong."""
 WIDE = 12
 """Columns beyond which eigenvalues cost more than a factor for each size."""
 LARGEST_COST = 50.0
 """The most that a coefficient beyond its bound costs in the log."""
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """Sizes (s,) that coefficients may have, in units of the largest expected one, with the log prior of each."""
-
-    values: Array
-    log_prior: Array
 
 
 def log_gains(marginal: Marginal, sizes: Sizes, wanted: NDArray[np.bool_]) -> Array:

@@ -8,13 +8,14 @@ functions whose size tau nobody knows. G: columns of the terms. Only Gram matric
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from truepose.identification.prior import RATIO_DOUBT
 
 Array = NDArray[np.float64]
 UNSEEN = 1e-9
@@ -138,21 +139,6 @@ class Unknowns:
     def log_prior(self, point: GridPoint) -> float:
         """Of a point; the first noise is paid by how far it is from stated, others by how far they are from the first."""
         steps = np.log(self.scales(point))
-        apart = [ratio_log_prior(float(step)) for step in steps[1:] - steps[0]]
-        own = self.noise[0].log_prior[point.noise[0]] + sum(apart)
+        apart = float(np.sum(RATIO_DOUBT.log_prior(steps[1:] - steps[0])))
+        own = self.noise[0].log_prior[point.noise[0]] + apart
         return own + self.log_widening[point.widening] + self.size.log_prior[point.remainder]
-
-
-def ratio_log_prior(step: float) -> float:
-    """Kinds of channel come from one instrument: their sigmas are mostly off by one factor, and sometimes each by its own."""
-    together = np.log(0.7 / 0.1) - 0.5 * (step / 0.1) ** 2
-    apart = np.log(0.3 / 0.6) - 0.5 * (step / 0.6) ** 2
-    return float(np.logaddexp(together, apart))
-
-
-def stated_log_prior(values: Sequence[float]) -> tuple[float, ...]:
-    """Stated sigmas are mostly right and sometimes far off."""
-    step = np.log(values)
-    right = np.log(0.7 / 0.1) - 0.5 * (step / 0.1) ** 2
-    off = np.log(0.3 / 0.8) - 0.5 * (step / 0.8) ** 2
-    return tuple(np.logaddexp(right, off).tolist())

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.posterior.design import GridPoint, Unknowns
-from truepose.identification.posterior.sampler import Reach, Richness
+from truepose.identification.posterior.sampler import Reach
 from truepose.identification.posterior.weighing import Member, Members, Weighing
+from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
 ROUNDS = 30

@@ -18,8 +18,9 @@ from truepose.identification.posterior.mode import (
     log_posterior,
     plausible,
 )
-from truepose.identification.posterior.sampler import Chain, Richness, Sweep
+from truepose.identification.posterior.sampler import Chain, Sweep
 from truepose.identification.posterior.weighing import Members, Weighing
+from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
 AGREED = 0.02

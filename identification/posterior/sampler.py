@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -25,34 +24,11 @@ from scipy.special import logsumexp
 
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.weighing import Conditional, Member, Members, Weighing
+from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
 OTHERS = 3
 """Other values of an axis of the grid that are weighed when a slot is drawn together with it."""
-
-
-@dataclass(frozen=True)
-class Richness:
-    """How many effects machines have: levels of the probability that a slot is filled, the log prior of each, and the slots."""
-
-    filled: tuple[float, ...]
-    log_prior: tuple[float, ...]
-    slots: int
-
-    def log_weights(self, number: int) -> Array:
-        """(r,) log posterior of each level for a number of members."""
-        p = np.array(self.filled)
-        out: Array = np.array(self.log_prior) + number * np.log(p) + (self.slots - number) * np.log1p(-p)
-        return out
-
-    @cached_property
-    def log_totals(self) -> Array:
-        """(slots + 2,) log prior of certain slots being filled, for each number of them and one more, levels summed."""
-        return np.array([logsumexp(self.log_weights(number)) for number in range(self.slots + 2)])
-
-    def slot(self, number: int) -> float:
-        """Log prior odds of a certain slot being filled beside ``number`` full ones."""
-        return float(self.log_totals[number + 1] - self.log_totals[number])
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,11 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.posterior.conditional import Sizes, log_gains, plausibility
+from truepose.identification.posterior.conditional import log_gains, plausibility
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.marginal import Marginal, marginal
 from truepose.identification.posterior.terms import Terms
+from truepose.identification.prior import Sizes
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

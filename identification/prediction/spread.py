@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prior import FORM_ERROR
 from truepose.models.driver import PAYLOAD
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import Empirical
@@ -23,8 +24,6 @@ from truepose.models.machine import Machine
 from truepose.models.sensors.base import Sensor
 
 Array = NDArray[np.float64]
-FORM_ERROR = 0.1
-"""1-sigma of a formula's deviation, as a share of its signal."""
 LEAST_RANGE = 1e-6
 """Half of a range that is taken for a driver that was never varied."""
 

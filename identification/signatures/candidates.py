@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.empirical_forms import empirical_forms, ranges
 from truepose.models.driver import PAYLOAD, Driver
@@ -15,9 +16,6 @@ from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 from truepose.models.placed import EffectAtPlace
-
-TOGETHER = 0.2
-"""Prior share of a slug's places that join several parts, where parts alone are places too."""
 
 
 @dataclass(frozen=True)

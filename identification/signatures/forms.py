@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.prediction.spread import FORM_ERROR
+from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
 from truepose.models.smooth import chebyshev, scaled
 
 Array = NDArray[np.float64]
-ERROR = FORM_ERROR
 PAIR = 2
 """Modulations of a source: its first two polynomials."""
 Signal = tuple[NDArray[np.intp], Array]
@@ -48,7 +47,7 @@ class Forms:
         pairs = [_chebyshev(values, used) for values in varied.values()]
         phi = np.column_stack(pairs) if pairs else np.zeros((len(used), 0))
         total = np.sqrt(max(float(np.mean(np.sum(phi[used] ** 2, axis=1))), 1e-300)) if pairs else 1.0
-        return cls(ERROR * phi / total, tuple(signals), tuple(varied))
+        return cls(FORM_ERROR * phi / total, tuple(signals), tuple(varied))
 
     @property
     def width(self) -> int:

@@ -1,0 +1,184 @@
+"""The one table of prior numbers: what is likely of machines, instruments and catalogues before any reading is seen.
+
+Every number says what it means and where it is from. Three kinds of origin:
+
+* *chosen*: set before anything was examined with it, by judgement, and not moved since;
+* *fitted*: moved until simulated machines of development seeds came out right; none on an examination or a real recording;
+* a source, where the field has one.
+
+All are for all machines. Limits at which something is *said* are no priors; they stand in the modules that say it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The slab: widths (s,) that coefficients may have, in units of the largest expected one, with the log prior of each."""
+
+    values: Array
+    log_prior: Array
+
+
+@dataclass(frozen=True)
+class Richness:
+    """How many effects machines have: levels of the probability that a slot is filled, the log prior of each, and the slots.
+
+    The level is integrated out, so the number of effects adapts to the machine (Scott and Berger 2010, Ann. Statist. 38:2587).
+    """
+
+    filled: tuple[float, ...]
+    log_prior: tuple[float, ...]
+    slots: int
+
+    def log_weights(self, number: int) -> Array:
+        """(r,) log posterior of each level for a number of members."""
+        p = np.array(self.filled)
+        out: Array = np.array(self.log_prior) + number * np.log(p) + (self.slots - number) * np.log1p(-p)
+        return out
+
+    @cached_property
+    def log_totals(self) -> Array:
+        """(slots + 2,) log prior of certain slots being filled, for each number of them and one more, levels summed."""
+        return np.array([logsumexp(self.log_weights(number)) for number in range(self.slots + 2)])
+
+    def slot(self, number: int) -> float:
+        """Log prior odds of a certain slot being filled beside ``number`` full ones."""
+        return float(self.log_totals[number + 1] - self.log_totals[number])
+
+
+# -- how many effects, and which ----------------------------------------------------------------------------
+
+RICHNESS = Richness((0.02, 0.08, 0.3), tuple(np.log([0.5, 0.35, 0.15]).tolist()), 24)
+"""Simple, usual and rich machines: 0.5, 2 and 7 effects are expected. Chosen."""
+UNNAMED_SHARE = 0.2
+"""Probability that something that is there has no name in the catalogue. Chosen."""
+FAMILY_SHARE = 0.2
+"""Probability that an effect which is there acts at all its places, where it has three or more. Chosen."""
+IN_FAMILY = 0.5
+"""Probability that a place of a family that is there has the effect, before its own amplitude is seen. Chosen: no knowledge."""
+FURTHER = 0.5
+"""Probability that a cause which is there has a further term (another harmonic, another form). Chosen: no knowledge."""
+TOGETHER = 0.2
+"""Prior share of an effect's places that join several parts, where parts alone are places too. Chosen."""
+REMAINDER = 0.5
+"""Probability that there is a smooth remainder (model discrepancy) beside all effects. Chosen: no knowledge."""
+
+# -- how large they are -------------------------------------------------------------------------------------
+
+_SIZES = np.geomspace(1e-3, 10.0, 9)
+RARER = 2.0
+"""Beyond the largest expected size, ten times larger is a hundred times rarer: a power of this order. Chosen."""
+_SHARES = np.minimum(1.0, _SIZES**-RARER)
+SIZES = Sizes(_SIZES, np.log(_SHARES / np.sum(_SHARES)))
+"""Every size up to the largest expected one is as likely, a factor of about three apart. Chosen."""
+STATED = 100.0
+"""1-sigma, in expected sizes, of the coefficients of what the machine file states already: hardly any prior. Chosen."""
+BOUND_DOUBT = 0.2
+"""1-sigma, in the log, of how far physical bounds are known: drivers are logged beside where they act. Chosen."""
+REMAINDER_FROM, REMAINDER_STEP = 0.25, 2.0
+"""Smallest rms of the remainder in stated sigmas, and the factor between its sizes. Chosen: steps of a grid."""
+
+
+def beyond_usual(size: float) -> float:
+    """How many times rarer an effect of this size (in units of the largest usual one) is than of a usual size."""
+    return float(max(size, 1.0) ** RARER)
+
+
+# -- whether a formula holds --------------------------------------------------------------------------------
+
+FORM_ERROR = 0.1
+"""1-sigma of a formula's deviation, as a share of its signal: closed forms of springs and screws hold to some percent.
+
+Chosen."""
+POOR = 0.3
+"""Probability that the formula of a thing that is there is poor: off by ``OFF_FORM[0]`` of its signal. Chosen."""
+OFF_FORM = (0.25, 0.5, 1.0)
+"""How far a signal is off its formula along one driver: the first makes a poor formula, the others another thing. Chosen."""
+ONLY_ALIKE, PART_OF_IT = 0.3, 1.0
+"""Odds that what looks like an effect is something else, of another form: by itself, and beside something without a name.
+
+Fitted."""
+
+# -- how good the stated sigmas are -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """How far a stated number is off, in the log: a mixture of two normals about 0, ``right`` the share of the narrow one."""
+
+    right: float
+    narrow: float
+    wide: float
+
+    def log_prior(self, step: Array | float) -> Array:
+        """Of steps in the log, up to a constant."""
+        narrow = np.log(self.right / self.narrow) - 0.5 * (np.asarray(step) / self.narrow) ** 2
+        wide = np.log((1.0 - self.right) / self.wide) - 0.5 * (np.asarray(step) / self.wide) ** 2
+        return np.asarray(np.logaddexp(narrow, wide))
+
+
+SIGMA_DOUBT = Doubt(0.7, 0.1, 0.8)
+"""A stated sigma is mostly right to 10 %, and sometimes off by a factor of two and more. Chosen."""
+RATIO_DOUBT = Doubt(0.7, 0.1, 0.6)
+"""Kinds of reading come from one instrument: mostly off by one factor, sometimes each by its own. Chosen."""
+NOISE_FROM, NOISE_STEP = 0.6, 0.1
+"""Smallest noise in stated sigmas, and steps of it in the log. Chosen: steps of a grid."""
+
+# -- how good the stated tolerances are ---------------------------------------------------------------------
+
+TOLERANCE_DOUBT = 0.6
+"""1-sigma, in the log, of how far the tolerances of a kind of parts are misstated. Chosen."""
+INFLATIONS = (1.0, 2.0, 4.0)
+"""How many times wider than stated the tolerances of a class of parts may be. Chosen: steps of a grid."""
+NARROWER = 0.5
+"""Tolerances may also be stated too wide, all together. Chosen: a step of a grid."""
+
+
+def noise_log_prior(values: Sequence[float]) -> tuple[float, ...]:
+    """Log prior of noise scales, in stated sigmas."""
+    return tuple(SIGMA_DOUBT.log_prior(np.log(values)).tolist())
+
+
+__all__ = [
+    "BOUND_DOUBT",
+    "FAMILY_SHARE",
+    "FORM_ERROR",
+    "FURTHER",
+    "INFLATIONS",
+    "IN_FAMILY",
+    "NARROWER",
+    "NOISE_FROM",
+    "NOISE_STEP",
+    "OFF_FORM",
+    "ONLY_ALIKE",
+    "PART_OF_IT",
+    "POOR",
+    "RARER",
+    "RATIO_DOUBT",
+    "REMAINDER",
+    "REMAINDER_FROM",
+    "REMAINDER_STEP",
+    "RICHNESS",
+    "SIGMA_DOUBT",
+    "SIZES",
+    "STATED",
+    "TOGETHER",
+    "TOLERANCE_DOUBT",
+    "UNNAMED_SHARE",
+    "Doubt",
+    "Richness",
+    "Sizes",
+    "beyond_usual",
+    "noise_log_prior",
+]
