@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.fit.tolerance_classes import PartClass, tolerance_cost
+from truepose.identification.prior import SIGMA_DOUBT
 
 Array = NDArray[np.float64]
 
@@ -38,9 +39,7 @@ class Grid:
 
     def log_prior(self, noise: float, inflation: Sequence[float]) -> float:
         """Stated sigmas are mostly right and sometimes far off; tolerances are rarely off by much."""
-        step = np.log(noise)
-        stated = np.logaddexp(np.log(0.8 / 0.1) - 0.5 * (step / 0.1) ** 2, np.log(0.2) - 0.5 * step**2)
-        return float(stated) - tolerance_cost(inflation, self.classes)
+        return float(SIGMA_DOUBT.log_prior(np.log(noise))) - tolerance_cost(inflation, self.classes)
 
 
 def noise_scales(rms: float, step: float) -> tuple[float, ...]:
