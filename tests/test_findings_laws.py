@@ -14,7 +14,7 @@ from support.effect_machines import read_machines
 from support.effects import with_effect
 from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
 from truepose.identification.diagnosis.inclusion import Inclusion
-from truepose.identification.diagnosis.naming import Member, Named, _told_once, as_named
+from truepose.identification.diagnosis.naming import Named, Rival, _told_once, as_named
 from truepose.identification.diagnosis.remainder import _form
 from truepose.identification.diagnosis.result import UNNAMED, Replication
 from truepose.identification.diagnosis.weighed import Cause
@@ -53,9 +53,9 @@ def fitted(cat: Catalogue, std: float = 0.1) -> Estimate:
 
 
 RIVALS = (
-    Member(Cause("zero-shift", ("q3",)), 0.2, 14.0),
-    Member(Cause("joint-compliance", ("q2",)), 0.15, 13.0),
-    Member(Cause("empirical", ("q2",)), 0.05, 12.0),
+    Rival(Cause("zero-shift", ("q3",)), 0.2, 14.0),
+    Rival(Cause("joint-compliance", ("q2",)), 0.15, 13.0),
+    Rival(Cause("empirical", ("q2",)), 0.05, 12.0),
 )
 
 

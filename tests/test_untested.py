@@ -12,7 +12,7 @@ import pytest
 from support.searched_arm import Case
 from truepose.identification.diagnosis.findings import finding
 from truepose.identification.diagnosis.levels import Levels
-from truepose.identification.diagnosis.naming import Member, Named
+from truepose.identification.diagnosis.naming import Named, Rival
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.summary import summarised
 from truepose.identification.diagnosis.untested import beside_untested, without_untested
@@ -82,7 +82,7 @@ def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(tmp_path: Path) -> None
 def test_what_could_not_be_tested_is_told_and_not_guessed(tmp_path: Path) -> None:
     """A name that an untested deflection outweighs is said as a place under load, not as a law."""
     found, name = blamed(case(tmp_path, stated=False), "encoder-eccentricity")
-    rival = Member(Cause("joint-compliance", ("q2",)), 0.9, 0.0, tested=False)
+    rival = Rival(Cause("joint-compliance", ("q2",)), 0.9, 0.0, tested=False)
     weak = replace(name, probability=0.06, equivalents=(rival,))
     (said,) = without_untested(found, [weak])
     assert (said.cause, said.probability, said.tested) == (Cause("empirical", ("q2",)), 0.0, False)

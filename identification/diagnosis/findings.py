@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.naming import Member, Named
+from truepose.identification.diagnosis.naming import Named, Rival
 from truepose.identification.diagnosis.result import (
     UNNAMED,
     Alternative,
@@ -88,7 +88,7 @@ def lead(one: Named) -> Lead:
     return Lead(one.cause.effect, one.cause.place, one.levels, one.probability)
 
 
-def _alternative(cat: Catalogue, member: Member) -> Alternative:
+def _alternative(cat: Catalogue, member: Rival) -> Alternative:
     """Another explanation of a class; families at all their places."""
     slug = member.cause.effect
     if slug == Empirical.slug:

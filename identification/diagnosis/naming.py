@@ -31,7 +31,7 @@ TOLD = 1.0
 
 
 @dataclass(frozen=True)
-class Member:
+class Rival:
     """Another explanation of a class: its cause, how probable it is, the log Bayes factor of it in the slot; whether it could
     be tested."""
 
@@ -54,7 +54,7 @@ class Named:
     candidates: tuple[int, ...]
     probability: float
     certainty: float
-    equivalents: tuple[Member, ...]
+    equivalents: tuple[Rival, ...]
     gain: float = 0.0
     family: str = ""
     levels: Levels = UNKNOWN
@@ -172,7 +172,7 @@ def _beside_alike(one: Named, gain: float, held: float) -> Named:
     alike = (1.0 - held) * one.probability
     if alike > SHOWN:
         cause = Cause(Empirical.slug, one.cause.place)
-        members.append(Member(cause, alike, gain + float(np.log((1.0 - held) / held))))
+        members.append(Rival(cause, alike, gain + float(np.log((1.0 - held) / held))))
     return replace(
         one,
         probability=held * one.probability,
@@ -230,7 +230,7 @@ def _single(found: Found, said: Inclusion, number: int) -> list[Named]:
     certainty = min(1.0, own + sum(row[k] for k in rivals if problem.causes[k].effect != Empirical.slug))
     kept = float(min(1.0, max(1.0 - own, 0.0) / others)) if others > 0.0 else 1.0
     shown = tuple(
-        Member(rival, kept * share, float(np.log(share / max(row[number], 1e-9))))
+        Rival(rival, kept * share, float(np.log(share / max(row[number], 1e-9))))
         for k in rivals
         for rival, share in _told(said, problem.causes[k], float(min(row[k], 1.0)))
     )
@@ -273,7 +273,7 @@ def _of_family(found: Found, said: Inclusion, number: int) -> list[Named]:
     return out
 
 
-def _rivals(found: Found, said: Inclusion, number: int, single: Cause) -> tuple[Member, ...]:
+def _rivals(found: Found, said: Inclusion, number: int, single: Cause) -> tuple[Rival, ...]:
     """Causes in the stead of a family's place: alone, the family being there, or in another family that may be."""
     problem, posterior = found.weighed, found.posterior
     own = (single.effect, single.place)
@@ -287,7 +287,7 @@ def _rivals(found: Found, said: Inclusion, number: int, single: Cause) -> tuple[
                 shares[cause] = shares.get(cause, 0.0) + float(share) * at.probability
     likely = sorted(((p, c) for c, p in shares.items() if p > SHOWN), key=lambda each: -each[0])
     mine = max(said.of(single), 1e-9)
-    return tuple(Member(cause, p, float(np.log(p / mine))) for p, cause in likely[:CLASS_LIMIT])
+    return tuple(Rival(cause, p, float(np.log(p / mine))) for p, cause in likely[:CLASS_LIMIT])
 
 
 def _places(found: Found, wanted: Collection[int]) -> NDArray[np.intp]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.levels import Levels, parts_of
-from truepose.identification.diagnosis.naming import SHOWN, Member, Named
+from truepose.identification.diagnosis.naming import SHOWN, Named, Rival
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.prior import FORM_ERROR
@@ -62,7 +62,7 @@ def _outweighed(name: Named) -> bool:
 
 
 def _lawless(found: Found, name: Named) -> Named:
-    itself = Member(name.cause, name.probability, name.gain)
+    itself = Rival(name.cause, name.probability, name.gain)
     driver = sum(m.probability for m in name.equivalents if not m.tested)
     return replace(
         name,
@@ -158,7 +158,7 @@ def _with_rivals(found: Found, name: Named, odds: dict[tuple[str, ...], float]) 
     kept, parts = 1.0 / (1.0 + total), set(parts_of(machine, name.cause.effect, name.cause.place))
     here = sum(worth for place, worth in odds.items() if parts & set(parts_of(machine, COMPLIANCE, place)))
     rivals = [
-        Member(Cause(COMPLIANCE, place), name.probability * worth * kept, name.gain, tested=False)
+        Rival(Cause(COMPLIANCE, place), name.probability * worth * kept, name.gain, tested=False)
         for place, worth in odds.items()
         if name.probability * worth * kept > SHOWN
     ]
