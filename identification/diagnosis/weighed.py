@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -78,11 +78,11 @@ class Weighed:
     remainder: Array
 
 
-def weighed(lin: Linearisation, cat: Catalogue, rms: float, impossible: Collection[int] = ()) -> Weighed:
+def weighed(lin: Linearisation, cat: Catalogue, rms: float) -> Weighed:
     """``rms`` of the whitened residual of the ordinary fit bounds the noise and the remainder."""
     nameless = np.array(lin.indices(cat.smooth), dtype=np.intp)
     turn = _remainder(lin, cat, nameless)
-    members, causes, terms = _terms(cat, lin, impossible)
+    members, causes, terms = _terms(cat, lin)
     classes = tuple(dict.fromkeys(lin.parts))
     weighing = Weighing(
         _design(lin, cat, classes, nameless, turn),
@@ -182,10 +182,10 @@ def _unknowns(lin: Linearisation, classes: Sequence[PartClass], rms: float, dire
 
 
 def _terms(
-    cat: Catalogue, lin: Linearisation, impossible: Collection[int]
+    cat: Catalogue, lin: Linearisation
 ) -> tuple[tuple[tuple[int, ...], ...], tuple[Cause, ...], tuple[Term, ...]]:
     """Candidates of each term, causes, terms: every candidate alone, and families."""
-    free = [i for i in range(len(cat.candidates)) if i not in cat.stated and i not in impossible]
+    free = [i for i in range(len(cat.candidates)) if i not in cat.stated]
     alone = _shares(cat, free)
     members: list[tuple[int, ...]] = [(i,) for i in free]
     found, odds = [Cause(*cat.cause(i)) for i in free], [alone[i] for i in free]

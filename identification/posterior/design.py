@@ -74,7 +74,7 @@ class Design:
 
 @dataclass(frozen=True)
 class Axis:
-    """Values of one unknown, in rising order or any other, with the log prior of each; ``near``: neighbours are alike."""
+    """Values of one unknown, with the log prior of each."""
 
     values: tuple[float, ...]
     log_prior: tuple[float, ...]
