@@ -4,10 +4,10 @@ Coefficients are integrated out, so a state is a set of terms with their sizes (
 grid of nuisance parameters: noise, widening of tolerances, remainder. A machine has a number of slots, each empty (the
 spike) or holding one term; how likely a slot is filled is integrated out, too. One sweep
 
-* draws every slot anew from its full conditional over all terms at all sizes, or none of them;
-* exchanges two full slots at once (Metropolis and Hastings), so that a pair may become another pair;
-* draws one slot together with each coordinate of the grid: what a term explains and what noise, tolerances or the
-  remainder explain are rivals, and change places in one step.
+* draws every slot anew from its full conditional over all terms at all sizes, or none of them; some slots together with a
+  coordinate of the grid: what a term explains and what noise, tolerances or the remainder explain are rivals, and change
+  places in one step;
+* exchanges two full slots at once (Metropolis and Hastings), so that a pair may become another pair.
 
 Inclusion probabilities are Rao-Blackwellised: each visit of a slot counts its full conditional, not what was drawn.
 """
@@ -20,14 +20,16 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import softmax
 
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.weighing import Conditional, Member, Members, Weighing
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
-OTHERS = 3
+JOINT = 0.3
+"""Share of the slots that are drawn together with a coordinate of the grid."""
+OTHERS = 4
 """Other values of an axis of the grid that are weighed when a slot is drawn together with it."""
 
 
@@ -72,20 +74,27 @@ class Chain:
         for _ in range(number):
             visits = tuple(self._each_slot())
             self._exchange()
-            self._with_grid(self._near())
             yield Sweep(tuple(self.members), self.point, visits)
 
     def _each_slot(self) -> Iterator[Visit]:
         """Every slot drawn anew, full or empty, in an order that does not depend on what they hold."""
         slots: list[Member | None] = [*self.members, *[None] * (self._slots - len(self.members))]
         for k in self._rng.permutation(len(slots)):
-            yield self._redraw(slots[k])
+            yield self._redraw(slots[k], self._near() if self._rng.random() < JOINT else [self.point])
 
-    def _redraw(self, member: Member | None) -> Visit:
-        rest = self._without(member)
-        conditional, slot = self._conditional(rest, member), self._slot(len(rest))
-        self._fill(rest, conditional.draw(slot, self._rng))
-        return Visit(conditional.terms(slot), member is not None)
+    def _redraw(self, member: Member | None, points: Sequence[GridPoint]) -> Visit:
+        """Draw a slot together with the point, one of these; the present one is among them."""
+        rest, weighing = self._without(member), self._weighing
+        slot, leaving = self._slot(len(rest)), () if member is None else (member,)
+        found = [weighing.conditional(p, rest, leaving) for p in points]
+        total = np.array([c.log_total(slot) for c in found])
+        if len(points) > 1:
+            total += [weighing.log_evidence(p, rest) for p in points]
+        shares = softmax(total)
+        at = int(self._rng.choice(len(points), p=shares))
+        self.point = points[at]
+        self._fill(rest, found[at].draw(slot, self._rng))
+        return Visit(shares @ [c.terms(slot) for c in found], member is not None)
 
     def _exchange(self) -> None:
         """Two full slots emptied and filled one after the other, accepted as Metropolis and Hastings say."""
@@ -130,20 +139,6 @@ class Chain:
             for k in range(3)
         ]
         return [p for p in around if self._weighing.unknowns.holds(p)]
-
-    def _with_grid(self, points: Sequence[GridPoint]) -> None:
-        """Draw a slot together with the point, one of these; the present one is among them."""
-        k = int(self._rng.integers(self._slots))
-        member = self.members[k] if k < len(self.members) else None
-        rest = self._without(member)
-        slot, weighing = self._slot(len(rest)), self._weighing
-        empty = np.array([weighing.log_evidence(p, rest) for p in points])
-        found = [weighing.conditional(p, rest, () if member is None else (member,)) for p in points]
-        total = np.array([e + c.log_total(slot) for e, c in zip(empty, found, strict=True)])
-        shares = np.cumsum(np.exp(total - logsumexp(total)))
-        at = min(int(np.searchsorted(shares, self._rng.random() * shares[-1])), len(points) - 1)
-        self.point = points[at]
-        self._fill(rest, found[at].draw(slot, self._rng))
 
     def _without(self, member: Member | None) -> list[Member]:
         return [m for m in self.members if m != member]
