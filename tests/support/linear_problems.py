@@ -64,7 +64,9 @@ class Dense:
         across = inverse @ flat
         return np.asarray(inverse - across @ np.linalg.solve(flat.T @ across, across.T))
 
-    def log_evidence(self, point: GridPoint, columns: Sequence[int] = (), sizes: Sequence[float] = ()) -> float:
+    def log_evidence(
+        self, point: GridPoint, columns: Sequence[int] = (), sizes: Sequence[float] = ()
+    ) -> float:
         """log N(e; 0, V) with flat columns integrated over, less what no model changes; the point's prior is in it."""
         covariance = self.covariance(point, columns, sizes)
         flat = self.a[:, ~np.isfinite(self.sigma(point))]
@@ -142,6 +144,12 @@ def catalogue_problem(seed: int, *, strength: float = 0.8, alike: float = 0.85, 
     there = strength * rng.standard_normal(terms) * (rng.random(terms) < 0.5)
     e = rng.standard_normal(readings) + a[:, :2] @ rng.standard_normal(2) + g @ there
     return Dense(e, np.zeros(readings, dtype=np.intp), a, g, always, FEW)
+
+
+def weighing(dense: Dense, terms: Terms | None = None, sizes: Sizes = SIZES) -> Weighing:
+    """A problem of the terms, or of one for each column."""
+    own = single(*[1] * dense.g.shape[1]) if terms is None else terms
+    return Weighing(dense.design, dense.unknowns, own, sizes)
 
 
 @dataclass(frozen=True)
