@@ -21,7 +21,7 @@ def test_what_is_given_is_what_the_states_that_hold_it_say(given: Members) -> No
     exact = enumerated(whole, RICHNESS, dense).given(given)
     start = GridPoint((0,), 1, 1)
     chain = Chain(whole.conditioned(given), RICHNESS, Reach((0, 1), (0, 1)), start, (), 3)
-    sweeps = list(chain.sweeps(1600))
+    sweeps = list(chain.sweeps(4000))
     held = [term for term, _ in given]
     expected = exact.terms.copy()
     np.testing.assert_allclose(expected[held], 1.0)

@@ -23,7 +23,6 @@ from support.linear_problems import (
     weighing,
 )
 from truepose.identification.posterior import posterior as chains
-from truepose.identification.posterior.conditional import Sizes
 from truepose.identification.posterior.design import Always, Axis, GridPoint, Unknowns
 from truepose.identification.posterior.mode import (
     CERTAIN,
@@ -35,9 +34,10 @@ from truepose.identification.posterior.mode import (
     plausible,
 )
 from truepose.identification.posterior.posterior import climbed, sample
-from truepose.identification.posterior.sampler import Chain, Reach, Richness
+from truepose.identification.posterior.sampler import Chain, Reach
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.weighing import Members, Weighing
+from truepose.identification.prior import Richness, Sizes
 
 Array = NDArray[np.float64]
 FOUR = Richness((0.25,), (0.0,), 4)
@@ -104,14 +104,14 @@ def between(exact: Enumerated, name: str) -> float:
 @pytest.mark.parametrize("start", [HERE, THERE])
 def test_a_term_and_its_rival_on_the_grid_change_places(name: str, start: tuple[Members, int]) -> None:
     """All ways by a slot alone or an axis alone lead through states that have no mass to speak of: the joint draw has none
-    of them to pass. 1-sigma of the share over seeds is 0.02 with 2,000 sweeps.
+    of them to pass. 1-sigma of the share over seeds is 0.02 with 4,000 sweeps.
     """
     problem, dense = rivals(name)
     exact = enumerated(problem, FOUR, dense)
     assert 0.3 < exact.terms[0] < 0.7 and between(exact, name) < 1e-5
     members, at = start
     (point,) = (p for p in points(dense.unknowns) if on_axis(name, p) == at)
-    sweeps = list(Chain(problem, FOUR, all_of(dense.unknowns), point, members, 1).sweeps(2000))
+    sweeps = list(Chain(problem, FOUR, all_of(dense.unknowns), point, members, 1).sweeps(4000))
     held = [0 in dict(s.members) for s in sweeps]
     assert np.mean(held) == pytest.approx(exact.terms[0], abs=0.08)
     assert np.sum(np.diff(held)) > 100  # here and there in turn
@@ -282,10 +282,9 @@ def test_the_posterior_knows_a_term_and_its_rival(
     monkeypatch: pytest.MonkeyPatch, name: str, start: tuple[Members, int]
 ) -> None:
     """Whichever of both is known at first."""
-    monkeypatch.setattr(chains, "ROUNDS", 20)
     monkeypatch.setattr(chains, "AGREED", -1.0)
     problem, dense = rivals(name)
     exact = enumerated(problem, FOUR, dense)
     (point,) = (p for p in points(dense.unknowns) if on_axis(name, p) == start[1])
-    found = sample(problem, FOUR, seed=1, known=[State(start[0], point, 0.0)])
+    found = sample(problem, FOUR, seed=1, known=[State(start[0], point, 0.0)], rounds=20)
     assert found.terms.get(0, 0.0) == pytest.approx(exact.terms[0], abs=0.08)

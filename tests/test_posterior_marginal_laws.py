@@ -16,9 +16,7 @@ from scipy.stats import norm
 
 from support.linear_problems import RICHNESS, SIZES, Dense, catalogue_problem, random_problem, single
 from truepose.identification.posterior.conditional import (
-    BOUND_DOUBT,
     LARGEST_COST,
-    Sizes,
     log_gains,
     plausibility,
 )
@@ -27,6 +25,7 @@ from truepose.identification.posterior.marginal import Marginal, marginal
 from truepose.identification.posterior.mode import log_posterior, slot_odds
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.weighing import Weighing
+from truepose.identification.prior import BOUND_DOUBT, Sizes
 
 Array = NDArray[np.float64]
 TERMS = single(1, 2, 1, 3)

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from truepose.identification.posterior.conditional import Sizes
 from truepose.identification.posterior.design import Always, Axis, Design, GridPoint, Unknowns
-from truepose.identification.posterior.sampler import Richness
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.weighing import NOTICED, Members, Weighing
+from truepose.identification.prior import Richness, Sizes
 
 Array = NDArray[np.float64]
 Key = TypeVar("Key", bound=Hashable)
