@@ -104,9 +104,7 @@ def test_causes_of_several_terms_are_counted_right(long: None, alone: bool) -> N
 
 
 @pytest.mark.parametrize("slots", [1, 3, 24])
-def test_one_term_is_as_probable_as_its_odds_in_however_many_slots(
-    long: None, slots: int
-) -> None:
+def test_one_term_is_as_probable_as_its_odds_in_however_many_slots(long: None, slots: int) -> None:
     """A single term of known gain: the odds are the prior's times the Bayes factor, which no order of drawing changes.
 
     1-sigma of the share over seeds is 0.004 with 6,400 sweeps, and nothing for a single slot.
@@ -140,7 +138,9 @@ def test_a_seed_has_one_answer() -> None:
 def test_two_starts_agree_in_any_order_of_terms(long: None) -> None:
     """One starts from the likeliest set, the other from half of it."""
     dense, order = catalogue_problem(1), [3, 5, 0, 4, 1, 2]
-    one, other = (sample(weighing(d), RICHNESS, seed=9, rounds=LONG) for d in (dense, reordered(dense, order)))
+    one, other = (
+        sample(weighing(d), RICHNESS, seed=9, rounds=LONG) for d in (dense, reordered(dense, order))
+    )
     np.testing.assert_allclose(shares(other), shares(one)[order], atol=0.03)
     for found in (one, other):
         assert found.disagreement <= 0.03

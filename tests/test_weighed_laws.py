@@ -26,10 +26,11 @@ from truepose.identification.diagnosis.weighed import Cause, Weighed, weighed
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import State, slot_odds
+from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.empirical_forms import empirical_forms
-from truepose.identification.signatures.forms import ERROR, Forms
+from truepose.identification.signatures.forms import Forms
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
@@ -203,7 +204,7 @@ def test_errors_of_form_are_a_tenth_of_the_signal_that_they_modulate(
     rng = np.random.default_rng(7)
     amplitude = np.array([0.4, -1.1])
     forms = Forms.of(recording, used, [(np.array([0, 1]), amplitude), (np.array([3]), np.array([2.0]))])
-    assert np.mean(np.sum(forms.modulations[used] ** 2, axis=1)) == pytest.approx(ERROR**2)
+    assert np.mean(np.sum(forms.modulations[used] ** 2, axis=1)) == pytest.approx(FORM_ERROR**2)
     assert forms.width == 2 * forms.modulations.shape[1]
     rows = np.flatnonzero(used)
     signature = rng.standard_normal((len(rows), 3, 4))
