@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 
 from support.searched_arm import PLAY, SCALE, Case
-from truepose.identification.diagnosis import likeness, prior
+from truepose.identification import prior
+from truepose.identification.diagnosis import likeness
 from truepose.identification.diagnosis.likeness import forms_hold
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.prediction.simulate import simulate

@@ -14,8 +14,9 @@ from support.effect_machines import read_machines
 from truepose.identification.diagnosis.alarms import Alarm, Structure
 from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.summary import Summary, verdict
+from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.load import load_recording
-from truepose.identification.signatures.candidates import TOGETHER, Catalogue, catalogue
+from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.models.effects.axis_coupling import AxisCoupling
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine

@@ -42,7 +42,7 @@ def test_places_of_a_family_are_worth_the_ratio_of_densities_with_and_without(
     point, size = unit(problem), int(np.argmin(np.abs(problem.weighing.sizes.values - 0.3)))
     number = int(problem.weighing.terms.cause[term])
     found = at_places(problem, State(((term, size),), point, 0.0), number)
-    noise = problem.weighing.unknowns.noise[0].values[point[0]]
+    noise = problem.weighing.unknowns.noise[0].values[point.noise[0]]
     spread = float(problem.weighing.sizes.values[size])
 
     def dense(present: list[int]) -> float:
@@ -74,7 +74,7 @@ def test_what_may_stand_in_for_a_place_of_a_family_takes_its_share(
     found = at_places(problem, State(((term, spread),), point, 0.0), int(weighing.terms.cause[term]))[
         "zero-shift", ("q1",)
     ]
-    noise = weighing.unknowns.noise[0].values[point[0]]
+    noise = weighing.unknowns.noise[0].values[point.noise[0]]
 
     def dense(present: list[int], further: float = 0.0) -> float:
         v = (
@@ -116,7 +116,7 @@ def test_places_of_a_family_of_a_kin_are_weighed_each_as_its_own_effect(arm: Mac
         *(("joint-compliance", (q,)) for q in ("q1", "q2", "q3")),
         ("gravity-sag", ("base",)),
     ]
-    noise = problem.weighing.unknowns.noise[0].values[point[0]]
+    noise = problem.weighing.unknowns.noise[0].values[point.noise[0]]
     spread = float(problem.weighing.sizes.values[size])
 
     def dense(present: list[int]) -> float:

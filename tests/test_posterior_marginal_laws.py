@@ -16,27 +16,26 @@ from scipy.stats import norm
 
 from support.linear_problems import RICHNESS, SIZES, Dense, catalogue_problem, random_problem, single
 from truepose.identification.posterior.conditional import (
-    BOUND_DOUBT,
     LARGEST_COST,
-    Sizes,
     log_gains,
     plausibility,
 )
-from truepose.identification.posterior.design import Point
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.marginal import Marginal, marginal
 from truepose.identification.posterior.mode import log_posterior, slot_odds
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.weighing import Weighing
+from truepose.identification.prior import BOUND_DOUBT, Sizes
 
 Array = NDArray[np.float64]
 TERMS = single(1, 2, 1, 3)
 WIDTH = 7
-POINTS: Sequence[Point] = ((1, 0, 0, 0), (0, 1, 1, 2), (2, 1, 2, 1))
+POINTS: Sequence[GridPoint] = (GridPoint((1, 0), 0, 0), GridPoint((0, 1), 1, 2), GridPoint((2, 1), 2, 1))
 AT = pytest.mark.parametrize("point", POINTS)
 seeds = given(st.integers(0, 10**6))
 
 
-def start(dense: Dense, point: Point, terms: Terms = TERMS) -> Marginal:
+def start(dense: Dense, point: GridPoint, terms: Terms = TERMS) -> Marginal:
     return marginal(dense.design, dense.unknowns, terms, point)
 
 
@@ -55,7 +54,7 @@ def every(dense: Dense, found: Marginal) -> tuple[Array, Array]:
 @AT
 @seeds
 @hypothesis_settings(max_examples=10, deadline=None)
-def test_scores_and_products_are_those_of_the_whole_covariance(point: Point, seed: int) -> None:
+def test_scores_and_products_are_those_of_the_whole_covariance(point: GridPoint, seed: int) -> None:
     """Two kinds of channels, geometry in widened tolerances, a column without a prior, a remainder of some size."""
     dense = random_problem(seed)
     inverse = dense.precision(point)
@@ -78,7 +77,7 @@ def test_log_evidence_of_two_points_differs_as_their_densities(seed: int) -> Non
 @AT
 @seeds
 @hypothesis_settings(max_examples=10, deadline=None)
-def test_what_is_taken_in_is_marginalised(point: Point, seed: int) -> None:
+def test_what_is_taken_in_is_marginalised(point: GridPoint, seed: int) -> None:
     """At once or one after the other, its log Bayes factor, and all that is left of the other columns."""
     dense = random_problem(seed)
     columns, sizes = [1, 2, 5], [0.7, 0.7, 2.0]
@@ -100,7 +99,7 @@ def test_what_is_taken_in_is_marginalised(point: Point, seed: int) -> None:
 @AT
 @seeds
 @hypothesis_settings(max_examples=10, deadline=None)
-def test_what_is_left_out_again_was_never_there(point: Point, seed: int) -> None:
+def test_what_is_left_out_again_was_never_there(point: GridPoint, seed: int) -> None:
     """Scores, rows, blocks, evidence, and what is taken in afterwards."""
     dense = random_problem(seed)
     columns, sizes = np.array([1, 2, 5, 6]), np.array([0.7, 0.7, 2.0, 300.0])
@@ -121,7 +120,7 @@ def test_what_is_left_out_again_was_never_there(point: Point, seed: int) -> None
 @AT
 @seeds
 @hypothesis_settings(max_examples=10, deadline=None)
-def test_coefficients_are_those_of_conditioned_gaussians(point: Point, seed: int) -> None:
+def test_coefficients_are_those_of_conditioned_gaussians(point: GridPoint, seed: int) -> None:
     dense = random_problem(seed)
     columns, sizes = np.array([0, 3, 4]), np.array([0.5, 1.5, 1.5])
     inside = dense.g[:, columns]
@@ -134,7 +133,7 @@ def test_coefficients_are_those_of_conditioned_gaussians(point: Point, seed: int
 
 @AT
 @pytest.mark.parametrize("add", [10.0, -1e4])
-def test_what_has_no_prior_may_be_anything(point: Point, add: float) -> None:
+def test_what_has_no_prior_may_be_anything(point: GridPoint, add: float) -> None:
     """A constant along a column without tolerance changes no score, no evidence and no gain."""
     dense = random_problem(3, flat=2)
     flat = np.flatnonzero(~np.isfinite(dense.always.sigma))
@@ -163,7 +162,7 @@ def test_a_term_that_is_a_column_without_a_prior_is_never_seen() -> None:
 @AT
 @seeds
 @hypothesis_settings(max_examples=10, deadline=None)
-def test_gains_are_the_log_bayes_factors_of_terms_of_any_width(point: Point, seed: int) -> None:
+def test_gains_are_the_log_bayes_factors_of_terms_of_any_width(point: GridPoint, seed: int) -> None:
     """Columns that fill a term up to a common width count for nothing; sizes bring their prior."""
     dense = random_problem(seed)
     found = log_gains(start(dense, point), SIZES, np.ones(len(TERMS), dtype=bool))
@@ -239,7 +238,7 @@ def test_a_part_of_the_terms_has_the_same_odds(seed: int) -> None:
     part, index = whole.restricted(wanted)
     place = {int(term): k for k, term in enumerate(index)}
     assert index.tolist() == [0, 1, 3, 5]
-    for point in ((0, 0, 0), (2, 1, 1)):
+    for point in (GridPoint((0,), 0, 0), GridPoint((2,), 1, 1)):
         for members in ((), ((3, 1),), ((0, 0), (5, 1))):
             own = tuple((place[term], size) for term, size in members)
             np.testing.assert_allclose(
@@ -253,16 +252,23 @@ def test_a_part_of_the_terms_has_the_same_odds(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_odds_of_one_more_are_the_ratio_of_two_posteriors(seed: int) -> None:
-    """Whatever is settled first; the number of slots and how full they are, in both."""
+    """Whatever has left or is given; the number of slots and how full they are, in both."""
     dense = catalogue_problem(seed)
     problem = Weighing(
         dense.design, dense.unknowns, single(*[1] * 6, causes=[0, 0, 1, 2, 3, 3], alone=False), SIZES
     )
-    point, members = (1, 0, 1), ((0, 1), (3, 1))
+    point, members = GridPoint((1,), 0, 1), ((0, 1), (3, 1))
     here = log_posterior(problem, RICHNESS, members, point)
     assert np.isfinite(here) and not problem.noticeable.all()
-    for settled in ((), ((3, 1),), members):
-        found = problem.log_odds(point, members, settled) + slot_odds(RICHNESS, 2)
+    slot = slot_odds(RICHNESS, 2)
+    for odds in (
+        problem.log_odds(point, members),
+        problem.log_odds(point, members, ((4, 1), (5, 0))),
+        problem.conditioned(((3, 1),)).log_odds(point, ((0, 1),)),
+        problem.conditioned(((3, 1),)).log_odds(point, ((0, 1),), ((5, 0),)),
+        problem.conditioned(members).log_odds(point, ()),
+    ):
+        found = odds + slot
         for term in (1, 2, 4, 5):
             for size in range(2):
                 more = log_posterior(problem, RICHNESS, (*members, (term, size)), point)
@@ -273,9 +279,10 @@ def test_odds_of_one_more_are_the_ratio_of_two_posteriors(seed: int) -> None:
 def test_a_conditional_is_its_odds_and_nothing() -> None:
     dense = catalogue_problem(0)
     problem = Weighing(dense.design, dense.unknowns, single(*[1] * 6), SIZES)
-    conditional = problem.conditional((1, 0, 0), ((2, 1),))
+    point = GridPoint((1,), 0, 0)
+    conditional = problem.conditional(point, ((2, 1),))
     slot = -1.3
-    odds = np.exp(problem.log_odds((1, 0, 0), ((2, 1),)) + slot)
+    odds = np.exp(problem.log_odds(point, ((2, 1),)) + slot)
     np.testing.assert_allclose(conditional.terms(slot), odds.sum(axis=0) / (1.0 + odds.sum()), atol=1e-12)
     assert conditional.log_total(slot) == pytest.approx(np.log1p(odds.sum()))
     rest = 1.0 + odds.sum() - odds[:, 4].sum()

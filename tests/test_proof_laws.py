@@ -21,6 +21,7 @@ from truepose.identification.diagnosis.weighed import weighed
 from truepose.identification.drift.scales import noise_scales
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tolerance_classes import PartClass
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import State
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import _tolerance_notes
@@ -127,7 +128,7 @@ def injected(
     problem = weighed(lin, cat, max(noise, 1.0))
     at = int(np.argmin(np.abs(np.log(np.array(problem.weighing.unknowns.noise[0].values) / noise))))
     found = SimpleNamespace(
-        weighed=problem, catalogue=cat, linearisation=lin, mode=State((), (at, 0, 0), 0.0)
+        weighed=problem, catalogue=cat, linearisation=lin, mode=State((), GridPoint((at,), 0, 0), 0.0)
     )
     return _injected(cast(Estimate, after), cast(Found, found), 0)
 

@@ -21,6 +21,7 @@ from truepose.identification.diagnosis.replication import replications
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause, weighed
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import State, slot_odds
 from truepose.identification.posterior.posterior import Posterior
 
@@ -169,7 +170,7 @@ def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_ro
     at = next(i for i in range(len(case.cat.candidates)) if case.cat.cause(i) == ("actuator-scale", ("q1",)))
     term = problem.candidates.index((at,))
     noise = int(np.argmin(np.abs(np.log(problem.weighing.unknowns.noise[0].values))))
-    state = State(((term, 4),), (noise, 0, 0), 0.0)
+    state = State(((term, 4),), GridPoint((noise,), 0, 0), 0.0)
     nothing = cast(Posterior, None)
     found = Found(problem, nothing, state, {}, case.null, lin, case.signatures, case.cat, problem, lin)
     name = Named(problem.causes[int(problem.weighing.terms.cause[term])], (at,), 1.0, 1.0, (), 9.0)

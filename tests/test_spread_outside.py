@@ -16,7 +16,7 @@ from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.spread import FORM_ERROR
+from truepose.identification.prior import FORM_ERROR
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

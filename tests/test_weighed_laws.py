@@ -24,11 +24,13 @@ from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import Cause, Weighed, weighed
 from truepose.identification.fit.estimate import estimate
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import State, slot_odds
+from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.empirical_forms import empirical_forms
-from truepose.identification.signatures.forms import ERROR, Forms
+from truepose.identification.signatures.forms import Forms
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
@@ -65,15 +67,16 @@ def test_evidence_is_that_of_readings_at_the_drawing_wherever_the_fit_stands(
     problem = weighed(lin, catalogue_of(shifts[:3]), 1.5)
     weighing = problem.weighing
 
-    def dense(point: tuple[int, int, int], size: float) -> float:
-        noise = weighing.unknowns.noise[0].values[point[0]]
-        wide = dict(zip(problem.classes, weighing.unknowns.widening[point[1]], strict=True))
+    def dense(point: GridPoint, size: float) -> float:
+        noise = weighing.unknowns.noise[0].values[point.noise[0]]
+        wide = dict(zip(problem.classes, weighing.unknowns.widening[point.widening], strict=True))
         spread = j * np.array([wide[c] for c in lin.parts])
         v = noise**2 * np.eye(READINGS) + spread @ spread.T + size**2 * np.outer(g[:, 0], g[:, 0])
         return float(multivariate_normal.logpdf(e, cov=v))
 
     at = unit(problem)
-    for point in (at, (at[0] + 3, 1, 0)):
+    other = at.louder(3).at("widening", 1)
+    for point in (at, other):
         term = problem.candidates.index((0,))
         odds = weighing.log_odds(point, ())[:, term] - weighing.terms.log_prior(())[term]
         for s, size in enumerate(weighing.sizes.values):
@@ -82,10 +85,8 @@ def test_evidence_is_that_of_readings_at_the_drawing_wherever_the_fit_stands(
                 continue
             expected = dense(point, float(size)) - dense(point, 0.0) + weighing.sizes.log_prior[s]
             assert odds[s] == pytest.approx(expected, abs=1e-5)
-    first, other = (
-        (weighing.log_evidence(p, ()) - weighing.unknowns.log_prior(p)) for p in (at, (at[0] + 3, 1, 0))
-    )
-    assert first - other == pytest.approx(dense(at, 0.0) - dense((at[0] + 3, 1, 0), 0.0), abs=1e-5)
+    here, there = (weighing.log_evidence(p, ()) - weighing.unknowns.log_prior(p) for p in (at, other))
+    assert here - there == pytest.approx(dense(at, 0.0) - dense(other, 0.0), abs=1e-5)
 
 
 def test_units_of_parameters_and_coefficients_are_nothing(shifts: tuple[PlacedEffect, ...]) -> None:
@@ -124,10 +125,11 @@ def test_a_wrong_constant_where_nothing_is_known_is_never_likely(arm: Machine, a
 
 
 def test_prior_shares_of_all_terms_add_up_to_one(shifts: tuple[PlacedEffect, ...]) -> None:
-    """Single places and families; what the fit leaves out as impossible gives its share to the others."""
+    """Single places and families; what the machine is said to have gives its share to the others."""
     lin, *_ = linear(shifts)
-    for impossible in ((), (3,), (1,)):
-        terms = weighed(lin, catalogue_of(shifts), 1.5, impossible).weighing.terms
+    for stated in ((), (3,), (1,)):
+        terms = weighed(lin, replace(catalogue_of(shifts), stated=stated), 1.5).weighing.terms
+        assert len(terms) < len(weighed(lin, catalogue_of(shifts), 1.5).weighing.terms) or not stated
         assert np.logaddexp.reduce([t.log_prior for t in terms.all]) == pytest.approx(0.0, abs=1e-9)
 
 
@@ -203,7 +205,7 @@ def test_errors_of_form_are_a_tenth_of_the_signal_that_they_modulate(
     rng = np.random.default_rng(7)
     amplitude = np.array([0.4, -1.1])
     forms = Forms.of(recording, used, [(np.array([0, 1]), amplitude), (np.array([3]), np.array([2.0]))])
-    assert np.mean(np.sum(forms.modulations[used] ** 2, axis=1)) == pytest.approx(ERROR**2)
+    assert np.mean(np.sum(forms.modulations[used] ** 2, axis=1)) == pytest.approx(FORM_ERROR**2)
     assert forms.width == 2 * forms.modulations.shape[1]
     rows = np.flatnonzero(used)
     signature = rng.standard_normal((len(rows), 3, 4))
@@ -280,7 +282,7 @@ def test_forms_that_make_the_remainder_are_carried_the_largest_first(
     problem = weighed(bent, Catalogue(forms, (-1.0,) * len(forms), ()), 12.0)
 
     def found(size: int) -> Found:
-        mode = State((), (unit(problem)[0], 0, size), 0.0)
+        mode = State((), unit(problem).at("remainder", size), 0.0)
         cat = Catalogue(forms, (-1.0,) * len(forms), ())
         return cast(Found, SimpleNamespace(weighed=problem, mode=mode, linearisation=bent, catalogue=cat))
 
@@ -334,7 +336,7 @@ def _odds(problem: Weighed, state: State, part: Array, along: Array, size: float
     """Log odds of a term along ``along`` beside a part of this tolerance, in readings of ``size`` along the part."""
     ((term, own),) = state.members
     spread = float(problem.weighing.sizes.values[own])
-    noise = problem.weighing.unknowns.noise[0].values[state.point[0]]
+    noise = problem.weighing.unknowns.noise[0].values[state.point.noise[0]]
     v = noise**2 * np.eye(READINGS) + (2.0 * width) ** 2 * np.outer(part, part)
     both = v + spread**2 * 50.0**2 * np.outer(along, along)
     gain = multivariate_normal.logpdf(size * part, cov=both) - multivariate_normal.logpdf(size * part, cov=v)

@@ -82,7 +82,7 @@ def _counts(found: Found, state: State) -> Array:
     causes = [problem.causes[k] for k in dict.fromkeys(numbers)]
     many = {c.effect for c in problem.causes if c.family}
     sizes = np.bincount([size for _, size in state.members], minlength=len(prior.SIZES.values))
-    *noise, widening, remainder = state.point
+    noise, widening, remainder = state.point
     counts = [
         len(causes),
         sum(c.effect == Empirical.slug for c in causes),

@@ -159,7 +159,7 @@ class Marginal:
     def _left_of(self, above: Array, group: SameSize, chosen: Index) -> Array:
         columns, half = group.columns[chosen], self._beside.all
         size = columns.shape[1]
-        part = half[:, columns.ravel()].reshape(len(half), -1, size)
+        part = half[:, columns.ravel()].reshape(len(half), len(columns), size)
         if size == 1:
             return np.asarray(above + self._sign * np.sum(part**2, axis=0)[:, :, None])
         turned = part.transpose(1, 2, 0) * group.there[chosen][:, :, None]

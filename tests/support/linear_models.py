@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from support.effects import with_effect
 from truepose.identification.diagnosis.weighed import Weighed
 from truepose.identification.fit.tolerance_classes import PartClass
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
@@ -53,7 +54,7 @@ def catalogue_of(placed: tuple[PlacedEffect, ...]) -> Catalogue:
     return Catalogue(placed, (-float(np.log(len(placed))),) * len(placed), ())
 
 
-def unit(problem: Weighed) -> tuple[int, int, int]:
+def unit(problem: Weighed) -> GridPoint:
     """The point nearest to stated noise and tolerances, without a remainder."""
     values = np.array(problem.weighing.unknowns.noise[0].values)
-    return int(np.argmin(np.abs(np.log(values)))), 0, 0
+    return GridPoint((int(np.argmin(np.abs(np.log(values)))),), 0, 0)

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, product
 from math import lgamma
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from truepose.identification.posterior.conditional import Sizes
-from truepose.identification.posterior.design import Always, Axis, Design, Point, Unknowns
-from truepose.identification.posterior.sampler import Richness
+from truepose.identification.posterior.design import Always, Axis, Design, GridPoint, Unknowns
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.weighing import NOTICED, Members, Weighing
+from truepose.identification.prior import Richness, Sizes
 
 Array = NDArray[np.float64]
+Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True)
@@ -39,16 +40,15 @@ class Dense:
         grams = tuple(rows[self.kind == k].T @ rows[self.kind == k] for k in kinds)
         return Design(grams, tuple(int(np.sum(self.kind == k)) for k in kinds), self.always)
 
-    def sigma(self, point: Point) -> Array:
+    def sigma(self, point: GridPoint) -> Array:
         """(n,) 1-sigma of the columns of A at a point."""
-        *_, widening, size = point
-        factors = np.array([*self.unknowns.widening[widening], 1.0])[self.always.part]
-        tau = self.unknowns.size.values[size]
+        factors = np.array([*self.unknowns.widening[point.widening], 1.0])[self.always.part]
+        tau = self.unknowns.size.values[point.remainder]
         return np.asarray(self.always.sigma * np.where(self.always.remainder, tau, factors))
 
-    def covariance(self, point: Point, columns: Sequence[int] = (), sizes: Sequence[float] = ()) -> Array:
+    def covariance(self, point: GridPoint, columns: Sequence[int] = (), sizes: Sequence[float] = ()) -> Array:
         """(r, r) of e, without what has no prior."""
-        noise = [a.values[k] for a, k in zip(self.unknowns.noise, point[:-2], strict=True)]
+        noise = [a.values[k] for a, k in zip(self.unknowns.noise, point.noise, strict=True)]
         sigma = self.sigma(point)
         known = np.isfinite(sigma)
         scaled = np.column_stack(
@@ -56,14 +56,16 @@ class Dense:
         )
         return np.asarray(np.diag(np.array(noise)[self.kind] ** 2) + scaled @ scaled.T)
 
-    def precision(self, point: Point, columns: Sequence[int] = (), sizes: Sequence[float] = ()) -> Array:
+    def precision(self, point: GridPoint, columns: Sequence[int] = (), sizes: Sequence[float] = ()) -> Array:
         """(r, r) inverse of the covariance with flat columns projected out."""
         inverse = np.linalg.inv(self.covariance(point, columns, sizes))
         flat = self.a[:, ~np.isfinite(self.sigma(point))]
         across = inverse @ flat
         return np.asarray(inverse - across @ np.linalg.solve(flat.T @ across, across.T))
 
-    def log_evidence(self, point: Point, columns: Sequence[int] = (), sizes: Sequence[float] = ()) -> float:
+    def log_evidence(
+        self, point: GridPoint, columns: Sequence[int] = (), sizes: Sequence[float] = ()
+    ) -> float:
         """log N(e; 0, V) with flat columns integrated over, less what no model changes; the point's prior is in it."""
         covariance = self.covariance(point, columns, sizes)
         flat = self.a[:, ~np.isfinite(self.sigma(point))]
@@ -73,9 +75,11 @@ class Dense:
         return float(-0.5 * log_det - 0.5 * square) + self.unknowns.log_prior(point)
 
 
-def points(unknowns: Unknowns) -> list[Point]:
+def points(unknowns: Unknowns) -> list[GridPoint]:
     """The whole grid."""
-    return list(product(*(range(n) for n in unknowns.shape)))
+    noises = product(*(range(len(a.values)) for a in unknowns.noise))
+    others = range(len(unknowns.widening)), range(len(unknowns.size.values))
+    return [GridPoint(noise, widening, size) for noise, widening, size in product(noises, *others)]
 
 
 def axis(*values: float) -> Axis:
@@ -141,21 +145,57 @@ def catalogue_problem(seed: int, *, strength: float = 0.8, alike: float = 0.85, 
     return Dense(e, np.zeros(readings, dtype=np.intp), a, g, always, FEW)
 
 
+def weighing(dense: Dense, terms: Terms | None = None, sizes: Sizes = SIZES) -> Weighing:
+    """A problem of the terms, or of one for each column."""
+    own = single(*[1] * dense.g.shape[1]) if terms is None else terms
+    return Weighing(dense.design, dense.unknowns, own, sizes)
+
+
 @dataclass(frozen=True)
 class Enumerated:
-    """Exact probabilities: of each term, of each set of terms, of each point."""
+    """Exact probability of each state: terms in order with their sizes, and the point."""
 
-    terms: Array
-    sets: Mapping[tuple[int, ...], float]
-    points: Mapping[Point, float]
+    states: Mapping[tuple[Members, GridPoint], float]
+    count: int
+
+    @property
+    def terms(self) -> Array:
+        """(c,) of each term."""
+        out = np.zeros(self.count)
+        for (members, _), share in self.states.items():
+            out[[term for term, _ in members]] += share
+        return out
+
+    @property
+    def sets(self) -> Mapping[tuple[int, ...], float]:
+        """Of each set of terms."""
+        return _summed((tuple(term for term, _ in members), p) for (members, _), p in self.states.items())
+
+    @property
+    def points(self) -> Mapping[GridPoint, float]:
+        """Of each point."""
+        return _summed((point, share) for (_, point), share in self.states.items())
+
+    def given(self, members: Members) -> Enumerated:
+        """Of the states that hold these members, among themselves."""
+        own = {state: share for state, share in self.states.items() if set(members) <= set(state[0])}
+        total = sum(own.values())
+        return Enumerated({state: share / total for state, share in own.items()}, self.count)
+
+
+def _summed(pairs: Iterable[tuple[Key, float]]) -> dict[Key, float]:
+    out: dict[Key, float] = {}
+    for key, share in pairs:
+        out[key] = out.get(key, 0.0) + share
+    return out
 
 
 def enumerated(weighing: Weighing, richness: Richness, dense: Dense) -> Enumerated:
     """Every set of terms at every size at every point, by dense densities and the prior written out."""
     terms, sizes = weighing.terms, weighing.sizes
-    weights: dict[tuple[Members, Point], float] = {}
+    weights: dict[tuple[Members, GridPoint], float] = {}
     noticed = _noticed(weighing, dense)
-    for count in range(len(terms) + 1):
+    for count in range(min(len(terms), richness.slots) + 1):
         number = float(logsumexp(richness.log_weights(count)))
         number += lgamma(richness.slots + 1) - lgamma(richness.slots - count + 1)
         for chosen in combinations(range(len(terms)), count):
@@ -171,21 +211,14 @@ def enumerated(weighing: Weighing, richness: Richness, dense: Dense) -> Enumerat
                     members = tuple(zip(chosen, own, strict=True))
                     weights[members, point] = prior + dense.log_evidence(point, columns, spread)
     top = float(logsumexp(list(weights.values())))
-    inclusion = np.zeros(len(terms))
-    sets: dict[tuple[int, ...], float] = {}
-    grid: dict[Point, float] = {}
-    for (members, point), weight in weights.items():
-        share, chosen = float(np.exp(weight - top)), tuple(k for k, _ in members)
-        inclusion[list(chosen)] += share
-        sets[chosen] = sets.get(chosen, 0.0) + share
-        grid[point] = grid.get(point, 0.0) + share
-    return Enumerated(inclusion, sets, grid)
+    states = {state: float(np.exp(weight - top)) for state, weight in weights.items()}
+    return Enumerated(states, len(terms))
 
 
 def _noticed(weighing: Weighing, dense: Dense) -> NDArray[np.bool_]:
     """(s, c) which terms make a signal of more than two sigma at which size, at the noise nearest to that stated."""
     stated = [int(np.argmin([abs(np.log(v)) for v in axis.values])) for axis in weighing.unknowns.noise]
-    seen = dense.g.T @ dense.precision((*stated, 0, 0)) @ dense.g
+    seen = dense.g.T @ dense.precision(GridPoint(tuple(stated), 0, 0)) @ dense.g
     signal = [sum(seen[c, c] for c in columns) for columns in weighing.terms.columns]
     return np.asarray(np.outer(weighing.sizes.values**2, signal) > NOTICED)
 
