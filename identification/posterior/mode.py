@@ -6,7 +6,7 @@ is filled anew beside the others, until nothing changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,7 @@ ROUNDS = 30
 """Most rounds of an ascent: each adds one term at most."""
 STEPS = (4, 1)
 """Steps on an axis of the grid that are repeated while they gain, in turn."""
-LOUDER = (-1, 0, 1, 2, 4, 8, 14)
+LOUDER = (-8, -4, -2, -1, 0, 1, 2, 4, 8, 14)
 """Steps of the noise at which a state is looked at without some of its members."""
 HOPELESS, CERTAIN = 6.0, 20.0
 """Log odds below which a term is left out of the chains, and from which on a member is no question any more."""
@@ -133,37 +133,85 @@ class Plausible:
 
 
 def plausible(weighing: Weighing, richness: Richness, states: Sequence[State]) -> Plausible:
-    """Around states: what each slot may hold, one more among them, with the state's remainder and without any."""
+    """Around states, whose log posterior is the measure: what each slot may hold, and one more, here and where the grid may be.
+
+    The rival of a term is another term, or a departure of the grid from what is stated.
+    """
     interest = np.full(len(weighing.terms), -np.inf)
     reach: dict[str, set[int]] = {axis: set() for axis in Reach._fields}
     certain = set.intersection(*(set(state.members) for state in states))
     for state in states:
-        for rest, leaving in _slots_of(state.members):
-            slot = slot_odds(richness, len(rest))
-            for size in {0, state.point.remainder}:
-                conditional = weighing.conditional(state.point._replace(remainder=size), rest, leaving)
-                np.maximum(interest, np.log(np.maximum(conditional.terms(slot), 1e-300)), out=interest)
-                certain -= {m for m in leaving if conditional.lead(m[0], slot) < CERTAIN}
+        table = _without_each(weighing, richness, state)
+        alive = {p for row in table.values() for p, log in row.items() if log > -CERTAIN}
+        for leaving, row in table.items():
+            rest = [m for m in state.members if m not in leaving]
+            for point in _stated(state.point, row) if not leaving else _likely(state.point, row):
+                odds = np.logaddexp.reduce(weighing.log_odds(point, rest, leaving), axis=0)
+                odds += row[point] + slot_odds(richness, len(rest))
+                np.maximum(interest, odds, out=interest)
+                alive |= {point} if odds.max(initial=-np.inf) > -CERTAIN else set()
+                others = np.logaddexp.reduce(np.delete(odds, [m[0] for m in leaving]), initial=row[point])
+                certain -= set(leaving) if others > -CERTAIN else set()
         interest[[term for term, _ in state.members]] = np.inf
         for axis, values in reach.items():
-            points = _along(weighing.unknowns, state.point, axis)
-            logs = np.array([weighing.log_evidence(p, state.members) for p in points])
-            values |= {getattr(state.point, axis), *np.flatnonzero(logs > logs.max() - CERTAIN).tolist()}
+            values |= {getattr(p, axis) for p in alive}
     axes = Reach(*(tuple(sorted(values)) for values in reach.values()))
     return Plausible(interest > -HOPELESS, axes, tuple(sorted(certain)))
+
+
+def _stated(point: GridPoint, row: Mapping[GridPoint, float]) -> set[GridPoint]:
+    """A point, quieter ones, and stated tolerances without a remainder: where a term may stand that the grid stands in for."""
+    quieter = {
+        p for p in row if p == point.louder(p.noise[0] - point.noise[0]) and p.noise[0] < point.noise[0]
+    }
+    return {point, *quieter} | {p for p in row if p in (point.at("widening", 0), point.at("remainder", 0))}
+
+
+def _likely(point: GridPoint, row: Mapping[GridPoint, float]) -> set[GridPoint]:
+    """A point, and where the grid is likeliest."""
+    return {point, point.at("remainder", 0), max(row, key=lambda p: row[p])}
+
+
+def _without_each(
+    weighing: Weighing, richness: Richness, state: State
+) -> dict[Members, dict[GridPoint, float]]:
+    """Log posterior of a state as it is, and without each of its members, less its own, at points around.
+
+    By what leaves; the points differ from the state's in one coordinate.
+    """
+    wanted = np.isin(np.arange(len(weighing.terms)), [term for term, _ in state.members])
+    part, index = weighing.restricted(wanted)
+    number = {int(term): k for k, term in enumerate(index)}
+    columns, sizes = part.columns([(number[term], size) for term, size in state.members])
+    owner = np.repeat(
+        np.arange(len(state.members)), [len(weighing.terms.columns[t]) for t, _ in state.members]
+    )
+    own = weighing.log_evidence(state.point, state.members)
+    out: dict[Members, dict[GridPoint, float]] = {(): {}, **{(m,): {} for m in state.members}}
+    prior = {
+        (m,): weighing.log_prior([k for k in state.members if k != m]) - weighing.log_prior(state.members)
+        for m in state.members
+    }
+    for point in _around(weighing.unknowns, state.point):
+        there = part.root(point).including(columns, sizes)
+        out[()][point] = there.log_evidence - own
+        for k, member in enumerate(state.members):
+            gone = there.without(np.flatnonzero(owner == k)).log_evidence - own
+            out[member,][point] = gone + prior[member,] - slot_odds(richness, len(state.members) - 1)
+    return out
+
+
+def _around(unknowns: Unknowns, point: GridPoint) -> list[GridPoint]:
+    """A point, and what differs from it in one coordinate: all widenings and remainders, a few noises."""
+    noises = [point.louder(k) for k in LOUDER]
+    others = [p for axis in Reach._fields for p in _along(unknowns, point, axis)]
+    return [p for p in dict.fromkeys([point, *noises, *others]) if unknowns.holds(p)]
 
 
 def _along(unknowns: Unknowns, point: GridPoint, axis: str) -> list[GridPoint]:
     """All points that differ in ``widening`` or ``remainder`` alone."""
     count = len(unknowns.widening if axis == "widening" else unknowns.size.values)
     return [point.at(axis, k) for k in range(count)]
-
-
-def _slots_of(members: Members) -> Iterator[tuple[list[Member], Members]]:
-    """What stands beside an empty slot, and beside each full one with what it holds."""
-    yield list(members), ()
-    for member in members:
-        yield [m for m in members if m != member], (member,)
 
 
 def supports(weighing: Weighing, state: State, parts: Sequence[NDArray[np.intp]]) -> list[float]:

@@ -4,7 +4,7 @@ Coefficients are integrated out, so a state is a set of terms with their sizes (
 grid of nuisance parameters: noise, widening of tolerances, remainder. A machine has a number of slots, each empty (the
 spike) or holding one term; how likely a slot is filled is integrated out, too. One sweep
 
-* draws every slot anew from its full conditional over all terms at all sizes, or none of them; some slots together with a
+* draws every slot anew from its full conditional over all terms at all sizes, or none of them; some together with a
   coordinate of the grid: what a term explains and what noise, tolerances or the remainder explain are rivals, and change
   places in one step;
 * exchanges two full slots at once (Metropolis and Hastings), so that a pair may become another pair.
@@ -27,10 +27,8 @@ from truepose.identification.posterior.weighing import Conditional, Member, Memb
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
-JOINT = 0.3
-"""Share of the slots that are drawn together with a coordinate of the grid."""
-OTHERS = 4
-"""Other values of an axis of the grid that are weighed when a slot is drawn together with it."""
+JOINT, OTHERS = 0.3, 4
+"""Share of the slots that are drawn together with an axis of the grid, and how many other values of it are weighed."""
 
 
 @dataclass(frozen=True)
