@@ -2,7 +2,7 @@
 
 The simulated machines of the examination (``challenge.simulator``) measure; nothing that diagnoses is used.
 What is put into a case stands in ``cases.py`` and in README.md, whose table is written from it; the files that a
-diagnosis reads do not say. Afterwards ``pytest tests/test_golden_diagnoses.py --update-golden``.
+diagnosis reads do not say. Afterwards ``pytest tests/identification/diagnosis/test_golden_diagnoses.py --update-golden``.
 """
 
 from __future__ import annotations
