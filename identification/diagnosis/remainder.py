@@ -22,7 +22,7 @@ def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remai
     place = (driver,) if driver in recording.joints else ()
     if told.thermal or told.kind == APPROACH:
         place = (told.place,)
-    kind, cycles = ("order", 0) if values is None else _form(fit.residual[fit.used], values)
+    kind, cycles = ("order", 0) if values is None else best_shape(fit.residual[fit.used], values)
     return Remainder(place, driver, Form(kind, structure.share, cycles), size)
 
 
@@ -42,7 +42,7 @@ def _values(fit: Estimate, recording: Recording, driver: str) -> NDArray[np.floa
     return None if found is None else found[fit.used]
 
 
-def _form(residual: np.ndarray, values: np.ndarray) -> tuple[str, int]:
+def best_shape(residual: np.ndarray, values: np.ndarray) -> tuple[str, int]:
     """Best of a few simple shapes of the residuals against the driver: its kind, and how many cycles."""
     span = float(np.ptp(values))
     t = 2 * (values - values.min()) / span - 1 if span else np.zeros(len(values))

@@ -95,7 +95,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
                 reasons.append(effect.unvaried or usual)
             for settings in variants:
                 placed = PlacedEffect.at(effect, machine, place, effect.within(place, settings, seen))
-                reason = _untestable(placed, recording)
+                reason = why_untestable(placed, recording)
                 if reason is None:
                     found.append(placed)
                 else:
@@ -115,7 +115,8 @@ def _seen(recording: Recording) -> dict[str, tuple[float, float]]:
     return {name: (float(q.min()), float(q.max())) for name, q in zip(recording.joints, rows.T, strict=True)}
 
 
-def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:
+def why_untestable(placed: PlacedEffect, recording: Recording) -> str | None:
+    """What the recording lacks for a candidate: a driver's column, or a driver that varies. None where nothing."""
     for name in placed.drivers:
         values = recording.driver(name)
         if values is None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from challenge.empirical import MOST, RIDGE, Problem, _errors, best_empirical
+from challenge.empirical import MOST, RIDGE, Problem, best_empirical, errors_left
 from challenge.setup import Setup
 from challenge.simulator.base import Imperfection, Plan
 from challenge.slopes import Constant
@@ -64,7 +64,7 @@ def test_without_columns_it_is_the_fit_under_tolerances() -> None:
     asked = Problem(ahead, rng.standard_normal((30, 3)), np.zeros(30))
     # steps from the truth: nominal values lie at -off, with a tolerance of one step
     mean = -off + J.T @ np.linalg.solve(np.eye(n) + J @ J.T, seen + J @ off)
-    errors = _errors(nothing, asked, free)
+    errors = errors_left(nothing, asked, free)
     assert errors[0] == pytest.approx(float(np.sqrt(np.mean((ahead @ mean) ** 2))), rel=1e-9)
     # one column that has no other beside it: the same with the column as a direction of its own, under its prior
     column, its_way = rng.standard_normal(n), rng.standard_normal(30)
@@ -72,7 +72,7 @@ def test_without_columns_it_is_the_fit_under_tolerances() -> None:
     rows = [np.column_stack([J, column]), np.column_stack([np.eye(f), np.zeros(f)])]
     stacked = np.vstack([*rows, np.append(np.zeros(f), np.sqrt(RIDGE) * length)])
     both = np.linalg.lstsq(stacked, np.append(np.append(seen, -off), 0.0), rcond=None)[0]
-    one = _errors(Problem(J, column[:, None], seen), Problem(ahead, its_way[:, None], np.zeros(30)), free)
+    one = errors_left(Problem(J, column[:, None], seen), Problem(ahead, its_way[:, None], np.zeros(30)), free)
     missed = ahead @ both[:f] + its_way * both[f]
     assert one[1] == pytest.approx(float(np.sqrt(np.mean(missed**2))), rel=1e-9)
     assert one[1:] == pytest.approx(one[1])

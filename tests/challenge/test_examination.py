@@ -180,7 +180,7 @@ def test_what_a_machine_cannot_offer_another_one_does(
 ) -> None:
     monkeypatch.setattr(examine, "machines", lambda: {"tiny": Tiny, "poor": Poor})
     asked = examine.challenge(tmp_path, 1, seed=1)
-    examine._write(asked, Seat(1, "two", "", "poor"))
+    examine.write_case(asked, Seat(1, "two", "", "poor"))
     solution = solutions.from_file(tmp_path / "answers" / "case001.json")
     assert (solution.machine, len(solution.truths)) == ("tiny", 2)
 

@@ -247,7 +247,7 @@ def test_two_simulators_of_the_hybrid_agree() -> None:
 
 def test_a_bent_flexure_meets_the_arc_and_its_first_term() -> None:
     angle = np.array([0.0, 0.02, 0.1])
-    shift = telescope_physics._beyond_middle(angle)
+    shift = telescope_physics.beyond_middle(angle)
     assert shift == pytest.approx(telescope_geometry.FLEXURE * angle**2 / 24, rel=2e-3, abs=1e-12)
     # an arc of radius l / w: its ends' tangents meet r tan(w / 2) from either end
     radius = telescope_geometry.FLEXURE / 0.1

@@ -109,10 +109,10 @@ def test_the_key_holds_what_a_perfect_instrument_would_read() -> None:
     parts = tuple(Sized(thing, 1.0, 9.0, np.zeros(1)) for thing in (gain, scale))
     both = Draft(setup, (Kind("gain", (("q1",),), 1e-4, "actuator-scale"), SCALE), parts)
     seen = setup.exact((gain, scale))[1]
-    told = np.array(keys._tool(both, seen))
+    told = np.array(keys.perfect_readings(both, seen))
     assert np.allclose(told * 1.001, seen) and np.array_equal(told, setup.exact((gain,))[1])
     alone = replace(both, kinds=both.kinds[:1], parts=parts[:1])
-    assert np.array_equal(np.array(keys._tool(alone, told)), told)
+    assert np.array_equal(np.array(keys.perfect_readings(alone, told)), told)
 
 
 TEXT = MACHINE.format(length=LENGTH, angle=float(np.degrees(ANGLE)), sigma=SIGMA)

@@ -34,7 +34,7 @@ def test_a_legs_force_is_a_share_of_the_weight_it_carries(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kg: float, counts: float
 ) -> None:
     """At standard gravity, of one kilogram at least; a force of that size in each leg counts as one machine's reach."""
-    monkeypatch.setattr(layout, "_VECTORS", 2)
+    monkeypatch.setattr(layout, "VECTORS", 2)
     numbers = layout_of(model_of(tmp_path, RAILS.replace("kg: 30,", f"kg: {kg},")), "double")
     forces = np.array(numbers.bounded) == 0
     assert forces.sum() == 6
@@ -45,7 +45,7 @@ def test_legs_that_change_their_assembly_have_no_closed_form(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A slide has two places for one pose, below and above its joint: the same one must be meant everywhere."""
-    monkeypatch.setattr(layout, "_VECTORS", 8)
+    monkeypatch.setattr(layout, "VECTORS", 8)
     model = model_of(tmp_path, LEGGED["plain_rails"])
     numbers = layout_of(model, "double")
     legs = legs_of(model, numbers, "double")
@@ -70,7 +70,7 @@ def test_a_platform_that_carries_a_body_is_not_solved_leg_by_leg(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rods could hold on to that body as well."""
-    monkeypatch.setattr(layout, "_VECTORS", 2)
+    monkeypatch.setattr(layout, "VECTORS", 2)
     model = model_of(tmp_path, LEGGED["plain_rails"])
     numbers = layout_of(model, "double")
     mechanism = model.machine.mechanism
@@ -89,7 +89,7 @@ def test_joints_without_a_range_are_sampled_on_both_sides(tmp_path: Path, unit: 
         stage, mechanism=replace(stage.mechanism, actuators=tuple(replace(a, range=None) for a in actuators))
     )
     near = np.arange(1.0, len(actuators) + 1.0)
-    low, high = layout._sampled(free, near, 600.0)
+    low, high = layout.sample_ranges(free, near, 600.0)
     own = np.array([a.unit == unit for a in actuators])
     assert own.any()
     np.testing.assert_allclose((high - low)[own] / 2.0, half)

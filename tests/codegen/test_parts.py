@@ -79,7 +79,7 @@ def test_parallel_axes_may_point_either_way(kind: Literal["wrist", "parallel"]) 
     assert alike is not None and alike.kind == kind
     for turned in range(1, 3 if kind == "wrist" else 4):
         axes = alike.axes * np.where(np.arange(6) == turned, -1.0, 1.0)[:, None]
-        found = branches._drawn(kind, axes, alike.points, alike.tool, 1500.0)
+        found = branches.drawn_branches(kind, axes, alike.points, alike.tool, 1500.0)
         assert found is not None
         np.testing.assert_allclose(found.axes, axes, atol=1e-12)
         np.testing.assert_allclose(found.points, alike.points, atol=1e-8)
@@ -97,12 +97,16 @@ def test_axes_that_are_not_parallel_or_do_not_meet_make_no_closed_form() -> None
         # two of three to either side: the common direction stays
         axes[1], axes[2] = axes[1] + np.tan(tilt) * side, axes[2] - np.tan(tilt) * side
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        assert (branches._drawn("parallel", axes, alike.points, alike.tool, 1500.0) is not None) is near
+        assert (
+            branches.drawn_branches("parallel", axes, alike.points, alike.tool, 1500.0) is not None
+        ) is near
     across = np.cross(alike.axes[4], alike.axes[5])
     for apart, near in ((0.039, True), (0.041, False)):  # the point lies in the middle between two lines
         points = alike.points.copy()
         points[4] += apart * 1500.0 * across / np.linalg.norm(across)
-        assert (branches._drawn("parallel", alike.axes, points, alike.tool, 1500.0) is not None) is near
+        assert (
+            branches.drawn_branches("parallel", alike.axes, points, alike.tool, 1500.0) is not None
+        ) is near
 
 
 def test_lines_meet_where_least_squares_puts_the_point() -> None:
@@ -110,7 +114,7 @@ def test_lines_meet_where_least_squares_puts_the_point() -> None:
     axes = rng.normal(size=(3, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     place = np.array([30.0, -20.0, 10.0])
-    point, distance = branches._meeting(axes, place + 7.0 * axes)
+    point, distance = branches.meeting_point(axes, place + 7.0 * axes)
     np.testing.assert_allclose(point, place, atol=1e-9)
     assert distance < 1e-9
     points = place + rng.normal(size=(3, 3))
@@ -118,7 +122,7 @@ def test_lines_meet_where_least_squares_puts_the_point() -> None:
     def away(at: Array) -> Array:
         return np.asarray(np.linalg.norm(np.cross(at - points, axes), axis=1))
 
-    point, distance = branches._meeting(axes, points)
+    point, distance = branches.meeting_point(axes, points)
     assert distance == pytest.approx(away(point).max())
     for step in 1e-3 * rng.normal(size=(20, 3)):
         assert np.sum(away(point + step) ** 2) > np.sum(away(point) ** 2)
@@ -171,7 +175,7 @@ def test_an_unknowns_unit_moves_what_is_a_reach_away_by_a_millimetre(name: str) 
     """To first order: slides by themselves, turns at the reach, modified Rodrigues parameters by their rotation."""
     model, reach = model_of(name), 650.0
     mechanism = model.machine.mechanism
-    units = layout._unknowns(model, reach)
+    units = layout.natural_units(model, reach)
     assert len(units) == len(model.readings) + len(model.home)
     for actuator, unit in zip(mechanism.actuators, units, strict=False):
         gain = model.machine.geometry[actuator.gain].nominal if actuator.gain else 1.0

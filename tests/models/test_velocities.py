@@ -85,7 +85,7 @@ def test_every_kind_of_joint(
     monkeypatch: pytest.MonkeyPatch, closing: JointKind | None, driven: bool
 ) -> None:
     # joints are more than the loops determine: the derivative is there all the same
-    monkeypatch.setattr(kinematics, "_assembled", lambda model: model.home)
+    monkeypatch.setattr(kinematics, "assembled_home", lambda model: model.home)
     compare(symbolic_model(every_joint(closing, driven)))
 
 

@@ -220,7 +220,7 @@ def test_without_a_compiler_the_virtual_machine_says_so(
     cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, setting: str
 ) -> None:
     """An empty setting, a program that is not there, one that is no compiler: the numbers come all the same."""
-    engine._warn.cache_clear()
+    engine.log_once.cache_clear()
     monkeypatch.setenv("TRUEPOSE_CC", setting)
     with caplog.at_level(logging.WARNING):
         functions = [example(), example()]

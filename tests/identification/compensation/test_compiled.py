@@ -160,7 +160,7 @@ def test_long_paths_of_poses_lead_to_the_same_joints(tmp_path: Path, monkeypatch
     pd.DataFrame(poses, columns=["x", "y", "z", "rx", "ry", "rz"]).to_csv(path, index=False)
     by_numpy = load_path(machine, path)[1].q
     monkeypatch.setattr(path_table, "COMPILED_FROM", 1)
-    monkeypatch.setattr(path_table, "_MARKS", 7)
+    monkeypatch.setattr(path_table, "MARKS", 7)
     assert_same(machine, load_path(machine, path)[1].q, by_numpy)
     poses[41, 2] = 9000.0
     pd.DataFrame(poses, columns=["x", "y", "z", "rx", "ry", "rz"]).to_csv(path, index=False)
@@ -194,6 +194,6 @@ def test_how_a_path_is_cut_does_not_matter(
     machine, path = machine_and_path("hexapod", tmp_path)
     rows = load_path(machine, path)[1]
     whole = compensate(machine, rows, compiled_from=1)
-    monkeypatch.setattr(compensation, "_BLOCK", block)
+    monkeypatch.setattr(compensation, "BLOCK", block)
     parts = compensate(machine, rows, compiled_from=1)
     assert_same(machine, parts.command, whole.command)

@@ -14,8 +14,8 @@ from support.effect_machines import read_machines
 from support.effects import with_effect
 from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
 from truepose.identification.diagnosis.inclusion import Inclusion
-from truepose.identification.diagnosis.naming import Member, Named, _told_once, as_named
-from truepose.identification.diagnosis.remainder import _form
+from truepose.identification.diagnosis.naming import Member, Named, as_named, told_once
+from truepose.identification.diagnosis.remainder import best_shape
 from truepose.identification.diagnosis.result import UNNAMED, Replication
 from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.fit.estimate import Estimate
@@ -100,14 +100,14 @@ def test_a_cause_has_one_probability_wherever_it_is_told() -> None:
     places |= {("joint-compliance", ("q2",)): 0.4, ("empirical", ("q2",)): 0.9}
     said = Inclusion(places, {}, (), 0.9)
     one = Named(shift, (0,), 0.6, 0.95, RIVALS, 30.0)
-    told = _told_once(one, said, set())
+    told = told_once(one, said, set())
     assert [(m.cause.effect, m.cause.place, m.probability) for m in told.equivalents] == [
         ("zero-shift", ("q3",), 0.6),
         ("joint-compliance", ("q2",), 0.4),
         ("empirical", ("q2",), 0.05),  # only like the name: not all that has no name
     ]
     assert told.certainty == 0.95 and told.probability == 0.6
-    alone = _told_once(one, said, {shift, other})
+    alone = told_once(one, said, {shift, other})
     assert [m.cause.effect for m in alone.equivalents] == ["joint-compliance", "empirical"]
     assert alone.certainty == pytest.approx(0.75)  # of 0.95 the other name had 0.2
     listed = as_named(said, [one]).places
@@ -157,7 +157,7 @@ def test_the_form_is_the_simplest_that_says_it(kind: str | int, scale: float) ->
     residual = 0.3 * rng.standard_normal((n, 3))
     residual[:, 0] += shape
     expected = (kind, 0) if isinstance(kind, str) else ("periodic", kind)
-    assert _form(residual, scale * t + 70.0) == expected
+    assert best_shape(residual, scale * t + 70.0) == expected
 
 
 def test_few_values_are_steps() -> None:
@@ -165,13 +165,13 @@ def test_few_values_are_steps() -> None:
     for count, kind in ((1, "steps"), (2, "steps"), (3, "steps"), (4, "linear")):
         values = np.arange(240.0) % count
         residual = (values - values.mean())[:, None] + 0.1 * rng.standard_normal((240, 1))
-        assert _form(residual, values)[0] == kind
+        assert best_shape(residual, values)[0] == kind
 
 
 def test_a_further_function_must_be_worth_two_units_of_noise_a_channel() -> None:
     """Of straight lines in noise so many are called parabolas as exceed 4 in chi-square of two channels: one in seven."""
     rng, t = np.random.default_rng(8), np.linspace(-1.0, 1.0, 120)
-    kinds = [_form(10.0 * t[:, None] + rng.standard_normal((120, 2)), t)[0] for _ in range(200)]
+    kinds = [best_shape(10.0 * t[:, None] + rng.standard_normal((120, 2)), t)[0] for _ in range(200)]
     assert set(kinds) == {"linear", "quadratic"}
     assert kinds.count("quadratic") / 200 == pytest.approx(
         np.exp(-2.0), abs=3.0 * np.sqrt(0.135 * 0.865 / 200)

@@ -19,7 +19,7 @@ from truepose.identification.diagnosis.judgement import judged
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.selection.tolerance_classes import PartClass
-from truepose.identification.signatures.candidates import _untestable
+from truepose.identification.signatures.candidates import why_untestable
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.models.effects.base import PlacedEffect
 
@@ -115,21 +115,21 @@ def test_random_residuals_are_projected_on_what_a_fit_leaves_unless_that_is_too_
     noise = np.random.default_rng(3).standard_normal(fit.residual[fit.used].shape)
     size = fit.n_observations * len(fit.prior.free)
     monkeypatch.setattr(alarms, "LARGEST_PROJECTION", size)
-    left = alarms._projector(fit, recording)(noise)
+    left = alarms.projector(fit, recording)(noise)
     assert np.sum(left**2) < np.sum(noise**2)
     taken = np.sum(noise * (noise - left))  # that of about as many directions as the fit has free parameters
     assert taken == pytest.approx(fit.effective_parameters, abs=4.0 * np.sqrt(2.0 * len(fit.prior.free)))
     steps = fit.prior.scale * np.random.default_rng(5).uniform(0.05, 20.0, len(fit.prior.scale))
     stepped = replace(fit, prior=replace(fit.prior, scale=steps))  # in whatever steps parameters are counted
-    np.testing.assert_allclose(alarms._projector(stepped, recording)(noise), left, atol=1e-6)
+    np.testing.assert_allclose(alarms.projector(stepped, recording)(noise), left, atol=1e-6)
     monkeypatch.setattr(alarms, "LARGEST_PROJECTION", size - 1)
-    np.testing.assert_array_equal(alarms._projector(fit, recording)(noise), noise)
+    np.testing.assert_array_equal(alarms.projector(fit, recording)(noise), noise)
 
 
 @pytest.mark.parametrize(("readings", "count"), [(100, 300), (49_999, 300), (50_000, 60), (400_000, 60)])
 def test_what_the_alarms_draw_stays_small(readings: int, count: int) -> None:
     """A fifth of the draws from 50,000 residuals on, 15 million numbers until then; a projector within 256 MiB."""
-    assert alarms._draws(np.zeros((readings, 1))) == alarms._draws(np.zeros((1, readings))) == count
+    assert alarms.draws_for(np.zeros((readings, 1))) == alarms.draws_for(np.zeros((1, readings))) == count
     assert 8 * alarms.LARGEST_PROJECTION < 2**28
 
 
@@ -154,7 +154,7 @@ def test_an_ordinary_fit_without_a_bottom_is_sought_with_ever_narrower_tolerance
 
     monkeypatch.setattr(engine, "estimate", fails)
     start, far = np.zeros(3), np.zeros(len(recording), dtype=bool)
-    found: object = engine._free(before.machine, recording, before, far, start)
+    found: object = engine.free_fit(before.machine, recording, before, far, start)
     widths = [FREE_WIDENING * share for share in (1.0, 1.0 / 3.0, 0.1)]
     count = next((k for k, w in enumerate(widths, start=1) if w <= most), 3)
     assert tried == pytest.approx(widths[:count])
@@ -182,9 +182,9 @@ def test_what_never_differs_from_zero_moves_nothing_unless_it_is_a_payload(case:
     n = len(recording)
     constant: list[tuple[float, bool]] = [(0.0, name == "payload"), (2.0, True)]
     for value, told in constant:
-        why = _untestable(placed, replace(recording, drivers={name: np.full(n, value)}))
+        why = why_untestable(placed, replace(recording, drivers={name: np.full(n, value)}))
         assert why is None if told else why == f"{name} never differs from zero"
-    assert _untestable(placed, replace(recording, drivers={})) == f"no {name} column"
+    assert why_untestable(placed, replace(recording, drivers={})) == f"no {name} column"
     held_out = np.arange(n) >= n // 2  # what moves there alone moves nothing that is fitted
     split = replace(recording, validation=held_out, drivers={name: np.where(held_out, 3.0, 0.0)})
-    assert (_untestable(placed, split) is None) == (name == "payload")
+    assert (why_untestable(placed, split) is None) == (name == "payload")

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from support.calibrated_machines import LOADED, SIX_AXES
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis, Form, Remainder
-from truepose.identification.diagnosis.weighed import _forms_by_place
+from truepose.identification.diagnosis.weighed import forms_by_place
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
 from truepose.identification.prediction.predict import predicted, predictor_for
@@ -118,7 +118,7 @@ def test_what_yields_to_load_is_one_thing_by_itself(tmp_path: Path) -> None:
     """Else nobody could say what drives a mount that drifts, since its load would be in the same term."""
     machine = machine_of(tmp_path, LOADED)
     cat = catalogue(machine, poses_of(machine, tmp_path))
-    together = _forms_by_place(cat, range(len(cat.candidates)))
+    together = forms_by_place(cat, range(len(cat.candidates)))
     assert {cat.candidates[forms[0]].place for forms in together} >= {(name,) for name in JOINTS}
     assert not any(cat.candidates[i].needs_load for forms in together for i in forms)
     assert not any(cat.candidates[i].needs_load for i in cat.smooth)

@@ -15,13 +15,13 @@ from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
-from truepose.identification.diagnosis.proof import _black_box, _injected, _linear_test
+from truepose.identification.diagnosis.proof import black_box, injected_recovered, linear_test
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.weighed import weighed
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.notes import _tolerance_notes
+from truepose.identification.report.notes import tolerance_notes
 from truepose.identification.selection.scales import noise_scales
 from truepose.identification.selection.tolerance_classes import PartClass
 from truepose.identification.signatures.candidates import Catalogue
@@ -61,7 +61,7 @@ def test_held_out_rows_are_judged_by_the_posterior_of_the_others(case: Case) -> 
     y = y - h[:, :n] @ away
     departure = -np.linalg.solve(h.T @ h + np.diag(tau**-2.0), h.T @ y)
     expected = residual[~train] + design[~train] @ (departure - np.append(away, np.zeros(extra)))
-    found = _linear_test(design, fit, train, ~train)
+    found = linear_test(design, fit, train, ~train)
     np.testing.assert_allclose(found, np.sum(expected**2, axis=1), rtol=1e-8)
 
 
@@ -73,8 +73,8 @@ def test_a_prediction_is_exact_where_readings_are_linear_and_the_drawing_is_true
     jacobian, wave = 1e-3 * rng.standard_normal((rows, 3, n)), rng.standard_normal((rows, 3, 1))
     fit = replace(fit, residual=10.0 * wave[:, :, 0])
     train = rng.permutation(rows) < 40
-    without = _linear_test(jacobian, fit, train, ~train)
-    box = _linear_test(np.concatenate([jacobian, wave], axis=2), fit, train, ~train)
+    without = linear_test(jacobian, fit, train, ~train)
+    box = linear_test(np.concatenate([jacobian, wave], axis=2), fit, train, ~train)
     assert np.mean(box) < 1e-6 * np.mean(without)
 
 
@@ -83,12 +83,12 @@ def test_a_black_box_does_as_well_in_whatever_steps_parameters_are_counted(case:
     fit, recording = case
     none, outliers = SimpleNamespace(effects=()), np.zeros(len(recording), dtype=bool)
     after = SimpleNamespace(effects=(SimpleNamespace(coefficients=range(12)),))
-    assert _black_box(fit, cast(Estimate, none), recording, outliers) == pytest.approx(1.0)
-    ratio = _black_box(fit, cast(Estimate, after), recording, outliers)
+    assert black_box(fit, cast(Estimate, none), recording, outliers) == pytest.approx(1.0)
+    ratio = black_box(fit, cast(Estimate, after), recording, outliers)
     assert ratio is not None and 1.01 < ratio < 1.5
     scale = fit.prior.scale * np.random.default_rng(7).uniform(0.05, 20.0, len(fit.prior.scale))
     scaled = replace(fit, prior=replace(fit.prior, scale=scale))
-    assert _black_box(scaled, cast(Estimate, after), recording, outliers) == pytest.approx(ratio, rel=1e-6)
+    assert black_box(scaled, cast(Estimate, after), recording, outliers) == pytest.approx(ratio, rel=1e-6)
 
 
 def test_a_black_box_does_as_well_wherever_encoders_have_their_zero(case: Case) -> None:
@@ -100,8 +100,8 @@ def test_a_black_box_does_as_well_wherever_encoders_have_their_zero(case: Case) 
     offset = np.zeros(len(fit.p))
     offset[[fit.prior.names.index(f"{joint}.theta") for joint in recording.joints]] = turned
     moved = replace(fit, p=fit.p + offset, prior=replace(fit.prior, mean=fit.prior.mean + offset))
-    found = _black_box(moved, after, replace(recording, q=recording.q - turned), outliers)
-    assert found == pytest.approx(_black_box(fit, after, recording, outliers), rel=1e-6)
+    found = black_box(moved, after, replace(recording, q=recording.q - turned), outliers)
+    assert found == pytest.approx(black_box(fit, after, recording, outliers), rel=1e-6)
 
 
 # -- an injected effect ----------------------------------------------------------------------------------
@@ -129,7 +129,7 @@ def injected(
     found = SimpleNamespace(
         weighed=problem, catalogue=cat, linearisation=lin, mode=State((), (at, 0, 0), 0.0)
     )
-    return _injected(cast(Estimate, after), cast(Found, found), 0)
+    return injected_recovered(cast(Estimate, after), cast(Found, found), 0)
 
 
 def test_an_injected_effect_is_found_again_where_nothing_else_says_the_same(
@@ -224,7 +224,7 @@ def test_tolerances_that_look_too_small_are_named_or_all_at_once() -> None:
     length, angle, frame = PartClass("length", "leg.a"), PartClass("angle"), PartClass("frame")
 
     def said(*values: float) -> list[str]:
-        return _tolerance_notes(dict(zip((length, angle, frame), values, strict=False)))
+        return tolerance_notes(dict(zip((length, angle, frame), values, strict=False)))
 
     assert said(1.0, 1.2, 1.4) == said() == []
     (one,) = said(2.0, 1.0, 1.0)

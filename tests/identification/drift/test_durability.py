@@ -15,9 +15,9 @@ from scipy import stats
 
 from support import MACHINES
 from truepose.identification.drift import analysis
-from truepose.identification.drift.durability import Check, _met, durability, noise_of
+from truepose.identification.drift.durability import Check, durability, fit_when_met, noise_of
 from truepose.identification.drift.movement_evidence import Stack, solve
-from truepose.identification.drift.movement_selection import Candidate, Selection, _summed
+from truepose.identification.drift.movement_selection import Candidate, Selection, summed
 from truepose.identification.drift.sessions import Session, bounded, sessions_of
 from truepose.identification.drift.sizes import movements
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -155,7 +155,7 @@ def test_a_check_is_that_of_the_gaussian_of_all_readings(
     noise, freedom = noise_of(one.fits)
     first, own = one.fits
     session = one.sessions[1]
-    met_again = _met(session, one.prior, first.p, fresh)
+    met_again = fit_when_met(session, one.prior, first.p, fresh)
     assert check is not None and met_again is not None and found.noise == noise
     np.testing.assert_array_equal(met_again.p[one.prior.free[~fresh]], first.p[one.prior.free[~fresh]])
 
@@ -231,10 +231,10 @@ def test_a_movement_pays_for_being_one_of_many_unless_its_group_moves() -> None:
     candidates = [Candidate("frame", (0, 1), True), Candidate("a", (0,), True), Candidate("b", (1,), True)]
     seen, odds = stack(), -np.log(3.0)
     for accepted, expected in (({1: 3.0}, (odds, odds)), ({0: 3.0, 1: 3.0}, (0.0, 0.0))):
-        found = _summed(seen, accepted, candidates, [POINT])
+        found = summed(seen, accepted, candidates, [POINT])
         np.testing.assert_allclose(found.log_odds - found.gain, expected, atol=1e-9)
         assert found.accepted == accepted and set(found.alike) == set(accepted)
-    apart = _summed(seen, {0: 3.0, 1: 3.0}, candidates[1:], [POINT])
+    apart = summed(seen, {0: 3.0, 1: 3.0}, candidates[1:], [POINT])
     np.testing.assert_allclose(apart.log_odds - apart.gain, -np.log(2.0), atol=1e-9)
 
 
@@ -263,6 +263,6 @@ def test_the_joint_fit_rests_when_no_sessions_readings_change_by_a_tenth_of_thei
     monkeypatch.setattr(analysis, "select", chosen)
     monkeypatch.setattr(analysis, "joint_parameters", walk)
     machine = moved.sessions[0].predictor.machine
-    _, _, settled = analysis._joint(machine, moved.sessions, moved.fits, moved.prior, lambda _: None)
+    _, _, settled = analysis.joint_selection(machine, moved.sessions, moved.fits, moved.prior, lambda _: None)
     assert settled is (share < 0.1)
     assert rounds == pytest.approx([noise] * (2 if settled else analysis.ROUNDS))

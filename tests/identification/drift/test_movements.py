@@ -15,11 +15,11 @@ from scipy.linalg import block_diag
 from scipy.special import expit
 
 from support import MACHINES
-from truepose.identification.drift.analysis import _unseen, drift
+from truepose.identification.drift.analysis import drift, unseen_by_all
 from truepose.identification.drift.movement_evidence import Stack, grid_for, solve, weigh
 from truepose.identification.drift.movement_selection import Candidate, Selection, candidates_of, select
 from truepose.identification.drift.sessions import Linear, linearised, sessions_of
-from truepose.identification.drift.sizes import _line, joint_parameters, movements
+from truepose.identification.drift.sizes import joint_parameters, movements, straight_line
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drift_words import drift_notes
@@ -177,14 +177,14 @@ def test_a_rate_has_the_unit_of_its_change_over_that_of_its_time(time: float, le
     elapsed, change = np.array([0.0, 60.0, 240.0, 300.0]), np.array([0.0, 1.0, 3.0, 9.0])
     root = np.vstack([np.zeros(3), rng.standard_normal((3, 3))])
     for sessions in (4, 2):
-        plain = _line(elapsed[:sessions], change[:sessions], root[:sessions])
-        other = _line(time * elapsed[:sessions], length * change[:sessions], length * root[:sessions])
+        plain = straight_line(elapsed[:sessions], change[:sessions], root[:sessions])
+        other = straight_line(time * elapsed[:sessions], length * change[:sessions], length * root[:sessions])
         assert plain is not None and other is not None
         assert other == pytest.approx(
             (plain[0] * length / time, plain[1] * length / time, plain[2]), rel=1e-9
         )
         assert (plain[2] == 1.0) is (sessions == 2)  # a line through two points always fits
-    assert _line(0.0 * elapsed, change, root) is None  # no time passed
+    assert straight_line(0.0 * elapsed, change, root) is None  # no time passed
 
 
 def test_unseen_is_what_the_session_that_sees_most_does_not_see() -> None:
@@ -198,7 +198,7 @@ def test_unseen_is_what_the_session_that_sees_most_does_not_see() -> None:
         blind[np.arange(3) != best, :, 7] = 0.0
         blind[(best + 1) % 3, :, 9] = 0.0
         stack = Stack(blind, np.zeros((3, n + 1)), 3 * n, np.ones(n), np.zeros(n, dtype=bool))
-        (own,) = _unseen(machine, stack, prior, np.tile(prior.mean, (3, 1))).directions
+        (own,) = unseen_by_all(machine, stack, prior, np.tile(prior.mean, (3, 1))).directions
         assert set(own.parts) == {prior.names[prior.free[4]]}
 
 

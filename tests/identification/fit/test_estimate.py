@@ -15,7 +15,7 @@ from support.moving_machines import record, written
 from support.telescope_legs import ENDS, leg_rows
 from truepose.identification.fit.estimate import FREE_TOLERANCE, FREE_WIDENING, estimate, prior_of
 from truepose.identification.fit.summary import worst_allowed
-from truepose.identification.fit.widening import _independent
+from truepose.identification.fit.widening import independent_columns
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.machine import Machine
@@ -142,9 +142,9 @@ def test_widening_an_independent_set_is_as_free_as_widening_all(
 def test_columns_that_are_no_numbers_are_all_taken_and_refused_later() -> None:
     """One that is not finite spoils what the others show."""
     columns = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
-    assert set(_independent(columns[:, :0], columns)) in ({0, 2}, {1, 2})
+    assert set(independent_columns(columns[:, :0], columns)) in ({0, 2}, {1, 2})
     columns[0, 2] = np.nan
-    np.testing.assert_array_equal(_independent(columns[:, :0], columns), [0, 1, 2])
+    np.testing.assert_array_equal(independent_columns(columns[:, :0], columns), [0, 1, 2])
 
 
 @pytest.mark.parametrize("name", TEXTS)

@@ -18,7 +18,7 @@ from support.solvers import ARM, MADE, hexapod, read_machines, simulated
 from truepose.identification.fit.leastsquares import Status
 from truepose.identification.fit.problem import Problem, prior_of
 from truepose.identification.fit.program import REST, Program
-from truepose.identification.fit.simultaneous import _pattern, _polished
+from truepose.identification.fit.simultaneous import polished, sparsity_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.home import coordinate_scale
 from truepose.models.machine import Machine
@@ -132,7 +132,7 @@ def test_a_row_knows_its_own_coordinates_alone(machines: Mapping[str, Machine], 
 def test_a_pattern_lists_its_entries_in_order() -> None:
     matrix = sp.csc_array((np.ones(5), np.array([2, 0, 1, 2, 0]), np.array([0, 2, 3, 5])), shape=(3, 3))
     expected = matrix.toarray() != 0.0
-    pattern = _pattern(matrix)
+    pattern = sparsity_of(matrix)
     found = np.zeros((3, 3), dtype=bool)
     found[pattern.row(), pattern.get_col()] = True
     np.testing.assert_array_equal(found, expected)
@@ -162,7 +162,7 @@ WIDE = (np.full(2, -9.0), np.full(2, 9.0))
 def ended(
     bowl: Bowl, t: Array, bounds: tuple[Array, Array] = WIDE, status: Status = Status.STALLED
 ) -> tuple[Array, Status]:
-    found = _polished(cast(Problem, bowl), t, bounds, status, 7)
+    found = polished(cast(Problem, bowl), t, bounds, status, 7)
     assert found.iterations == 7
     return found.t, found.status
 
@@ -207,7 +207,7 @@ def test_an_end_is_a_minimum_where_nothing_is_left_and_bounds_hold_what_pushes_o
 def test_what_is_left_to_gain_is_told() -> None:
     """Half the sum of squares here less that at the minimum, of a problem without bend; and the step that gains it."""
     lowest, t = np.array([1.0, -2.0]), np.array([1.4, -2.3])
-    found = _polished(cast(Problem, Bowl(lowest)), t, WIDE, Status.STALLED, 1)
+    found = polished(cast(Problem, Bowl(lowest)), t, WIDE, Status.STALLED, 1)
     assert found.cost == pytest.approx(0.5 * (0.8**2 + 0.1**2 + 9.0))
     assert found.decrement == pytest.approx(found.cost - 4.5)
     np.testing.assert_allclose(found.movement, lowest - t)

@@ -32,10 +32,10 @@ def recording(pose: list[int], origin: list[int], time: list[float] | None = Non
     return joined_rows(pose, origin, range(n), np.zeros(n), time)
 
 
-def work(rows: Recording | None = None) -> lengths._Work:
+def work(rows: Recording | None = None) -> lengths.Readings:
     """Four rows in a chain, and a cavity of sigma 10 nm."""
     sensor = Irradiance((), SIGMA, True, BASE, (0.04, 0.9))
-    return lengths._Work(cast("Any", None), sensor, rows or recording([0, 1, 2, 3], [0, 0, 1, 2]))
+    return lengths.Readings(cast("Any", None), sensor, rows or recording([0, 1, 2, 3], [0, 0, 1, 2]))
 
 
 def one(sign: int | None = None, row: int = 1) -> Series:
@@ -48,12 +48,12 @@ def moved(change: float, sigma: float = 1e-6, *, signed: bool = True, faults: tu
 
 def test_a_move_that_is_left_out_is_so_with_every_reason_and_its_place() -> None:
     found = work()
-    assert not found._take(2, one(row=701), moved(0.02, faults=(Fault.GAP, Fault.TURN)))
+    assert not found.take(2, one(row=701), moved(0.02, faults=(Fault.GAP, Fault.TURN)))
     where = "rows.csv: row 3: left out (samples from row 701 on): "
     assert found.notes == [where + fault.value for fault in (Fault.GAP, Fault.TURN)]
     assert found.left_out.tolist() == [False, False, True, False]
     assert found.change[2] == 0.0
-    assert not found._take(1, one(), moved(-0.02))
+    assert not found.take(1, one(), moved(-0.02))
     assert len(found.notes) == 2 and not found.left_out[1]
     assert (found.change[1], found.sigma[1]) == (-0.02, 1e-6)
 
@@ -61,7 +61,7 @@ def test_a_move_that_is_left_out_is_so_with_every_reason_and_its_place() -> None
 def test_a_move_known_three_times_worse_than_the_sensor_is_left_out() -> None:
     for times, out in ((2.9, False), (3.1, True)):
         found = work()
-        found._take(1, one(), moved(0.02, times * SIGMA))
+        found.take(1, one(), moved(0.02, times * SIGMA))
         assert found.left_out[1] == out
         assert [
             f"dL is known to {10 * times:.1f} nm only, and sigma is 10 nm" in note for note in found.notes
@@ -72,16 +72,16 @@ def test_the_tables_sign_comes_first_and_must_not_contradict_the_scans() -> None
     for sign in (1, -1):
         for signed in (True, False):
             found = work()
-            found._take(1, one(sign), moved(0.02 * sign if signed else 0.02, signed=signed))
+            found.take(1, one(sign), moved(0.02 * sign if signed else 0.02, signed=signed))
             assert found.change[1] == 0.02 * sign and not found.left_out[1] and not found.notes
         found = work()
-        found._take(1, one(sign), moved(-0.02 * sign))
+        found.take(1, one(sign), moved(-0.02 * sign))
         assert (
             found.left_out[1]
             and "its sign in the table is not that of the wavelength scans" in found.notes[0]
         )
         found = work()
-        found._take(1, one(sign), moved(-2.5e-6 * sign))  # within three sigma of none
+        found.take(1, one(sign), moved(-2.5e-6 * sign))  # within three sigma of none
         assert found.change[1] == 2.5e-6 * sign and not found.left_out[1]
 
 
@@ -94,8 +94,8 @@ def test_the_nominal_machine_tells_a_sign_that_is_99_times_as_likely(sign: float
         likely = norm.logpdf(sign * change, value, std) - norm.logpdf(-sign * change, value, std)
         assert np.exp(likely) == pytest.approx(odds)
         found = work()
-        found._predicted = np.full(4, value), np.full(4, std)
-        by_model = found._take(1, one(), moved(change, signed=False))
+        found.nominal = np.full(4, value), np.full(4, std)
+        by_model = found.take(1, one(), moved(change, signed=False))
         assert by_model is sure and found.left_out[1] != sure
         assert found.change[1] == (sign * change if sure else 0.0)
         assert (
@@ -106,16 +106,16 @@ def test_the_nominal_machine_tells_a_sign_that_is_99_times_as_likely(sign: float
 def test_a_prediction_that_is_none_tells_no_sign() -> None:
     for value, std in ((np.nan, 0.01), (0.0, 0.01), (0.02, np.inf), (0.02, np.nan)):
         found = work()
-        found._predicted = np.full(4, value), np.full(4, std)
-        assert found._sign(1, one(), moved(0.02, signed=False)) == (0.0, True)
+        found.nominal = np.full(4, value), np.full(4, std)
+        assert found.sign_of(1, one(), moved(0.02, signed=False)) == (0.0, True)
     exact = work()
-    exact._predicted = np.full(4, -0.02), np.zeros(4)
-    assert exact._sign(1, one(), moved(0.02, signed=False)) == (-1.0, True)
-    assert work()._sign(1, one(), moved(2.9e-6, signed=False)) == (
+    exact.nominal = np.full(4, -0.02), np.zeros(4)
+    assert exact.sign_of(1, one(), moved(0.02, signed=False)) == (-1.0, True)
+    assert work().sign_of(1, one(), moved(2.9e-6, signed=False)) == (
         1.0,
         False,
     )  # less than three sigma of none
-    assert work()._sign(1, one(), moved(0.0)) == (1.0, False)
+    assert work().sign_of(1, one(), moved(0.0)) == (1.0, False)
 
 
 def test_returns_that_miss_by_a_count_are_left_out_at_the_end() -> None:
@@ -123,7 +123,7 @@ def test_returns_that_miss_by_a_count_are_left_out_at_the_end() -> None:
     found.rows.q[3] = found.rows.q[0]
     half = BASE / 2.0
     for row, change in ((1, 0.02), (2, 0.01), (3, -0.03 + half)):
-        found._take(row, one(), moved(change))
+        found.take(row, one(), moved(change))
     found.close()
     assert found.left_out.tolist() == [False, True, True, True]
     assert (found.change == 0.0).all()
@@ -151,13 +151,13 @@ def test_series_of_a_pose_go_to_its_moves_in_order_of_time() -> None:
     for of_0 in ((c,), (a, c)):
         table = SampleTable("light.csv", {0: of_0, 1: (b, d)}, ())
         # row 3 was at pose 1 before row 1
-        found = lengths._paired(rows, 0, table)
+        found = lengths.paired_series(rows, 0, table)
         assert list(found) == [1, 2, 3]
         assert found[3] is b and found[1] is d
     with pytest.raises(
         InputError, match=r"light\.csv: column 'pose': found 1 series for pose 1, expected 2: rows\.csv: row"
     ):
-        lengths._paired(rows, 0, SampleTable("light.csv", {0: (c,), 1: (b,)}, ()))
+        lengths.paired_series(rows, 0, SampleTable("light.csv", {0: (c,), 1: (b,)}, ()))
 
 
 def test_levels_that_moves_share_are_their_medians() -> None:
@@ -166,13 +166,13 @@ def test_levels_that_moves_share_are_their_medians() -> None:
         return replace(moved(0.01, faults=faults), count=replace(COUNT, levels=own))
 
     good = [with_levels(*levels) for levels in ((1.0, 5.0), (1.1, 5.0), (1.2, 5.0), (9.0, 5.3), (1.1, 4.9))]
-    shared = lengths._shared_levels([*good, with_levels(-50.0, 50.0, (Fault.WEAK,))])
+    shared = lengths.shared_levels([*good, with_levels(-50.0, 50.0, (Fault.WEAK,))])
     assert shared is not None
     assert (shared.low.tolist(), shared.high.tolist()) == ([1.1], [5.0])
     # 1-sigma from the median deviation of the worse end, of the fringe's size
     assert shared.sigma == pytest.approx(1.4826 * 0.1 / 3.8)
-    single = lengths._shared_levels(good[:1])
-    alike = lengths._shared_levels(good[:1] * 3)
+    single = lengths.shared_levels(good[:1])
+    alike = lengths.shared_levels(good[:1] * 3)
     assert single is not None and alike is not None
     assert single.sigma == 10.0 * alike.sigma == 0.01  # one alone says nothing of others
-    assert lengths._shared_levels([with_levels(1.0, 5.0, (Fault.GAP,))]) is None
+    assert lengths.shared_levels([with_levels(1.0, 5.0, (Fault.GAP,))]) is None

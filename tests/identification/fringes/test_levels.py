@@ -37,7 +37,7 @@ def test_samples_that_levels_are_fitted_to_are_those_of_the_even_excursions(
     v = light(phase)
     found = find_excursions(t, v, 0.0, G)
     even = np.flatnonzero(evenly_passed(v, found, 1.0, 1.15))[3:-1:2]
-    at, which = levels._sampled(found, even)
+    at, which = levels.inside_samples(found, even)
     owned = [np.arange(found.first[k], found.first[k + 1]) for k in even]
     np.testing.assert_array_equal(at, np.concatenate(owned)[::stride])
     np.testing.assert_array_equal(which, np.repeat(even, [len(own) for own in owned])[::stride])
@@ -50,12 +50,12 @@ def test_a_half_level_that_is_off_is_seen_in_how_long_excursions_last(shift: flo
     v = light(phase) + shift
     found = find_excursions(t, v, 0.0, G)
     even = np.flatnonzero(evenly_passed(v, found, 1.0, 1.15))
-    seen = levels._level_error(found, even, np.zeros(1))
+    seen = levels.level_error(found, even, np.zeros(1))
     # phase from the low end at which crossings are, less the one at which they should be
     true = float(folded_phase(0.5 - shift, G)) - HALF_LEVEL
     np.testing.assert_allclose(seen, true, rtol=0.03)
-    at, which = levels._sampled(found, even)
-    unfolded = levels._phases(t[at], which, found, seen)
+    at, which = levels.inside_samples(found, even)
+    unfolded = levels.crossing_phases(t[at], which, found, seen)
     # the end of the fringe that every excursion goes to
     end = np.pi * np.round((START + RATE * 0.5 * (found.times[which] + found.times[which - 1])) / np.pi)
     np.testing.assert_allclose(unfolded, START + RATE * t[at] - end, atol=0.01)
@@ -72,7 +72,7 @@ def test_a_half_level_that_drifts_is_seen_when_it_is_off_and_the_same_backwards(
         found = find_excursions(t, v, 0.0, G)
         even = np.flatnonzero(evenly_passed(v, found, 1.0, 1.3))
         whole = found.times[[even[0] - 1, even[-1]]]
-        seen.append(levels._level_error(found, even, whole)[even])
+        seen.append(levels.level_error(found, even, whole)[even])
         middle = 0.5 * (found.times[even] + found.times[even - 1])
         true.append(folded_phase(0.5 - np.interp(middle, t, shift[::way]), G) - HALF_LEVEL)
         # half an excursion earlier or later differs by more
@@ -88,7 +88,7 @@ def test_least_squares_leave_out_what_lies_far_beyond_the_rest(bad: int) -> None
     values = columns @ [2.0, -3.0] + 0.01 * rng.standard_normal(200)
     spoilt = values.copy()
     spoilt[:bad] += 5.0
-    solution, inverse, rms = levels._robust(columns, spoilt)
+    solution, inverse, rms = levels.robust_fit(columns, spoilt)
     kept = np.arange(200) >= bad
     expected = np.linalg.lstsq(columns[kept], values[kept], rcond=None)[0]
     np.testing.assert_allclose(solution, expected, atol=1e-9)
@@ -98,8 +98,8 @@ def test_least_squares_leave_out_what_lies_far_beyond_the_rest(bad: int) -> None
 
 def test_hats_are_straight_between_knots_and_add_up_to_one() -> None:
     knots, t = np.array([1.0, 2.0, 4.0]), np.linspace(0.0, 5.0, 41)
-    hats = levels._hats(t, knots)
+    hats = levels.hat_shares(t, knots)
     np.testing.assert_allclose(hats.sum(axis=1), 1.0)
     for height in np.eye(3):
         np.testing.assert_allclose(hats @ height, np.interp(t, knots, height), atol=1e-12)
-    np.testing.assert_array_equal(levels._hats(t, knots[:1]), 1.0)
+    np.testing.assert_array_equal(levels.hat_shares(t, knots[:1]), 1.0)

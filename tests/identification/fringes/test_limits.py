@@ -16,7 +16,7 @@ from truepose.identification.fringes.excursions import Excursions, centre_means,
 from truepose.identification.fringes.levels import Levels, Noise, noise_of
 from truepose.identification.fringes.move import Move, read_move
 from truepose.identification.fringes.passages import evenly, normalised
-from truepose.identification.fringes.photocurrent import _read, read_samples
+from truepose.identification.fringes.photocurrent import read_fast, read_samples
 from truepose.identification.fringes.rest import find_rest
 from truepose.identification.fringes.scan import Scan
 from truepose.identification.recording.table import read_table
@@ -38,7 +38,7 @@ def test_a_table_of_numbers_is_read_at_once_and_says_the_same(tmp_path: Path) ->
     path = tmp_path / "light.csv"
     rows = [f"{k // 40},{0.01 * k!r},{np.sin(k):.12g}" for k in range(80)]
     path.write_text("# a note\n" + "\n".join(["pose,t [ms],I", *rows]) + "\n", encoding="utf-8")
-    fast, slow = _read(path), read_table(path)
+    fast, slow = read_fast(path), read_table(path)
     assert all(isinstance(cells, np.ndarray) for cells in fast.cells.values())
     assert fast.names == slow.names and fast.columns == slow.columns
     for name in fast.names:
@@ -108,7 +108,7 @@ def test_a_crossing_lies_between_the_first_two_samples_on_different_sides() -> N
         after = before + span
         above[after] = not above[before]
         change = [k for k in range(before, after) if above[k] != above[k + 1]]
-        low, up = excursions._around(above, np.array([before]), np.array([after]))
+        low, up = excursions.neighbours_around(above, np.array([before]), np.array([after]))
         assert (int(low[0]), int(up[0])) == (change[0], change[0] + 1)
 
 
@@ -190,7 +190,7 @@ def test_the_first_guess_of_a_scan_is_near_its_phase_and_its_length(fringes: flo
     x = np.linspace(-0.5, 0.5, 600)
     for phase in np.arange(-3.0, 3.2, 0.4):
         v = fringe(np.cos(phase + 2.0 * np.pi * fringes * x), G)
-        guess = scan._candidates(x, v, G, False)[0]
+        guess = scan.first_guesses(x, v, G, False)[0]
         assert abs(np.angle(np.exp(1j * (guess[0] - phase)))) < 0.3
         assert abs(guess[1] - 2.0 * np.pi * fringes) < 1.0
 
@@ -202,7 +202,7 @@ def test_two_moves_that_agree_share_levels_as_well_as_three_do() -> None:
     nowhere = End(False, 0.0, 0.01, 0.0)
     count = Count(0.0, nowhere, nowhere, 0, LEVELS, 0.01, 0, ())
     one = Move(0.01, 1e-6, True, 1.56e-3, count, ())
-    found = [lengths._shared_levels([one] * k) for k in (1, 2, 3)]
+    found = [lengths.shared_levels([one] * k) for k in (1, 2, 3)]
     assert [levels and levels.sigma for levels in found] == [0.01, 0.001, 0.001]
 
 
@@ -212,7 +212,7 @@ def test_what_scan_and_rest_differ_by_is_weighed_by_both_and_what_a_phase_cannot
         end = End(False, 0.5, rested, 0.0)
         count = Count(6.0 * np.pi, End(False, 0.0, 0.01, 0.0), end, 0, LEVELS, 0.01, 0, ())
         after = Scan(0.8, scanned, 0.9, 1e-4, None, None)
-        (chi2,) = move._misfits(count, None, after, 1e-4, 1.0)
+        (chi2,) = move.misfits_of(count, None, after, 1e-4, 1.0)
         assert chi2 == pytest.approx(0.3**2 / (scanned**2 + rested**2 + 0.05**2))
 
 
@@ -230,26 +230,26 @@ def judged(path: Array, seed: int = 0) -> turns.Visit:
 
 def test_samples_are_fitted_in_time_from_minus_one_to_one() -> None:
     visit = judged(np.linspace(-1.0, 1.0, 101))
-    np.testing.assert_allclose(turns._light(visit).u, np.linspace(-1.0, 1.0, 101), atol=1e-12)
+    np.testing.assert_allclose(turns.light_of(visit).u, np.linspace(-1.0, 1.0, 101), atol=1e-12)
     # in groups: their mean times
     many = judged(np.linspace(-1.0, 1.0, 1600))
     np.testing.assert_allclose(
-        turns._light(many).u, np.linspace(-1.0, 1.0, 1600).reshape(-1, 10).mean(axis=1), atol=1e-9
+        turns.light_of(many).u, np.linspace(-1.0, 1.0, 1600).reshape(-1, 10).mean(axis=1), atol=1e-9
     )
 
 
 @pytest.mark.parametrize(("samples", "enough"), [(5, False), (6, True)])
 def test_a_motion_needs_as_many_samples_as_it_has_unknowns(samples: int, enough: bool) -> None:
     """Four of a cubic, and two levels."""
-    light = turns._light(judged(np.linspace(-1.0, 1.0, samples)))
-    assert (turns._smooth(light, (3, 5)) is not None) is enough
+    light = turns.light_of(judged(np.linspace(-1.0, 1.0, samples)))
+    assert (turns.smooth_verdict(light, (3, 5)) is not None) is enough
 
 
 def test_motions_are_tried_until_one_fits_and_the_last_only_confirms() -> None:
     """A motion of degree 5 that no cubic follows passes; of that it is sure when a degree confirms it."""
     u = np.linspace(-1.0, 1.0, 120)
-    light = turns._light(judged(0.7 * u + 0.5 * (16.0 * u**5 - 20.0 * u**3 + 5.0 * u)))
-    cubic, free, alone = (turns._smooth(light, degrees) for degrees in ((3, 4), (3, 5, 7), (3, 5)))
+    light = turns.light_of(judged(0.7 * u + 0.5 * (16.0 * u**5 - 20.0 * u**3 + 5.0 * u)))
+    cubic, free, alone = (turns.smooth_verdict(light, degrees) for degrees in ((3, 4), (3, 5, 7), (3, 5)))
     assert cubic is not None and free is not None and alone is not None
     assert free.fits and free.passed
     assert not cubic.fits and not alone.fits
@@ -260,7 +260,7 @@ def test_guesses_of_a_motion_that_comes_back_are_the_same_seen_backwards(seed: i
     """Polynomials in time, of which the odd powers change their sign."""
     rng = np.random.default_rng(seed)
     u = np.linspace(-1.0, 1.0, 60)
-    there = turns._light(judged(0.3 - 1.2 * (u - 0.1 * seed) ** 2))
+    there = turns.light_of(judged(0.3 - 1.2 * (u - 0.1 * seed) ** 2))
     there = replace(there, distance=there.distance + 0.03 * rng.random(60))
     back = replace(there, distance=there.distance[::-1])
     turned = np.append((-1.0) ** np.arange(6), [1.0, 1.0])

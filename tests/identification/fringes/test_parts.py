@@ -352,13 +352,13 @@ def test_a_verdict_is_no_surer_than_what_confirms_it() -> None:
 def test_levels_go_on_beyond_their_knots_as_they_drift_at_the_ends() -> None:
     knots = np.array([1.0, 2.0, 4.0])
     drifting = Levels(knots, np.array([0.0, 1.0, 5.0]), np.array([10.0, 12.0, 20.0]), 0.01, 0.02)
-    far = levels._extended((0.0, 6.0), drifting)
+    far = levels.extended((0.0, 6.0), drifting)
     np.testing.assert_allclose(far.knots, [0.0, 1.0, 2.0, 4.0, 6.0])
     np.testing.assert_allclose(far.low, [-1.0, 0.0, 1.0, 5.0, 9.0])
     np.testing.assert_allclose(far.high, [8.0, 10.0, 12.0, 20.0, 28.0])
     assert (far.sigma, far.misfit) == (0.01, 0.02)
     still = Levels(np.array([2.0]), np.array([1.0]), np.array([3.0]))
-    assert levels._extended((0.0, 6.0), still) is still
+    assert levels.extended((0.0, 6.0), still) is still
 
 
 def test_light_that_does_not_change_is_no_scan() -> None:
@@ -377,8 +377,8 @@ def test_the_speed_of_a_motion_is_the_derivative_of_its_basis_at_the_edges(
 
 
 def test_rows_are_listed_up_to_a_dozen() -> None:
-    assert lengths._listed([7]) == "row 7"
-    assert lengths._listed([1, 2]) == "rows 1, 2"
+    assert lengths.listed_rows([7]) == "row 7"
+    assert lengths.listed_rows([1, 2]) == "rows 1, 2"
     dozen = ", ".join(map(str, range(1, 13)))
-    assert lengths._listed(range(1, 13)) == f"rows {dozen}"
-    assert lengths._listed(range(1, 15)) == f"rows {dozen} and 2 more"
+    assert lengths.listed_rows(range(1, 13)) == f"rows {dozen}"
+    assert lengths.listed_rows(range(1, 15)) == f"rows {dozen} and 2 more"

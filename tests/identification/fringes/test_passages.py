@@ -59,7 +59,7 @@ def test_a_steady_mirror_passes_every_end_between_its_first_and_last() -> None:
 def test_an_excursion_is_late_by_one_and_a_half_per_cent_of_its_time(share: float, in_time: bool) -> None:
     factors = np.ones(9)
     factors[4] += share
-    found = passages._in_time(timed(factors), every(11))
+    found = passages.in_time(timed(factors), every(11))
     assert found.tolist() == every(11, None if in_time else 5).tolist()
 
 
@@ -68,7 +68,7 @@ def test_of_neighbours_out_of_time_the_worst_is_the_one() -> None:
     for k in range(2, 9):
         factors = np.ones(9)
         factors[k - 1] = 1.1
-        assert passages._in_time(timed(factors), every(11)).tolist() == every(11, k).tolist()
+        assert passages.in_time(timed(factors), every(11)).tolist() == every(11, k).tolist()
 
 
 def test_neighbours_that_did_not_pass_evenly_tell_no_time() -> None:
@@ -76,9 +76,9 @@ def test_neighbours_that_did_not_pass_evenly_tell_no_time() -> None:
     factors[4] = 1.1
     for other in (4, 6):
         even = every(11, other)
-        assert passages._in_time(timed(factors), even)[5]
-    assert not passages._in_time(timed(factors), every(11, 5))[5]
-    assert passages._in_time(timed(np.array([1.0, 1.5])), every(4)).all()  # too few to compare
+        assert passages.in_time(timed(factors), even)[5]
+    assert not passages.in_time(timed(factors), every(11, 5))[5]
+    assert passages.in_time(timed(np.array([1.0, 1.5])), every(4)).all()  # too few to compare
 
 
 @pytest.mark.parametrize(("samples", "in_time"), [(10, True), (20, True), (100, True), (4000, False)])
@@ -86,7 +86,7 @@ def test_noise_hides_lateness_by_the_root_of_the_samples_at_a_crossing(samples: 
     """A twentieth of an excursion's samples, one at least: 0.02 of a fringe hides 4 % of its time until there are many."""
     factors = np.ones(9)
     factors[4] = 1.04
-    assert passages._in_time(timed(factors, samples, 0.02), every(11))[5] == in_time
+    assert passages.in_time(timed(factors, samples, 0.02), every(11))[5] == in_time
 
 
 def hidden(k: int, samples: int, sigma: float) -> float:
@@ -96,7 +96,7 @@ def hidden(k: int, samples: int, sigma: float) -> float:
         middle = 0.5 * (low + high)
         factors = np.ones(10)
         factors[k - 1] = np.exp(middle)
-        in_time = bool(passages._in_time(timed(factors, samples, sigma), every(12))[k])
+        in_time = bool(passages.in_time(timed(factors, samples, sigma), every(12))[k])
         low, high = (middle, high) if in_time else (low, middle)
     return low - 0.015
 
@@ -224,7 +224,7 @@ def test_three_excursions_show_no_neighbours_and_four_and_five_do() -> None:
         assert len(one.found) == count
         assert evenly(one).tolist() == [False, *[count == 4] * (count - 2), False]
     late = np.array([1.0, 1.1, 1.0])
-    assert passages._in_time(timed(late), every(5)).tolist() == every(5, 2).tolist()
+    assert passages.in_time(timed(late), every(5)).tolist() == every(5, 2).tolist()
 
 
 def test_an_excursion_that_misses_its_end_by_four_hundredths_does_not_reach_it() -> None:
@@ -238,12 +238,12 @@ def test_an_excursion_that_misses_its_end_by_four_hundredths_does_not_reach_it()
                 far = miss + 4.0 * noise
                 v = one.v.copy()
                 v[inside] = np.minimum(v[inside], 1.0 - far) if high else np.maximum(v[inside], far)
-                assert bool(passages._reaches(v, noise, one.found, G)[k]) is reaches
+                assert bool(passages.reaches_end(v, noise, one.found, G)[k]) is reaches
     for samples in (4.5, 5.3, 6.7, 9.1):
         n = round(12.0 * samples)
         sparse = series(0.3 + np.arange(float(n)) * 2.0 * np.pi / samples)
-        assert passages._reaches(sparse.v, 0.0, sparse.found, G)[1:-1].all()
+        assert passages.reaches_end(sparse.v, 0.0, sparse.found, G)[1:-1].all()
         step = 2.0 * np.pi / samples
         missed = fringe(np.cos(np.pi + 0.9 * step), G) - 0.04
         low = np.where(sparse.v > 0.5, np.minimum(sparse.v, missed), sparse.v)
-        assert not passages._reaches(low, 0.0, sparse.found, G)[1:-1][sparse.found.high[1:-1]].any()
+        assert not passages.reaches_end(low, 0.0, sparse.found, G)[1:-1][sparse.found.high[1:-1]].any()

@@ -13,7 +13,7 @@ import pytest
 from support.linear_problems import RICHNESS, SIZES, catalogue_problem, single
 from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior.mode import log_posterior
-from truepose.identification.posterior.posterior import APART, _disagreement, _Seen, _Tally, _weights
+from truepose.identification.posterior.posterior import APART, Seen, Tally, chain_disagreement, chain_weights
 from truepose.identification.posterior.terms import Terms
 from truepose.identification.posterior.weighing import Weighing
 
@@ -26,10 +26,10 @@ def problem(terms: Terms | None = None) -> Weighing:
     return Weighing(dense.design, dense.unknowns, terms or single(*[1] * TERMS), SIZES)
 
 
-def tally(weighing: Weighing, causes: list[float], seen: dict[_Seen, int]) -> _Tally:
+def tally(weighing: Weighing, causes: list[float], seen: dict[Seen, int]) -> Tally:
     """What a chain of ten sweeps would have summed."""
     return cast(
-        _Tally,
+        Tally,
         SimpleNamespace(
             causes=np.array(causes),
             seen=Counter(seen),
@@ -41,7 +41,7 @@ def tally(weighing: Weighing, causes: list[float], seen: dict[_Seen, int]) -> _T
     )
 
 
-def state(weighing: Weighing, *terms: int) -> _Seen:
+def state(weighing: Weighing, *terms: int) -> Seen:
     point = tuple(0 for _ in weighing.unknowns.shape)
     size = int(np.flatnonzero(weighing.noticeable[:, terms[0]])[0]) if terms else 0
     return tuple((term, size) for term in terms), point
@@ -51,7 +51,7 @@ def test_chains_that_agree_count_alike_whatever_they_visited() -> None:
     weighing = problem()
     one = tally(weighing, [0.5] * TERMS, {state(weighing, 0): 10})
     other = tally(weighing, [0.5 + APART / 2] * TERMS, {state(weighing): 10})
-    weights, _ = _weights(weighing, RICHNESS, [one, other])
+    weights, _ = chain_weights(weighing, RICHNESS, [one, other])
     assert weights.tolist() == [0.5, 0.5]
 
 
@@ -60,7 +60,7 @@ def test_chains_caught_apart_count_by_the_mass_of_their_states() -> None:
     here, there = state(weighing, 0), state(weighing)
     own = [1.0, *[0.0] * (TERMS - 1)]
     one, other = tally(weighing, own, {here: 10}), tally(weighing, [0.0] * TERMS, {there: 10})
-    weights, logs = _weights(weighing, RICHNESS, [one, other])
+    weights, logs = chain_weights(weighing, RICHNESS, [one, other])
     first, second = (log_posterior(weighing, RICHNESS, *s) for s in (here, there))
     assert weights[0] == pytest.approx(1.0 / (1.0 + np.exp(second - first)))
     assert weights.sum() == pytest.approx(1.0)
@@ -72,16 +72,16 @@ def test_how_long_a_chain_stayed_says_nothing() -> None:
     here, there = state(weighing, 0), state(weighing)
     own = [1.0, *[0.0] * (TERMS - 1)]
     other = tally(weighing, [0.0] * TERMS, {there: 10})
-    short, _ = _weights(weighing, RICHNESS, [tally(weighing, own, {here: 1}), other])
-    long, _ = _weights(weighing, RICHNESS, [tally(weighing, own, {here: 1000}), other])
+    short, _ = chain_weights(weighing, RICHNESS, [tally(weighing, own, {here: 1}), other])
+    long, _ = chain_weights(weighing, RICHNESS, [tally(weighing, own, {here: 1000}), other])
     np.testing.assert_allclose(short, long)
 
 
 @pytest.mark.parametrize(("weights", "apart"), [([0.5, 0.5], 0.6), ([1.0, 0.0], 0.0), ([0.9, 0.1], 0.216)])
 def test_disagreement_is_that_of_chains_that_count(weights: list[float], apart: float) -> None:
     """Of two that count alike it is the difference; of one that has all the mass there is none."""
-    tallies = [cast(_Tally, SimpleNamespace(causes=np.array(causes))) for causes in ([0.8, 0.1], [0.2, 0.1])]
-    assert _disagreement(tallies, np.array(weights)) == pytest.approx(apart)
+    tallies = [cast(Tally, SimpleNamespace(causes=np.array(causes))) for causes in ([0.8, 0.1], [0.2, 0.1])]
+    assert chain_disagreement(tallies, np.array(weights)) == pytest.approx(apart)
 
 
 def test_signs_count_for_a_whole_state() -> None:

@@ -251,7 +251,7 @@ def test_a_known_state_may_hold_what_is_hopeless_by_itself(monkeypatch: pytest.M
     monkeypatch.setattr(chains, "ROUNDS", 1)
     point = chains.best_point(problem)
     known = State(((0, int(np.argmax(problem.noticeable[:, 0]))),), point, 0.0)
-    monkeypatch.setattr(chains, "_tops", lambda *_: [known])
+    monkeypatch.setattr(chains, "climbed_tops", lambda *_: [known])
     assert set(sample(problem, RICHNESS).terms) == {0}
 
 

@@ -23,7 +23,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.scene.guilt import Guilty, pieces_of
-from truepose.identification.report.scene.scene import STEPS, _upright, error_words, scene_of, thinned
+from truepose.identification.report.scene.scene import STEPS, error_words, scene_of, thinned, upright
 from truepose.identification.report.scene.sights import base_pose, sights
 from truepose.models.effects.base import effects
 from truepose.models.effects.common import sensor_names
@@ -223,7 +223,7 @@ def test_whole_numbers_keep_distances_and_what_is_up(machines: Mapping[str, Mach
 @settings(max_examples=examples(25), deadline=None)
 def test_up_is_against_gravity(machines: Mapping[str, Machine], gravity: tuple[float, float, float]) -> None:
     """Whatever way a machine hangs, a point that lies higher is drawn higher; nothing is mirrored."""
-    turn = _upright(replace(machines["arm"], gravity=gravity))
+    turn = upright(replace(machines["arm"], gravity=gravity))
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-6)
     assert np.linalg.det(turn) == pytest.approx(1.0)
     np.testing.assert_allclose(
