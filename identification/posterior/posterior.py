@@ -58,7 +58,7 @@ class Posterior:
     sweeps: int
 
 
-class _Tally:
+class Tally:
     """Sums over the sweeps of one chain; ``given``: terms that every state holds."""
 
     def __init__(self, weighing: Weighing) -> None:
@@ -108,9 +108,9 @@ def sample(
 
     Terms and values of the grid that are hopeless around the modes are left out, and what nothing can replace there is given.
     """
-    tops = _tops(weighing, richness, known)
-    top = max(tops, key=lambda state: state.log_posterior)
-    around = plausible(weighing, richness, tops)
+    every = tops(weighing, richness, known)
+    top = max(every, key=lambda state: state.log_posterior)
+    around = plausible(weighing, richness, every)
     whole, index = weighing.restricted(around.terms)
     number = {int(term): k for k, term in enumerate(index)}
     part = whole.conditioned([(number[term], size) for term, size in around.certain])
@@ -126,9 +126,9 @@ def sample(
     return _gathered(part, index, richness, tallies)
 
 
-def _counted(chains: Sequence[Chain], part: Weighing, sweeps: int, rounds: int) -> list[_Tally]:
+def _counted(chains: Sequence[Chain], part: Weighing, sweeps: int, rounds: int) -> list[Tally]:
     """Rounds of so many sweeps, until the chains agree."""
-    tallies = [_Tally(part) for _ in chains]
+    tallies = [Tally(part) for _ in chains]
     for _ in range(rounds):
         for chain, tally in zip(chains, tallies, strict=True):
             for sweep in chain.sweeps(sweeps):
@@ -143,14 +143,14 @@ def _run(chain: Chain, number: int) -> None:
         pass
 
 
-def _disagreement(tallies: Sequence[_Tally]) -> float:
+def _disagreement(tallies: Sequence[Tally]) -> float:
     """Largest difference of a cause's probability between chains."""
     shares = np.array([t.causes for t in tallies])
     return float(np.max(np.ptp(shares, axis=0), initial=0.0))
 
 
 def _gathered(
-    part: Weighing, index: NDArray[np.intp], richness: Richness, tallies: Sequence[_Tally]
+    part: Weighing, index: NDArray[np.intp], richness: Richness, tallies: Sequence[Tally]
 ) -> Posterior:
     shares = Counter[tuple[Members, GridPoint]]()
     for tally in tallies:
@@ -178,10 +178,10 @@ def _gathered(
 
 def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ()) -> State:
     """The likeliest state that ascents from nothing and from ``known`` states reach."""
-    return max(_tops(weighing, richness, known), key=lambda state: state.log_posterior)
+    return max(tops(weighing, richness, known), key=lambda state: state.log_posterior)
 
 
-def _tops(weighing: Weighing, richness: Richness, known: Sequence[State]) -> list[State]:
+def tops(weighing: Weighing, richness: Richness, known: Sequence[State]) -> list[State]:
     """Where ascents lead: from known states, else from nothing."""
     starts = [(state.point, state.members) for state in known] or [(best_point(weighing), ())]
     return [ascended(weighing, richness, *start) for start in starts]
