@@ -116,17 +116,17 @@ class Chain:
         """A few points that differ in one coordinate, the present one among them: as likely chosen from each of them."""
         axis = int(self._rng.integers(1 + len(self._reach)))
         if axis == 0:
-            return self._noises()
+            return self.noises()
         name, values = self._reach._fields[axis - 1], self._reach[axis - 1]
-        return [self.point.at(name, k) for k in self._some(values, getattr(self.point, name))]
+        return [self.point.at(name, k) for k in self.some_of(values, getattr(self.point, name))]
 
-    def _some(self, values: Sequence[int], present: int) -> list[int]:
+    def some_of(self, values: Sequence[int], present: int) -> list[int]:
         """A few values of an axis, the present one among them: as likely chosen from each of them."""
         others = [k for k in values if k != present]
         picked = self._rng.choice(len(others), min(OTHERS, len(others)), replace=False)
         return [present, *(others[k] for k in picked)]
 
-    def _noises(self) -> list[GridPoint]:
+    def noises(self) -> list[GridPoint]:
         """Three neighbouring noises, of all kinds or of one, the present one among them: as likely chosen from each of them."""
         kinds, first = len(self.point.noise), int(self._rng.integers(-2, 1))
         which = int(self._rng.integers(-1, kinds)) if kinds > 1 else -1

@@ -84,13 +84,13 @@ def test_an_alarm_without_cause_is_raised_once_in_a_hundred() -> None:
     assert sum(Alarm(1.0, float(value)).raised for value in p) == 50
 
 
-def test_stated_sigmas_are_right_to_10_per_cent_four_times_in_five() -> None:
-    """Moments of the prior of the noise's logarithm: 0.8 of a width of 0.1, 0.2 of a width of 1."""
+def test_stated_sigmas_are_right_to_10_per_cent_seven_times_in_ten() -> None:
+    """Moments of the prior of the noise's logarithm: 0.7 of a width of 0.1, 0.3 of a width of 0.8."""
     step = np.linspace(-9.0, 9.0, 6001)
     grid = Grid((), ((1.0,),), (PartClass("length"),))
     density = np.exp([grid.log_prior(float(k), (1.0,)) for k in np.exp(step)]) / np.sqrt(2 * np.pi)
     moments = [float(np.sum(density * step**power) * (step[1] - step[0])) for power in (0, 1, 2, 4)]
-    expected = (1.0, 0.0, 0.8 * 0.1**2 + 0.2, 3.0 * (0.8 * 0.1**4 + 0.2))
+    expected = (1.0, 0.0, 0.7 * 0.1**2 + 0.3 * 0.8**2, 3.0 * (0.7 * 0.1**4 + 0.3 * 0.8**4))
     np.testing.assert_allclose(moments, expected, rtol=1e-6, atol=1e-9)
 
 

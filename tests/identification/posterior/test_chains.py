@@ -235,7 +235,7 @@ def test_of_two_that_stand_in_for_each_other_the_mode_holds_one() -> None:
 def test_a_known_state_may_hold_what_is_hopeless_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """Terms that are hopeless are left out of the chains, but for those of the state that these start from."""
     problem = weighing(catalogue_problem(1))
-    monkeypatch.setattr(finding, "HOPELESS", 0.0)
+    monkeypatch.setattr(finding, "HOPELESS", -1e3)
     point = best_point(problem)
     known = State(((0, int(np.argmax(problem.noticeable[:, 0]))),), point, 0.0)
     monkeypatch.setattr(chains, "tops", lambda *_: [known])

@@ -127,7 +127,7 @@ def chosen(chain: Chain, point: GridPoint, draw: str, number: int = 3000) -> Cou
     chain.point = point
     few: list[frozenset[object]] = []
     for _ in range(number):
-        found = chain._noises() if draw == "noise" else chain._some(range(6), point.widening)
+        found = chain.noises() if draw == "noise" else chain.some_of(range(8), point.widening)
         assert len(set(found)) == len(found)
         few.append(frozenset(found))
     return Counter(few)
