@@ -69,8 +69,8 @@ def best_empirical(setup: Setup, observed: Array, exact_held: Array, calm: Mask)
     asked = Problem.of(slopes[n:], curves[n:], held)
     fold = np.repeat(setup.campaign.pose[used] % FOLDS, len(columns))
     parts = [fold == number for number in np.unique(fold)]
-    missed = np.array([_errors(known.part(~out), known.part(out), setup.free) ** 2 for out in parts])
-    errors = _errors(known, asked, setup.free)
+    missed = np.array([errors_left(known.part(~out), known.part(out), setup.free) ** 2 for out in parts])
+    errors = errors_left(known, asked, setup.free)
     return tuple(float(errors[_fewest(missed[:, : k + 1])]) for k in range(MOST + 1))
 
 
@@ -84,7 +84,7 @@ def _fewest(missed: Array) -> int:
     return int(np.flatnonzero(worse.mean(axis=0) <= spread)[0])
 
 
-def _errors(known: Problem, asked: Problem, free: Sequence[Constant]) -> Array:
+def errors_left(known: Problem, asked: Problem, free: Sequence[Constant]) -> Array:
     """(MOST + 1,) rms of what models of no column, one, two ... leave of what is asked (orthogonal matching pursuit)."""
     weight, nominal = np.array([c.weight for c in free]), np.array([-c.off for c in free])
     solve = np.linalg.pinv(np.vstack([known.geometry, np.diag(weight)]), rcond=1e-12)
@@ -140,4 +140,4 @@ def _shapes(whole: Campaign, used: Mask) -> Iterator[Array]:
     yield from (step for step in steps if np.ptp(step[used]) > 0)
 
 
-__all__ = ["MOST", "best_empirical"]
+__all__ = ["MOST", "Problem", "best_empirical", "errors_left"]

@@ -197,7 +197,7 @@ def write(asked: Challenge, seat: Seat) -> bool:
     if asked.drawn is not None:
         return False
     try:
-        _write(asked, seat)
+        write_case(asked, seat)
     except Exception as exc:  # one case that cannot be made must not end the others; the table tells
         case.parent.mkdir(parents=True, exist_ok=True)
         said = str(exc) if isinstance(exc, UndrawnError) else f"{type(exc).__name__}: {exc}"
@@ -220,7 +220,8 @@ def _drawn(asked: Challenge, seat: Seat) -> Case:
     raise UndrawnError("; ".join(said))
 
 
-def _write(asked: Challenge, seat: Seat) -> None:
+def write_case(asked: Challenge, seat: Seat) -> None:
+    """Draw the case of a seat and write its files and its key."""
     folder = asked.folder
     drawn = _drawn(asked, seat)
     with atomic_directory(folder / "cases" / seat.name) as partial:
@@ -289,4 +290,6 @@ def _beside(more: Mapping[str, str], folders: Sequence[Path]) -> dict[str, str]:
     return os.environ | more | {"PYTHONPATH": os.pathsep.join(filter(None, here))}
 
 
-__all__ = ["CASES", "Challenge", "challenge", "kept", "run", "sit", "sitting", "write", "write_and_sit"]
+__all__ = [
+    "CASES", "Challenge", "challenge", "kept", "run", "sit", "sitting", "write", "write_and_sit", "write_case",
+]  # fmt: skip

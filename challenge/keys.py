@@ -69,7 +69,7 @@ def key(
         wild=_numbers(wild & ~setup.campaign.validation),
         rows=_numbers(~setup.campaign.validation),
         simulator=_simulator(setup.machine),
-        tool=_tool(found, exact_held),
+        tool=perfect_readings(found, exact_held),
     )
     told = _oracle(found, observed, wild, held_text, out)
     absent = {"ordinary fit": before, "free fit": free, "imitations": setup.known, "oracle": told}
@@ -98,7 +98,7 @@ def _held_out(setup: Setup, exact: Array) -> HeldOut:
     return HeldOut(setup.machine.columns, setup.machine.column_units, tuple(setup.sigma.tolist()), truth)
 
 
-def _tool(found: Draft, exact: Array) -> Table | None:
+def perfect_readings(found: Draft, exact: Array) -> Table | None:
     """Held-out readings (h, k) of a perfect instrument, where they are points; ``exact`` are those of the true one."""
     if not point_columns(found.setup.machine.columns):
         return None
@@ -210,4 +210,4 @@ def _referred(
         return None
 
 
-__all__ = ["free_chi2", "key"]
+__all__ = ["free_chi2", "key", "perfect_readings"]

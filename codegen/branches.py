@@ -55,17 +55,20 @@ def branches_of(
     if not np.allclose(turn, 1.0, atol=0.1):
         return None
     axes, points = w / np.sqrt(turn), tool[:, 3] - np.cross(v, w) / turn
-    return _drawn("wrist", axes, points, tool, reach) or _drawn("parallel", axes, points, tool, reach)
+    return drawn_branches("wrist", axes, points, tool, reach) or drawn_branches(
+        "parallel", axes, points, tool, reach
+    )
 
 
-def _drawn(
+def drawn_branches(
     kind: Literal["wrist", "parallel"], axes: Array, points: Array, tool: Array, reach: float
 ) -> Branches | None:
+    """The closed form of one kind for axes and points on them (6, 3) and the tool's pose (3, 4), mm; None if it is another."""
     alike, last = ((1, 2), (3, 4, 5)) if kind == "wrist" else ((1, 2, 3), (4, 5))
     signs = np.where(axes @ axes[1] < 0, -1.0, 1.0)
     common = np.sum((signs[:, None] * axes)[list(alike)], axis=0)
     common /= np.linalg.norm(common)
-    meeting, distance = _meeting(axes[list(last)], points[list(last)])
+    meeting, distance = meeting_point(axes[list(last)], points[list(last)])
     spread = np.linalg.norm(np.cross(axes[list(alike)], common), axis=1)
     if spread.max() > _PARALLEL or distance > _MEETING * reach:
         return None
@@ -79,8 +82,8 @@ def _drawn(
     return Branches(kind, axes, points, tool, common, signs[1:4], meeting, side)
 
 
-def _meeting(axes: Array, points: Array) -> tuple[Array, float]:
-    """The point next to lines (k, 3), and how far the farthest of them passes by."""
+def meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
+    """The point (3,) next to lines along ``axes`` (k, 3) through ``points`` (k, 3), and how far the farthest passes by, mm."""
     off = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     solution = np.linalg.lstsq(off.reshape(-1, 3), (off @ points[:, :, None]).ravel(), rcond=1e-6)[0]
     meeting = np.asarray(solution, dtype=float)

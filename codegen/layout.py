@@ -25,7 +25,8 @@ _SINGLE = 2e-6
 """Promised to users of single precision, of the reach and in rad."""
 _KEPT_SHARE = 0.5
 """Share of a tolerance which the solver may use; rounding of parameters and of the model needs the rest."""
-_VECTORS = 64
+VECTORS = 64
+"""Samples of readings with their poses."""
 _WIDE = 1e30
 
 
@@ -71,8 +72,8 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
     length = _longest(machine)
     reference = Reference(model)
     near = _near(reference)
-    low, high = _sampled(machine, near, length)
-    vectors = tuple((q, _rounded(pose)) for q, pose in reference.samples(low, high, near, _VECTORS))
+    low, high = sample_ranges(machine, near, length)
+    vectors = tuple((q, _rounded(pose)) for q, pose in reference.samples(low, high, near, VECTORS))
     reach = max([length, *(float(np.linalg.norm(pose[:3, 3])) for _, pose in vectors)])
     # rounded, so that a last digit of another mathematical library does not change the code
     reach = float(f"{reach:.6g}")
@@ -80,7 +81,7 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
     position = _SINGLE * reach if single else 1e-6
     rotation = _SINGLE if single else 1e-9
     share = _KEPT_SHARE
-    unknown = _unknowns(model, reach)
+    unknown = natural_units(model, reach)
     slack = np.array(
         [
             position * u if a.unit == "mm" else rotation * reach * u
@@ -148,8 +149,8 @@ def _gain(machine: Machine, actuator: Actuator) -> float:
     return abs(value) or 1.0
 
 
-def _unknowns(model: SymbolicModel, reach: float) -> Array:
-    """What one millimetre is in every joint's reading and passive coordinate."""
+def natural_units(model: SymbolicModel, reach: float) -> Array:
+    """What one millimetre is in every joint's reading and passive coordinate, and the weight over the reach (mm) for forces."""
     machine = model.machine
     out = [(1.0 if a.unit == "mm" else 1.0 / reach) / _gain(machine, a) for a in machine.mechanism.actuators]
     turn, quarter = [1.0 / reach], [0.25 / reach]
@@ -192,8 +193,8 @@ def _weight_of(machine: Machine) -> float:
     return max(1.0, sum(m.kg for m in machine.masses)) * _STANDARD_GRAVITY
 
 
-def _sampled(machine: Machine, near: Array, length: float) -> tuple[Array, Array]:
-    """Where samples are taken: ranges; +-150 deg of a joint without, a tenth of the size of a slide."""
+def sample_ranges(machine: Machine, near: Array, length: float) -> tuple[Array, Array]:
+    """Lowest and highest readings (n,) of samples: ranges; without one +-150 deg, or +-``length`` / 10 (mm) about ``near``."""
     low, high = [], []
     for a, at in zip(machine.mechanism.actuators, near, strict=True):
         half = (_UNLIMITED_TURN if a.unit == "rad" else 0.1 * length) / _gain(machine, a)

@@ -140,10 +140,10 @@ def symbolic_model(
         states=(present.directions() if ports else {}) | seen,
         values=shifted,
     )
-    return replace(model, home=_assembled(model)) if len(model.home) else model
+    return replace(model, home=assembled_home(model)) if len(model.home) else model
 
 
-def _assembled(model: SymbolicModel) -> NDArray[np.float64]:
+def assembled_home(model: SymbolicModel) -> NDArray[np.float64]:
     """(nx,) unknowns at home of the nominal machine."""
     scale = coordinate_scale(model.machine, len(model.home), model.gap.numel())
     outputs = [model.equations, ca.jacobian(model.equations, model.x), model.gap]
@@ -267,4 +267,4 @@ def _statics(
     return Statics.of(machine, values, q, z, x)
 
 
-__all__ = ["SymbolicModel", "driver_default", "driver_names", "symbolic_model"]
+__all__ = ["SymbolicModel", "assembled_home", "driver_default", "driver_names", "symbolic_model"]

@@ -30,14 +30,14 @@ settings.load_profile("truepose")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--update-golden``: see tests/test_codegen_golden.py and tests/test_golden_diagnoses.py."""
+    """``--update-golden``: see tests/codegen/test_golden.py and tests/identification/diagnosis/test_golden_diagnoses.py."""
     told = "write tests/golden and tests/golden_diagnoses as they come out now"
     parser.addoption("--update-golden", action="store_true", help=told)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Where nothing may be hidden, a skipped test has failed: see support/skips.py."""
+    """Where nothing may be hidden, a skipped test has failed: see lib/support/skips.py."""
     report = yield
     judge(report)
     return report

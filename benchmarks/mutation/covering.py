@@ -18,7 +18,7 @@ from joblib import Parallel, delayed
 from .mutants import Mutant
 
 DISTANT = re.compile(
-    "challenge|wrappers|embedded|packaging|peer_|simulator|nanopos|polisher|real_|_by_others|fuzz|mutation"
+    "^tests/challenge/|wrappers|embedded|packaging|peers|simulator|nanopos|polisher|real_|_by_others|fuzz|test_mutation"
 )
 """Tests of studies, of examinations, of other compilers: they take minutes and say little of one line."""
 LAST = "test_golden_diagnoses"
@@ -107,8 +107,13 @@ def _texts(root: Path) -> dict[str, list[str]]:
 def _mentioning(root: Path, names: tuple[str, ...]) -> set[str]:
     """Files of tests in which a name stands."""
     words = [re.compile(rf"\b{name}\b") for name in names]
-    files = {f"tests/{p.name}": p.read_text(encoding="utf-8") for p in (root / "tests").glob("test_*.py")}
-    return {file for file, text in files.items() if any(w.search(text) for w in words)}
+    texts = {file: (root / file).read_text(encoding="utf-8") for file in _test_files(root)}
+    return {file for file, text in texts.items() if any(w.search(text) for w in words)}
+
+
+def _test_files(root: Path) -> list[str]:
+    """Files of tests, as pytest names them."""
+    return sorted(path.relative_to(root).as_posix() for path in (root / "tests").rglob("test_*.py"))
 
 
 def _using(root: Path, names: tuple[str, ...]) -> Iterator[tuple[str, int]]:
@@ -121,9 +126,9 @@ def _using(root: Path, names: tuple[str, ...]) -> Iterator[tuple[str, int]]:
 def collect(tree: Path, records: Path, workers: int) -> Coverage:
     """Run every file of tests in a copy of the tree, but for those that have their record."""
     records.mkdir(parents=True, exist_ok=True)
-    names = sorted(p.stem for p in (tree / "tests").glob("test_*.py") if not DISTANT.search(p.stem))
-    wanted = [name for name in names if not (records / f"{name}.jsonl").exists()]
-    Parallel(n_jobs=workers, verbose=5 if wanted else 0)(delayed(_record)(tree, records, n) for n in wanted)
+    files = [file for file in _test_files(tree) if not DISTANT.search(file)]
+    wanted = [file for file in files if not (records / f"{_flat(file)}.jsonl").exists()]
+    Parallel(n_jobs=workers, verbose=5 if wanted else 0)(delayed(_record)(tree, records, f) for f in wanted)
     texts = [path.read_text(encoding="utf-8") for path in sorted(records.glob("*.jsonl"))]
     if not all(texts):
         raise RuntimeError(
@@ -133,12 +138,18 @@ def collect(tree: Path, records: Path, workers: int) -> Coverage:
     return Coverage(tuple(r for r in found if r["passed"] and r["seconds"] <= SLOW))
 
 
-def _record(tree: Path, records: Path, name: str) -> None:
+def _flat(file: str) -> str:
+    """The name of a file's record: all lie in one folder."""
+    return file.removeprefix("tests/").removesuffix(".py").replace("/", ".")
+
+
+def _record(tree: Path, records: Path, file: str) -> None:
+    name = _flat(file)
     partial = records / f"{name}.part"
     partial.write_text("", encoding="utf-8")
     environment = settings(tree) | {"MUTATION_RECORD": str(partial), "MUTATION_LIMIT": str(SLOW)}
     plugin = ["-p", "benchmarks.mutation.recorder", "-p", "no:cacheprovider"]
-    command = [sys.executable, "-m", "pytest", "-q", *plugin, f"tests/{name}.py"]
+    command = [sys.executable, "-m", "pytest", "-q", *plugin, file]
     with (records / f"{name}.log").open("w") as log:
         subprocess.run(command, cwd=tree, env=environment, stdout=log, stderr=log, check=False)
     partial.rename(records / f"{name}.jsonl")

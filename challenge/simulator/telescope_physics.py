@@ -103,7 +103,7 @@ def _straight(work: Work) -> tuple[Array, Array]:
     return along, along @ home.rotation[0]
 
 
-def _beyond_middle(angle: Array) -> Array:
+def beyond_middle(angle: Array) -> Array:
     """How far the tangents of a flexure bent to an arc meet beyond half its length: l tan(w/2) / w - l/2, mm."""
     half = np.maximum(angle, 1e-9) / 2
     return np.asarray(FLEXURE / 2 * (np.tan(half) / half - 1))
@@ -119,7 +119,7 @@ def flexure_shift() -> Physics:
         for name in i.place:
             k = LEGS.index(name)
             low, high = (
-                i.size * _beyond_middle(_angle(solved.along[:, k], straight))
+                i.size * beyond_middle(_angle(solved.along[:, k], straight))
                 for straight in (np.broadcast_to(base[k], (len(work), 3)), upward[:, k])
             )
             work.add(f"{name}.length", low + high)
@@ -173,6 +173,7 @@ def tilted_rail() -> Physics:
 
 __all__ = [
     "POINTS",
+    "beyond_middle",
     "flexure_shift",
     "home_height",
     "leg_compliance",

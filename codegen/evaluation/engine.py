@@ -41,15 +41,16 @@ def engine_for(rows: int, instructions: int) -> Engine:
 
 def without_compiler(why: str) -> Engine:
     """The virtual machine in place of C that cannot be had; it is logged once for each reason."""
-    _warn(why)
+    log_once(why)
     return Engine("virtual machine", why, missed=True)
 
 
 @cache
-def _warn(why: str) -> None:
+def log_once(why: str) -> None:
+    """Tell that there is no C; once in a process for each reason."""
     logging.getLogger(__name__).warning(
         "%s: large recordings are evaluated by CasADi's virtual machine, more slowly", why
     )
 
 
-__all__ = ["Engine", "engine_for", "without_compiler"]
+__all__ = ["Engine", "engine_for", "log_once", "without_compiler"]

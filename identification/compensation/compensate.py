@@ -40,7 +40,8 @@ Mask = NDArray[np.bool_]
 METHODS: tuple[Method, ...] = ("exact", "first-order")
 COMPILED_FROM = 20_000
 """Rows from which a path repays the compiler."""
-_BLOCK = 8192
+BLOCK = 8192
+"""Rows that one call of the C solves."""
 _NEAR = 0.05
 """Largest correction that is taken from the C as it is, part of the machine's size or rad; beyond it lie other
 assemblies."""
@@ -78,7 +79,7 @@ def _compiled(machine: Machine, follower: Follower) -> Compensation:
     def part(rows: slice) -> None:
         solved[rows] = way.follow(rows, whole)
 
-    shared_out(part, len(every), _BLOCK)
+    shared_out(part, len(every), BLOCK)
     others = every[~solved]
     if not len(others):
         return replace(whole, solved_by="compiled C")

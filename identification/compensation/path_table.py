@@ -34,7 +34,7 @@ from truepose.wording import close_matches
 
 Array = NDArray[np.float64]
 _BLOCK = 8192
-_MARKS = 500
+MARKS = 500
 """Rows along a long path that are solved here, for the C to start from."""
 
 
@@ -118,7 +118,7 @@ def _nominal_joints(machine: Machine, table: Table, poses: Array) -> Array:
 def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Readings (n, nq) by the generated C, and which rows it solved. Raises NotCompiledError."""
     kinematics = CompiledKinematics(machine)
-    marks = np.arange(0, len(poses), -(-len(poses) // _MARKS))
+    marks = np.arange(0, len(poses), -(-len(poses) // MARKS))
     known = solver.inverse(base_frame(machine) @ poses[marks])
     guess = np.where(known.solved[:, None], known.q, solver.model.q_home)
     q, good = np.repeat(guess, np.diff([*marks, len(poses)]), axis=0), np.zeros(len(poses), dtype=bool)

@@ -109,9 +109,9 @@ def structure_alarm(fit: Estimate, recording: Recording) -> Structure:
     order = _order(fit, recording)
     observed = _tests(r[None], bases, order)
     rng = np.random.default_rng(SEED)
-    project = _projector(fit, recording)
+    project = projector(fit, recording)
     back = np.argsort(order)  # noise is drawn in the order of acquisition: shuffled rows get the same draws
-    drawn = (project(rng.standard_normal(r.shape)[back]) for _ in range(_draws(r)))
+    drawn = (project(rng.standard_normal(r.shape)[back]) for _ in range(draws_for(r)))
     null = _tests(np.array([_standard(noise * told) for noise in drawn]), bases, order)
     draws = np.max(list(null.values()), axis=0)
     worst = max(observed, key=lambda name: float(observed[name][0]))
@@ -129,7 +129,8 @@ def _standard(residual: Array) -> Array:
     return np.clip(residual / np.where(scale > 0, scale, 1.0), -3.5, 3.5)
 
 
-def _draws(r: Array) -> int:
+def draws_for(r: Array) -> int:
+    """How many random draws judge residuals (n, m): fewer of many readings."""
     return DRAWS if r.size < 50_000 else 60
 
 
@@ -172,7 +173,7 @@ def _share(r: Array, basis: Array) -> float:
     return float(np.sum((basis.T @ r) ** 2) / max(np.sum(r**2), 1e-300))
 
 
-def _projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
+def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     """What a fit under tolerances leaves of random residuals: noise - J A^-1 J' noise (whole when J is too large to hold)."""
     free = fit.prior.free
     if fit.n_observations * len(free) > LARGEST_PROJECTION:

@@ -74,11 +74,11 @@ def _null_fits(machine: Machine, recording: Recording) -> Fits:
     rough = estimate(machine, recording, known, start=start, loss="huber", predictor=predictor)
     far = outliers.outlying_rows(rough, recording, ~recording.validation & ~outliers.bridges(recording))
     before = estimate(machine, recording, known, start=rough.p, exclude=far, predictor=predictor)
-    free = _free(machine, recording, before, far, before.p)
+    free = free_fit(machine, recording, before, far, before.p)
     return Fits(free, before, far)
 
 
-def _free(machine: Machine, recording: Recording, before: Estimate, far: Mask, start: Array) -> Estimate:
+def free_fit(machine: Machine, recording: Recording, before: Estimate, far: Mask, start: Array) -> Estimate:
     """The ordinary fit beside it; where its valley has no bottom, with tolerances less wide."""
     for factor in (FREE_WIDENING, FREE_WIDENING / 3, FREE_WIDENING / 10):
         try:
@@ -91,7 +91,7 @@ def _free(machine: Machine, recording: Recording, before: Estimate, far: Mask, s
 def _refit_null(machine: Machine, recording: Recording, fits: Fits, far: Mask) -> Fits:
     known = machine.effects
     before = estimate(machine, recording, known, start=fits.before.p, exclude=far)
-    free = _free(machine, recording, before, far, fits.free.p)
+    free = free_fit(machine, recording, before, far, fits.free.p)
     return Fits(free, before, far)
 
 

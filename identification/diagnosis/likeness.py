@@ -50,7 +50,8 @@ def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) ->
     every = _gains(found, [_modulated(found, name) for name in names])
     return [
         Likeness(
-            _held(gains, odds * prior.beyond_usual(_size(found, name)), _bent(found, name)), bool(len(gains))
+            held_probability(gains, odds * prior.beyond_usual(_size(found, name)), _bent(found, name)),
+            bool(len(gains)),
         )
         for gains, name in zip(every, names, strict=True)
     ]
@@ -114,7 +115,7 @@ def _gains(found: Found, wanted: Sequence[Sequence[Index]]) -> list[Array]:
     return [gains - plain for gains in best]
 
 
-def _held(gains: Array, odds: float, bent: float = 0.0) -> float:
+def held_probability(gains: Array, odds: float, bent: float = 0.0) -> float:
     """From prior odds of the rival and log Bayes factors (sources, shares), sources all as likely; without any, untested.
 
     ``bent``: the share of the signal that bends the formula; it is a source of its own, already in the set.

@@ -94,7 +94,7 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
     presence = Presence(machine, cat, problem, found.posterior, said.families)
     names = [_with_levels(found, presence, n) for n in _weighed(found, said, _merged(out))]
     own = {n.cause for n in names if n.said}
-    told = sorted((_told_once(n, said, own) for n in names), key=lambda n: -n.gain)
+    told = sorted((told_once(n, said, own) for n in names), key=lambda n: -n.gain)
     return (*told, *_nameless(found, presence, told))
 
 
@@ -182,7 +182,7 @@ def _beside_alike(one: Named, gain: float, held: float) -> Named:
     )
 
 
-def _told_once(one: Named, said: Inclusion, own: Collection[Cause]) -> Named:
+def told_once(one: Named, said: Inclusion, own: Collection[Cause]) -> Named:
     """One probability for each cause: another explanation is as probable as it is at all, in this stead or beside it.
 
     ``own``: what is named for itself, and so no other explanation of anything.

@@ -44,8 +44,8 @@ def prove(
         ratio=ratio,
         ratio_interval=interval,
         placebo_gain=_placebo(before, found, main),
-        black_box_ratio=_black_box(before, after, recording, outliers),
-        injected_recovered=_injected(after, found, main),
+        black_box_ratio=black_box(before, after, recording, outliers),
+        injected_recovered=injected_recovered(after, found, main),
     )
 
 
@@ -65,7 +65,7 @@ def _placebo(before: Estimate, found: Found, main: int) -> float:
     return float(weighed_alone(problem, 1)[0])
 
 
-def _injected(after: Estimate, found: Found, main: int) -> bool:
+def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""
     problem, cat = found.weighed, found.catalogue
     label = cat.candidates[main].label
@@ -107,7 +107,7 @@ def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequenc
     return Design(tuple(grams), design.counts, design.always)
 
 
-def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:
+def black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:
     """Held-out ratio of as many free waves of the readings, in each residual channel, as the terms have coefficients."""
     from truepose.identification.prediction.predictor import Predictor
 
@@ -143,12 +143,12 @@ def _black_box(before: Estimate, after: Estimate, recording: Recording, outliers
             (jacobian, squares_before),
             (np.concatenate([jacobian, extra], axis=2), squares_box),
         ):
-            out.append(_linear_test(design, before, train, test))
+            out.append(linear_test(design, before, train, test))
     ratio = np.concatenate(squares_box).mean() / np.concatenate(squares_before).mean()
     return float(np.sqrt(ratio))
 
 
-def _linear_test(design: Array, before: Estimate, train: Mask, test: Mask) -> Array:
+def linear_test(design: Array, before: Estimate, train: Mask, test: Mask) -> Array:
     """Squared residuals of held-out rows after one linear fit under tolerances from the training rows."""
     free = before.prior.free
     n, k = len(free), design.shape[2]

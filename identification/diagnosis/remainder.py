@@ -25,7 +25,7 @@ def describe(fit: Estimate, recording: Recording, structure: Structure) -> Remai
     place = (driver,) if driver in recording.joints else ()
     if told.thermal or told.kind == APPROACH:
         place = (told.place,)
-    kind, cycles = ("order", 0) if values is None else _form(fit.residual[fit.used], values[fit.used])
+    kind, cycles = ("order", 0) if values is None else best_shape(fit.residual[fit.used], values[fit.used])
     return Remainder(place, driver, Form(kind, structure.share, cycles), size)
 
 
@@ -37,7 +37,7 @@ def of_form(cat: Catalogue, index: int, fit: Estimate) -> Remainder:
     return Remainder(placed.place, driver, Form(kind), float(np.sqrt(max(fit.chi2_per_dof, 0.0))))
 
 
-def _form(residual: np.ndarray, values: np.ndarray) -> tuple[str, int]:
+def best_shape(residual: np.ndarray, values: np.ndarray) -> tuple[str, int]:
     """Best of a few simple shapes of the residuals against the driver: its kind, and how many cycles."""
     if len(np.unique(values)) <= 3:
         return "steps", 0

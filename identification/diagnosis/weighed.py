@@ -200,7 +200,7 @@ def _terms(
         shares = [alone[i] + np.log(prior.FAMILY_SHARE / of_families[i]) for i in family]
         odds.append(float(logsumexp(shares)))
         found.append(_of_family([cat.candidates[i] for i in family]))
-    for forms in _forms_by_place(cat, free):
+    for forms in forms_by_place(cat, free):
         members.append(forms)
         odds.append(float(logsumexp([odds[free.index(i)] for i in forms])))
         found.append(Cause(*cat.cause(forms[0])))
@@ -224,7 +224,7 @@ def _of_family(family: Sequence[PlacedEffect]) -> Cause:
     return Cause(family[0].effect.kin, places, family=True, kindred=slugs)
 
 
-def _forms_by_place(cat: Catalogue, free: Sequence[int]) -> list[tuple[int, ...]]:
+def forms_by_place(cat: Catalogue, free: Sequence[int]) -> list[tuple[int, ...]]:
     """All forms without a name of each place together: it errs smoothly with everything that is recorded at once.
 
     What it does under load stays apart: together with the rest nobody could say what drives it.

@@ -100,7 +100,7 @@ def drift(
     for session in sessions:
         progress(f"fitting {session.label}")
         fits.append(_fit(session, bounded(prior)))
-    found, stack, settled = _joint(machine, sessions, fits, prior, progress)
+    found, stack, settled = joint_selection(machine, sessions, fits, prior, progress)
     progress("checking older calibrations")
     timed = [s.time for s in sessions if s.time is not None]
     times = tuple(timed) if len(timed) == len(sessions) else None
@@ -112,7 +112,7 @@ def drift(
         movements=movements(stack, found, prior, machine.parameter_units, times),
         noise=found.noise,
         log_bayes_factor=found.log_bayes_factor,
-        unseen=_unseen(machine, stack, prior, joint_parameters(stack, found, prior)),
+        unseen=unseen_by_all(machine, stack, prior, joint_parameters(stack, found, prior)),
         durability=durability(sessions, fits, prior, found.extrinsic, accuracy),
         settled=settled,
         notes=(*recording.notes, *notes, *_lost(sessions, fits)),
@@ -137,7 +137,7 @@ def _fit(session: Session, prior: Prior) -> Estimate:
         raise ConvergenceError(f"{session.label}: {exc}") from None
 
 
-def _joint(
+def joint_selection(
     machine: Machine,
     sessions: Sequence[Session],
     fits: Sequence[Estimate],
@@ -178,7 +178,7 @@ def _about(session: Session, prior: Prior, start: Array, p: Array) -> Array:
     return start
 
 
-def _unseen(machine: Machine, stack: Stack, prior: Prior, places: Array) -> Blind:
+def unseen_by_all(machine: Machine, stack: Stack, prior: Prior, places: Array) -> Blind:
     """What no session sees, not even the one that sees most: whether it moved cannot be told."""
     parts = [Decomposition.of(jacobian, stack.weight) for jacobian in stack.jacobian]
     k = max(range(len(parts)), key=lambda k: parts[k].rank)

@@ -91,11 +91,11 @@ def durability(
         level = LEVEL / (2 * (len(sessions) - 1))
         setting = _Setting(session, own, noise, freedom, root, level, accuracy or {})
         for checks, anew in ((carried, np.zeros_like(extrinsic)), (frames, extrinsic)):
-            checks.append(setting.check(_met(session, prior, fits[0].p, anew), ~anew))
+            checks.append(setting.check(fit_when_met(session, prior, fits[0].p, anew), ~anew))
     return Durability(tuple(carried), tuple(frames), tuple(_own(fit) for fit in fits[1:]), noise)
 
 
-def _met(session: Session, prior: Prior, p: Array, anew: NDArray[np.bool_]) -> Estimate | None:
+def fit_when_met(session: Session, prior: Prior, p: Array, anew: NDArray[np.bool_]) -> Estimate | None:
     """The session's fit of the parameters ``anew`` (n_free,), all others held at ``p``; None without a minimum.
 
     The Jacobian of the result is by all free parameters all the same.

@@ -113,7 +113,7 @@ def select(
     def review(accepted: Accepted, added: bool) -> Accepted:
         return _pruned(stack, accepted, _near(points, stack, accepted)) if added else accepted
 
-    return _summed(stack, select_forward({}, add, review), candidates, points)
+    return summed(stack, select_forward({}, add, review), candidates, points)
 
 
 def _first(left: Sequence[Candidate], score: Array) -> int | None:
@@ -148,7 +148,7 @@ def _pruned(stack: Stack, accepted: Mapping[int, float], points: Sequence[Scales
         del kept[worst]
 
 
-def _summed(
+def summed(
     stack: Stack, accepted: Mapping[int, float], candidates: Sequence[Candidate], points: Sequence[Scales]
 ) -> Selection:
     """Evidence of each parameter's movement given the others, and what would do as well in its place."""

@@ -124,7 +124,7 @@ def _moved(
     since = scale * best.accepted[place][1] * (stack.contrasts - stack.contrasts[0])
     change = since @ best.mean[at]
     root = since @ best.root[at]
-    line = _line(clock - clock[0], change, root)
+    line = straight_line(clock - clock[0], change, root)
     return Movement(
         **common,
         status="moved" if common["probability"] > SURE else "perhaps",
@@ -137,7 +137,7 @@ def _moved(
     )
 
 
-def _line(elapsed: Array, change: Array, root: Array) -> tuple[float, float, float] | None:
+def straight_line(elapsed: Array, change: Array, root: Array) -> tuple[float, float, float] | None:
     """Rate, its 1-sigma and p of a straight line through the first session; None when no time passed.
 
     Where the line does not fit, the 1-sigma is widened by Birge's ratio.

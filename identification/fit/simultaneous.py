@@ -61,10 +61,10 @@ def simultaneous(problem: Problem, start: Array, bounds: Bounds) -> Solution:
     problem.x = program.coordinates(v)
     t = program.steps(v)
     t = np.where(t - low < NEAR, low, np.where(high - t < NEAR, high, t))
-    return _polished(problem, t, (low, high), status, iterations)
+    return polished(problem, t, (low, high), status, iterations)
 
 
-def _polished(
+def polished(
     problem: Problem, t: Array, bounds: tuple[Array, Array], status: Status, iterations: int
 ) -> Solution:
     """Gauss-Newton's last steps of what stands at no bound; they also tell how far from rest an end is."""
@@ -133,7 +133,7 @@ class _Equations:
         size = program.size + residuals
         pattern = self._evaluated(np.zeros(size))[1]
         self.count = int(pattern.shape[0])
-        column, sparsity = ca.Sparsity.dense(self.count, 1), _pattern(pattern)
+        column, sparsity = ca.Sparsity.dense(self.count, 1), sparsity_of(pattern)
         self.values = _Numeric("equations", [size], [column], lambda v: self._evaluated(v)[:1])
         self.slopes = _Numeric("slopes", [size, 0], [column, sparsity], lambda v, _: self._evaluated(v))
 
@@ -180,9 +180,10 @@ class _Numeric(ca.Callback):
         return [ca.project(ca.DM(value), self._outputs[k]) for k, value in enumerate(values)]
 
 
-def _pattern(matrix: sp.csc_array) -> ca.Sparsity:
+def sparsity_of(matrix: sp.csc_array) -> ca.Sparsity:
+    """The pattern of a sparse matrix, rows in order in each column."""
     matrix.sort_indices()
     return ca.Sparsity(*matrix.shape, matrix.indptr.tolist(), matrix.indices.tolist())
 
 
-__all__ = ["simultaneous"]
+__all__ = ["polished", "simultaneous", "sparsity_of"]

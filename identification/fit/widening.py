@@ -33,7 +33,7 @@ def widened(problem: Problem, factor: float) -> Prior:
     size = np.where(unknown, 1.0, sigma / prior.scale[free])
     factored = triangular(problem.data(problem.p, problem.x), len(free) + 1)[:, : len(free)]
     jacobian = factored * size * factor
-    chosen = free[~first][_independent(jacobian[:, first], jacobian[:, ~first])]
+    chosen = free[~first][independent_columns(jacobian[:, first], jacobian[:, ~first])]
     multiplied = prior.sigma.copy()
     multiplied[chosen] *= factor
     return prior.with_sigma(multiplied)
@@ -50,11 +50,11 @@ def untied(problem: Problem) -> Prior:
     size = np.where(np.isinf(sigma), 1.0, sigma / prior.scale[free])
     jacobian = triangular(problem.data(problem.p, problem.x), len(free) + 1)[:, : len(free)] * size
     chosen = np.zeros(len(prior.sigma))
-    chosen[free[_independent(jacobian[:, :0], jacobian)]] = np.inf
+    chosen[free[independent_columns(jacobian[:, :0], jacobian)]] = np.inf
     return prior.with_sigma(chosen)
 
 
-def _independent(taken: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.intp]:
+def independent_columns(taken: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.intp]:
     """Places of the columns that show something new beside ``taken`` and each other."""
     if not columns.shape[1] or not np.isfinite(columns).all():
         return np.arange(columns.shape[1])
@@ -67,4 +67,4 @@ def _independent(taken: NDArray[np.float64], columns: NDArray[np.float64]) -> ND
     return np.asarray(order[: len(shown)][shown], dtype=np.intp)
 
 
-__all__ = ["untied", "widened"]
+__all__ = ["independent_columns", "untied", "widened"]

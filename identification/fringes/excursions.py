@@ -94,7 +94,7 @@ def _crossing_times(t: Array, v: Array, before: Ints, after: Ints, g: float) -> 
     counted = t[before] + (t[after] - t[before]) * share
     # where they are sparse: the phase is straight between the two samples around the level
     sparse = np.flatnonzero(span < _COUNTED)
-    low, up = _around(above, before[sparse], after[sparse])
+    low, up = neighbours_around(above, before[sparse], after[sparse])
     phase0, phase1 = folded_phase(v[low], g), folded_phase(v[up], g)
     level = float(folded_phase(HALF, g))
     turn = np.where(phase1 == phase0, 1.0, phase1 - phase0)
@@ -102,7 +102,7 @@ def _crossing_times(t: Array, v: Array, before: Ints, after: Ints, g: float) -> 
     return np.asarray(np.maximum.accumulate(counted))
 
 
-def _around(above: Bools, before: Ints, after: Ints) -> tuple[Ints, Ints]:
+def neighbours_around(above: Bools, before: Ints, after: Ints) -> tuple[Ints, Ints]:
     """The first pair of neighbours on different sides of the level between two samples."""
     low = before.copy()
     for _ in range(_COUNTED):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,7 @@ def read_fringes(
     """
     sensor = sensor_of(machine)
     units = machine.units
-    work = _Work(machine, sensor, rows)
+    work = Readings(machine, sensor, rows)
     for index, path in tables.items():
         work.read(index, read_samples(path, units), progress or (lambda _: None))
     work.close()
@@ -67,32 +68,31 @@ def sensor_of(machine: Machine) -> Irradiance:
     raise InputError(f"{where}sensor: found {kinds}, expected one of type irradiance for --irradiance")
 
 
-class _Work:
-    """ReadLengths as they come in."""
+class Readings:
+    """ReadLengths as they come in: change and its 1-sigma (n,) in mm, rows that are left out (n,), notes."""
 
     def __init__(self, machine: Machine, sensor: Irradiance, rows: Recording) -> None:
         self.machine, self.sensor, self.rows = machine, sensor, rows
         self.change, self.sigma = np.zeros(len(rows)), np.zeros(len(rows))
         self.left_out = np.zeros(len(rows), dtype=bool)
         self.notes: list[str] = []
-        self._predicted: tuple[Array, Array] | None = None
 
     def read(self, index: int, table: SampleTable, progress: Callable[[str], None]) -> None:
         """All moves of one file."""
-        series = _paired(self.rows, index, table)
+        series = paired_series(self.rows, index, table)
         self.notes += table.notes
         moves: dict[int, Move] = {}
         for done, (row, one) in enumerate(series.items()):
             progress(f"counting fringes: {done} of {len(series)} moves")
             moves[row] = self._move(one, None)
-        shared = _shared_levels(list(moves.values()))
+        shared = shared_levels(list(moves.values()))
         if shared is not None:
             for row, move in moves.items():
                 if {Fault.LEVELS, Fault.WEAK} & set(move.faults):
                     moves[row] = self._move(series[row], shared)
-        by_model = [row for row, move in moves.items() if self._take(row, series[row], move)]
+        by_model = [row for row, move in moves.items() if self.take(row, series[row], move)]
         if by_model:
-            which = _listed([self.rows.source_row[row] for row in by_model])
+            which = listed_rows([self.rows.source_row[row] for row in by_model])
             self.notes.append(
                 f"{self.rows.files[index]}: the sign of dL in {which} is that of the nominal machine: {table.file} "
                 "has no scan of the wavelength there that tells"
@@ -110,7 +110,7 @@ class _Work:
         wavelength = self.sensor.wavelength if one.wavelength is None else one.wavelength
         return read_move(one.t, one.signal, wavelength, self.sensor.reflectivities, levels)
 
-    def _take(self, row: int, one: Series, move: Move) -> bool:
+    def take(self, row: int, one: Series, move: Move) -> bool:
         """Keep a move as a reading, or leave it out with a note; whether the model gave the sign."""
         where = f"{self.rows.where(row)}"
         why = [fault.value for fault in move.faults]
@@ -119,7 +119,7 @@ class _Work:
             why.append(
                 f"dL is known to {1e6 * move.sigma:.1f} nm only, and sigma is {coarse / _COARSE * 1e6:.3g} nm"
             )
-        sign, by_model = (0.0, False) if why else self._sign(row, one, move)
+        sign, by_model = (0.0, False) if why else self.sign_of(row, one, move)
         if not why and sign == 0.0:
             why.append("neither a scan of the wavelength nor the nominal machine tells the sign of dL")
         elif not why and one.sign is not None and move.signed and sign * move.change < -3.0 * move.sigma:
@@ -131,31 +131,31 @@ class _Work:
             self.notes.append(f"{where}: left out (samples from row {one.row} on): {reason}")
         return by_model and not why
 
-    def _sign(self, row: int, one: Series, move: Move) -> tuple[float, bool]:
+    def sign_of(self, row: int, one: Series, move: Move) -> tuple[float, bool]:
+        """-1, 1, or 0 where nothing tells; and whether the nominal machine was asked."""
         if one.sign is not None:
             return float(one.sign), False
         if move.signed:
             return float(np.sign(move.change)) or 1.0, False
         if move.change < 3.0 * move.sigma:
             return 1.0, False  # no sign to speak of
-        if self._predicted is None:
-            self._predicted = self._model()
-        value, std = self._predicted[0][row], self._predicted[1][row]
+        value, std = (array[row] for array in self.nominal)
         if not np.isfinite(value) or value == 0.0 or not np.isfinite(std):
             return 0.0, True
         # odds of + against - for a Gaussian prediction
         odds = 2.0 * move.change * value / max(std, 1e-150) ** 2
         return (float(np.sign(value)) if abs(odds) > _ODDS else 0.0), True
 
-    def _model(self) -> tuple[Array, Array]:
-        """dL (n,) of the nominal machine and its 1-sigma."""
+    @cached_property
+    def nominal(self) -> tuple[Array, Array]:
+        """dL (n,) in mm of the nominal machine and its 1-sigma."""
         found = predicted(predictor_for(self.machine, self.rows))
         assert found.std is not None
         column = list(found.columns).index("dL")
         return found.values[:, column], found.std[:, column]
 
 
-def _paired(rows: Recording, index: int, table: SampleTable) -> dict[int, Series]:
+def paired_series(rows: Recording, index: int, table: SampleTable) -> dict[int, Series]:
     """The series of every row of a file that has a move; rows of one pose take theirs in order."""
     assert rows.from_row is not None
     assert rows.pose is not None
@@ -181,7 +181,7 @@ def _paired(rows: Recording, index: int, table: SampleTable) -> dict[int, Series
     return dict(sorted(out.items()))
 
 
-def _shared_levels(moves: Sequence[Move]) -> Levels | None:
+def shared_levels(moves: Sequence[Move]) -> Levels | None:
     """Levels of the moves that show their own, for those that span too few fringes."""
     good = [move.count.levels for move in moves if not move.faults]
     if not good:
@@ -196,7 +196,8 @@ def _shared_levels(moves: Sequence[Move]) -> Levels | None:
     return Levels(np.zeros(1), np.array([np.median(low)]), np.array([np.median(high)]), sigma)
 
 
-def _listed(numbers: Sequence[int]) -> str:
+def listed_rows(numbers: Sequence[int]) -> str:
+    """The first of some rows in words, and how many more there are."""
     shown = ", ".join(str(number) for number in numbers[:_SHOWN])
     more = f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
     return f"row{'s' if len(numbers) > 1 else ''} {shown}{more}"

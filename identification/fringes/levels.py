@@ -181,12 +181,12 @@ def _levels_at(
     t: Array, signal: Array, found: Excursions, even: Ints, knots: Array, g: float, noise: float
 ) -> tuple[Levels | None, float]:
     """Levels at given knots, and chi2 of the samples."""
-    at, which = _sampled(found, even)
-    x = _phases(t[at], which, found, _level_error(found, even, knots))
+    at, which = inside_samples(found, even)
+    x = crossing_phases(t[at], which, found, level_error(found, even, knots))
     shape = fringe(np.where(found.high[which], -np.cos(x), np.cos(x)), g)
-    hats = _hats(t[at], knots)
+    hats = hat_shares(t[at], knots)
     columns = np.hstack([hats * (1.0 - shape)[:, None], hats * shape[:, None]])
-    values, covariance, rms = _robust(columns, signal[at])
+    values, covariance, rms = robust_fit(columns, signal[at])
     m = len(knots)
     size = float(np.mean(values[m:] - values[:m]))
     if not (values[m:] - values[:m] > 0.5 * size).all():
@@ -195,10 +195,10 @@ def _levels_at(
     sigma = np.sqrt(max(float(np.max(np.diag(covariance))), 0.0) * rms**2 + (_SHARE * excess) ** 2)
     chi2 = len(at) * np.log(rms + 1e-300) * 2.0
     levels = Levels(knots, values[:m], values[m:], float(sigma / size), float(excess / size))
-    return _extended((float(t[0]), float(t[-1])), levels), float(chi2)
+    return extended((float(t[0]), float(t[-1])), levels), float(chi2)
 
 
-def _extended(span: tuple[float, float], levels: Levels) -> Levels:
+def extended(span: tuple[float, float], levels: Levels) -> Levels:
     """Levels that go on as they drift, up to the ends of the series."""
     knots, low, high = levels.knots, levels.low, levels.high
     if len(knots) < 2:
@@ -219,7 +219,7 @@ def _knots(found: Excursions, even: Ints, m: int) -> Array:
     return np.linspace(first, last, m) if m > 1 else np.array([0.5 * (first + last)])
 
 
-def _hats(t: Array, knots: Array) -> Array:
+def hat_shares(t: Array, knots: Array) -> Array:
     """(n, m) shares of the knots: straight between them, constant outside."""
     if len(knots) == 1:
         return np.ones((len(t), 1))
@@ -232,7 +232,7 @@ def _hats(t: Array, knots: Array) -> Array:
     return out
 
 
-def _sampled(found: Excursions, even: Ints) -> tuple[Ints, Ints]:
+def inside_samples(found: Excursions, even: Ints) -> tuple[Ints, Ints]:
     """Samples inside the even excursions, at most so many, and the excursion of each."""
     sizes = found.sizes[even]
     total = int(sizes.sum())
@@ -244,7 +244,7 @@ def _sampled(found: Excursions, even: Ints) -> tuple[Ints, Ints]:
     return at.astype(np.intp), even[which]
 
 
-def _level_error(found: Excursions, even: Ints, knots: Array) -> Array:
+def level_error(found: Excursions, even: Ints, knots: Array) -> Array:
     """(K + 1,) phase by which a crossing is too near the high end: from excursions that last too long."""
     even = even[:: max(1, len(even) // _EXCURSIONS) | 1]  # an odd stride takes both kinds
     speed, width = found.speeds, found.half_width
@@ -256,14 +256,14 @@ def _level_error(found: Excursions, even: Ints, knots: Array) -> Array:
     ratio = lasts * rate / other
     error = sign * (ratio * other - width[even]) / (1.0 + ratio)
     middle = 0.5 * (found.times[even] + found.times[even - 1])
-    coefficients, _, _ = _robust(_hats(middle, knots), error)
+    coefficients, _, _ = robust_fit(hat_shares(middle, knots), error)
     centres = np.empty(len(found))
     centres[1:-1] = 0.5 * (found.times[1:] + found.times[:-1])
     centres[0], centres[-1] = found.times[0], found.times[-1]
-    return np.asarray(_hats(centres, knots) @ coefficients)
+    return np.asarray(hat_shares(centres, knots) @ coefficients)
 
 
-def _phases(t: Array, which: Ints, found: Excursions, error: Array) -> Array:
+def crossing_phases(t: Array, which: Ints, found: Excursions, error: Array) -> Array:
     """Phase from the end of the fringe of samples (n,) in excursions ``which``, by the crossings' times.
 
     Cubic between crossings, with the slope of a parabola through three of them.
@@ -284,7 +284,7 @@ def _phases(t: Array, which: Ints, found: Excursions, error: Array) -> Array:
     return np.asarray(straight + first * u * (1.0 - u) ** 2 - last * u**2 * (1.0 - u))
 
 
-def _robust(columns: Array, values: Array) -> tuple[Array, Array, float]:
+def robust_fit(columns: Array, values: Array) -> tuple[Array, Array, float]:
     """Least squares without what lies beyond five times the median deviation; (J'J)^-1 and the rms."""
     keep = np.ones(len(values), dtype=bool)
     for _ in range(4):

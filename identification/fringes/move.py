@@ -60,7 +60,7 @@ def read_move(
     count = count_fringes(t[main], signal[main], reflectivities, levels)
     if {Fault.LEVELS, Fault.WEAK} & set(count.faults) or count.levels is levels:
         free = [read_scan(wave[side], signal[side], base, g, noise) for side in sides]
-        seen = _levels_of(free, t[main])
+        seen = levels_of(free, t[main])
         if seen is not None:
             count = count_fringes(t[main], signal[main], reflectivities, seen)
     known = None if {Fault.LEVELS, Fault.WEAK} & set(count.faults) else count.levels
@@ -69,7 +69,7 @@ def read_move(
         read_scan(wave[side], signal[side], base, g, noise, known and known.at(float(place)))
         for side, place in zip(sides, places, strict=True)
     ]
-    return _signed(count, scans[0], scans[1], base)
+    return signed_move(count, scans[0], scans[1], base)
 
 
 def longest_constant(values: Array) -> slice:
@@ -80,7 +80,7 @@ def longest_constant(values: Array) -> slice:
     return slice(int(bounds[longest]), int(bounds[longest + 1]))
 
 
-def _levels_of(scans: list[Scan | None], t: Array) -> Levels | None:
+def levels_of(scans: list[Scan | None], t: Array) -> Levels | None:
     """Levels that scans at the start and the stop show."""
     seen = [
         (float(place), scan.low, scan.high)
@@ -93,17 +93,17 @@ def _levels_of(scans: list[Scan | None], t: Array) -> Levels | None:
     return Levels(knots, low, high, 0.001)
 
 
-def _signed(count: Count, before: Scan | None, after: Scan | None, base: float) -> Move:
+def signed_move(count: Count, before: Scan | None, after: Scan | None, base: float) -> Move:
     """The sign that agrees with the scans, and with it the ends as they give them."""
     unit = base / (4.0 * np.pi)
     plain = Move(abs(count.phase) * unit, count.sigma * unit, False, base, count, count.faults)
     if before is None and after is None:
         return plain
-    misfits = {sign: _misfits(count, before, after, unit, sign) for sign in (1.0, -1.0)}
+    misfits = {sign: misfits_of(count, before, after, unit, sign) for sign in (1.0, -1.0)}
     best = min(misfits, key=lambda sign: sum(misfits[sign]))
     if sum(misfits[-best]) - sum(misfits[best]) < _SURE:
         return plain
-    start, stop = _placed(count.start, before, best), _placed(count.stop, after, best)
+    start, stop = placed_end(count.start, before, best), placed_end(count.stop, after, best)
     placed = replace(count, start=start, stop=stop)
     sided = start.doubt == 0.0 and stop.doubt == 0.0
     faults = tuple(fault for fault in count.faults if not (fault is Fault.SIDE and sided))
@@ -112,7 +112,9 @@ def _signed(count: Count, before: Scan | None, after: Scan | None, base: float) 
     return Move(best * placed.phase * unit, placed.sigma * unit, True, base, placed, faults)
 
 
-def _misfits(count: Count, before: Scan | None, after: Scan | None, unit: float, sign: float) -> list[float]:
+def misfits_of(
+    count: Count, before: Scan | None, after: Scan | None, unit: float, sign: float
+) -> list[float]:
     """chi2 of the length's change and of the phases at rest for a sign of the walking direction."""
     out = []
     if before is not None and after is not None:
@@ -131,7 +133,7 @@ def _from_end(scan: Scan, end: End) -> float:
     return float(np.angle(np.exp(1j * (scan.phase - (np.pi if end.high else 0.0)))))
 
 
-def _placed(end: End, scan: Scan | None, sign: float) -> End:
+def placed_end(end: End, scan: Scan | None, sign: float) -> End:
     """A rest by scan and level together; the side of the end of the fringe is the scan's."""
     if scan is None:
         return end

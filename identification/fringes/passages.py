@@ -67,21 +67,21 @@ def passages(series: Series, *, everyone: bool = False) -> tuple[Array, list[tup
     if len(series.found) == 1 and sum(rest.samples for rest in series.rests) >= len(series.t):
         return np.array([-np.inf]), []  # the mirror rests all the time
     even = evenly(series)
-    doubtful = np.flatnonzero(~(even & _in_time(series, even)) | everyone)
+    doubtful = np.flatnonzero(~(even & in_time(series, even)) | everyone)
     if len(doubtful) > MOST_JUDGED:
         return None
-    verdicts = [(int(k), judge(_visit(series, int(k), even))) for k in doubtful]
+    verdicts = [(int(k), judge(visit_of(series, int(k), even))) for k in doubtful]
     for k, verdict in verdicts:
         out[k] = verdict.odds
     return out, verdicts
 
 
-def _visit(series: Series, k: int, even: Bools) -> Visit:
+def visit_of(series: Series, k: int, even: Bools) -> Visit:
     found, last = series.found, len(series.found) - 1
-    rows, high = _window(series, k, even), bool(found.high[k])
+    rows, high = window_of(series, k, even), bool(found.high[k])
     edges = (
-        _held(series, series.rests[0], high) if k == 0 else None,
-        _held(series, series.rests[1], high) if k == last else None,
+        held_rest(series, series.rests[0], high) if k == 0 else None,
+        held_rest(series, series.rests[1], high) if k == last else None,
     )
     t = series.t[rows]
     which = np.searchsorted(found.times, t, side="right")
@@ -95,7 +95,7 @@ def _visit(series: Series, k: int, even: Bools) -> Visit:
     )
 
 
-def _held(series: Series, rest: Rest, high: bool) -> Held:
+def held_rest(series: Series, rest: Rest, high: bool) -> Held:
     """A rest by its distance from the end of its fringe."""
     phase = float(folded_phase(rest.level, series.g))
     sigma = float(phase_noise(rest.level, np.hypot(rest.sigma, series.slack), series.g))
@@ -123,10 +123,10 @@ def evenly(series: Series) -> Bools:
     long = count >= 3
     with np.errstate(invalid="ignore", divide="ignore"):
         even &= ~long | (np.abs(off) <= _LEVEL + 5.0 * noise / np.sqrt(count))
-    return even & _reaches(v, noise, found, g)
+    return even & reaches_end(v, noise, found, g)
 
 
-def _in_time(series: Series, even: Bools) -> Bools:
+def in_time(series: Series, even: Bools) -> Bools:
     """(K + 1,) whether each takes as long as its neighbours let expect, where these passed evenly.
 
     A mirror that turns suddenly before an end of a fringe, or beyond it, is back too early, or too late. Of
@@ -150,7 +150,7 @@ def _in_time(series: Series, even: Bools) -> Bools:
     return out
 
 
-def _reaches(v: Array, noise: float, found: Excursions, g: float) -> Bools:
+def reaches_end(v: Array, noise: float, found: Excursions, g: float) -> Bools:
     """(K + 1,) whether the largest sample is as near to the end of the fringe as sampling lets it be."""
     step = np.nan_to_num(found.speeds * found.durations / np.maximum(found.sizes, 1), nan=0.0)
     off = np.minimum(0.6 * step, found.half_width)
@@ -160,7 +160,7 @@ def _reaches(v: Array, noise: float, found: Excursions, g: float) -> Bools:
     return np.asarray(sign * (extremes(v, found) - nearest) >= -margin)
 
 
-def _window(series: Series, k: int, even: Bools) -> slice:
+def window_of(series: Series, k: int, even: Bools) -> slice:
     """Samples around excursion k: the next ones on both sides that passed for certain, else half of the next.
 
     At the ends of the series without the rests, and no further than the end of the next fringe.

@@ -61,7 +61,7 @@ def read_samples(path: Path | str, units: UnitSystem) -> SampleTable:
     ``wavelength`` without a unit of its own is in the file's unit of length. Raises InputError naming file, row
     and column: for a missing column, what is no number, and times that do not increase within a pose's series.
     """
-    table = _read(path)
+    table = read_fast(path)
     for name in _NEEDED:
         if name not in table:
             raise InputError(f"{table.file}: missing column {name!r}; {close_matches(name, table.names)}")
@@ -138,7 +138,7 @@ def _whole(table: Table, name: str) -> NDArray[np.int64]:
     return values.astype(np.int64)
 
 
-def _read(path: Path | str) -> Table:
+def read_fast(path: Path | str) -> Table:
     """A table whose cells are arrays where all is well; else as `read_table` gives it, which says what is not."""
     try:
         with Path(path).open("rb") as stream:

@@ -61,7 +61,7 @@ def read_scan(
         return None
     x, v, sigma = _binned(x / span, used.normalise(0.0, signal), noise / used.size)
     slack = _FREE if levels is None else _KNOWN
-    tries = [_fit(x, v, sigma, start, g, slack) for start in _candidates(x, v, g, levels is not None)]
+    tries = [_fit(x, v, sigma, start, g, slack) for start in first_guesses(x, v, g, levels is not None)]
     chi2, p, covariance = min(tries, key=lambda fit: fit[0])
     scale = max(1.0, chi2 / (len(x) - 4))
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0) * scale)
@@ -92,7 +92,7 @@ def _binned(x: Array, v: Array, noise: float) -> tuple[Array, Array, Array]:
     return mean_x, mean_v, np.asarray(np.hypot(noise / np.sqrt(size), 0.001))
 
 
-def _candidates(x: Array, v: Array, g: float, known: bool) -> list[Array]:
+def first_guesses(x: Array, v: Array, g: float, known: bool) -> list[Array]:
     """Starts (phase, length, low, size - 1): the best of a periodogram, and short lengths where levels are known."""
     longest = 2.0 * np.pi * _LONGEST * len(x)
     lengths = np.arange(2.0 * np.pi, longest, np.pi / 4.0)

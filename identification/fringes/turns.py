@@ -77,14 +77,14 @@ class Verdict:
 
 def judge(visit: Visit) -> Verdict:
     """Passed or turned: the simplest motions that fit decide; odds are 0 when none does."""
-    light = _light(visit)
-    for attempt in (_smooth(light, _SIMPLE), _sudden(light), _smooth(light, _FREE)):
+    light = light_of(visit)
+    for attempt in (smooth_verdict(light, _SIMPLE), _sudden(light), smooth_verdict(light, _FREE)):
         if attempt is not None and attempt.fits:
             return attempt
     return Verdict(0.0, False, float(visit.high), np.inf)
 
 
-def _smooth(light: Light, degrees: tuple[int, ...]) -> Verdict | None:
+def smooth_verdict(light: Light, degrees: tuple[int, ...]) -> Verdict | None:
     """The verdict of the first degree that fits, confirmed by the next one."""
     verdict: Verdict | None = None
     simpler: dict[float, Array] = {}
@@ -149,7 +149,7 @@ def _chi2(motion: Motion) -> float:
     return motion.chi2
 
 
-def _light(visit: Visit) -> Light:
+def light_of(visit: Visit) -> Light:
     """Samples in groups, with the 1-sigma of their means and that of the model."""
     t, v = visit.t, visit.v
     groups = min(_POINTS, len(t))

@@ -18,7 +18,7 @@ from truepose.identification.posterior.weighing import Members, Weighing
 Array = NDArray[np.float64]
 AGREED, APART = 0.02, 0.1
 """Largest difference of a cause's probability between two chains that is none, and from which on they are caught apart."""
-_Seen = tuple[Members, Point]
+Seen = tuple[Members, Point]
 BURN, ROUND, ROUNDS, LEARNING = 25, 40, 5, 2
 """Sweeps of a chain before it counts, sweeps of each round, most rounds, and after how many of them passages are laid."""
 VISITED = 3
@@ -76,14 +76,14 @@ class Posterior:
         return self.disagreement <= AGREED
 
 
-class _Tally:
+class Tally:
     """Sums over the sweeps of one chain."""
 
     def __init__(self, weighing: Weighing) -> None:
         self._cause, self.sweeps = weighing.terms.cause, 0
         self.terms, self.number = np.zeros(len(weighing.terms)), weighing.terms.n_causes
         self.beside, self.held = np.zeros((self.number, self.number)), np.zeros(self.number)
-        self.seen = Counter[_Seen]()
+        self.seen = Counter[Seen]()
 
     def add(self, sweep: Sweep) -> None:
         self.sweeps += 1
@@ -115,7 +115,7 @@ def sample(
     chains, and looked at again at the sets that these visit most.
     """
     climb, start = Climb(weighing, richness), best_point(weighing)
-    tops = _tops(climb, weighing, start, known)
+    tops = climbed_tops(climb, weighing, start, known)
     top = max(tops, key=lambda state: state.log_posterior)
     for state in tops:
         climb.look(state.point, state.members)
@@ -151,19 +151,19 @@ def _sampled(
     )
 
 
-def _counted(chains: Sequence[Chain], part: Weighing, sweeps: int, rounds: int) -> list[_Tally]:
+def _counted(chains: Sequence[Chain], part: Weighing, sweeps: int, rounds: int) -> list[Tally]:
     """Rounds of so many sweeps, until the chains agree.
 
     Each may be caught in sets of its own. After the first rounds they learn of each other's, and count anew.
     """
-    tallies = list[_Tally]()
+    tallies = list[Tally]()
     for k in range(rounds):
         if k <= LEARNING:
-            tallies = [_Tally(part) for _ in chains]
+            tallies = [Tally(part) for _ in chains]
         for chain, tally in zip(chains, tallies, strict=True):
             for sweep in chain.sweeps(sweeps):
                 tally.add(sweep)
-        if _disagreement(tallies, np.full(len(tallies), 1.0 / len(tallies))) <= AGREED:
+        if chain_disagreement(tallies, np.full(len(tallies), 1.0 / len(tallies))) <= AGREED:
             break
         if k < LEARNING:
             ways = _passages(*tallies)
@@ -172,7 +172,7 @@ def _counted(chains: Sequence[Chain], part: Weighing, sweeps: int, rounds: int) 
     return tallies
 
 
-def _passages(one: _Tally, other: _Tally) -> tuple[Passage, ...]:
+def _passages(one: Tally, other: Tally) -> tuple[Passage, ...]:
     """Ways between the states that two chains visited most."""
     often = [[state for state, _ in tally.seen.most_common(VISITED)] for tally in (one, other)]
     ways = [Passage.between(a, b) for a in often[0] for b in often[1] if a[0] != b[0]]
@@ -210,16 +210,16 @@ def best_point(weighing: Weighing) -> Point:
     return at(max(near, key=lambda k: weighing.root(at(k)).log_evidence))
 
 
-def _disagreement(tallies: Sequence[_Tally], weights: Array) -> float:
+def chain_disagreement(tallies: Sequence[Tally], weights: Array) -> float:
     """Largest difference of a cause's probability between chains that count alike; less where one hardly counts."""
     shares = np.array([t.causes for t in tallies])
     apart = 2.0 * weights @ np.abs(shares - weights @ shares)
     return float(np.max(apart, initial=0.0))
 
 
-def _weights(
-    part: Weighing, richness: Richness, tallies: Sequence[_Tally]
-) -> tuple[Array, dict[_Seen, float]]:
+def chain_weights(
+    part: Weighing, richness: Richness, tallies: Sequence[Tally]
+) -> tuple[Array, dict[Seen, float]]:
     """(chains,) how much each chain counts, and the log posterior of every state that one of them visited.
 
     Chains that agree count alike. Where they do not, each is caught in sets of its own, and how long it stayed there says
@@ -229,7 +229,7 @@ def _weights(
     every = dict.fromkeys(state for tally in tallies for state in tally.seen)
     logs = {(members, point): log_posterior(part, richness, members, point) for members, point in every}
     equal = np.full(len(tallies), 1.0 / len(tallies))
-    if _disagreement(tallies, equal) <= APART:
+    if chain_disagreement(tallies, equal) <= APART:
         return equal, logs
     visitors = {state: sum(state in tally.seen for tally in tallies) for state in every}
     mass = [np.logaddexp.reduce([logs[s] - np.log(visitors[s]) for s in tally.seen]) for tally in tallies]
@@ -237,10 +237,10 @@ def _weights(
 
 
 def _gathered(
-    part: Weighing, index: NDArray[np.intp], richness: Richness, tallies: Sequence[_Tally]
+    part: Weighing, index: NDArray[np.intp], richness: Richness, tallies: Sequence[Tally]
 ) -> Posterior:
-    weights, logs = _weights(part, richness, tallies)
-    shares: dict[_Seen, float] = dict.fromkeys(logs, 0.0)
+    weights, logs = chain_weights(part, richness, tallies)
+    shares: dict[Seen, float] = dict.fromkeys(logs, 0.0)
     for weight, tally in zip(weights, tallies, strict=True):
         for state, count in tally.seen.items():
             shares[state] += float(weight) * count / tally.sweeps
@@ -259,18 +259,18 @@ def _gathered(
         beside=beside / np.where(held > 0.0, held, 1.0),
         states=tuple(states),
         points=tuple(sorted(points.items(), key=lambda item: -item[1])),
-        disagreement=_disagreement(tallies, weights),
+        disagreement=chain_disagreement(tallies, weights),
         sweeps=sum(t.sweeps for t in tallies),
     )
 
 
 def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ()) -> State:
     """The likeliest state that climbs from nothing and from ``known`` states reach."""
-    tops = _tops(Climb(weighing, richness), weighing, best_point(weighing), known)
+    tops = climbed_tops(Climb(weighing, richness), weighing, best_point(weighing), known)
     return max(tops, key=lambda state: state.log_posterior)
 
 
-def _tops(climb: Climb, weighing: Weighing, start: Point, known: Sequence[State]) -> list[State]:
+def climbed_tops(climb: Climb, weighing: Weighing, start: Point, known: Sequence[State]) -> list[State]:
     """Where climbs from known states lead, and the one from nothing, which takes long where these are large."""
     large = any(len(weighing.columns(state.members)[0]) > LONG_SET for state in known)
     first = [] if large else [climb.from_(start, ())]

@@ -22,9 +22,9 @@ from truepose.wording import meant, shortened
 IntArray = npt.NDArray[np.int64]
 
 LABEL: Final = "label"
-_LOGGED: Final = ("payload", "pressure", "humidity")
-_OF_A_JOINT: Final = (APPROACH, VELOCITY)
-_OTHER: Final = ("time", "session", "pose", "from", "role")
+LOGGED: Final = ("payload", "pressure", "humidity")
+OF_JOINTS: Final = (APPROACH, VELOCITY)
+OF_ROWS: Final = ("time", "session", "pose", "from", "role")
 _ROLES: Final = ("calibration", "validation")
 SLACK: Final = 0.05
 """Share of a range's width that readings may be beyond it: commands overshoot a little."""
@@ -73,11 +73,11 @@ def read_part(
     """Read and check one file (or its table). `needed` names the columns it must have beside the joints."""
     table = path if isinstance(path, Table) else read_table(path)
     names = [joint.name for joint in joints]
-    logged = [*_LOGGED, *_of_joints(joints)]
-    table = in_known_case(table, (*names, *sensor_columns, *logged, *_OTHER))
+    logged = [*LOGGED, *_of_joints(joints)]
+    table = in_known_case(table, (*names, *sensor_columns, *logged, *OF_ROWS))
     unread = [name for name, unit in sensor_columns.items() if unit != LABEL and _all_empty(table, name)]
     table = table.without([name for name in unread if name not in needed])
-    _check_there(table, (*names, *needed), unread, (*names, *sensor_columns, *logged, *_OTHER))
+    _check_there(table, (*names, *needed), unread, (*names, *sensor_columns, *logged, *OF_ROWS))
     present = {name: unit for name, unit in sensor_columns.items() if name in table}
     readings = {name: unit for name, unit in present.items() if unit != LABEL}
     said = {j.name: table.unit(j.name, units.of_joint(j.unit), j.unit) for j in joints}
@@ -86,7 +86,7 @@ def read_part(
     time = _converted(table, "time", "s", "s") if "time" in table else None
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units)
-    known = {*names, *sensor_columns, *drivers, *_OTHER}
+    known = {*names, *sensor_columns, *drivers, *OF_ROWS}
     return RecordingPart(
         file=table.file,
         q=np.column_stack([_joint(table, joint, said[joint.name]) for joint in joints]),
@@ -188,7 +188,7 @@ def _drivers(table: Table, joints: Sequence[JointColumn], units: UnitSystem) -> 
     written, internal = {j.name: units.of_joint(j.unit) for j in joints}, {j.name: j.unit for j in joints}
     temperatures = [name for name in table.names if Driver.of(name).thermal]
     out = {}
-    for name in (*_LOGGED, *temperatures, *_of_joints(joints)):
+    for name in (*LOGGED, *temperatures, *_of_joints(joints)):
         if name in table:
             driver = Driver.of(name)
             out[name] = _converted(table, name, driver.unit(written), driver.unit(internal))
@@ -198,7 +198,7 @@ def _drivers(table: Table, joints: Sequence[JointColumn], units: UnitSystem) -> 
 
 
 def _of_joints(joints: Sequence[JointColumn]) -> list[str]:
-    return [Driver(kind, joint.name).name for joint in joints for kind in _OF_A_JOINT]
+    return [Driver(kind, joint.name).name for joint in joints for kind in OF_JOINTS]
 
 
 def _check_approach(table: Table, name: str, values: FloatArray) -> None:
@@ -238,7 +238,7 @@ def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tupl
     ignored = [name for name in table.names if name not in known | of_averages]
     if not ignored:
         return ()
-    optional = {*known, *_LOGGED, *_of_joints(joints)}
+    optional = {*known, *LOGGED, *_of_joints(joints)}
     named = []
     for name in ignored:
         hint = meant(name, optional - set(table.names))

@@ -36,10 +36,10 @@ def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
     ]
     if not 0.8 < found.noise < 1.25:
         said.append(f"without effects the readings scatter {found.noise:.2g} times the stated sigma")
-    return (*recording.notes, *said, *_tolerance_notes(found.inflation))
+    return (*recording.notes, *said, *tolerance_notes(found.inflation))
 
 
-def _tolerance_notes(inflation: Mapping[PartClass, float]) -> list[str]:
+def tolerance_notes(inflation: Mapping[PartClass, float]) -> list[str]:
     """Which tolerances look too small; one line where all do alike."""
     values = list(inflation.values())
     if len(values) > 1 and min(values) > 1.5 and max(values) < 1.2 * min(values):

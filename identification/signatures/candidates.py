@@ -93,7 +93,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
                 reasons.append(effect.unvaried or usual)
             for settings in variants:
                 placed = PlacedEffect.at(effect, machine, place, effect.within(place, settings, seen))
-                reason = _untestable(placed, recording)
+                reason = why_untestable(placed, recording)
                 if reason is None:
                     found.append(placed)
                 else:
@@ -107,7 +107,8 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated)
 
 
-def _untestable(placed: PlacedEffect, recording: Recording) -> str | None:
+def why_untestable(placed: PlacedEffect, recording: Recording) -> str | None:
+    """What the recording lacks for a candidate: a driver's column, or a driver that varies. None where nothing."""
     for name in placed.drivers:
         values = recording.driver(name)
         if values is None:

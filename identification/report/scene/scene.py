@@ -61,7 +61,7 @@ def scene_of(
     poses = thinned(good, POSES)
     drawn = lines.points(recording.q[poses], last.x[poses], last.p[: len(machine.parameters)])
     lines = lines.around(drawn[0])
-    turn = _upright(machine)
+    turn = upright(machine)
     frame = _Frame.around(drawn[:, _solid(lines)] @ turn.T, seen[-1].points[good] @ turn.T)
     pieces = [{"k": p.kind, "p": list(p.points), "c": p.kind == "plate"} for p in lines.pieces]
     places = [pieces_of(one.place, lines.pieces, machine) for one in guilty]
@@ -91,7 +91,7 @@ def thinned(rows: Rows, most: int) -> Rows:
     return rows if len(rows) <= most else rows[np.unique(np.linspace(0, len(rows) - 1, most).astype(np.intp))]
 
 
-def _upright(machine: Machine) -> Array:
+def upright(machine: Machine) -> Array:
     """(3, 3) turn of the base's frame that puts up on top: against gravity where it is known, else along z."""
     if not machine.gravity or not any(machine.gravity):
         return np.eye(3)
@@ -199,4 +199,4 @@ def _told(machine: Machine, poses: int, rows: int, two: bool) -> str:
     )
 
 
-__all__ = ["Scene", "error_words", "scene_of", "thinned"]
+__all__ = ["Scene", "error_words", "scene_of", "thinned", "upright"]

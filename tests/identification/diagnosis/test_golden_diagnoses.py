@@ -1,0 +1,70 @@
+"""Small recordings whose diagnoses are committed: a change of the engine shows as a change of ``tests/golden_diagnoses``.
+
+Each case is a machine file, one recording or more, and ``expected.json``: verdict, names, classes, probabilities,
+fitted sizes, proof (support.golden_diagnoses). The recordings come from simulated machines (README.md there says what
+was put in; the engine does not read it). After a change that is meant:
+
+    pytest tests/identification/diagnosis/test_golden_diagnoses.py --update-golden
+
+writes what is expected anew where it has changed; what then differs is for the reviewer.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import truepose
+from challenge.simulator.registry import NAMES
+from support import TESTS
+from support.golden_diagnoses import changes, summary, text
+from truepose.identification.report.lines import COLUMNS, LINES
+from truepose.identification.report.terminal import diagnosis_lines
+
+GOLDEN = TESTS / "golden_diagnoses"
+CASES = sorted(file.parent.name for file in GOLDEN.glob("*/machine.yaml"))
+VERDICTS = {"adequate", "missing-physics", "unknown"}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_diagnosis_is_as_committed(case: str, request: pytest.FixtureRequest) -> None:
+    folder = GOLDEN / case
+    machine = truepose.load_machine(folder / "machine.yaml")
+    recording = truepose.load_recording(machine, sorted(folder.glob("*.csv")))
+    found_here = truepose.diagnose(machine, recording)
+    lines = diagnosis_lines(found_here, Path("out"))
+    assert (
+        len(lines) <= LINES and max(map(len, lines)) <= COLUMNS and lines[0].startswith(f"{machine.name}: ")
+    )
+    document = truepose.diagnosis_json(found_here)
+    assert document["judgement"] == {"calibrated": True, "why": []}
+    new = summary(document)
+    file = folder / "expected.json"
+    old = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
+    found = ["nothing is committed yet"] if old is None else changes(old, new)
+    if found and request.config.getoption("--update-golden"):
+        file.write_text(text(new), encoding="utf-8")
+        return
+    told = "\n".join(f"- {said}" for said in found)
+    assert not found, f"tests/golden_diagnoses/{case} (pytest --update-golden, if this is meant):\n{told}"
+
+
+def test_every_verdict_and_every_machine_is_there() -> None:
+    """A net with a hole is mended by a case, not by fewer cases."""
+    told = {case: json.loads((GOLDEN / case / "expected.json").read_text(encoding="utf-8")) for case in CASES}
+    assert {kept["verdict"] for kept in told.values()} == VERDICTS
+    names = {truepose.load_machine(GOLDEN / case / "machine.yaml").name for case in CASES}
+    assert names >= set(NAMES)
+    findings = [f for kept in told.values() for f in kept["findings"].values()]
+    undecided = [f for f in findings if 0.3 <= f["probability"] <= 0.8]
+    assert len(undecided) >= 5, "few cases are near a decision, and small changes pass through the net"
+
+
+def test_rich_machines_and_families_are_there() -> None:
+    """What guards the search for many effects at once, and effects at all their places under one size."""
+    told = [json.loads((GOLDEN / case / "expected.json").read_text(encoding="utf-8")) for case in CASES]
+    assert sum(len(kept["findings"]) >= 5 for kept in told) >= 5
+    of_family = [sum(bool(f["family"]) for f in kept["findings"].values()) for kept in told]
+    assert sum(places >= 3 for places in of_family) >= 5

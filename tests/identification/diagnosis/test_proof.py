@@ -1,0 +1,249 @@
+"""Laws of proofs and of what is held out: linear predictions, injected effects, blocks, intervals, notes of tolerances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from support.effect_machines import read_machines
+from support.effects import with_effect
+from support.sensor_bench import Bench
+from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
+from truepose.identification.diagnosis.proof import black_box, injected_recovered, linear_test
+from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.weighed import weighed
+from truepose.identification.drift.scales import noise_scales
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.tolerance_classes import PartClass
+from truepose.identification.posterior.mode import State
+from truepose.identification.recording.recording import Recording
+from truepose.identification.report.notes import tolerance_notes
+from truepose.identification.signatures.candidates import Catalogue
+from truepose.identification.signatures.empirical_forms import empirical_forms
+from truepose.identification.signatures.linearisation import Linearisation
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.empirical import Empirical
+
+Array = NDArray[np.float64]
+Case = tuple[Estimate, Recording]
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """A fit of an arm and its recording; the tests replace what is in them."""
+    bench = Bench(tmp_path_factory.mktemp("case"), "arm")
+    recording = bench.recording()
+    return estimate(bench.machine, recording), recording
+
+
+# -- linear predictions ----------------------------------------------------------------------------------
+
+
+def test_held_out_rows_are_judged_by_the_posterior_of_the_others(case: Case) -> None:
+    """One linear step under tolerances from where the fit stands; what is added has a tolerance of ten."""
+    fit, _ = case
+    rng, n, rows, channels, extra = np.random.default_rng(1), len(case[0].prior.free), 40, 3, 2
+    design = rng.standard_normal((rows, channels, n + extra))
+    residual = rng.standard_normal((rows, channels))
+    fit = replace(fit, residual=residual)
+    train = np.arange(rows) % 3 > 0
+    away = (fit.p - fit.prior.mean)[fit.prior.free] / fit.prior.scale[fit.prior.free]
+    tau = np.append(fit.prior.sigma[fit.prior.free] / fit.prior.scale[fit.prior.free], np.full(extra, 10.0))
+    assert np.all(np.isfinite(tau))
+    # readings at the drawing: a Gaussian of tolerances and unit noise, conditioned on the rows of training
+    h, y = design[train].reshape(-1, n + extra), residual[train].ravel()
+    y = y - h[:, :n] @ away
+    departure = -np.linalg.solve(h.T @ h + np.diag(tau**-2.0), h.T @ y)
+    expected = residual[~train] + design[~train] @ (departure - np.append(away, np.zeros(extra)))
+    found = linear_test(design, fit, train, ~train)
+    np.testing.assert_allclose(found, np.sum(expected**2, axis=1), rtol=1e-8)
+
+
+def test_a_prediction_is_exact_where_readings_are_linear_and_the_drawing_is_true(case: Case) -> None:
+    """Readings of ten times the noise that a free wave explains vanish once it is among the columns."""
+    rng, rows = np.random.default_rng(2), 60
+    fit = replace(case[0], p=case[0].prior.mean.copy())
+    n = len(fit.prior.free)
+    jacobian, wave = 1e-3 * rng.standard_normal((rows, 3, n)), rng.standard_normal((rows, 3, 1))
+    fit = replace(fit, residual=10.0 * wave[:, :, 0])
+    train = rng.permutation(rows) < 40
+    without = linear_test(jacobian, fit, train, ~train)
+    box = linear_test(np.concatenate([jacobian, wave], axis=2), fit, train, ~train)
+    assert np.mean(box) < 1e-6 * np.mean(without)
+
+
+def test_a_black_box_does_as_well_in_whatever_steps_parameters_are_counted(case: Case) -> None:
+    """Free waves follow noise alone: they predict worse than none, and as badly in any scale."""
+    fit, recording = case
+    none, outliers = SimpleNamespace(effects=()), np.zeros(len(recording), dtype=bool)
+    after = SimpleNamespace(effects=(SimpleNamespace(coefficients=range(12)),))
+    assert black_box(fit, cast(Estimate, none), recording, outliers) == pytest.approx(1.0)
+    ratio = black_box(fit, cast(Estimate, after), recording, outliers)
+    assert ratio is not None and 1.01 < ratio < 1.5
+    scale = fit.prior.scale * np.random.default_rng(7).uniform(0.05, 20.0, len(fit.prior.scale))
+    scaled = replace(fit, prior=replace(fit.prior, scale=scale))
+    assert black_box(scaled, cast(Estimate, after), recording, outliers) == pytest.approx(ratio, rel=1e-6)
+
+
+def test_a_black_box_does_as_well_wherever_encoders_have_their_zero(case: Case) -> None:
+    """What the readings lose, the offsets of the joints gain: the same poses, the same errors, the same waves."""
+    fit, recording = case
+    after = cast(Estimate, SimpleNamespace(effects=(SimpleNamespace(coefficients=range(12)),)))
+    outliers = np.zeros(len(recording), dtype=bool)
+    turned = np.random.default_rng(8).uniform(-2.0, 2.0, len(recording.joints))
+    offset = np.zeros(len(fit.p))
+    offset[[fit.prior.names.index(f"{joint}.theta") for joint in recording.joints]] = turned
+    moved = replace(fit, p=fit.p + offset, prior=replace(fit.prior, mean=fit.prior.mean + offset))
+    found = black_box(moved, after, replace(recording, q=recording.q - turned), outliers)
+    assert found == pytest.approx(black_box(fit, after, recording, outliers), rel=1e-6)
+
+
+# -- an injected effect ----------------------------------------------------------------------------------
+
+
+ROWS = 400
+
+
+def injected(
+    placed: Sequence[PlacedEffect], columns: Array, size: float, priors: Sequence[float], noise: float = 1.0
+) -> bool:
+    """Whether the first of these candidates, of this size in scales, is found again; columns (ROWS, 1 + C)."""
+    stacked = np.column_stack([columns, np.zeros(ROWS)])
+    slices = tuple(slice(k, k + 1) for k in range(len(placed)))
+    parts, departure = (PartClass("length"),), np.zeros(len(placed) + 1)
+    lin = Linearisation(
+        (stacked.T @ stacked,), (ROWS,), 1, slices, 0, departure, np.ones(1), parts, tuple(placed)
+    )
+    (coefficient,) = placed[0].coefficients
+    fitted = placed[0].with_values([size * coefficient.scale])
+    after = SimpleNamespace(fitted_effects=lambda: (fitted,))
+    cat = Catalogue(tuple(placed), tuple(priors), ())
+    problem = weighed(lin, cat, max(noise, 1.0))
+    at = int(np.argmin(np.abs(np.log(np.array(problem.weighing.unknowns.noise[0].values) / noise))))
+    found = SimpleNamespace(
+        weighed=problem, catalogue=cat, linearisation=lin, mode=State((), (at, 0, 0), 0.0)
+    )
+    return injected_recovered(cast(Estimate, after), cast(Found, found), 0)
+
+
+def test_an_injected_effect_is_found_again_where_nothing_else_says_the_same(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """It, at any of its settings, is as good as the best; another place of the same effect is another effect."""
+    arm = read_machines(tmp_path_factory.getbasetemp() / "proof_laws")["arm"]
+    q2, q3 = (with_effect(arm, "zero-shift", (joint,), {"session": 1.0}) for joint in ("q2", "q3"))
+    again = with_effect(arm, "zero-shift", ("q2",), {"session": 2.0})
+    axes = np.linalg.qr(np.random.default_rng(3).standard_normal((ROWS, 4)))[0]
+    apart = axes[:, :3] * [1.0, 50.0, 50.0]
+    same = np.column_stack([axes[:, 0], 50.0 * axes[:, 1], 50.0 * axes[:, 1]])
+    for size in (1.0, -1.0):
+        assert injected((q2, q3), apart, size, (-2.0, -2.0))
+    # what shows alike and is likelier from the start is named instead, unless it is the same cause
+    assert not injected((q2, q3), same, 1.0, (-12.0, -2.0))
+    assert injected((q2, q3), same, 1.0, (-4.0, -2.0))  # the data prefer neither
+    assert injected((q2, again), same, 1.0, (-12.0, -2.0))
+    # what can only give way is found as it gives way
+    yields = with_effect(arm, "joint-compliance", ("q2",))
+    assert yields.coefficients[0].lower == 0.0
+    assert injected((yields, q3), apart, 1.0, (-2.0, -2.0))
+    # what the noise after the fit hides is not found against a likelier rival
+    assert injected((q2, q3), apart, 0.3, (-12.0, -2.0))
+    assert not injected((q2, q3), apart, 0.3, (-12.0, -2.0), noise=30.0)
+
+
+# -- rows held out, and intervals --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("heaviest", "held"), [(0.3, True), (0.65, False)])
+def test_no_more_than_two_fifths_are_held_out_at_once(case: Case, heaviest: float, held: bool) -> None:
+    """Loads of which the heaviest are most of all: the others say too little to predict them from."""
+    _, recording = case
+    n = len(recording)
+    order = np.random.default_rng(4).permutation(n)
+    loads = np.where(order < heaviest * n, 9.0, order % 4)
+    loaded = replace(recording, drivers={"payload": loads}, pose=np.arange(n, dtype=np.int64))
+    _, blocks = held_out_blocks(loaded, np.ones(n, dtype=bool))
+    assert ("heaviest loads" in [b.name for b in blocks]) is held
+    assert blocks[0].name == OUTERMOST and all(3 <= b.rows.sum() <= 0.4 * n for b in blocks)
+
+
+def test_repeats_of_a_pose_are_held_out_together(case: Case) -> None:
+    _, recording = case
+    n = len(recording)
+    pose = np.arange(n, dtype=np.int64) // 2
+    paired = replace(recording, pose=pose, drivers={}, q=recording.q[2 * pose])
+    _, (outermost, *quarters) = held_out_blocks(paired, np.ones(n, dtype=bool))
+    assert outermost.name == OUTERMOST
+    assert set(pose[outermost.rows]).isdisjoint(pose[~outermost.rows])
+    assert len(quarters) == 4
+    sizes = [int(b.rows.sum()) for b in quarters]
+    assert max(sizes) - min(sizes) <= 1 and sum(sizes) + outermost.rows.sum() == n
+
+
+def test_the_interval_holds_the_ratio_of_a_large_sample() -> None:
+    """95 in 100 times; it narrows as rows are more, and one ratio for all rows has none."""
+    rng, held, widths = np.random.default_rng(5), 0, []
+    for _ in range(60):
+        before, after = rng.chisquare(3, 80), 0.25 * rng.chisquare(3, 80)
+        _, (low, high) = ratio_interval(before, after)
+        held += low <= 0.5 <= high
+        widths.append(high - low)
+    assert 52 <= held <= 60
+    many, low_high = ratio_interval(rng.chisquare(3, 8000), 0.25 * rng.chisquare(3, 8000))
+    assert many == pytest.approx(0.5, abs=0.02)
+    assert (low_high[1] - low_high[0]) == pytest.approx(np.mean(widths) / 10.0, rel=0.3)
+    ratio, interval = ratio_interval(before, 0.09 * before)
+    assert (ratio, *interval) == pytest.approx((0.3,) * 3)
+
+
+# -- scales, notes and names ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rms", [0.2, 1.5, 2.0, 7.0, 90.0])
+@pytest.mark.parametrize("step", [0.3, 0.6, 1.1])
+def test_noise_scales_are_no_farther_apart_than_asked_and_no_closer_than_needed(
+    rms: float, step: float
+) -> None:
+    scales = noise_scales(rms, step)
+    assert scales[:2] == (0.8, 1.0)
+    assert (scales[2], scales[-1]) == pytest.approx((1.35, max(1.7, 1.2 * rms)))
+    gaps = np.diff(np.log(scales[2:]))
+    np.testing.assert_allclose(gaps, gaps[0])
+    assert gaps[0] <= step + 1e-12
+    assert len(gaps) == 1 or gaps[0] * len(gaps) / (len(gaps) - 1) > step
+
+
+def test_tolerances_that_look_too_small_are_named_or_all_at_once() -> None:
+    """From half as large again; all in one line where they are within a fifth of each other."""
+    length, angle, frame = PartClass("length", "leg.a"), PartClass("angle"), PartClass("frame")
+
+    def said(*values: float) -> list[str]:
+        return tolerance_notes(dict(zip((length, angle, frame), values, strict=False)))
+
+    assert said(1.0, 1.2, 1.4) == said() == []
+    (one,) = said(2.0, 1.0, 1.0)
+    assert "length (leg.a) tolerances look 2.0 times too small" in one
+    assert [line.count("tolerances look") for line in said(4.0, 2.0, 1.0)] == [1, 1]
+    (every,) = said(2.0, 2.2, 2.1)
+    assert "all tolerances look 2.2 times too small" in every
+    assert len(said(2.0, 2.6, 2.1)) == 3 and "length (leg.a)" in said(2.0)[0]
+
+
+def test_what_has_no_name_is_told_by_its_sources(case: Case) -> None:
+    fit, recording = case
+    told = []
+    for form in empirical_forms(fit.machine, recording):
+        assert isinstance(form.effect, Empirical)
+        told.append((form.place, form.effect.describe(form.settings_map)))
+    first, second = recording.joints[:2]
+    for kind in ((second, "line"), (first, "curve"), (second, "curve")):
+        assert ((first,), kind) in told
+    assert ((first,), (first, "line")) not in told  # a line in its own reading is a scale, which has a name
+    assert ((first,), (f"{first} and {second}", "product")) in told
+    assert told[-1][1] == ("position", "warp")

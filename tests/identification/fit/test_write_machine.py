@@ -1,0 +1,163 @@
+"""A fit written as a machine file reads back as the same machine, whatever its kind, units and effects."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from support import MACHINES
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.write_machine import calibrated_document, write_calibrated
+from truepose.identification.prediction.covariance import Covariance
+from truepose.identification.prediction.simulate import simulate
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
+from truepose.models.effect_text import parse_effect
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+from truepose.models.machine_file import write_machine
+from truepose.models.yaml_document import read_document
+
+KINDS = ("serial", "pus", "ups", "distance")
+EFFECTS = {
+    "serial": ("joint-compliance@q2:c=3e-6", "encoder-eccentricity@q3:a=2e-4[rad],b=1e-4[rad]"),
+    "pus": ("actuator-scale@rho4:s=8e-4", "thermal-expansion@base:alpha=2e-5[1/K],lag=300"),
+    "ups": ("frame-shift@base:z=0.1[mm],session=1",),
+    "distance": ("actuator-scale@x:s=5e-4",),
+}
+
+
+def rows(machine: Machine, path: Path, n: int = 30) -> Recording:
+    """Random poses with every driver, in two sessions, as a recording without readings."""
+    rng = np.random.default_rng(5)
+    data: dict[str, Any] = {
+        "pose": np.arange(n),
+        "time": 100.0 * np.arange(n),
+        "session": np.arange(n) // (n // 2) + 1,
+    }
+    if any(sensor.differs_from_row for sensor in machine.sensors):
+        data["from"] = np.maximum(np.arange(n) - 1, 0)
+    data["temperature.air"] = rng.uniform(15, 25, n)
+    data["payload"] = rng.uniform(0, 5, n)
+    for actuator in machine.mechanism.actuators:
+        assert actuator.range is not None
+        unit = "rad" if actuator.reading_unit == "rad" else actuator.reading_unit
+        data[f"{actuator.reading} [{unit}]"] = rng.uniform(*actuator.range, n)
+    pd.DataFrame(data).to_csv(path, index=False)
+    return load_recording(machine, [path], need_observations=False)
+
+
+def read(
+    poses: Recording, machine: Machine, effects: tuple[PlacedEffect, ...], seed: int | None
+) -> Recording:
+    """The same rows with simulated readings, in internal units."""
+    metric = replace(machine, file=None)
+    frame = simulate(metric, poses, effects, seed=seed)
+    units = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
+    turn = {name: np.pi / 180 if unit == "rad" else 1.0 for name, unit in units.items()}
+    return replace(
+        poses, observations={name: turn[name] * frame[name].to_numpy() for name in map(str, frame)}
+    )
+
+
+def fitted(kind: str, tmp_path: Path) -> tuple[Machine, Recording, Estimate]:
+    machine = load_machine(MACHINES / f"{kind}.yaml")
+    effects = tuple(parse_effect(text, machine) for text in EFFECTS[kind])
+    recording = read(rows(machine, tmp_path / "poses.csv"), machine, effects, seed=2)
+    return machine, recording, estimate(machine, recording, effects)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_reads_back_as_the_same_machine(kind: str, tmp_path: Path) -> None:
+    machine, recording, fit = fitted(kind, tmp_path)
+    write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
+    again = load_machine(tmp_path / "calibrated.yaml")
+    assert [p.name for p in again.parameters] == [p.name for p in machine.parameters]
+    values = np.array([p.nominal for p in again.parameters])
+    np.testing.assert_allclose(values, fit.p[: len(values)], rtol=1e-12, atol=1e-15)
+    assert [p.tolerance for p in again.parameters] == pytest.approx([p.tolerance for p in machine.parameters])
+    assert [e.label for e in again.effects] == [e.label for e in fit.effects]
+    amplitudes = [a for e in again.effects for a in e.amplitudes]
+    np.testing.assert_allclose(amplitudes, fit.p[len(values) :], rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_keeps_the_drawing_the_sessions_and_the_covariance(kind: str, tmp_path: Path) -> None:
+    machine, recording, fit = fitted(kind, tmp_path)
+    write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
+    file = load_machine(tmp_path / "calibrated.yaml").file
+    assert file is not None and file.covariance is not None
+    assert file.nominal == {p.name: p.nominal for p in machine.parameters if p.free}
+    assert file.sessions == (1, 2)
+    covariance = Covariance.read(file.covariance, "test")
+    assert covariance.names == tuple(fit.prior.names[k] for k in fit.prior.free)
+    finite = ~np.any(np.abs(covariance.unknown) > 1e-9, axis=0) if len(covariance.unknown) else slice(None)
+    std = np.sqrt(np.sum(covariance.factor**2, axis=1))
+    np.testing.assert_allclose(std[finite], fit.std[fit.prior.free][finite], rtol=1e-6)
+
+
+def test_a_second_calibration_keeps_the_first_drawing(tmp_path: Path) -> None:
+    machine, recording, fit = fitted("serial", tmp_path)
+    write_calibrated(tmp_path / "first.yaml", fit, recording)
+    again = load_machine(tmp_path / "first.yaml")
+    document = calibrated_document(estimate(again, recording, again.effects), recording)
+    assert document["nominal"] == {p.name: p.nominal for p in machine.parameters if p.free}
+
+
+def test_the_users_document_is_not_touched_and_its_fields_stay(tmp_path: Path) -> None:
+    machine, recording, fit = fitted("pus", tmp_path)
+    assert machine.file is not None
+    before = copy.deepcopy(machine.file.raw)
+    document = calibrated_document(fit, recording)
+    assert machine.file.raw == before
+    added = {"effects", "covariance", "nominal", "sessions"}
+    assert set(document) - added == set(before)
+    assert document["tolerances"] == before["tolerances"]
+
+
+def test_rails_stay_unit_vectors(tmp_path: Path) -> None:
+    _, recording, fit = fitted("pus", tmp_path)
+    document = calibrated_document(fit, recording)
+    for leg in document["mechanism"]["legs"]:
+        assert np.linalg.norm(leg["u"]) == pytest.approx(1.0, abs=1e-14)
+        assert leg["u"][2] > 0.99
+
+
+def test_missing_fields_are_made_and_aliases_are_parted(tmp_path: Path) -> None:
+    """Two joints that share one YAML anchor get values of their own; a frame without xyz gets one."""
+    raw = read_document(MACHINES / "serial.yaml")
+    raw["frames"]["tool"] = raw["frames"]["base"]
+    write_machine(tmp_path / "machine.yaml", raw)
+    text = (tmp_path / "machine.yaml").read_text(encoding="utf-8")
+    head, _, tail = text.partition("  base:\n")
+    (tmp_path / "machine.yaml").write_text(
+        f"{head}  base: &same\n{tail}".replace(_block(tail, "  tool:\n"), "  tool: *same\n"), encoding="utf-8"
+    )
+    machine = load_machine(tmp_path / "machine.yaml")
+    recording = read(rows(machine, tmp_path / "poses.csv"), machine, (), seed=1)
+    fit = estimate(machine, recording)
+    document = calibrated_document(fit, recording)
+    values = dict(zip(fit.prior.names, fit.p.tolist(), strict=True))
+    assert document["frames"]["base"]["xyz"] == [values[f"base.{a}"] for a in "xyz"]
+    assert document["frames"]["tool"]["xyz"] == [values[f"tool.{a}"] for a in "xyz"]
+    assert document["frames"]["base"]["xyz"] != document["frames"]["tool"]["xyz"]
+
+
+def _block(text: str, head: str) -> str:
+    """A key with everything indented below it."""
+    lines = text[text.index(head) :].splitlines(keepends=True)
+    end = next((k for k, line in enumerate(lines) if k and not line.startswith("    ")), len(lines))
+    return "".join(lines[:end])
+
+
+def test_an_unknown_direction_is_kept_apart() -> None:
+    covariance = Covariance.of_tolerances(["a", "b"], np.array([0.5, np.inf]))
+    std = covariance.std(np.array([[2.0, 0.0], [0.0, 1.0]]), np.ones(2))
+    assert std.tolist() == [1.0, np.inf]

@@ -1,0 +1,243 @@
+"""Directions that no reading sees, in words, and independent sets of parameters."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from support import MACHINES
+from support.short_arm import POSITION, arm, status
+from truepose.errors import InputError
+from truepose.identification.fit.decomposition import Decomposition
+from truepose.identification.identifiability.analysis import identifiability
+from truepose.identification.identifiability.observability import Direction, Knowledge, nearly_unseen
+from truepose.identification.identifiability.patterns import patterns
+from truepose.identification.identifiability.poses import drawn_poses
+from truepose.identification.identifiability.subset import Columns, independent_subset
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.report.identifiability_words import identifiability_lines
+from truepose.identification.report.unseen_words import unseen_sentences
+from truepose.models.load import load_machine
+
+irreducible = import_module("polisher.irreducible")
+Array = NDArray[np.float64]
+
+
+def parts(direction: Direction) -> dict[str, float]:
+    return dict(direction.parts)
+
+
+# -- rank and words ------------------------------------------------------------------------------------
+
+
+def test_trades_of_frames_and_end_joints_are_named_with_their_coefficients(tmp_path: Path) -> None:
+    machine = arm(tmp_path, "q1.r: 0.2", "q1.theta: 0.1", "q4.r: 0.2", "q4.theta: 0.1", "q3.d: 0.2")
+    found = identifiability(machine)
+    assert (found.free, found.rank, found.rank_at_drawing) == (17, 13, 13)
+    pairs = {frozenset(d.parts): parts(d) for d in found.unseen.directions}
+    # the tool's point is off the last axis: turning q4 carries it along
+    turning = frozenset(("tool.x", "tool.y", "tool.rz", "q4.theta"))
+    two = (("base.z", "q1.r"), ("base.rz", "q1.theta"), ("tool.z", "q4.r"))
+    assert set(pairs) == {*(frozenset(pair) for pair in two), turning}
+    about = pairs[turning]
+    assert about["tool.rz"] / about["q4.theta"] == pytest.approx(-1.0, abs=1e-6)
+    # -[z x (20, 30)]: what undoes the turn of a point
+    assert about["tool.x"] / about["q4.theta"] == pytest.approx(30.0, rel=1e-6)
+    assert about["tool.y"] / about["q4.theta"] == pytest.approx(-20.0, rel=1e-6)
+    along = pairs[frozenset(("base.z", "q1.r"))]
+    assert along["base.z"] / along["q1.r"] == pytest.approx(-1.0, abs=1e-6)
+    said = " ".join(identifiability_lines(found))
+    assert re.search(
+        "(base.z and q1.r|q1.r and base.z) trade with each other: only one combination of the two is", said
+    )
+    assert status(found)["q3.d"] == "determined"
+    assert status(found)["q1.r"] == "tolerance decides"
+    assert status(found)["base.z"] == "partly"  # by the tolerance of q1.r, and no better
+    (base,) = [p for p in found.parameters if p.name == "base.z"]
+    assert base.partners == ("q1.r",)
+    assert base.std == pytest.approx(0.2, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["serial", "ups", "pus"])
+def test_no_reading_changes_along_an_unseen_direction(kind: str) -> None:
+    """Finite steps, against the machine itself and not its Jacobian."""
+    machine = load_machine(MACHINES / f"{kind}.yaml")
+    poses = drawn_poses(machine, 12)
+    found = identifiability(machine, poses)
+    assert found.unseen.directions
+    predictor = Predictor(machine, poses)
+    p = predictor.model.p_home
+    names = list(predictor.model.names)
+    blind = Decomposition.of(found.known.decomposition.null_space, np.zeros(found.free)).seen
+    for row in blind:
+        change = np.zeros(len(p))
+        for name, value, scale in zip(found.known.names, row, found.known.scale, strict=True):
+            change[names.index(name)] = value * scale
+        shown = []
+        for size in (1e-2, 5e-3):
+            ends = [
+                predictor.columns(p + s * change, predictor.assemble(p + s * change)[0])[1]
+                for s in (size, -size)
+            ]
+            shown.append(np.max(np.abs(ends[0] - ends[1])) / size)
+        # central differences of a null direction are of third order: halving the step leaves less than a half
+        assert shown[1] < 0.5 * shown[0] or shown[1] < 1e-8
+
+
+def test_bodies_that_may_be_placed_anywhere_are_said_in_one_sentence_each() -> None:
+    found = identifiability(load_machine(MACHINES / "ups.yaml"))
+    assert unseen_sentences(found.unseen) == [
+        "points leg1..leg6 a move as one body along x, y, z and about x, y, z; "
+        "base.x, base.y, base.z, base.rx, base.ry, base.rz would undo it",
+        "points leg1..leg6 b move as one body along x, y, z and about x, y, z; "
+        "tool.x, tool.y, tool.z, tool.rx, tool.ry, tool.rz would undo it",
+    ]
+
+
+def test_targets_and_platform_without_a_tool_frame_float_together() -> None:
+    said = unseen_sentences(identifiability(load_machine(MACHINES / "pus.yaml")).unseen)
+    assert any(
+        text.startswith("points leg1..leg6 b, P1, P2 and P3 move as one body along x, y, z and about x, y, z")
+        and "nobody's measurement" in text
+        for text in said
+    )
+
+
+def synthetic(names: tuple[str, ...], value: Array, rows: Array) -> Knowledge:
+    units = tuple("mm" for _ in names)
+    ones = np.ones(len(names))
+    return Knowledge(names, units, value, ones, ones, Decomposition.of(rows, ones))
+
+
+def test_a_common_factor_and_a_common_shift_are_recognised() -> None:
+    """Readings that see every combination but one."""
+    names, value = ("a.x", "leg1.offset", "leg2.offset", "leg3.offset"), np.array([3.0, 1.0, 2.0, 5.0])
+    for kind, hidden in (("scale", value), ("shift", np.array([0.0, 1.0, 1.0, 1.0]))):
+        unit = hidden / np.linalg.norm(hidden)
+        known = synthetic(names, value, np.eye(4) - np.outer(unit, unit))
+        found = patterns(known, known.decomposition.null_space, dict(zip(names, value, strict=True)), {})
+        assert [p.kind for p in found] == [kind]
+        cosine = found[0].change @ hidden / np.linalg.norm(found[0].change) / np.linalg.norm(hidden)
+        assert abs(cosine) == pytest.approx(1.0)
+    known = synthetic(names, value, np.eye(4)[:3])
+    assert patterns(known, known.decomposition.null_space, {}, {}) == ()
+
+
+def test_parallel_axes_hide_an_offset_at_the_drawing_only(tmp_path: Path) -> None:
+    """q2 and q3 are parallel: r of both shows as one until alpha, as built, tilts them."""
+    free = ("q2.r: 0.2", "q3.r: 0.2", "q3.alpha: 0.1")
+    found = identifiability(arm(tmp_path, *free, frames="", sensor=POSITION))
+    assert (found.rank_at_drawing, found.rank, found.free) == (2, 3, 3)
+    assert not found.unseen.directions
+    (hidden,) = found.unseen_at_drawing
+    assert set(hidden.parts) == {"q2.r", "q3.r"}
+    # a tilt of some 0.1 deg moves 0.2 mm by less than a um, a thirtieth of sigma, in 300 readings
+    assert 0.0 < found.as_built_size < 3.0
+    assert "hardly seen on a machine as built" in " ".join(identifiability_lines(found))
+    assert status(found) == {"q2.r": "partly", "q3.alpha": "determined", "q3.r": "partly"}
+    exact = identifiability(arm(tmp_path, *free[:2], frames="", sensor=POSITION))
+    assert (exact.rank_at_drawing, exact.rank) == (1, 1)
+    assert len(exact.unseen.directions) == 1 and not exact.unseen_at_drawing
+
+
+def test_what_the_readings_see_worse_than_the_drawing_is_said(tmp_path: Path) -> None:
+    """Against the dense generalised problem: poses so few and near that d of two joints nearly agree."""
+    machine = arm(tmp_path, "q2.d: 0.5", "q3.d: 0.5", "q4.r: 0.5", sensor=POSITION, frames="")
+    rng = np.random.default_rng(3)
+    poses = drawn_poses(machine, 12)
+    near = replace(poses, q=0.2 + 0.003 * rng.standard_normal(poses.q.shape))
+    found = identifiability(machine, near)
+    assert found.rank == 3
+    jacobian = found.known.decomposition.singular[:, None] * found.known.decomposition.directions
+    weak = np.linalg.svd(jacobian, compute_uv=False)
+    assert len(found.nearly) == int(np.sum(weak < 1.0)) >= 1
+    assert found.nearly[0].size == pytest.approx(weak[-1], rel=0.05)
+
+
+def test_a_free_companion_is_allowed_for_before_a_direction_counts_as_seen() -> None:
+    """x and y show as x + y; y is of infinite tolerance, so that x is not seen at all beyond its own column."""
+    names = ("x", "y")
+    rows = np.array([[5.0, 5.0], [0.3, 0.0]])
+    sigma = np.array([1.0, np.inf])
+    known = Knowledge(
+        names, ("mm", "mm"), np.zeros(2), sigma, np.ones(2), Decomposition.of(rows, np.array([1.0, 0.0]))
+    )
+    (weak,) = nearly_unseen(known)
+    assert set(weak.parts) == {"x"}
+    assert weak.size == pytest.approx(0.3)
+
+
+# -- independent sets ----------------------------------------------------------------------------------
+
+
+def columns(seed: int = 0) -> Columns:
+    """a, b, c independent; d = 2a - b; e nearly c; f unseen."""
+    rng = np.random.default_rng(seed)
+    a, b, c = rng.standard_normal((3, 30))
+    factor = np.column_stack([a, b, c, 2 * a - b, c + 1e-3 * rng.standard_normal(30), np.zeros(30)])
+    scale = np.array([1.0, 10.0, 0.1, 1.0, 1.0, 1.0])
+    return Columns(tuple("abcdef"), factor * scale, scale)
+
+
+def test_a_set_is_independent_maximal_and_says_what_the_others_show_like() -> None:
+    h = columns()
+    found = independent_subset(h)
+    assert len(found.kept) == h.rank == 4
+    kept = [h.names.index(name) for name in found.kept]
+    assert np.linalg.matrix_rank(h.factor[:, kept]) == 4
+    for left, terms in found.relations.items():
+        k = h.names.index(left)
+        shown = sum(
+            (value * h.factor[:, h.names.index(n)] / h.scale[h.names.index(n)] for n, value in terms.items()),
+            np.zeros(30),
+        )
+        np.testing.assert_allclose(shown, h.factor[:, k] / h.scale[k], atol=1e-9)
+    assert found.relations["f"] == {}
+    assert found.condition == pytest.approx(np.linalg.cond(h.factor[:, kept]))
+
+
+def test_sequential_sets_take_columns_in_order() -> None:
+    h = columns()
+    assert irreducible.sequential_subset(h).kept == ("a", "b", "c", "e")
+    assert irreducible.sequential_subset(h, tolerance=0.1).kept == (
+        "a",
+        "b",
+        "c",
+    )  # e is new by a thousandth of itself
+    assert irreducible.sequential_subset(h, ("d", "f")).kept == ("d", "a", "c", "e")
+    relation = irreducible.sequential_subset(h).relations["d"]
+    assert relation == pytest.approx({"a": 2.0, "b": -1.0})
+    assert irreducible.sequential_subset(h, order="cb").kept == ("c", "b")
+    with pytest.raises(InputError, match="found no free parameter 'z'"):
+        irreducible.sequential_subset(h, ("z",))
+
+
+def test_spectral_reduction_is_of_full_rank_and_loses_nothing() -> None:
+    h = columns()
+    found = irreducible.spectral_reduction(h)
+    reduced = h.factor @ found.directions.T
+    assert reduced.shape[1] == h.rank == 4
+    np.testing.assert_allclose(np.diag(reduced.T @ reduced), found.eigenvalues, rtol=1e-8)
+    np.testing.assert_allclose(reduced @ found.directions, h.factor, atol=1e-7)
+
+
+def test_ties_go_to_the_first_and_a_least_size_leaves_the_rest() -> None:
+    factor = np.diag([3.0, 3.0 * (1 + 1e-12), 0.5])
+    h = Columns(("p", "q", "r"), factor, np.ones(3))
+    assert independent_subset(h).kept == ("p", "q", "r")
+    assert independent_subset(h, least=1.0).kept == ("p", "q")
+
+
+@pytest.mark.parametrize("kind", ["serial", "ups", "pus", "distance"])
+def test_the_set_of_a_machine_has_its_rank(kind: str) -> None:
+    found = identifiability(load_machine(MACHINES / f"{kind}.yaml"))
+    assert len(found.subset.kept) == found.rank_at_drawing
+    assert not set(found.subset.kept) & set(found.subset.relations)
+    assert set(found.subset.kept) | set(found.subset.relations) == set(found.known.names)
+    assert identifiability(load_machine(MACHINES / f"{kind}.yaml")).subset == found.subset

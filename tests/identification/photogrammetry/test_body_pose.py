@@ -1,0 +1,395 @@
+"""Laws of the rigid displacement between two scatters of points, and of tables of such points. mm, rad."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2, kstest
+
+from truepose.errors import InputError
+from truepose.identification.photogrammetry.body_pose import BodyPose, body_pose
+from truepose.identification.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
+from truepose.models import lie
+from truepose.models.units import UnitSystem
+
+cylinder_frame = import_module("telescope.cylinder").cylinder_frame
+Array = NDArray[np.float64]
+SIGMA = 0.005
+EXACT = 1e-9  # of coordinates of some hundred mm and turns: rounding times the points' spread
+
+
+def scatter(rng: np.random.Generator, n: int = 7) -> Array:
+    """Points of a body some way off the origin, so that turn and shift are correlated."""
+    return np.asarray(rng.normal(size=(n, 3)) * [40.0, 25.0, 10.0] + [200.0, -50.0, 30.0])
+
+
+def motion(rng: np.random.Generator) -> Array:
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.uniform(-300.0, 300.0, 3)
+    return out
+
+
+def moved(pose: Array, points: Array) -> Array:
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+
+
+def covariances(rng: np.random.Generator, n: int, size: float) -> Array:
+    """Random positive matrices, axes differing tenfold and more."""
+    root = rng.normal(size=(n, 3, 3)) * [1.0, 0.3, 0.05] * size
+    return np.asarray(root @ root.transpose(0, 2, 1) + (0.02 * size) ** 2 * np.eye(3))
+
+
+def noisy(rng: np.random.Generator, points: Array, covariance: Array) -> Array:
+    root = np.linalg.cholesky(covariance)
+    return np.asarray(points + np.einsum("nij,nj->ni", root, rng.standard_normal(points.shape)))
+
+
+def twist_error(found: Array, true: Array) -> Array:
+    """[v; w] from the pose found to the true one: t + v, Exp(w) R."""
+    return np.concatenate([true[:3, 3] - found[:3, 3], lie.log_so3(true[:3, :3] @ found[:3, :3].T)])
+
+
+def pair(rng: np.random.Generator, kind: str) -> tuple[Array, Array, Array | float, Array | float]:
+    """Noisy scatters before and after, with the noise of each (after, before)."""
+    x, pose = scatter(rng), motion(rng)
+    if kind == "isotropic":
+        noise = (SIGMA, 2 * SIGMA)
+        return (
+            x + noise[1] * rng.normal(size=x.shape),
+            moved(pose, x) + noise[0] * rng.normal(size=x.shape),
+            *noise,
+        )
+    cy, cx = covariances(rng, len(x), 0.02), covariances(rng, len(x), 0.05)
+    return noisy(rng, x, cx), noisy(rng, moved(pose, x), cy), cy, cx
+
+
+@pytest.mark.parametrize("n", [3, 4, 30])
+def test_without_noise_the_displacement_is_found_exactly(n: int) -> None:
+    rng = np.random.default_rng(n)
+    for noise in (SIGMA, covariances(rng, n, 0.01)):
+        x, true = scatter(rng, n), motion(rng)
+        found = body_pose(x, moved(true, x), noise, 0.3 * SIGMA)
+        assert np.max(np.abs(found.pose - true)) < EXACT
+        assert found.chi2 < 1e-9 and found.suspects == ()
+
+
+def test_points_in_one_plane_are_never_mirrored() -> None:
+    rng = np.random.default_rng(0)
+    x, true = scatter(rng, 5), motion(rng)
+    x[:, 2] = 7.0
+    found = body_pose(x, moved(true, x) + SIGMA * rng.normal(size=x.shape), SIGMA)
+    assert np.linalg.det(found.pose[:3, :3]) > 0.999
+    assert np.max(np.abs(twist_error(found.pose, true)) / found.std) < 5.0
+
+
+def test_weighted_isotropic_displacement_agrees_with_scipy() -> None:
+    rng = np.random.default_rng(1)
+    x, true = scatter(rng, 9), motion(rng)
+    sigma = rng.uniform(0.5, 5.0, 9) * SIGMA
+    y = moved(true, x) + sigma[:, None] * rng.normal(size=x.shape)
+    found = body_pose(x, y, sigma)
+    weight = sigma**-2
+    middle_x, middle_y = (np.average(p, axis=0, weights=weight) for p in (x, y))
+    turn, _ = Rotation.align_vectors(y - middle_y, x - middle_x, weights=weight)
+    assert np.max(np.abs(found.pose[:3, :3] - turn.as_matrix())) < EXACT
+    assert np.max(np.abs(found.pose[:3, 3] - (middle_y - turn.apply(middle_x)))) < EXACT * 100
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_full_covariances_in_both_scatters_give_the_maximum_of_the_likelihood(seed: int) -> None:
+    """Against a general minimiser of the likelihood with the true points written out as unknowns."""
+    rng = np.random.default_rng(seed)
+    x, y, cy, cx = pair(rng, "full")
+    found = body_pose(x, y, cy, cx)
+    wx, wy = np.linalg.inv(cx), np.linalg.inv(cy)
+    turn, middle = found.pose[:3, :3], x.mean(axis=0)
+
+    def minus_log_likelihood(u: Array) -> float:
+        points = x + u[6:].reshape(-1, 3)
+        there = (
+            (points - middle) @ (lie.exp_so3(1e-3 * u[3:6]) @ turn).T
+            + turn @ middle
+            + found.pose[:3, 3]
+            + u[:3]
+        )
+        a, b = x - points, y - there
+        return float(np.einsum("ni,nij,nj->", a, wx, a) + np.einsum("ni,nij,nj->", b, wy, b))
+
+    start = 0.01 * rng.normal(size=6 + x.size)
+    best = minimize(minus_log_likelihood, start, method="BFGS", options={"gtol": 1e-6, "maxiter": 5000})
+    # the minimiser's own differences leave it a little above; it must not find anything below
+    assert found.chi2 - 1e-6 < best.fun < found.chi2 + 1e-2
+
+
+@pytest.mark.parametrize("kind", ["isotropic", "full"])
+def test_the_displacement_moves_with_either_scatter(kind: str) -> None:
+    rng = np.random.default_rng(3)
+    x, y, cy, cx = pair(rng, kind)
+    found, a, b = body_pose(x, y, cy, cx), motion(rng), motion(rng)
+    turned = [c if np.ndim(c) == 0 else m[:3, :3] @ c @ m[:3, :3].T for c, m in ((cy, b), (cx, a))]
+    again = body_pose(moved(a, x), moved(b, y), *turned)
+    want = b @ found.pose @ np.linalg.inv(a)
+    # Gauss-Newton stops when 1e-12 of chi2 is left to gain: 1e-6 of a 1-sigma
+    assert np.max(np.abs(twist_error(again.pose, want)) / again.std) < 1e-5
+    assert again.chi2 == pytest.approx(found.chi2, rel=1e-9)
+    assert again.drops == pytest.approx(found.drops, rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["isotropic", "full"])
+def test_swapping_the_scatters_inverts_the_displacement(kind: str) -> None:
+    rng = np.random.default_rng(4)
+    x, y, cy, cx = pair(rng, kind)
+    found, back = body_pose(x, y, cy, cx), body_pose(y, x, cx, cy)
+    assert np.max(np.abs(twist_error(back.pose, lie.inverse_pose(found.pose))) / back.std) < 1e-5
+    assert back.chi2 == pytest.approx(found.chi2, rel=1e-9)
+    # -R'(t + v) turned by Exp(-R' w): v' = -R'(v + t x w), w' = -R' w
+    r, t = found.pose[:3, :3], found.pose[:3, 3]
+    adjoint = np.block([[r.T, r.T @ np.cross(t, np.eye(3)).T], [np.zeros((3, 3)), r.T]])
+    expected = adjoint @ found.covariance @ adjoint.T
+    # the adjusted points, where the information is taken, agree; its inverse loses the condition's digits
+    assert np.max(np.abs(back.covariance - expected)) < 1e-5 * np.max(np.abs(expected))
+
+
+@pytest.mark.parametrize("kind", ["isotropic", "full"])
+def test_covariance_and_chi2_are_calibrated(kind: str) -> None:
+    rng = np.random.default_rng(5)
+    x, true = scatter(rng), motion(rng)
+    cy = (
+        SIGMA**2 * np.broadcast_to(np.eye(3), (7, 3, 3)) if kind == "isotropic" else covariances(rng, 7, 0.02)
+    )
+    cx = 4 * cy if kind == "isotropic" else covariances(rng, 7, 0.05)
+    pulls, fits, drops = [], [], []
+    for _ in range(400):
+        found = body_pose(noisy(rng, x, cx), noisy(rng, moved(true, x), cy), cy, cx)
+        e = twist_error(found.pose, true)
+        pulls.append(float(e @ np.linalg.solve(found.covariance, e)))
+        fits.append(found.chi2)
+        drops.append(float(found.drops[0]))
+    # a false alarm of one in a thousand each
+    for values, dof in ((pulls, 6), (fits, 15), (drops, 3)):
+        assert kstest(values, chi2(dof).cdf).pvalue > 1e-3
+
+
+def test_what_chi2_falls_by_without_a_point_is_what_leaving_it_out_shows() -> None:
+    rng = np.random.default_rng(6)
+    x, y, cy, cx = pair(rng, "isotropic")
+    found = body_pose(x, y, cy, cx)
+    for k in range(len(x)):
+        rest = np.delete(np.arange(len(x)), k)
+        assert found.drops[k] == pytest.approx(
+            found.chi2 - body_pose(x[rest], y[rest], cy, cx).chi2, rel=1e-3
+        )
+
+
+def test_a_point_that_moved_on_the_body_is_the_first_suspect() -> None:
+    rng = np.random.default_rng(7)
+    x, true = scatter(rng, 8), motion(rng)
+    y = moved(true, x) + SIGMA * rng.normal(size=x.shape)
+    assert body_pose(x, y, SIGMA).suspects == ()
+    y[3] += [0.0, 20 * SIGMA, 0.0]
+    found = body_pose(x, y, SIGMA)
+    assert found.suspects[0] == 3 and found.p_value < 1e-6
+
+
+def test_a_point_of_the_body_is_placed_with_its_own_uncertainty() -> None:
+    rng = np.random.default_rng(8)
+    x, true = scatter(rng), motion(rng)
+    middle, far = x.mean(axis=0), np.array([900.0, 0.0, 0.0])
+    places: list[Array] = []
+    for _ in range(300):
+        found = body_pose(x, moved(true, x) + SIGMA * rng.normal(size=x.shape), SIGMA)
+        place, covariance = found.at(far)
+        error = place - moved(true, far[None])[0]
+        places.append(error @ np.linalg.solve(covariance, error))
+        near = found.at(middle)[1]
+        assert np.trace(near) == pytest.approx(3 * SIGMA**2 / 7, rel=1e-3)  # a mean of seven points
+    assert kstest(places, chi2(3).cdf).pvalue > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("points", "says"),
+    [
+        (np.array([[0.0, 0, 0], [1, 0, 0]]), "at least 3"),
+        (np.outer([0.0, 1, 2, 5], [0.0, 0, 3]), "about (0.000, 0.000, 1.000)"),
+        (
+            np.outer([0.0, 100, 200], [3.0, 0, 4]) + np.array([[0, 0, 0], [0, 0.001, 0], [0, 0, 0]]),
+            "(0.600, 0.000, 0.800)",
+        ),
+        (np.full((4, 3), 2.0), "no rotation is determined"),
+        (np.zeros((4, 2)), "shape (4, 2)"),
+        (np.array([[0.0, 0, 0], [1, 0, 0], [np.nan, 1, 0]]), "point 2"),
+    ],
+)
+@pytest.mark.parametrize("full", [False, True])
+def test_scatters_that_determine_no_pose_are_refused(points: Array, says: str, full: bool) -> None:
+    turn = lie.exp_so3(np.array([0.3, 1.0, 2.0])) if points.shape[1] == 3 else np.eye(2)
+    sigma = np.diag([1.0, 2.0, 3.0]) * SIGMA**2 if full else SIGMA
+    with pytest.raises(InputError) as error:
+        body_pose(points, points @ turn.T, sigma)
+    assert says in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "says"),
+    [
+        (0.0, "no noise"),
+        (-1.0, ">= 0"),
+        (np.nan, ">= 0"),
+        (np.ones(4), "(5,)"),
+        (np.diag([1.0, 1.0, 0.0]), "no noise"),
+        (np.array([[1.0, 2, 0], [2, 1, 0], [0, 0, 1]]), "no covariance"),
+    ],
+)
+def test_noise_that_is_none_is_refused(sigma: Array | float, says: str) -> None:
+    x = scatter(np.random.default_rng(9), 5)
+    with pytest.raises(InputError) as error:
+        body_pose(x, x, sigma)
+    assert says in str(error.value)
+    with pytest.raises(InputError, match="5 points before and 4 after"):
+        body_pose(x, x[:4], SIGMA)
+
+
+def cylinder(rng: np.random.Generator, n: int) -> Array:
+    turn, height = rng.uniform(0, 2 * np.pi, n), np.sort(rng.uniform(-25, 25, n))
+    return np.column_stack([np.cos(turn), np.sin(turn), height])
+
+
+def test_a_cylinder_s_frame_moves_with_its_points() -> None:
+    rng = np.random.default_rng(10)
+    for _ in range(5):
+        points, true = cylinder(rng, 12), motion(rng)
+        frame = cylinder_frame(points, 1.0)
+        assert np.max(np.abs(frame[:3, 2] - [0, 0, 1])) < 1e-6 and np.hypot(*frame[:2, 3]) < 1e-6
+        side = points.mean(axis=0)[:2]
+        assert frame[:2, 0] == pytest.approx(side / np.linalg.norm(side), abs=1e-5)
+        # the fit stops at the square root of rounding
+        assert np.max(np.abs(cylinder_frame(moved(true, points), 1.0) - true @ frame)) < 1e-5
+    ring = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 10], [0, -1, 10], [1, 0, 20], [-1, 0, 20]])
+    with pytest.raises(InputError, match="barycentre"):
+        cylinder_frame(ring, 1.0)
+    with pytest.raises(InputError, match="radius"):
+        cylinder_frame(ring, 0.0)
+
+
+def test_the_rigid_displacement_beats_frames_of_the_cylinder() -> None:
+    """Telescope paper, Fig. 5: the axis, and the turn about it, are better known; 60 draws a number of points."""
+    rng = np.random.default_rng(11)
+    for n in (8, 16):
+        errors = []
+        for _ in range(60):
+            x, true = cylinder(rng, n), motion(rng)
+            y = moved(true, x) + SIGMA * rng.normal(size=x.shape)
+            by_axis = cylinder_frame(y, 1.0) @ np.linalg.inv(cylinder_frame(x, 1.0))
+            both = [
+                twist_error(pose, true)[3:] @ true[:3, :3] for pose in (by_axis, body_pose(x, y, SIGMA).pose)
+            ]
+            errors.append([[np.hypot(*e[:2]), abs(e[2])] for e in both])
+        axis, rigid = np.median(errors, axis=0)
+        assert (rigid < 0.9 * axis).all()
+
+
+BODY = {"P1": (150.0, 0, 20), "P2": (-80.0, 130, 20), "P3": (-80.0, -130, 25), "P4": (10.0, 20, 80)}
+
+
+def measured(rng: np.random.Generator, n: int) -> tuple[pd.DataFrame, list[Array]]:
+    """A table of points in n placements with a joint's column, and the true poses."""
+    poses = [motion(rng) for _ in range(n)]
+    data: dict[str, list[float]] = {"rho1": [float(k) for k in range(n)]}
+    for name, point in BODY.items():
+        seen = np.array([moved(pose, np.array([point]))[0] for pose in poses]) + SIGMA * rng.normal(
+            size=(n, 3)
+        )
+        data |= {f"{name}.{axis}": list(seen[:, k]) for k, axis in enumerate("xyz")}
+    return pd.DataFrame(data), poses
+
+
+def pulls(frame: pd.DataFrame, poses: list[Array]) -> Array:
+    """(n, 6) errors of the table's columns over their stated 1-sigma; angles in deg."""
+    true = np.array([np.r_[p[:3, 3], np.rad2deg(lie.log_so3(p[:3, :3]))] for p in poses])
+    std = frame[[f"{c}.std" for c in COLUMNS]].to_numpy()
+    return np.asarray((frame[list(COLUMNS)].to_numpy() - true) / std)
+
+
+def test_a_table_of_points_becomes_poses_with_calibrated_columns() -> None:
+    rng = np.random.default_rng(12)
+    table, poses = measured(rng, 300)
+    frame = pose_table(table, SIGMA, BODY)
+    assert list(frame.columns[:7]) == ["rho1", *COLUMNS]
+    assert frame["rho1"].equals(table["rho1"])
+    # six columns, each standard normal in 300 rows: a false alarm of one in a thousand each
+    assert all(kstest(column, "norm").pvalue > 1e-3 for column in pulls(frame, poses).T)
+    assert float(frame["chi2_per_dof"].mean()) == pytest.approx(1.0, abs=5 * np.sqrt(2 / 6 / 300))
+
+
+def test_covariances_of_the_columns_are_calibrated() -> None:
+    table, poses = measured(np.random.default_rng(18), 300)
+    frame = pose_table(table, SIGMA, BODY, covariance=True)
+    spread = np.zeros((len(frame), 6, 6))
+    for (a, b), (i, k) in zip(PAIRS, zip(*np.triu_indices(6, 1), strict=True), strict=True):
+        spread[:, i, k] = spread[:, k, i] = frame[f"{a}.{b}.cov"]
+    std = frame[[f"{c}.std" for c in COLUMNS]].to_numpy()
+    spread[:, range(6), range(6)] = std**2
+    errors = pulls(frame, poses) * std
+    distance = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(spread), errors)
+    assert kstest(distance, chi2(6).cdf).pvalue > 1e-3
+    assert list(pose_table(table, SIGMA, BODY).columns) == [
+        c for c in frame.columns if not c.endswith(".cov")
+    ]
+
+
+def test_a_point_that_was_not_seen_is_left_out_of_its_row() -> None:
+    rng = np.random.default_rng(13)
+    table, poses = measured(rng, 3)
+    table.loc[1, "P2.y"] = np.nan
+    frame = pose_table(table, SIGMA, BODY)
+    assert np.max(np.abs(pulls(frame, poses))) < 5
+    whole = pose_table(measured(np.random.default_rng(13), 3)[0], SIGMA, BODY)
+    assert frame["x.std"].to_numpy()[1] > whole["x.std"].to_numpy()[1]
+    table.loc[1, "P3.x"] = np.nan
+    with pytest.raises(InputError, match="row 2: points P1, P4: found 2 points"):
+        pose_table(table, SIGMA, BODY)
+
+
+def test_without_a_body_the_first_row_is_the_reference() -> None:
+    table, poses = measured(np.random.default_rng(14), 4)
+    frame = pose_table(table, SIGMA)
+    assert np.max(np.abs(frame.loc[0, list(COLUMNS)].to_numpy(dtype=float))) < EXACT
+    relative = [pose @ np.linalg.inv(poses[0]) for pose in poses]
+    assert np.max(np.abs(pulls(frame[1:], relative[1:]))) < 5
+
+
+def test_units_are_the_caller_s() -> None:
+    table, _ = measured(np.random.default_rng(15), 3)
+    in_um = table.copy()
+    in_um.iloc[:, 1:] *= 1e3
+    body = {name: tuple(1e3 * v for v in point) for name, point in BODY.items()}
+    frame = pose_table(table, SIGMA, BODY)
+    other = pose_table(in_um, 1e3 * SIGMA, body, units=UnitSystem("um", "rad"))
+    assert other["x"].to_numpy() == pytest.approx(1e3 * frame["x"].to_numpy())
+    assert other["rz.std"].to_numpy() == pytest.approx(np.deg2rad(frame["rz.std"].to_numpy()))
+
+
+def test_suspects_are_named_and_bad_tables_refused() -> None:
+    table, _ = measured(np.random.default_rng(16), 3)
+    table["P4.z"] = table["P4.z"] + np.array([0.0, 0.0, 1.0])
+    suspects = [str(text) for text in pose_table(table, SIGMA, BODY)["suspects"]]
+    assert suspects[:2] == ["", ""] and suspects[2].split()[0] == "P4"
+    with pytest.raises(InputError, match=r"missing column 'P3\.z'"):
+        pose_table(table.drop(columns="P3.z"), SIGMA, BODY)
+    with pytest.raises(InputError, match="at least 3 points"):
+        pose_table(table[["P1.x", "P1.y", "P1.z"]], SIGMA)
+    with pytest.raises(InputError, match=r"column 'P1\.x': found text"):
+        pose_table(table.astype({"P1.x": str}).assign(**{"P1.x": "a"}), SIGMA)
+
+
+def test_a_result_says_what_it_is() -> None:
+    x = scatter(np.random.default_rng(17), 3)
+    found = body_pose(x, x, SIGMA)
+    assert isinstance(found, BodyPose) and found.dof == 3 and found.suspects == ()
+    assert found.std.shape == (6,) and found.residuals.shape == (3, 3)

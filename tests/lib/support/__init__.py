@@ -1,0 +1,13 @@
+"""What several test files share: machines, closed forms, recordings. Nothing here is collected as a test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+"""The checkout."""
+TESTS = ROOT / "tests"
+MACHINES = TESTS / "machines"
+"""Machine files of the tests."""
+BENCHMARKS = ROOT / "benchmarks"
+"""The studies, which are no part of the installed package: their modules are imported by name."""

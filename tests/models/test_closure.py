@@ -1,0 +1,82 @@
+"""One Newton closes loops: whoever asks gets the same assembly, and is told where there is none."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from support import MACHINES
+from truepose.codegen.reference import Reference
+from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.prediction.loops import Loops
+from truepose.models.closure import CoordinateScale, closed, solved
+from truepose.models.kinematics import symbolic_model
+from truepose.models.load import load_machine
+
+Array = NDArray[np.float64]
+
+
+@pytest.mark.parametrize("name", ["delta", "hybrid", "planar", "pus", "ups"])
+def test_fit_inverse_and_test_vectors_take_the_same_assembly(name: str) -> None:
+    machine = load_machine(MACHINES / f"{name}.yaml")
+    model = symbolic_model(machine)
+    rng = np.random.default_rng(3)
+    ranges = np.array([a.range or (-0.2, 0.2) for a in machine.mechanism.actuators])
+    q = model.q_home + 0.3 * (rng.uniform(ranges[:, 0], ranges[:, 1], (12, len(ranges))) - model.q_home)
+    loops = Loops(model)
+    z = np.tile(model.z_home, (len(q), 1))
+    x, good = loops.assemble(q, z, model.p_home)
+    gap = loops.closure(x, q, z, model.p_home)[2]
+    strain = loops.scale.gap if np.isfinite(loops.scale.gap) else 1e-9
+    assert good.all() and np.max(np.abs(gap)) < strain
+    poses, assembled = PoseSolver(machine).forward(q)
+    assert assembled.all()
+    world = ca.Function("world", [model.x, model.q, model.z, model.p], [model.world])
+    reference = Reference(model)
+    for k, row in enumerate(q):
+        found = reference.passive(row)
+        assert found is not None
+        np.testing.assert_allclose(found, x[k], rtol=0, atol=1e-9)
+        pose = np.array(world(found, row, z[k], model.p_home))
+        np.testing.assert_allclose(pose, poses[k], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["pus", "ups"])
+def test_readings_that_no_assembly_has_are_told(name: str) -> None:
+    machine = load_machine(MACHINES / f"{name}.yaml")
+    model = symbolic_model(machine)
+    q = np.array([model.q_home, model.q_home])
+    q[1, 0] += 1e4
+    _, good = PoseSolver(machine).forward(q)
+    assert good.tolist() == [True, False]
+
+
+def test_rows_are_judged_one_by_one() -> None:
+    """x^2 = c: closed from the right where c > 0; nothing closes where c < 0, or where a gap stays."""
+    c = np.array([4.0, -1.0, 9.0, 1e-2])
+
+    def equations(x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        g = (x**2 - c[rows, None])[..., None]
+        return g, 2 * x[..., None], np.where(rows == 2, 1.0, 0.0)[:, None, None]
+
+    scale = CoordinateScale(np.ones(1), np.full(1, 0.5), 0.5)
+    x, good = closed(equations, np.full((4, 1), 1.0), scale)
+    assert good.tolist() == [True, False, False, True]
+    np.testing.assert_allclose(x[[0, 3], 0], [2.0, 0.1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("equations", [3, 5])
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("of", ["matrix", "right side"])
+def test_a_row_that_is_not_finite_has_no_solution_and_spoils_no_other(
+    equations: int, value: float, of: str
+) -> None:
+    rng = np.random.default_rng(4)
+    a, b = rng.standard_normal((4, equations, 3)), rng.standard_normal((4, equations, 2))
+    others = solved(np.delete(a, 1, axis=0), np.delete(b, 1, axis=0))
+    (a if of == "matrix" else b)[1, 2, 0] = value
+    found = solved(a, b)
+    assert np.isnan(found[1]).all()
+    np.testing.assert_array_equal(np.delete(found, 1, axis=0), others)

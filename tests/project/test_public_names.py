@@ -1,0 +1,126 @@
+"""What ``truepose`` offers: its names, listed, imported when used, known to type checkers."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import truepose
+from support import TESTS
+from truepose import errors
+
+SOURCE = Path(truepose.__file__).read_text(encoding="utf-8")
+
+
+def test_completion_offers_the_public_names_and_nothing_else() -> None:
+    assert dir(truepose) == sorted(truepose.__all__)
+    assert 12 <= len(dir(truepose)) <= 28
+    used = "import truepose, truepose.cli, truepose.models.load; print(dir(truepose) == sorted(truepose.__all__))"
+    done = subprocess.run([sys.executable, "-c", used], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
+
+
+def test_type_checkers_see_every_name() -> None:
+    (block,) = [
+        node
+        for node in ast.parse(SOURCE).body
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+    ]
+    seen = {alias.name for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert seen | {"__version__"} == set(truepose.__all__)
+    homes = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert all(
+        getattr(truepose, name) is getattr(import_module(str(home)), name) for name, home in homes.items()
+    )
+
+
+def test_source_completion_finds_no_other_public_name() -> None:
+    """Completers that read the file: whatever it defines beside the public names begins with an underscore."""
+    defined = {
+        target.id
+        for node in ast.parse(SOURCE).body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    imported = {
+        alias.asname or alias.name
+        for node in ast.parse(SOURCE).body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+    }
+    assert all(name.startswith("_") for name in defined | imported)
+
+
+def test_errors_are_caught_by_their_public_names() -> None:
+    assert truepose.TrueposeError is errors.TrueposeError
+    assert issubclass(truepose.InputError, truepose.TrueposeError)
+    assert issubclass(truepose.ConvergenceError, truepose.TrueposeError)
+    try:
+        truepose.load_machine("nowhere.yaml")
+    except truepose.InputError as exc:
+        assert "nowhere.yaml" in str(exc)
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    heavy = "[m for m in ('numpy', 'pandas', 'casadi', 'typer') if m in sys.modules]"
+    probe = f"import sys, truepose; truepose.InputError, dir(truepose); print({heavy})"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def behind(text: str) -> Iterator[str]:
+    """Names with an underscore that a file of tests takes from a module: imported, read, or put in another's place."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom):
+            yield from (alias.name for alias in node.names if private(alias.name))
+        elif isinstance(node, ast.Attribute) and private(node.attr):
+            owner = ast.unparse(node.value)
+            yield from [] if owner in ("self", "cls", "os", "ctypes") else [f"{owner}.{node.attr}"]
+        elif (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr == "setattr"
+        ):
+            texts = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+            yield from (text for text in texts if private(text.rpartition(".")[2]))
+
+
+def private(name: str) -> bool:
+    """Not so ``__version__``, and ``_repr_html_`` of notebooks."""
+    return name.startswith("_") and not name.endswith("_")
+
+
+def test_tests_come_in_by_the_public_door() -> None:
+    """What a test needs is a name that a reader of the module sees as well."""
+    files = sorted(TESTS.rglob("*.py"))
+    found = {str(file.relative_to(TESTS)): list(behind(file.read_text(encoding="utf-8"))) for file in files}
+    assert len(found) > 200
+    assert {file: names for file, names in found.items() if names} == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("from truepose.models.lie import _skew, skew", ["_skew"]),
+        ("lie._skew(1), lie.skew(1)", ["lie._skew"]),
+        (
+            "patch.setattr(lie, '_skew', 1), patch.setattr('models.lie._skew', 1)",
+            ["_skew", "models.lie._skew"],
+        ),
+        ("self._skew, os._exit(0), result._repr_html_(), truepose.__version__", []),
+    ],
+)
+def test_a_way_round_the_public_door_is_seen(text: str, names: list[str]) -> None:
+    assert list(behind(text)) == names
