@@ -26,8 +26,9 @@ rich.console jinja2 hypothesis pytest _pytest.assertion.rewrite multiprocessing.
 NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv", "*.egg-info", ".mypy_cache", ".ruff_cache", ".hypothesis", "build"
 )
-OPTIONS = "-x -q -p no:cacheprovider -p no:xdist -W ignore::pytest.PytestAssertRewriteWarning"
-"""The warning: hypothesis is there before pytest starts."""
+OPTIONS = "-x -q -p no:cacheprovider -p no:xdist -o addopts=--import-mode=importlib \
+-W ignore::pytest.PytestAssertRewriteWarning"
+"""The project's own options are for many tests and several workers. The warning: hypothesis is there before pytest starts."""
 WALL = 1800.0
 """Seconds after which a child hangs, however busy the machine is."""
 

@@ -13,6 +13,7 @@ from challenge.battery.recorded import MEASURES
 from challenge.examine import RUN
 from challenge.examinee import DIAGNOSIS
 from challenge.score import Score, read_score
+from truepose.errors import InputError
 
 Json = Mapping[str, Any]
 
@@ -34,8 +35,11 @@ def done(folder: Path, part: str) -> set[str]:
 
 
 def read(folder: Path, part: str, cases: Collection[str]) -> Results:
-    """The results of some cases, in order."""
+    """The results of some cases, in order. Raises InputError where the key of a simulated case is not beside them."""
     own, names = folder / part, sorted(cases)
+    for key in (own / "answers" / f"{case}.json" for case in names if part in SIMULATED):
+        if not key.is_file():
+            raise InputError(f"{key}: found no such file, expected the key of a case that was sat")
     diagnoses = _files(own, names, DIAGNOSIS)
     scores = tuple(read_score(own, own, case) for case in names) if part in SIMULATED else ()
     measures = _files(own, names, MEASURES) if part == RECORDED else {}

@@ -21,11 +21,12 @@ from challenge.battery.recorded import compared, main, read
 from challenge.battery.results import Results
 from challenge.battery.table import table
 from challenge.figures import Figure
+from support import BENCHMARKS
 from support.challenge_replies import PLAY, finding, key, leveled
 from truepose.errors import InputError
 from truepose.identification.fit.calibrate import calibrate
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))  # where a process of the battery looks, too
+sys.path.insert(0, str(BENCHMARKS))  # where a process of the battery looks, too
 
 
 def diagnosis(
@@ -261,3 +262,10 @@ class TestRecorded:
         assert "session_60.whole" in CASES
         assert main(str(tmp_path), "session_60.whole") == 1
         assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_case_that_was_sat_without_its_key_is_told_in_a_line(tmp_path: Path) -> None:
+    kept(tmp_path, "outside", "case001", diagnosis())
+    done = CliRunner().invoke(app, ["table", str(tmp_path)])
+    assert done.exit_code == 2
+    assert "case001.json: found no such file, expected the key of a case that was sat" in done.stderr

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -226,7 +228,23 @@ def test_two_cases_through_the_command(examined: tuple[Path, dict[str, Any]]) ->
     assert all(s["held_out"] is not None for s in whole["scores"])
 
 
-def test_the_examples_of_the_help_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def answered(examined: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Path]]:
+    """Cases that are sat: the answers of the examination stand for those of other engines, which take their time."""
+    sat: list[Path] = []
+
+    def sit(case: Path, results: Path, *_: object) -> None:
+        sat.append(case)
+        shutil.copytree(examined[0] / "results" / case.name, results)
+
+    monkeypatch.setattr(examine, "sit", sit)
+    yield sat
+    assert sat
+
+
+def test_the_examples_of_the_help_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answered: list[Path]
+) -> None:
     """As they stand there, on one case of a tiny machine."""
     helped = " ".join(_run("--help")[1].split())
     lines = [line for line in re.findall(EXAMPLE, challenge.__doc__ or "") if line in helped]
@@ -238,6 +256,7 @@ def test_the_examples_of_the_help_run(tmp_path: Path, monkeypatch: pytest.Monkey
         code, out, err = _run(*words[3:], *fewer)
         assert code == 0, out + err
     assert {p.name for p in tmp_path.iterdir()} == {"examination", "drawn", "first"}
+    assert [case.parent.parent.name for case in answered] == ["examination", "drawn"]
     assert all((tmp_path / name / "table.md").is_file() for name in ("examination", "first"))
 
 
@@ -273,24 +292,26 @@ def test_a_case_that_has_a_result_is_not_sat_again(
     assert sat == ["case001", "case002"]
 
 
-def test_cases_are_drawn_once_and_sat_by_several_engines(tmp_path: Path) -> None:
-    drawn = tmp_path / "drawn"
+def test_cases_are_drawn_once_and_sat_by_several_engines(
+    examined: tuple[Path, dict[str, Any]], tmp_path: Path, answered: list[Path]
+) -> None:
+    """They are those of an examination that draws and sits at once."""
+    whole, drawn = examined[0], tmp_path / "drawn"
     strata = ("--seed", "2", "--jobs", "1", "--strata", "null,single", "--json")
-    code, out, _ = _run("-o", str(drawn), "-n", "3", *strata, "--draw")
-    assert (code, json.loads(out)["drawn"]) == (0, 3)
+    code, out, _ = _run("-o", str(drawn), "-n", "2", *strata, "--draw")
+    assert (code, json.loads(out)["drawn"]) == (0, 2)
     assert sorted(p.name for p in drawn.iterdir()) == ["answers", "cases", "challenge.json"]
     before = {p: p.read_bytes() for p in drawn.rglob("*") if p.is_file()}
+    assert all((whole / p.relative_to(drawn)).read_bytes() == text for p, text in before.items())
     for name, count in (("one", 1), ("two", 2)):
         sat = tmp_path / name
         code, out, _ = _run("-o", str(sat), "--drawn", str(drawn), "-n", str(count), "--jobs", "1", "--json")
         assert (code, json.loads(out)["cases"]) == (0, count)
         assert {p.name for p in sat.iterdir()} == {"results", "challenge.json", "table.md", "table.json"}
         assert len(list((sat / "results").iterdir())) == count
+    assert [case.name for case in answered] == ["case001", "case001", "case002"]
+    assert {case.parent for case in answered} == {drawn / "cases"}
     assert before == {p: p.read_bytes() for p in drawn.rglob("*") if p.is_file()}
-    # the same cases as an examination that draws and sits at once
-    whole = examine.challenge(tmp_path / "whole", 3, seed=2, strata=("null", "single"))
-    examine.run(whole, draw_only=True)
-    assert all((tmp_path / "whole" / p.relative_to(drawn)).read_bytes() == text for p, text in before.items())
 
 
 def test_a_folder_without_drawn_cases_is_refused(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def test_a_loop_with_more_equations_than_unknowns(tmp_path: Path, real: Real) ->
 @cases(("arm", "turns"))
 def test_example_runs_clean_under_sanitizers(built: Built, sanitizers: list[str]) -> None:
     assert COMPILER is not None
-    flags = [*WARNINGS, "-O1", "-g", *sanitizers]
+    flags = [*WARNINGS, "-O0", "-g", *sanitizers]
     made = subprocess.run(
         [COMPILER, *flags, "example.c", f"{built.machine.name}_kin.c", "-lm", "-o", "example"],
         cwd=built.directory,

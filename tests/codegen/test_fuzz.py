@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from support import TESTS
+from support.examples import NIGHT, examples
 from support.generated_c import CASES, COMPILER, WARNINGS, needs_compiler
 from support.generated_machines import machine_of
 from truepose.codegen.c import generate
@@ -19,8 +20,11 @@ from truepose.codegen.printer import Real
 from truepose.models.kinematics import symbolic_model
 
 DRIVER = TESTS / "lib" / "support" / "hostile.c"
-ROUNDS = 240
-IDS = ["-".join(case) for case in CASES]
+ROUNDS = examples(120)
+TURN_ABOUT = [case for k, case in enumerate(CASES) if case[0] in ("arm", "rails") or (k % 2 == 0)]
+"""An open chain and a closed one in either precision, the other machines in one of them: templates are the same in both."""
+TRIED = CASES if NIGHT else TURN_ABOUT
+IDS = ["-".join(case) for case in TRIED]
 
 
 def run(where: Path, command: list[str]) -> None:
@@ -63,12 +67,12 @@ def counted(text: str) -> dict[str, list[int]]:
 
 
 @needs_compiler
-@pytest.mark.parametrize(("name", "real"), CASES, ids=IDS)
+@pytest.mark.parametrize(("name", "real"), TRIED, ids=IDS)
 def test_hostile_input_keeps_every_promise(
     tmp_path: Path, sanitizers: list[str], name: str, real: Real
 ) -> None:
     assert COMPILER is not None
-    compiler = [COMPILER, "-O1", *sanitizers]
+    compiler = [COMPILER, "-O0", *sanitizers]  # nothing that they watch is optimised away
     generate(machine_of(tmp_path, name), tmp_path / "out", real)
     (tmp_path / "out" / "limits.h").write_text(limits(name, tmp_path, real))
     shutil.copy(DRIVER, tmp_path / "out")

@@ -61,3 +61,11 @@ def test_every_block_of_a_guide_is_tried(page: Path) -> None:
 )
 def test_what_is_shown_must_be_printed(text: str, printed: str, there: bool) -> None:
     assert shown(text, printed) is there
+
+
+@pytest.mark.parametrize(
+    ("text", "there"),
+    [("s = 0.0013 +- 5e-06", True), ("q3, 97 %: s =", True), ("q4, 99 %:", False), ("k =", False)],
+)
+def test_words_are_printed_whatever_the_numbers(text: str, there: bool) -> None:
+    assert shown(text, "at q3, 99 %: s = 0.001 +- 7e-06", numbers=False) is there

@@ -1,7 +1,7 @@
 """Real recordings and cases of an outside simulator, where they lie beside the checkout: the figures to reach.
 
 The limits are those asked for before the engine existed. The engine was developed with these files in sight, so they
-guard what was reached; they are no blind test.
+guard what was reached; they are no blind test. .ci/nightly takes every row of each.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from real_data import SENSORS, leg_errors, panda_files, panda_scatter
 
+from support.examples import NIGHT, one_in
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
@@ -32,7 +33,7 @@ def stewart(shared: Path, *sessions: int) -> tuple[Diagnosis, float]:
     return found, float(np.sqrt(np.mean(leg_errors(fit, recording) ** 2)))
 
 
-@pytest.mark.parametrize(("session", "limit"), [(108, 0.55), (60, 0.30)])
+@pytest.mark.parametrize(("session", "limit"), [(60, 0.30), *[(108, 0.55)] * NIGHT])
 def test_the_wrong_leg_constant_is_named_from_one_session(shared: Path, session: int, limit: float) -> None:
     found, error = stewart(shared, session)
     assert [(f.effect, f.place) for f in found.findings] == [("wrong-constant", ("leg1.gain",))]
@@ -55,9 +56,11 @@ def test_what_moved_between_two_sessions_is_named(shared: Path) -> None:
 
 
 def test_the_arms_periodic_errors_are_named(shared: Path, tmp_path: Path) -> None:
+    """Ten goals in every eighty tell as much of the names; every row is needed to reach what was asked for."""
     folder = shared / "data" / "ur10-laser-tracker"
     table = pd.read_csv(folder / "configurations.csv")
     table["role"] = np.where(np.isin(table["goal"] % 10, (3, 6, 9)), "validation", "calibration")
+    table = table[table["goal"] // 10 % one_in(8) == 0]
     table.to_csv(tmp_path / "configurations.csv", index=False)
     machine = load_machine(folder / "machine.yaml")
     found = diagnose(machine, load_recording(machine, [tmp_path / "configurations.csv"]))
@@ -73,7 +76,7 @@ def test_the_arms_periodic_errors_are_named(shared: Path, tmp_path: Path) -> Non
     before, after = (found.fits[stage].validation_rms for stage in ("before", "after"))
     assert before is not None and after is not None
     assert before["position"] < 0.445
-    assert after["position"] <= 0.12
+    assert after["position"] <= (0.12 if NIGHT else before["position"] / 3)
 
 
 @pytest.mark.parametrize("sets", [tuple(SENSORS), *((name,) for name in SENSORS)], ids=["all", *SENSORS])

@@ -18,11 +18,16 @@ from support import ROOT
 
 FOLDERS = ("models", "identification", "codegen")
 LINKS = tuple(f"src/truepose/{folder}" for folder in FOLDERS)
-WHERE = """\
+WORK = """\
+import sys
 import truepose
+import truepose.cli
 import truepose.models
 assert callable(truepose.diagnose)
-print(truepose.__file__, truepose.models.__path__[0], sep="\\n")
+folder = truepose.models.__path__[0]
+print(truepose.__file__, folder, sep="\\n")
+sys.argv = ["truepose", "codegen", f"{folder}/machines/nanopositioner/machine.yaml", "-o", "out"]
+truepose.cli.main()
 """
 
 
@@ -78,17 +83,19 @@ def _room(folder: Path) -> Path:
 
 def _works(python: Path, scratch: Path, **environment: str) -> list[Path]:
     """Where the package and its models were found; a diagnosis is there, and the controller's C is written."""
-    package, models = map(Path, _run(python, "-c", WHERE, cwd=scratch, **environment).splitlines())
-    job: list[str | Path] = ["codegen", models / "machines" / "telescope" / "machine.yaml", "-o", "out"]
-    _run(python, "-m", "truepose.cli", *job, cwd=scratch, **environment)
-    assert (scratch / "out" / "telescope_kin.c").is_file()
+    package, models, *_ = map(Path, _run(python, "-c", WORK, cwd=scratch, **environment).splitlines())
+    assert (scratch / "out" / "nanopositioner_kin.c").is_file()
     shutil.rmtree(scratch / "out")
     return [package.parent, models]
 
 
-@pytest.mark.parametrize("kind", TREES)
-def test_a_tree_without_links_installs_and_runs(kind: str, tmp_path: Path) -> None:
-    tree, scratch = TREES[kind](tmp_path), tmp_path / "scratch"
+@pytest.fixture(scope="module", params=TREES)
+def tree(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return TREES[request.param](tmp_path_factory.mktemp("tree"))
+
+
+def test_a_tree_without_links_installs_and_runs(tree: Path, tmp_path: Path) -> None:
+    scratch = tmp_path / "scratch"
     scratch.mkdir()
     python = _room(tmp_path / "room")
     options = ("--no-build-isolation", "--no-deps", "-q")
@@ -100,22 +107,26 @@ def test_a_tree_without_links_installs_and_runs(kind: str, tmp_path: Path) -> No
     assert _works(python, scratch) == [tree / "src" / "truepose", tree / "models"]
 
 
-@pytest.mark.parametrize("kind", TREES)
-def test_a_tree_without_links_runs_where_it_stands(kind: str, tmp_path: Path) -> None:
-    tree = TREES[kind](tmp_path)
+def test_a_tree_without_links_runs_where_it_stands(tree: Path, tmp_path: Path) -> None:
     found = _works(Path(sys.executable), tmp_path, PYTHONPATH=str(tree / "src"))
     assert found == [tree / "src" / "truepose", tree / "models"]
 
 
-@pytest.mark.parametrize("kind", TREES)
-def test_every_tree_gives_the_same_wheel(kind: str, tmp_path: Path) -> None:
-    held = []
-    for tree, folder in ((TREES[kind](tmp_path), tmp_path / "there"), (ROOT, tmp_path / "here")):
-        _run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=tree)
-        (wheel,) = folder.glob("*.whl")
-        with zipfile.ZipFile(wheel) as archive:
-            held.append({name: archive.read(name) for name in archive.namelist()})
-    assert held[0] == held[1]
+def _wheel(tree: Path, folder: Path) -> dict[str, bytes]:
+    """What the wheel built from a tree holds."""
+    _run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=tree)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+@pytest.fixture(scope="module")
+def own_wheel(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    return _wheel(ROOT, tmp_path_factory.mktemp("here"))
+
+
+def test_every_tree_gives_the_same_wheel(tree: Path, own_wheel: dict[str, bytes], tmp_path: Path) -> None:
+    assert _wheel(tree, tmp_path) == own_wheel
 
 
 @pytest.mark.parametrize("folder", FOLDERS)

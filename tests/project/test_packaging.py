@@ -9,18 +9,20 @@ import shlex
 import subprocess
 import sys
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from support import ROOT
+from truepose.cli import app
 from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 from truepose.models.registry import load_plugin
 
 FOLDERS = ("models", "identification", "codegen")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = dict.fromkeys(re.findall(r"^```python\n(.*?)^```", README, re.DOTALL | re.MULTILINE))
 GUIDE = (ROOT / "docs" / "reference" / "architecture.md").read_text(encoding="utf-8")
 (PLUGIN,) = [
     block
@@ -116,28 +118,37 @@ def test_the_commands_of_the_readme_set_themselves_up() -> None:
         assert shlex.split(install)[:2] == [".venv/bin/pip", "install"]
 
 
-def test_the_lines_of_the_readme_run(tmp_path: Path) -> None:
-    first = next(iter(BLOCKS))
-    assert len([line for line in first.splitlines() if line]) == 8
-    said = _run("-c", first, cwd=tmp_path).stdout
-    assert said.startswith("missing-physics") and "platform-deformation" in said
-    assert (tmp_path / "improved.yaml").is_file()
-    assert (tmp_path / "controller" / "telescope_kin.c").is_file()
+@pytest.fixture
+def plugged() -> Iterator[list[str]]:
+    """The options that load the guide's effect, which is forgotten afterwards."""
+    yield ["--plugin", "travel_cubic.py"]
+    effects.discard("travel-cubic")
 
 
-def test_the_effect_of_the_guide_is_a_plugin(tmp_path: Path) -> None:
+def _command(*words: str) -> str:
+    """What a command of truepose prints."""
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def test_the_effect_of_the_guide_is_a_plugin(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plugged: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "travel_cubic.py").write_text(PLUGIN, encoding="utf-8")
     telescope = ROOT / "models" / "machines" / "telescope"
     poses = [str(telescope / "machine.yaml"), str(telescope / "recording.csv")]
-    options = ["--plugin", "travel_cubic.py", "--effect", "travel-cubic@rho2:k=0.001[1/mm^2]"]
-    _run("-m", "truepose.cli", "simulate", *poses, "-o", "out.csv", *options, cwd=tmp_path)
+    _command("simulate", *poses, "-o", "out.csv", *plugged, "--effect", "travel-cubic@rho2:k=0.001[1/mm^2]")
     assert (tmp_path / "out.csv").is_file()
-    listed = _run("-m", "truepose.cli", "effects", "travel-cubic", *options[:2], cwd=tmp_path).stdout
-    assert "Scale that changes along the travel" in listed
+    assert "Scale that changes along the travel" in _command("effects", "travel-cubic", *plugged)
 
 
-def test_the_effect_of_the_guide_acts_on_what_travels(tmp_path: Path) -> None:
+def test_the_effect_of_the_guide_acts_on_what_travels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plugged: list[str]
+) -> None:
     """Its k is per mm^2: the polisher's legs and a slide have it, and no joint that turns."""
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "travel_cubic.py").write_text(PLUGIN, encoding="utf-8")
     (tmp_path / "arm.yaml").write_text(ARM, encoding="utf-8")
     places = {"arm.yaml": ["slide"], str(ROOT / "models/machines/polisher/machine.yaml"): ["q1", "q2", "q3"]}
@@ -147,24 +158,11 @@ def test_the_effect_of_the_guide_acts_on_what_travels(tmp_path: Path) -> None:
         effect = effects.get("travel-cubic", "")()
         assert [place for (place,) in effect.places(loaded)] == slides
         assert {a.unit for a in loaded.mechanism.actuators} == {"mm", "rad"}
-    effects.discard("travel-cubic")
     rows = [f"{10 * k - 95},{(37 * k) % 101 - 50},{(53 * k) % 103 - 51}" for k in range(20)]
     (tmp_path / "poses.csv").write_text("\n".join(["slide,q2,q3", *rows]), encoding="utf-8")
-    plugged = ["--plugin", "travel_cubic.py"]
     bent = ["--effect", "travel-cubic@slide:k=1e-6[1/mm^2]"]
-    _run(
-        "-m",
-        "truepose.cli",
-        "simulate",
-        "arm.yaml",
-        "poses.csv",
-        "-o",
-        "read.csv",
-        *bent,
-        *plugged,
-        cwd=tmp_path,
-    )
-    _run("-m", "truepose.cli", "diagnose", "arm.yaml", "read.csv", "-o", "out", *plugged, cwd=tmp_path)
+    _command("simulate", "arm.yaml", "poses.csv", "-o", "read.csv", *bent, *plugged)
+    _command("diagnose", "arm.yaml", "read.csv", "-o", "out", *plugged)
     diagnosis = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     screened = {tuple(c["place"]) for c in diagnosis["candidates"] if c["effect"] == "travel-cubic"}
     assert screened == {("slide",)}

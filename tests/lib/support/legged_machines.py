@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from support.generated_c import COMPILER, WARNINGS, Built
+from support.generated_c import COMPILER, LEVEL, WARNINGS, Built
 from support.generated_machines import HEAD, RAILS, TURNS
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
@@ -82,7 +82,7 @@ def legged(where: Path, name: str, real: Real = "double", flags: tuple[str, ...]
     generate(machine, directory, real)
     sources = [f"{name}_kin.c", f"{name}_batch.c"]
     subprocess.run(
-        [COMPILER, *WARNINGS, "-O1", *flags, "-shared", "-fPIC", *sources, "-lm", "-o", "lib.so"],
+        [COMPILER, *WARNINGS, LEVEL, *flags, "-shared", "-fPIC", *sources, "-lm", "-o", "lib.so"],
         cwd=directory,
         check=True,
     )

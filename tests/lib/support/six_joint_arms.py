@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from support.generated_c import COMPILER, WARNINGS
+from support.generated_c import COMPILER, LEVEL, WARNINGS
 from truepose.codegen.c import generate
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -184,7 +184,7 @@ def built(where: Path, name: str, flags: tuple[str, ...] = ()) -> BuiltArm:
     command = [
         COMPILER,
         *WARNINGS,
-        "-O1",
+        LEVEL,
         *flags,
         *inside,
         "-shared",
@@ -208,7 +208,7 @@ def counted(where: Path, name: str) -> BuiltArm:
     text, places = re.subn(body, r"\1    ++evaluations;\n", text)
     assert places == 2
     (made.directory / "counted.c").write_text("int evaluations;\n" + text)
-    command = [COMPILER, "-O1", "-shared", "-fPIC", "counted.c", "-lm", "-o", "counted.so"]
+    command = [COMPILER, LEVEL, "-shared", "-fPIC", "counted.c", "-lm", "-o", "counted.so"]
     subprocess.run(command, cwd=made.directory, check=True)
     return replace(made, library=ctypes.CDLL(str(made.directory / "counted.so")))
 
