@@ -59,8 +59,12 @@ class Richness:
 
 # -- how many effects, and which ----------------------------------------------------------------------------
 
-RICHNESS = Richness((0.02, 0.08, 0.3), tuple(np.log([0.5, 0.35, 0.15]).tolist()), 24)
+RICHNESS = Richness((0.01, 0.04, 0.15), tuple(np.log([0.5, 0.35, 0.15]).tolist()), 48)
 """Simple, usual and rich machines: 0.5, 2 and 7 effects are expected. Chosen."""
+URN = 4.0
+"""How many causes of other kinds weigh as much as the prior shares of kinds: fewer, and like goes with like. Chosen."""
+ALIKE = 1.0
+"""The same within a kind, of its settings and sizes. Chosen: one draw weighs as much as what was known before."""
 UNNAMED_SHARE = 0.2
 """Probability that something that is there has no name in the catalogue. Chosen."""
 FAMILY_SHARE = 0.2

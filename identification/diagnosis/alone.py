@@ -28,8 +28,8 @@ def weighed_alone(problem: Weighed, count: int) -> Array:
     weighing = problem.weighing
     points = _points(weighing)
     null = np.array([weighing.root(p).log_evidence for p in points])
-    terms = np.array([np.logaddexp.reduce(weighing.log_odds(p, ()), axis=0) for p in points])
-    terms -= weighing.terms.log_prior(())
+    alone = weighing.terms.log_prior(()) - weighing.sizes.log_prior[:, None]
+    terms = np.array([np.logaddexp.reduce(weighing.log_odds(p, ()) - alone, axis=0) for p in points])
     # at a size that nobody would notice it says neither for nor against
     unnoticed = np.where(weighing.noticeable, 0.0, np.exp(weighing.sizes.log_prior)[:, None]).sum(axis=0)
     terms = np.logaddexp(terms, np.log(np.maximum(unnoticed, 1e-300)))

@@ -27,7 +27,7 @@ def families(candidates: Sequence[PlacedEffect], indices: Sequence[int]) -> tupl
         if len(placed.place) == 1 and placed.effect.slug not in SINGLE:
             key = placed.effect.slug, placed.effect.told(placed.settings_map)
             groups[key] = (*groups.get(key, ()), i)
-    found = [*groups.values(), *_kindred(candidates, list(groups.values()))]
+    found = list(groups.values())
     return tuple(
         members
         for members in found

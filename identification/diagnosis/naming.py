@@ -157,7 +157,7 @@ def _least(found: Found, one: Named) -> float:
     What the likeliest state says of it may be less: other states hold it, too.
     """
     weighing, members = found.weighed.weighing, found.mode.members
-    own = [t for t, _ in members if set(found.weighed.candidates[t]) == set(one.candidates)]
+    own = [m for m in members if set(found.weighed.candidates[m[0]]) == set(one.candidates)]
     if one.family or not own:
         return -np.inf
     prior_odds = weighing.terms.log_prior_of(own) + slot_odds(prior.RICHNESS, len(members) - 1)

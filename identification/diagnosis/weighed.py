@@ -15,7 +15,7 @@ from truepose.identification import prior
 from truepose.identification.diagnosis.families import families
 from truepose.identification.fit.tolerance_classes import PartClass, inflations, tolerance_cost
 from truepose.identification.posterior.design import Always, Axis, Design, Unknowns
-from truepose.identification.posterior.terms import Term, Terms
+from truepose.identification.posterior.terms import Term, Terms, Urn
 from truepose.identification.posterior.weighing import Weighing
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
@@ -87,7 +87,7 @@ def weighed(lin: Linearisation, cat: Catalogue, rms: float) -> Weighed:
     weighing = Weighing(
         _design(lin, cat, classes, nameless, turn),
         _unknowns(lin, classes, rms, turn.shape[1]),
-        Terms(terms),
+        terms,
         prior.SIZES,
     )
     return Weighed(weighing, members, causes, classes, nameless, turn)
@@ -183,67 +183,51 @@ def _unknowns(lin: Linearisation, classes: Sequence[PartClass], rms: float, dire
 
 def _terms(
     cat: Catalogue, lin: Linearisation
-) -> tuple[tuple[tuple[int, ...], ...], tuple[Cause, ...], tuple[Term, ...]]:
-    """Candidates of each term, causes, terms: every candidate alone, and families."""
+) -> tuple[tuple[tuple[int, ...], ...], tuple[Cause, ...], Terms]:
+    """Candidates of each term, causes, terms: every candidate that the file does not state."""
     free = [i for i in range(len(cat.candidates)) if i not in cat.stated]
-    alone = _shares(cat, free)
-    members: list[tuple[int, ...]] = [(i,) for i in free]
-    found, odds = [Cause(*cat.cause(i)) for i in free], [alone[i] for i in free]
-    every = families(cat.candidates, [i for i in free if cat.named(i)])
-    of_families = Counter(i for family in every for i in family)
-    for i in of_families:
-        odds[free.index(i)] += np.log(1.0 - prior.FAMILY_SHARE)
-    for family in every:
-        members.append(family)
-        shares = [alone[i] + np.log(prior.FAMILY_SHARE / of_families[i]) for i in family]
-        odds.append(float(logsumexp(shares)))
-        found.append(_of_family([cat.candidates[i] for i in family]))
-    for forms in forms_by_place(cat, free):
-        members.append(forms)
-        odds.append(float(logsumexp([odds[free.index(i)] for i in forms])))
-        found.append(Cause(*cat.cause(forms[0])))
+    found = [Cause(*cat.cause(i)) for i in free]
     names = tuple(dict.fromkeys(found))
     number = {name: k for k, name in enumerate(names)}
-    of_cause: dict[Cause, list[float]] = {}
-    for cause, log_prior in zip(found, odds, strict=True):
-        of_cause.setdefault(cause, []).append(log_prior)
-    whole = {cause: float(logsumexp(values)) for cause, values in of_cause.items()}
-    terms = tuple(
-        _term(cat, lin, own, number[cause], float(log_prior), whole[cause])
-        for own, cause, log_prior in zip(members, found, odds, strict=True)
+    log_prior = _shares(cat, free)
+    kinds = [cat.candidates[i].effect.slug if cat.named(i) else '+'.join(cat.candidates[i].place) for i in free]
+    kind_of = dict(zip(found, kinds, strict=True))
+    every = tuple(dict.fromkeys(kinds))
+    of_kind = {k: float(logsumexp([log_prior[i] for i, own in zip(free, kinds, strict=True) if own == k])) for k in every}
+    of_cause = {c: float(logsumexp([log_prior[i] for i, own in zip(free, found, strict=True) if own == c])) for c in names}
+    kind = np.array([every.index(kind_of[name]) for name in names], dtype=np.intp)
+    share = np.exp([of_kind[k] for k in every])
+    told = [(own, cat.candidates[i].effect.told(cat.candidates[i].settings_map)) for i, own in zip(free, kinds, strict=True)]
+    features = tuple(dict.fromkeys(told))
+    of_feature = {f: sum(np.exp(log_prior[i] - of_kind[f[0]]) for i, own in zip(free, told, strict=True) if own == f) for f in features}
+    urn = Urn(
+        kind, share, np.bincount(kind, minlength=len(every)),
+        np.array([every.index(k) for k, _ in features]), np.array([of_feature[f] for f in features]),
+        prior.SIZES.log_prior, prior.URN, prior.ALIKE,
     )
-    return tuple(tuple(m) for m in members), names, terms
-
-
-def _of_family(family: Sequence[PlacedEffect]) -> Cause:
-    slugs, places = tuple(e.effect.slug for e in family), tuple(p for e in family for p in e.place)
-    if len(set(slugs)) == 1:
-        return Cause(slugs[0], places, family=True)
-    return Cause(family[0].effect.kin, places, family=True, kindred=slugs)
-
-
-def forms_by_place(cat: Catalogue, free: Sequence[int]) -> list[tuple[int, ...]]:
-    """All forms without a name of each place together: it errs smoothly with everything that is recorded at once.
-
-    What it does under load stays apart: together with the rest nobody could say what drives it.
-    """
-    places: dict[tuple[str, ...], list[int]] = {}
-    for i in free:
-        if not cat.named(i) and not cat.candidates[i].needs_load:
-            places.setdefault(cat.candidates[i].place, []).append(i)
-    return [tuple(forms) for forms in places.values() if len(forms) > 1]
+    terms = tuple(
+        _term(cat, lin, (i,), number[cause], features.index(own), log_prior[i] - of_kind[own[0]], log_prior[i] - of_cause[cause])
+        for i, cause, own in zip(free, found, told, strict=True)
+    )
+    place = {i: k for k, i in enumerate(free)}
+    groups = [
+        tuple(place[i] for i in family)
+        for family in families(cat.candidates, [i for i in free if cat.named(i)])
+    ]
+    return tuple((i,) for i in free), names, Terms(terms, urn, groups)
 
 
 def _term(
-    cat: Catalogue, lin: Linearisation, own: Sequence[int], cause: int, log_prior: float, whole: float
+    cat: Catalogue, lin: Linearisation, own: Sequence[int], cause: int, feature: int, log_share: float, of_cause: float
 ) -> Term:
     coefficients = [c for i in own for c in cat.candidates[i].coefficients]
     first = cat.candidates[own[0]]
     return Term(
         columns=tuple(lin.indices(own)),
         cause=cause,
-        log_prior=log_prior,
-        log_further=log_prior - whole + float(np.log(prior.FURTHER)),
+        feature=feature,
+        log_share=log_share,
+        log_further=of_cause + float(np.log(prior.FURTHER)),
         lower=tuple(c.lower / c.scale for c in coefficients),
         upper=tuple(c.upper / c.scale for c in coefficients),
         alone=cat.named(own[0]) and not first.effect.settings_add,

@@ -18,7 +18,7 @@ LARGEST_COST = 50.0
 
 
 def log_gains(marginal: Marginal, sizes: Sizes, wanted: NDArray[np.bool_]) -> Array:
-    """(s, c) log Bayes factor of each term ``wanted`` (c,) at each size, with the size's log prior; bounds count."""
+    """(s, c) log Bayes factor of each term ``wanted`` (c,) at each size; bounds count."""
     out = np.full((len(sizes.values), len(marginal.terms)), -np.inf)
     for group in marginal.terms.by_size:
         chosen = np.flatnonzero(wanted[group.terms])
@@ -26,7 +26,7 @@ def log_gains(marginal: Marginal, sizes: Sizes, wanted: NDArray[np.bool_]) -> Ar
             score = marginal.score[group.columns[chosen]] * group.there[chosen]
             part = group.of(chosen)
             out[:, part.terms] = _gains(part, marginal.block(group, chosen), score, sizes.values**2)
-    return out + sizes.log_prior[:, None]
+    return out
 
 
 def _gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array:
@@ -67,6 +67,15 @@ def _wide_gains(block: Array, score: Array, squared: Array) -> Array:
     logs = np.log(np.diagonal(factor, axis1=2, axis2=3)[:, :, :k])
     out: Array = 0.5 * np.sum(factor[:, :, k, :k] ** 2, axis=2) - np.sum(logs, axis=2)
     return out
+
+
+def log_gains_together(marginal: Marginal, columns: NDArray[np.intp], sizes: Sizes) -> Array:
+    """(s,) log Bayes factor of columns (k,) together at each size, with the size's log prior."""
+    values, vectors = np.linalg.eigh(marginal.among(columns))
+    values, turned = np.maximum(values, 0.0), vectors.T @ marginal.scores(columns)
+    q = sizes.values[:, None] ** 2
+    damped = 1.0 + q * values
+    return np.asarray(0.5 * np.sum(q * turned**2 / damped - np.log(damped), axis=1) + sizes.log_prior)
 
 
 def plausibility(mean: Array, std: Array, lower: Array, upper: Array) -> Array:

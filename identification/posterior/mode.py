@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.posterior.design import GridPoint, Unknowns
+from truepose.identification.posterior.conditional import log_gains_together
+from truepose.identification.posterior.marginal import Marginal
 from truepose.identification.posterior.sampler import Reach
 from truepose.identification.posterior.weighing import Member, Members, Weighing
 from truepose.identification.prior import Richness
@@ -43,7 +45,7 @@ def ascended(weighing: Weighing, richness: Richness, point: GridPoint, members: 
     for _ in range(ROUNDS):
         before, here = set(current), point
         point = nearest_top(weighing, point, current, thorough=False)
-        grown = [*current, *_likeliest(weighing, richness, point, current)]
+        grown = _grown(weighing, richness, point, current)
         if len(grown) > len(current):
             current = grown
             continue
@@ -55,6 +57,38 @@ def ascended(weighing: Weighing, richness: Richness, point: GridPoint, members: 
             break
     found = tuple(sorted(current))
     return State(found, point, log_posterior(weighing, richness, found, point))
+
+
+def _grown(
+    weighing: Weighing, richness: Richness, point: GridPoint, members: Sequence[Member]
+) -> list[Member]:
+    """With the likeliest term more, or with a whole group where that is likelier: what acts at all its places, faintly."""
+    single = _likeliest(weighing, richness, point, members)
+    beside, before = weighing.beside(point, members), weighing.log_prior(members)
+    best, value = [*members, *single], 0.0
+    if single:
+        value = _growth(weighing, richness, beside, before, members, single)
+    for group in weighing.terms.groups:
+        free = [t for t in group if not weighing.terms.excludes[t, [m for m, _ in members]].any()]
+        if len(free) < 2:
+            continue
+        columns = np.concatenate([weighing.terms.columns[t] for t in free])
+        size = int(np.argmax(log_gains_together(beside, columns, weighing.sizes)))
+        added = [(t, size) for t in free if weighing.noticeable[size, t]]
+        gain = _growth(weighing, richness, beside, before, members, added) if len(added) > 1 else -np.inf
+        if gain > value:
+            best, value = [*members, *added], gain
+    return best
+
+
+def _growth(
+    weighing: Weighing, richness: Richness, beside: Marginal, before: float, members: Sequence[Member],
+    added: Sequence[Member],
+) -> float:  # fmt: skip
+    """Log posterior that members ``added`` gain together beside others, which a marginal has taken in."""
+    slots = sum(slot_odds(richness, len(members) + k) for k in range(len(added)))
+    prior = weighing.log_prior([*members, *added]) - before
+    return beside.gain(*weighing.columns(added)) + prior + slots
 
 
 def _likeliest(

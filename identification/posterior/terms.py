@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.posterior.urn import Counts, Urn
+
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
@@ -17,14 +19,16 @@ Index = NDArray[np.intp]
 class Term:
     """One thing that may be there: its columns, N(0, size^2) each, in units of an expected largest size.
 
-    columns (k,): of the design; cause: number of what it blames (terms of one cause differ in settings or form);
-    log_prior: of the term among all terms; log_further: the same where its cause is part of the model already;
-    lower, upper (k,): physical bounds; alone: no other term of its cause may stand beside it.
+    columns (k,): of the design; cause: number of what it blames (terms of one cause differ in settings or form); feature: number
+    of its settings, the same for like terms of other causes; log_share: prior share of the term in its kind; log_further: prior
+    odds of it where its cause is part of the model already; lower, upper (k,): physical bounds; alone: no other term of its
+    cause may stand beside it.
     """
 
     columns: tuple[int, ...]
     cause: int
-    log_prior: float
+    feature: int
+    log_share: float
     log_further: float
     lower: tuple[float, ...]
     upper: tuple[float, ...]
@@ -64,19 +68,22 @@ class SameSize:
 class Terms:
     """All terms, as arrays."""
 
-    def __init__(self, terms: Sequence[Term], n_causes: int | None = None) -> None:
-        self.all = tuple(terms)
+    def __init__(
+        self, terms: Sequence[Term], urn: Urn, groups: Sequence[tuple[int, ...]] = ()
+    ) -> None:
+        self.all, self.urn, self.groups = tuple(terms), urn, tuple(groups)
         self.columns = tuple(np.array(t.columns, dtype=np.intp) for t in terms)
         self.cause = np.array([t.cause for t in terms], dtype=np.intp)
-        self.n_causes = int(self.cause.max(initial=-1)) + 1 if n_causes is None else n_causes
-        self._first = np.array([t.log_prior for t in terms])
+        self.feature = np.array([t.feature for t in terms], dtype=np.intp)
+        self.n_causes = len(urn.kind)
+        self._share = np.array([t.log_share for t in terms])
         self._further = np.array([t.log_further for t in terms])
 
     def restricted(self, kept: Sequence[int], place: Index) -> Terms:
         """Some of the terms, their columns renumbered by ``place``; causes keep their numbers."""
         terms = [self.all[k] for k in kept]
         moved = [replace(t, columns=tuple(int(place[c]) for c in t.columns)) for t in terms]
-        return Terms(moved, self.n_causes)
+        return Terms(moved, self.urn)
 
     def __len__(self) -> int:
         return len(self.all)
@@ -113,21 +120,32 @@ class Terms:
             used[k, columns] = 1.0
         return np.asarray(out | (used @ used.T > 0.0))
 
-    def log_prior(self, present: Sequence[int]) -> Array:
-        """(c,) log prior of each term beside those present; minus infinity where it cannot stand beside them."""
-        out = self._first.copy()
-        for cause in {int(self.cause[k]) for k in present}:
-            same = self.cause == cause
-            out[same] = self._further[same]
+    def log_prior(self, present: Sequence[tuple[int, int]]) -> Array:
+        """(s, c) log prior of each term at each size beside those present (term, size); minus infinity where it cannot stand
+        beside them."""
+        terms = [t for t, _ in present]
+        by_kind, by_feature, by_size = self.urn.log_next(self._counts(self._first(present)))
+        kind = self.urn.kind[self.cause]
+        again = np.isin(self.cause, self.cause[terms])
+        own = np.where(again, self._further, self._share + by_kind[kind] + by_feature[self.feature])
         if len(present):
-            out[self.excludes[list(present)].any(axis=0)] = -np.inf
-        return out
+            own[self.excludes[terms].any(axis=0)] = -np.inf
+        return np.asarray(own + np.where(again, self.urn.log_size[:, None], by_size[:, kind]))
 
-    def log_prior_of(self, present: Sequence[int]) -> float:
-        """Log prior of these terms together, whatever their number: the first of a cause pays for it."""
-        out, seen = 0.0, set[int]()
-        for k in sorted(present, key=lambda k: -self._first[k]):
-            cause = int(self.cause[k])
-            out += float(self._further[k] if cause in seen else self._first[k])
-            seen.add(cause)
-        return out
+    def log_prior_of(self, present: Sequence[tuple[int, int]]) -> float:
+        """Log prior of these terms at their sizes together, whatever their order."""
+        first = self._first(present)
+        further = [m for m in present if m not in first]
+        own = float(np.sum(self._share[[t for t, _ in first]]) + np.sum(self._further[[t for t, _ in further]]))
+        return own + float(np.sum(self.urn.log_size[[s for _, s in further]])) + self.urn.log_prior(self._counts(first))
+
+    def _first(self, present: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+        """The likeliest term of each cause, which stands for it; others are further ones."""
+        out: dict[int, tuple[int, int]] = {}
+        for member in sorted(present, key=lambda m: (-self._share[m[0]], m)):
+            out.setdefault(int(self.cause[member[0]]), member)
+        return list(out.values())
+
+    def _counts(self, first: Sequence[tuple[int, int]]) -> Counts:
+        terms = [t for t, _ in first]
+        return self.urn.counts(self.cause[terms], self.feature[terms], [s for _, s in first])

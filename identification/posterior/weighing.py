@@ -173,8 +173,8 @@ class Weighing:
 
     def log_odds_beside(self, beside: Marginal, members: Sequence[Member]) -> Array:
         """(s, c) the same beside a marginal in which the members, or most of them, were taken in."""
-        prior = self.terms.log_prior([term for term, _ in (*self.given, *members)])
-        gains = log_gains(beside, self.sizes, np.isfinite(prior))
+        prior = self.terms.log_prior((*self.given, *members))
+        gains = log_gains(beside, self.sizes, np.isfinite(prior[0]))
         return np.where(self.noticeable & np.isfinite(prior), gains + prior, -np.inf)
 
     def conditional(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Conditional:
@@ -204,7 +204,6 @@ class Weighing:
 
     def log_prior(self, members: Sequence[Member]) -> float:
         """Log prior of members and their sizes beside what is given, without that of their number."""
-        terms = [term for term, _ in (*self.given, *members)]
         if not all(self.noticeable[size, term] for term, size in members):
             return -np.inf
-        return self.terms.log_prior_of(terms) + float(sum(self.sizes.log_prior[size] for _, size in members))
+        return self.terms.log_prior_of((*self.given, *members))
