@@ -56,7 +56,7 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
     for k in range(CLIMBS):
         if k and not state.short:
             break  # near enough: every further fit would take long
-        moved = state.moved(climbed(state.problem.weighing, prior.RICHNESS, state.known))
+        moved = state.moved(climbed(state.weighing, prior.RICHNESS, state.known))
         if moved is None:
             break
         state = moved
@@ -89,6 +89,7 @@ class _Expansion:
         self.signatures, self.catalogue, self.fit, self.accepted = signatures, cat, fit, accepted
         self.linearisation = signatures.linearise(fit)
         self.problem = weighed(self.linearisation, cat, rms)
+        self.weighing = self.problem.weighing.compressed()
         self.known = [] if before is None else _renumbered(*before, self.problem)
         self.exclude, self._rms, self._refined = exclude, rms, refined
 
@@ -99,9 +100,8 @@ class _Expansion:
 
     def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
         """The posterior at this point, and its mode."""
-        weighing = self.problem.weighing
-        found = sample(weighing, prior.RICHNESS, known=self.known, rounds=rounds)
-        return found, mode(found, weighing)
+        found = sample(self.weighing, prior.RICHNESS, known=self.known, rounds=rounds)
+        return found, mode(found, self.weighing)
 
     def moved(self, best: State) -> _Expansion | None:
         """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""

@@ -11,8 +11,6 @@ from truepose.identification.posterior.terms import SameSize
 from truepose.identification.prior import BOUND_DOUBT, Sizes
 
 Array = NDArray[np.float64]
-WIDE = 12
-"""Columns beyond which eigenvalues cost more than a factor for each size."""
 LARGEST_COST = 50.0
 """The most that a coefficient beyond its bound costs in the log."""
 
@@ -31,8 +29,6 @@ def log_gains(marginal: Marginal, sizes: Sizes, wanted: NDArray[np.bool_]) -> Ar
 
 def _gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array:
     """(s, c) of terms of one number of columns: blocks (c, k, k), scores (c, k), squared sizes (s,)."""
-    if score.shape[1] > WIDE and not group.bounded.any():
-        return _wide_gains(block, score, squared)
     if score.shape[1] == 1:  # a single coefficient needs no turning
         values, turned, vectors = np.maximum(block[:, :, 0], 0.0), score, None
     else:
@@ -50,22 +46,6 @@ def _gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array
             mean = np.einsum("ckl,scl->sck", own, mean)
             variance = np.einsum("ckl,scl->sck", own**2, variance)
         out[:, some] += plausibility(mean, np.sqrt(variance), group.lower[some], group.upper[some])
-    return out
-
-
-def _wide_gains(block: Array, score: Array, squared: Array) -> Array:
-    """(s, c) as ``_gains``, without bounds, by triangular factors: quicker than eigenvalues of large blocks.
-
-    The factor of [[I + q M, b], [b', c]], b the score by the size, has the solution of the factor's own system as last row.
-    """
-    k, right = block.shape[1], np.sqrt(squared)[:, None, None] * score
-    bordered = np.empty((len(squared), len(block), k + 1, k + 1))
-    bordered[:, :, :k, :k] = np.eye(k) + squared[:, None, None, None] * block
-    bordered[:, :, k, :k] = bordered[:, :, :k, k] = right
-    bordered[:, :, k, k] = 1.0 + np.sum(right**2, axis=2)  # more than the solution's length
-    factor = np.linalg.cholesky(bordered)
-    logs = np.log(np.diagonal(factor, axis1=2, axis2=3)[:, :, :k])
-    out: Array = 0.5 * np.sum(factor[:, :, k, :k] ** 2, axis=2) - np.sum(logs, axis=2)
     return out
 
 

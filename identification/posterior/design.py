@@ -61,6 +61,24 @@ class Design:
         part.__dict__["seen"] = self.seen[columns]
         return part
 
+    def turned(self, columns: NDArray[np.intp], turn: Array) -> Design:
+        """With combinations of some columns of terms in their place: ``turn`` (k, w) of ``columns`` (k,)."""
+        first, last = np.arange(self.n), self.n + self.width
+
+        def of(gram: Array) -> Array:
+            part = gram[:, self.n + columns] @ turn
+            own = turn.T @ part[self.n + columns]
+            rest = np.append(first, last)
+            out = np.empty((self.n + turn.shape[1] + 1,) * 2)
+            here, there = np.append(first, len(out) - 1), np.arange(self.n, len(out) - 1)
+            out[np.ix_(here, here)] = gram[np.ix_(rest, rest)]
+            out[np.ix_(here, there)] = part[rest]
+            out[np.ix_(there, here)] = part[rest].T
+            out[np.ix_(there, there)] = own
+            return out
+
+        return Design(tuple(of(gram) for gram in self.grams), self.counts, self.always)
+
     @property
     def n(self) -> int:
         """Number of columns that every model has."""

@@ -6,7 +6,7 @@ is filled anew beside the others, until nothing changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,9 @@ LOUDER = (-8, -4, -2, -1, 0, 1, 2, 4, 8, 14)
 """Steps of the noise at which a state is looked at without some of its members."""
 HOPELESS, CERTAIN = 6.0, 20.0
 """Log odds below which a term is left out of the chains, and from which on a member is no question any more."""
+
+LIKELY, EXCHANGES = 20.0, 4
+"""Log odds against an exchange of a kind for another, as it is proposed, up to which an ascent is worth it; most of them."""
 
 
 @dataclass(frozen=True)
@@ -59,26 +62,54 @@ def ascended(weighing: Weighing, richness: Richness, point: GridPoint, members: 
     return State(found, point, log_posterior(weighing, richness, found, point))
 
 
+def alternatives(weighing: Weighing, richness: Richness, state: State) -> list[State]:
+    """Where ascents lead when all members of a kind give way to a group of another kind: the likeliest such exchanges."""
+    kinds = weighing.terms.kind
+    found = list[tuple[float, tuple[Member, ...]]]()
+    for kind in {int(kinds[t]) for t, _ in state.members}:
+        rest = [m for m in state.members if kinds[m[0]] != kind]
+        before = log_posterior(weighing, richness, tuple(rest), state.point) - state.log_posterior
+        best = dict[int, tuple[float, tuple[Member, ...]]]()
+        for gain, added in _groups(weighing, richness, state.point, rest):
+            other = int(kinds[added[0][0]])
+            if other != kind:
+                best[other] = max(best.get(other, (-np.inf, ())), (before + gain, (*rest, *added)))
+        found += best.values()
+    likely = sorted((each for each in found if each[0] > -LIKELY), reverse=True)[:EXCHANGES]
+    return [ascended(weighing, richness, state.point, members) for _, members in likely]
+
+
+def _groups(
+    weighing: Weighing, richness: Richness, point: GridPoint, members: Sequence[Member]
+) -> Iterator[tuple[float, tuple[Member, ...]]]:
+    """All causes of a kind with the likeliest term of each, at their likeliest common size: what acts at all its places, faintly."""
+    terms = weighing.terms
+    beside, before = weighing.beside(point, members), weighing.log_prior(members)
+    odds = np.logaddexp.reduce(weighing.conditional(point, members).log_odds, axis=0)
+    there = np.isin(terms.cause, terms.cause[[m for m, _ in members]])
+    for kind in np.unique(terms.kind):
+        own = np.flatnonzero((terms.kind == kind) & np.isfinite(odds) & ~there)
+        likeliest = {int(terms.cause[t]): int(t) for t in own[np.argsort(odds[own])]}.values()
+        if len(likeliest) < 2:
+            continue
+        columns = np.concatenate([terms.columns[t] for t in likeliest])
+        size = int(np.argmax(log_gains_together(beside, columns, weighing.sizes)))
+        added = tuple((t, size) for t in likeliest if weighing.noticeable[size, t])
+        if len(added) > 1:
+            yield _growth(weighing, richness, beside, before, members, added), added
+
+
 def _grown(
     weighing: Weighing, richness: Richness, point: GridPoint, members: Sequence[Member]
 ) -> list[Member]:
     """With the likeliest term more, or with a whole group where that is likelier: what acts at all its places, faintly."""
     single = _likeliest(weighing, richness, point, members)
-    beside, before = weighing.beside(point, members), weighing.log_prior(members)
     best, value = [*members, *single], 0.0
     if single:
+        beside, before = weighing.beside(point, members), weighing.log_prior(members)
         value = _growth(weighing, richness, beside, before, members, single)
-    for group in weighing.terms.groups:
-        free = [t for t in group if not weighing.terms.excludes[t, [m for m, _ in members]].any()]
-        if len(free) < 2:
-            continue
-        columns = np.concatenate([weighing.terms.columns[t] for t in free])
-        size = int(np.argmax(log_gains_together(beside, columns, weighing.sizes)))
-        added = [(t, size) for t in free if weighing.noticeable[size, t]]
-        gain = _growth(weighing, richness, beside, before, members, added) if len(added) > 1 else -np.inf
-        if gain > value:
-            best, value = [*members, *added], gain
-    return best
+    gain, group = max(_groups(weighing, richness, point, members), default=(-np.inf, ()))
+    return [*members, *group] if gain > value else best
 
 
 def _growth(

@@ -9,17 +9,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import (
+    LIKELY,
     State,
+    alternatives,
     ascended,
     best_point,
     log_posterior,
     plausible,
 )
 from truepose.identification.posterior.sampler import Chain, Sweep
-from truepose.identification.posterior.weighing import Members, Weighing
+from truepose.identification.posterior.weighing import Member, Members, Weighing
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
@@ -62,21 +65,25 @@ class Tally:
     """Sums over the sweeps of one chain; ``given``: terms that every state holds."""
 
     def __init__(self, weighing: Weighing) -> None:
-        self._cause, self.sweeps = weighing.terms.cause, 0
-        self._given = weighing.given
+        self._cause, self._given = weighing.terms.cause, weighing.given
         self.terms, self.number = np.zeros(len(weighing.terms)), weighing.terms.n_causes
         self.beside, self.held = np.zeros((self.number, self.number)), np.zeros(self.number)
-        self.seen = Counter[tuple[Members, GridPoint]]()
+        self.draws = list[tuple[Members, GridPoint]]()
+
+    @property
+    def sweeps(self) -> int:
+        """How many were counted."""
+        return len(self.draws)
 
     def add(self, sweep: Sweep) -> None:
-        self.sweeps += 1
+        """One sweep more."""
         for term, _ in self._given:
             one = np.zeros(len(self.terms))
             one[term] = 1.0
             self._count(one, filled=True)
         for visit in sweep.visits:
             self._count(visit.terms, filled=visit.filled)
-        self.seen[tuple(sorted((*self._given, *sweep.members))), sweep.point] += 1
+        self.draws.append((tuple(sorted((*self._given, *sweep.members))), sweep.point))
 
     def _count(self, terms: Array, *, filled: bool) -> None:
         self.terms += terms
@@ -96,6 +103,54 @@ class Tally:
         return np.asarray(np.minimum(self._by_cause(self.terms) / self.sweeps, 1.0))
 
 
+class Chains:
+    """Chains with what they have counted, each weighted by the evidence of the region that it is in.
+
+    Regions that no chain crosses between are weighed as Gelfand and Dey (1994, JRSS B 56:501) do: the evidence of a region is
+    the posterior of some of its states, by the share of draws that fall on them. The states are those of one half of a
+    chain, and the draws those of the other.
+    """
+
+    def __init__(self, part: Weighing, richness: Richness, chains: Sequence[Chain]) -> None:
+        self._chains, self._richness = chains, richness
+        self._whole = Weighing(part.design, part.unknowns, part.terms, part.sizes)
+        self._logs = dict[tuple[Members, GridPoint], float]()
+        self.tallies = [Tally(part) for _ in chains]
+
+    def run(self, sweeps: int) -> None:
+        """So many sweeps more of every chain."""
+        for chain, tally in zip(self._chains, self.tallies, strict=True):
+            for sweep in chain.sweeps(sweeps):
+                tally.add(sweep)
+
+    def log_posterior(self, draw: tuple[Members, GridPoint]) -> float:
+        """Of a state that was drawn, up to a constant."""
+        if draw not in self._logs:
+            self._logs[draw] = log_posterior(self._whole, self._richness, *draw)
+        return self._logs[draw]
+
+    @property
+    def weights(self) -> Array:
+        """(k,) of the chains."""
+        return np.asarray(softmax([self._log_evidence(tally.draws) for tally in self.tallies]))
+
+    def _log_evidence(self, draws: Sequence[tuple[Members, GridPoint]]) -> float:
+        """Of the region of a chain, up to a constant that all chains share."""
+        half = len(draws) // 2
+        return float(np.mean([self._seen(draws[:half], draws[half:]), self._seen(draws[half:], draws[:half])]))
+
+    def _seen(self, some: Sequence[tuple[Members, GridPoint]], others: Sequence[tuple[Members, GridPoint]]) -> float:
+        states = set(some)
+        share = (sum(draw in states for draw in others) + 0.5) / (len(others) + 1.0)
+        return float(np.logaddexp.reduce([self.log_posterior(draw) for draw in sorted(states)]) - np.log(share))
+
+    @property
+    def disagreement(self) -> float:
+        """Largest distance of a cause's probability in the chains from their mean; of two chains of one weight, their difference."""
+        shares, weights = np.array([t.causes for t in self.tallies]), self.weights
+        return float(2.0 * np.max(weights @ np.abs(shares - weights @ shares), initial=0.0))
+
+
 def sample(
     weighing: Weighing,
     richness: Richness,
@@ -104,87 +159,77 @@ def sample(
     known: Sequence[State] = (),
     rounds: int = ROUNDS,
 ) -> Posterior:
-    """Two chains, from the mode and from half of it, until they agree or long enough.
+    """Two chains, from the likeliest top and the next (or from half of the one), until they agree or long enough.
 
-    Terms and values of the grid that are hopeless around the modes are left out, and what nothing can replace there is given.
+    Terms and values of the grid that are hopeless around the tops are left out, and what nothing can replace there is given.
     """
     every = tops(weighing, richness, known)
-    top = max(every, key=lambda state: state.log_posterior)
+    top, other = every[0], every[min(1, len(every) - 1)]
     around = plausible(weighing, richness, every)
     whole, index = weighing.restricted(around.terms)
     number = {int(term): k for k, term in enumerate(index)}
     part = whole.conditioned([(number[term], size) for term, size in around.certain])
-    free = [(number[term], size) for term, size in top.members if (term, size) not in around.certain]
+
+    def free(state: State) -> list[Member]:
+        return [(number[term], size) for term, size in state.members if (term, size) not in around.certain]
+
+    starts = ((top.point, free(top)), (other.point, free(other) if other is not top else free(top)[::2]))
     chains = [
-        Chain(part, richness, around.reach, top.point, start, seed + k)
-        for k, start in enumerate((free, free[::2]))
+        Chain(part, richness, around.reach, point, members, seed + k)
+        for k, (point, members) in enumerate(starts)
     ]
     shorter = SHORTER if len(weighing.columns(top.members)[0]) > LONG_SET else 1
     for chain in chains:
-        _run(chain, BURN // shorter)
-    tallies = _counted(chains, part, ROUND // shorter, max(rounds // shorter, 1))
-    return _gathered(part, index, richness, tallies)
-
-
-def _counted(chains: Sequence[Chain], part: Weighing, sweeps: int, rounds: int) -> list[Tally]:
-    """Rounds of so many sweeps, until the chains agree."""
-    tallies = [Tally(part) for _ in chains]
-    for _ in range(rounds):
-        for chain, tally in zip(chains, tallies, strict=True):
-            for sweep in chain.sweeps(sweeps):
-                tally.add(sweep)
-        if _disagreement(tallies) <= AGREED:
+        for _ in chain.sweeps(BURN // shorter):
+            pass
+    counted = Chains(part, richness, chains)
+    for _ in range(max(rounds // shorter, 1)):
+        counted.run(ROUND // shorter)
+        if counted.disagreement <= AGREED:
             break
-    return tallies
+    return _gathered(part, index, counted)
 
 
-def _run(chain: Chain, number: int) -> None:
-    for _ in chain.sweeps(number):
-        pass
-
-
-def _disagreement(tallies: Sequence[Tally]) -> float:
-    """Largest difference of a cause's probability between chains."""
-    shares = np.array([t.causes for t in tallies])
-    return float(np.max(np.ptp(shares, axis=0), initial=0.0))
-
-
-def _gathered(
-    part: Weighing, index: NDArray[np.intp], richness: Richness, tallies: Sequence[Tally]
-) -> Posterior:
-    shares = Counter[tuple[Members, GridPoint]]()
-    for tally in tallies:
-        shares.update(tally.seen)
-    sweeps = sum(t.sweeps for t in tallies)
-    whole = Weighing(part.design, part.unknowns, part.terms, part.sizes)
-    states, points = list[tuple[State, float]](), Counter[GridPoint]()
-    for (members, point), count in sorted(shares.items(), key=lambda item: -item[1]):
-        numbered = tuple(sorted((int(index[term]), size) for term, size in members))
-        log = log_posterior(whole, richness, members, point)
-        states.append((State(numbered, point, log), count / sweeps))
-        points[point] += count
-    beside, held = sum(t.beside for t in tallies), np.sum([t.held for t in tallies], axis=0)[:, None]
-    terms = np.minimum(np.sum([t.terms for t in tallies], axis=0) / sweeps, 1.0)
+def _gathered(part: Weighing, index: NDArray[np.intp], chains: Chains) -> Posterior:
+    weights, tallies = chains.weights, chains.tallies
+    shares, points = Counter[tuple[Members, GridPoint]](), Counter[GridPoint]()
+    for weight, tally in zip(weights.tolist(), tallies, strict=True):
+        for draw in tally.draws:
+            shares[draw] += weight / tally.sweeps
+            points[draw[1]] += weight / tally.sweeps
+    states = [
+        (State(tuple(sorted((int(index[term]), size) for term, size in draw[0])), draw[1], chains.log_posterior(draw)), share)
+        for draw, share in sorted(shares.items(), key=lambda item: -item[1])
+    ]
+    by_sweep = weights / [t.sweeps for t in tallies]
+    beside = sum(w * t.beside for w, t in zip(by_sweep, tallies, strict=True))
+    held = np.sum([w * t.held for w, t in zip(by_sweep, tallies, strict=True)], axis=0)[:, None]
+    terms = np.minimum(by_sweep @ [t.terms for t in tallies], 1.0)
     return Posterior(
         terms=dict(zip(index.tolist(), terms.tolist(), strict=True)),
-        causes=np.mean([t.causes for t in tallies], axis=0),
+        causes=weights @ [t.causes for t in tallies],
         beside=np.asarray(beside / np.where(held > 0.0, held, 1.0)),
         states=tuple(states),
-        points=tuple((point, count / sweeps) for point, count in points.most_common()),
-        disagreement=_disagreement(tallies),
-        sweeps=sweeps,
+        points=tuple(points.most_common()),
+        disagreement=chains.disagreement,
+        sweeps=sum(t.sweeps for t in tallies),
     )
 
 
 def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ()) -> State:
     """The likeliest state that ascents from nothing and from ``known`` states reach."""
-    return max(tops(weighing, richness, known), key=lambda state: state.log_posterior)
+    return tops(weighing, richness, known)[0]
 
 
 def tops(weighing: Weighing, richness: Richness, known: Sequence[State]) -> list[State]:
-    """Where ascents lead: from known states, else from nothing."""
+    """Where ascents lead, from known states or else from nothing, and what is nearly as likely by exchanges of kinds; the
+    likeliest first."""
     starts = [(state.point, state.members) for state in known] or [(best_point(weighing), ())]
-    return [ascended(weighing, richness, *start) for start in starts]
+    found = [ascended(weighing, richness, *start) for start in starts]
+    best = max(found, key=lambda state: state.log_posterior)
+    found += alternatives(weighing, richness, best)
+    every = sorted({state.members: state for state in found}.values(), key=lambda state: -state.log_posterior)
+    return [state for state in every if state.log_posterior > every[0].log_posterior - LIKELY]
 
 
 def mode(posterior: Posterior, weighing: Weighing) -> State:

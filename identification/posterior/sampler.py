@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import softmax
+from scipy.special import gammaln, softmax
 
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.weighing import Conditional, Member, Members, Weighing
@@ -72,6 +72,7 @@ class Chain:
         for _ in range(number):
             visits = tuple(self._each_slot())
             self._exchange()
+            self._other_kind()
             yield Sweep(tuple(self.members), self.point, visits)
 
     def _each_slot(self) -> Iterator[Visit]:
@@ -111,6 +112,61 @@ class Chain:
         backward = self._conditional([*rest, first], second)
         if np.log(self._rng.random()) < forward.log_total(slots[1]) - backward.log_total(slots[1]):
             self.members = [*rest, new, last]
+
+    def _other_kind(self) -> None:
+        """All members of a kind replaced by some of another kind, which are drawn one after the other until one is nothing.
+
+        The kind is chosen as a locally balanced proposal does (Zanella 2020, JASA 115:852): by the root of its weight. The order
+        of members, which a set has not, is as likely one as another.
+        """
+        kinds = self._weighing.terms.kind[[t for t, _ in self.members]]
+        if not len(kinds):
+            return
+        chosen = int(self._rng.choice(np.unique(kinds)))
+        old = [self.members[k] for k in self._rng.permutation(np.flatnonzero(kinds == chosen))]
+        rest = [m for m in self.members if m not in old]
+        new, forward = self._grown(rest, None)
+        _, backward = self._grown(rest, old)
+        log_ratio = forward - backward + gammaln(len(old) + 1) - gammaln(len(new) + 1)
+        others = len(np.unique(kinds))
+        log_ratio += np.log(others / len({int(self._weighing.terms.kind[t]) for t, _ in [*rest, *new]}))
+        if np.log(self._rng.random()) < log_ratio:
+            self.members = [*rest, *new]
+
+    def _grown(self, rest: list[Member], given: Sequence[Member] | None) -> tuple[list[Member], float]:
+        """Members of a kind that ``rest`` has none of, drawn (or the ``given`` ones), and the log of their weight over the
+        probability of drawing them so."""
+        kind, new, log = self._weighing.terms.kind, list[Member](), 0.0
+        while len(rest) + len(new) < self._slots:
+            beside = [*rest, *new]
+            odds = self._conditional(beside).log_odds + self._slot(len(beside)) + np.log(self._slots - len(beside))
+            if not new:
+                of_kind = np.full(int(kind.max()) + 1, -np.inf)
+                np.logaddexp.at(of_kind, kind, np.logaddexp.reduce(odds, axis=0))
+                of_kind[kind[[t for t, _ in rest]]] = -np.inf
+                shares = softmax(0.5 * of_kind)
+                of = int(kind[given[0][0]]) if given else int(self._rng.choice(len(shares), p=shares))
+                log += float(of_kind[of] - np.log(shares[of]))
+            odds = np.where(kind == of, odds, -np.inf)
+            if new:
+                log += float(np.logaddexp.reduce(odds, axis=None, initial=0.0))
+            if given is None:
+                drawn = self._drawn(odds, nothing=bool(new))
+            else:
+                drawn = given[len(new)] if len(new) < len(given) else None
+            if drawn is None:
+                break
+            new.append(drawn)
+        return new, log
+
+    def _drawn(self, odds: Array, *, nothing: bool) -> Member | None:
+        """By odds (s, c), against nothing where that may be."""
+        flat = np.append(odds.ravel(), 0.0 if nothing else -np.inf)
+        at = int(self._rng.choice(len(flat), p=softmax(flat)))
+        if at == odds.size:
+            return None
+        size, term = divmod(at, odds.shape[1])
+        return int(term), int(size)
 
     def _near(self) -> list[GridPoint]:
         """A few points that differ in one coordinate, the present one among them: as likely chosen from each of them."""

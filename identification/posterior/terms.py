@@ -75,7 +75,7 @@ class Terms:
         self.columns = tuple(np.array(t.columns, dtype=np.intp) for t in terms)
         self.cause = np.array([t.cause for t in terms], dtype=np.intp)
         self.feature = np.array([t.feature for t in terms], dtype=np.intp)
-        self.n_causes = len(urn.kind)
+        self.n_causes, self.kind = len(urn.kind), urn.kind[self.cause]
         self._share = np.array([t.log_share for t in terms])
         self._further = np.array([t.log_further for t in terms])
 
@@ -125,12 +125,11 @@ class Terms:
         beside them."""
         terms = [t for t, _ in present]
         by_kind, by_feature, by_size = self.urn.log_next(self._counts(self._first(present)))
-        kind = self.urn.kind[self.cause]
         again = np.isin(self.cause, self.cause[terms])
-        own = np.where(again, self._further, self._share + by_kind[kind] + by_feature[self.feature])
+        own = np.where(again, self._further, self._share + by_kind[self.kind] + by_feature[self.feature])
         if len(present):
             own[self.excludes[terms].any(axis=0)] = -np.inf
-        return np.asarray(own + np.where(again, self.urn.log_size[:, None], by_size[:, kind]))
+        return np.asarray(own + np.where(again, self.urn.log_size[:, None], by_size[:, self.kind]))
 
     def log_prior_of(self, present: Sequence[tuple[int, int]]) -> float:
         """Log prior of these terms at their sizes together, whatever their order."""

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from truepose.identification.posterior.conditional import log_gains, plausibility
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.marginal import Marginal, marginal
-from truepose.identification.posterior.terms import Terms
+from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.prior import Sizes
 
 Array = NDArray[np.float64]
@@ -26,6 +27,8 @@ REMEMBERED = 150_000_000
 """Bytes of marginals, and as many of conditionals, that are kept."""
 NOTICED = 4.0
 """Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
+WIDE, UNSEEN = 12, 1e-3
+"""Columns beyond which a term is turned to what readings see, and information (1 is that of the largest usual size) that is none."""
 SETS = 200_000
 """Evidences that are kept."""
 Value = TypeVar("Value")
@@ -119,6 +122,29 @@ class Weighing:
             self.sizes,
         ), index
 
+    def compressed(self) -> Weighing:
+        """The same problem, its wide terms turned to the directions that readings see, which are often few; terms keep their
+        numbers."""
+        root, turns, terms, at = self.root(self._stated), list[Array](), list[Term](), 0
+        for term in self.terms.all:
+            columns = np.array(term.columns, dtype=np.intp)
+            turn = np.eye(len(columns))
+            if len(columns) > WIDE and not np.any(np.isfinite([term.lower, term.upper])):
+                values, vectors = np.linalg.eigh(root.among(columns))
+                turn = vectors[:, values > UNSEEN]
+            width = turn.shape[1]
+            free = {} if width == len(columns) else {"lower": (-np.inf,) * width, "upper": (np.inf,) * width}
+            terms.append(replace(term, columns=tuple(range(at, at + width)), **free))
+            turns.append(turn)
+            at += width
+        columns = np.concatenate([*self.terms.columns, np.zeros(0, dtype=np.intp)]).astype(np.intp)
+        return Weighing(
+            self.design.turned(columns, block_diag(*turns)),
+            self.unknowns,
+            Terms(terms, self.terms.urn, self.terms.groups),
+            self.sizes,
+        )
+
     def conditioned(self, given: Sequence[Member]) -> Weighing:
         """The same problem with members that are no question any more: they are taken in once at every point."""
         other = Weighing(self.design, self.unknowns, self.terms, self.sizes, given)
@@ -130,11 +156,15 @@ class Weighing:
         return self._roots.get_or(point, lambda: marginal(self.design, self.unknowns, self.terms, point))
 
     @cached_property
+    def _stated(self) -> GridPoint:
+        """The noise as it is stated."""
+        noise = tuple(int(np.argmin(np.abs(np.log(axis.values)))) for axis in self.unknowns.noise)
+        return GridPoint(noise, 0, 0)
+
+    @cached_property
     def noticeable(self) -> NDArray[np.bool_]:
         """(s, c) which terms would be noticed at which size, at the stated noise; what nobody would notice is nothing."""
-        unknowns = self.unknowns
-        stated = tuple(int(np.argmin(np.abs(np.log(axis.values)))) for axis in unknowns.noise)
-        root = self.root(GridPoint(stated, 0, 0))
+        root = self.root(self._stated)
         information = np.zeros(len(self.terms))
         for group in self.terms.by_size:
             every = np.arange(len(group.terms))
