@@ -299,7 +299,8 @@ def supports(weighing: Weighing, state: State, parts: Sequence[NDArray[np.intp]]
 
 def slot_odds(richness: Richness, number: int) -> float:
     """Log prior odds of one more member beside ``number``, whichever slot it takes, richness marginalised."""
-    return richness.slot(number) + float(np.log(max(richness.slots - number, 1)))
+    free = richness.slots - number
+    return richness.slot(number) + float(np.log(free)) if free > 0 else -np.inf
 
 
 def log_posterior(weighing: Weighing, richness: Richness, members: Members, point: GridPoint) -> float:

@@ -183,9 +183,11 @@ def sample(
         for _ in chain.sweeps(BURN // shorter):
             pass
     counted = Chains(part, richness, chains)
-    for _ in range(max(rounds // shorter, 1)):
+    most = max(rounds // shorter, 1)
+    least = 1 if other is top else (most + 1) // 2  # a region is not weighed before its chain has settled
+    for done in range(1, most + 1):
         counted.run(ROUND // shorter)
-        if counted.disagreement <= AGREED:
+        if done >= least and counted.disagreement <= AGREED:
             break
     return _gathered(part, index, counted)
 
