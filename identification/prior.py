@@ -67,10 +67,6 @@ ALIKE = 1.0
 """The same within a kind, of its settings and sizes. Chosen: one draw weighs as much as what was known before."""
 UNNAMED_SHARE = 0.2
 """Probability that something that is there has no name in the catalogue. Chosen."""
-FAMILY_SHARE = 0.2
-"""Probability that an effect which is there acts at all its places, where it has three or more. Chosen."""
-IN_FAMILY = 0.5
-"""Probability that a place of a family that is there has the effect, before its own amplitude is seen. Chosen: no knowledge."""
 FURTHER = 0.5
 """Probability that a cause which is there has a further term (another harmonic, another form). Chosen: no knowledge."""
 TOGETHER = 0.2
@@ -155,12 +151,11 @@ def noise_log_prior(values: Sequence[float]) -> tuple[float, ...]:
 
 
 __all__ = [
+    "ALIKE",
     "BOUND_DOUBT",
-    "FAMILY_SHARE",
     "FORM_ERROR",
     "FURTHER",
     "INFLATIONS",
-    "IN_FAMILY",
     "NARROWER",
     "NOISE_FROM",
     "NOISE_STEP",
@@ -180,6 +175,7 @@ __all__ = [
     "TOGETHER",
     "TOLERANCE_DOUBT",
     "UNNAMED_SHARE",
+    "URN",
     "Doubt",
     "Richness",
     "Sizes",

@@ -73,8 +73,6 @@ class Physics(ABC):
     """Whether terms of one place with different settings may stand together (orders) or exclude others."""
     bends: ClassVar[tuple[str, ...]] = ()
     """Settings of terms that bend the formula: what they carry is no other thing, but speaks for another form."""
-    kin: ClassVar[str] = ""
-    """Effects of one kin come together: where one part gives way under weight, others of the machine do, too."""
     continuous: ClassVar[tuple[str, ...]] = ()
     """Settings that are points of a continuum (a lag): one that was found is refined between its neighbours on the grid."""
     unvaried: ClassVar[str] = ""

@@ -24,7 +24,6 @@ from scipy.special import softmax
 from truepose import diagnose, load_machine, load_recording
 from truepose.identification import prior
 from truepose.identification.diagnosis import engine
-from truepose.identification.diagnosis.families import FEWEST
 from truepose.identification.diagnosis.outcome import Fits, Outcome, concluded
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.mode import State
@@ -36,14 +35,11 @@ JOBS = 2
 
 @dataclass(frozen=True)
 class Expected:
-    """Of one case: the levels of richness (3,), numbers of causes, of nameless ones, of those that might be families and that
-    are, members by size (s,), noise in stated sigmas (log), tolerances as stated, a remainder at all."""
+    """Of one case: the levels of richness (3,), numbers of causes and of nameless ones, members by size (s,), noise in stated sigmas (log), tolerances as stated, a remainder at all."""
 
     richness: Array
     causes: float
     nameless: float
-    could: float
-    families: float
     sizes: Array
     log_noise: float
     stated: float
@@ -69,10 +65,10 @@ def _of(found: Found) -> Expected:
     rows = [_counts(found, state) for state, _ in states]
     mean = np.average(np.array(rows), axis=0, weights=[share for _, share in states])
     levels = len(prior.RICHNESS.filled)
-    richness, (causes, nameless, could, families, noise, stated, remainder), sizes = np.split(
-        mean, [levels, levels + 7]
+    richness, (causes, nameless, noise, stated, remainder), sizes = np.split(
+        mean, [levels, levels + 5]
     )
-    return Expected(richness, causes, nameless, could, families, sizes, noise, stated, remainder)
+    return Expected(richness, causes, nameless, sizes, noise, stated, remainder)
 
 
 def _counts(found: Found, state: State) -> Array:
@@ -80,14 +76,11 @@ def _counts(found: Found, state: State) -> Array:
     problem = found.weighed
     numbers = [int(problem.weighing.terms.cause[term]) for term, _ in state.members]
     causes = [problem.causes[k] for k in dict.fromkeys(numbers)]
-    many = {c.effect for c in problem.causes if c.family}
     sizes = np.bincount([size for _, size in state.members], minlength=len(prior.SIZES.values))
     noise, widening, remainder = state.point
     counts = [
         len(causes),
         sum(c.effect == Empirical.slug for c in causes),
-        sum(c.effect in many for c in causes),
-        sum(c.family for c in causes),
         np.log(problem.weighing.unknowns.noise[0].values[noise[0]]),
         widening == 0,
         remainder > 0,
@@ -106,9 +99,6 @@ def table(cases: Sequence[Expected]) -> Iterator[str]:
     own = prior.RICHNESS.slots * float(np.exp(prior.RICHNESS.log_prior) @ prior.RICHNESS.filled)
     yield f"| causes a machine | {own:.2f} | {total / len(cases):.2f} |"
     yield f"| of these without a name | {prior.UNNAMED_SHARE:.2f} | {_share(sum(c.nameless for c in cases), total)} |"
-    could = sum(c.could for c in cases)
-    families = _share(sum(c.families for c in cases), could)
-    yield f"| families, of causes with {FEWEST} places and more | {prior.FAMILY_SHARE:.2f} | {families} |"
     sizes = np.sum([c.sizes for c in cases], axis=0)
     ends = f"{prior.SIZES.values[0]:g} to {prior.SIZES.values[-1]:g}"
     yield f"| members by size, {ends} | {_row(np.exp(prior.SIZES.log_prior))} | {_row(sizes / max(np.sum(sizes), 1.0))} |"

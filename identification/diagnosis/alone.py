@@ -28,16 +28,15 @@ def weighed_alone(problem: Weighed, count: int) -> Array:
     weighing = problem.weighing
     points = _points(weighing)
     null = np.array([weighing.root(p).log_evidence for p in points])
-    alone = weighing.terms.log_prior(()) - weighing.sizes.log_prior[:, None]
-    terms = np.array([np.logaddexp.reduce(weighing.log_odds(p, ()) - alone, axis=0) for p in points])
+    terms = np.array([np.logaddexp.reduce(weighing.log_odds(p, ()), axis=0) for p in points])
+    terms -= weighing.terms.log_first
     # at a size that nobody would notice it says neither for nor against
     unnoticed = np.where(weighing.noticeable, 0.0, np.exp(weighing.sizes.log_prior)[:, None]).sum(axis=0)
     terms = np.logaddexp(terms, np.log(np.maximum(unnoticed, 1e-300)))
     total = np.logaddexp.reduce(terms + null[:, None], axis=0) - np.logaddexp.reduce(null)
     out = np.full(count, -np.inf)
     for own, gain in zip(problem.candidates, total, strict=True):
-        if len(own) == 1:
-            out[own[0]] = gain
+        out[own] = gain
     return out
 
 
@@ -53,7 +52,7 @@ def flip_inflation(found: Found, one: Named) -> float | None:
     """How many times wider every tolerance would have to be for the name not to be needed; None when none would do."""
     problem, mode = found.weighed, found.mode
     weighing = problem.weighing
-    own = {t for t, _ in mode.members if set(one.candidates) & set(problem.candidates[t])}
+    own = {t for t, _ in mode.members if problem.candidates[t] in one.candidates}
     unknowns = replace(
         weighing.unknowns,
         widening=tuple((w,) * len(problem.classes) for w in WIDENINGS),

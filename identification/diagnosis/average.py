@@ -135,7 +135,7 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
     whole = [
         (_kept(found, state, kept), share)
         for state, share in found.posterior.states
-        if all(i in kept for term, _ in state.members for i in candidates[term])
+        if all(candidates[term] in kept for term, _ in state.members)
     ]
     if sum(share for _, share in whole) >= ENOUGH:
         return whole
@@ -145,7 +145,7 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
 def _kept(found: Found, state: State, kept: Collection[int]) -> State:
     """A state without rare terms, and without a remainder where the likeliest has none."""
     candidates = found.weighed.candidates
-    members = tuple(m for m in state.members if all(i in kept for i in candidates[m[0]]))
+    members = tuple(m for m in state.members if candidates[m[0]] in kept)
     point = state.point if found.mode.point.remainder else state.point._replace(remainder=0)
     return State(members, point, state.log_posterior)
 

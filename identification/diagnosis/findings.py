@@ -89,7 +89,7 @@ def lead(one: Named) -> Lead:
 
 
 def _alternative(cat: Catalogue, member: Rival) -> Alternative:
-    """Another explanation of a class; families at all their places."""
+    """Another explanation of a class."""
     slug = member.cause.effect
     if slug == Empirical.slug:
         return Alternative(UNNAMED, member.cause.place, member.probability, member.gain)

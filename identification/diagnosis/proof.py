@@ -83,7 +83,7 @@ def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     alike = [
         k
         for k, c in enumerate(problem.causes)
-        if c[:2] == cat.cause(main) or (c.family and any(own.effect == fitted.effect.slug for own in c.told))
+        if c == cat.cause(main)
     ]
     return bool(np.max(by_cause) - np.max(by_cause[alike]) < INDISTINCT)
 

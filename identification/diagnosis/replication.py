@@ -69,7 +69,7 @@ def _replicated(found: Found, name: Named, halves: Sequence[_Half]) -> Replicati
     for half in halves:
         members = _members(half.problem, found)
         terms = half.problem.weighing.terms
-        own = [m for m in members if set(name.candidates) & set(half.problem.candidates[m[0]])]
+        own = [m for m in members if half.problem.candidates[m[0]] in name.candidates]
         rest = tuple(m for m in members if m not in own)
         conditional = half.problem.weighing.conditional(half.point, rest)
         shares = conditional.terms(slot_odds(prior.RICHNESS, len(rest)))

@@ -133,7 +133,7 @@ def _renumbered(problem: Weighed, state: State, now: Weighed) -> list[State]:
 def chosen(problem: Weighed, state: State) -> dict[int, float]:
     """Candidates of a state with their spreads, in scales."""
     sizes = problem.weighing.sizes.values
-    return {i: float(sizes[size]) for term, size in state.members for i in problem.candidates[term]}
+    return {problem.candidates[term]: float(sizes[size]) for term, size in state.members}
 
 
 def refitted(here: _Expansion, wanted: Mapping[int, float]) -> Estimate:

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from truepose.identification.diagnosis.levels import Levels, parts_of
 from truepose.identification.diagnosis.naming import SHOWN, Named, Rival
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.identification.signatures.untestable import GRAVITY
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
+from truepose.models.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
 COMPLIANCE = "joint-compliance"
@@ -66,7 +66,7 @@ def _lawless(found: Found, name: Named) -> Named:
     driver = sum(m.probability for m in name.equivalents if not m.tested)
     return replace(
         name,
-        cause=Cause(Empirical.slug, name.cause.place[:1]),
+        cause=EffectAtPlace(Empirical.slug, name.cause.place[:1]),
         candidates=(*_beside(found, name)[0], *name.candidates),
         probability=0.0,
         equivalents=tuple(sorted((*name.equivalents, itself), key=lambda m: -m.probability)),
@@ -126,10 +126,11 @@ def _beside(found: Found, name: Named) -> tuple[tuple[int, ...], float]:
     own: list[int] = []
     log_prior = 0.0
     for term, _ in found.mode.members:
-        forms = [i for i in problem.candidates[term] if not cat.named(i) and cat.candidates[i].label in held]
+        i = problem.candidates[term]
+        forms = [i] if not cat.named(i) and cat.candidates[i].label in held else []
         if forms and parts & set(parts_of(machine, Empirical.slug, cat.candidates[forms[0]].place)):
             own += forms
-            log_prior += problem.weighing.terms.all[term].log_prior
+            log_prior += float(problem.weighing.terms.log_first[term])
     return tuple(own), log_prior
 
 
@@ -158,7 +159,7 @@ def _with_rivals(found: Found, name: Named, odds: dict[tuple[str, ...], float]) 
     kept, parts = 1.0 / (1.0 + total), set(parts_of(machine, name.cause.effect, name.cause.place))
     here = sum(worth for place, worth in odds.items() if parts & set(parts_of(machine, COMPLIANCE, place)))
     rivals = [
-        Rival(Cause(COMPLIANCE, place), name.probability * worth * kept, name.gain, tested=False)
+        Rival(EffectAtPlace(COMPLIANCE, place), name.probability * worth * kept, name.gain, tested=False)
         for place, worth in odds.items()
         if name.probability * worth * kept > SHOWN
     ]

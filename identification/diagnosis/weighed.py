@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from truepose.identification import prior
-from truepose.identification.diagnosis.families import families
 from truepose.identification.fit.tolerance_classes import PartClass, inflations, tolerance_cost
 from truepose.identification.posterior.design import Always, Axis, Design, Unknowns
-from truepose.identification.posterior.terms import Term, Terms, Urn
+from truepose.identification.posterior.terms import Term, Terms
+from truepose.identification.posterior.urn import Urn
 from truepose.identification.posterior.weighing import Weighing
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
-from truepose.models.effects.base import PlacedEffect
+from truepose.models.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
 FAINT = 0.3
@@ -28,51 +27,17 @@ FLAT = 0.1
 """Variance that a direction of the remainder adds to all readings, at a remainder of one sigma, below which it is left out."""
 
 
-class Cause(NamedTuple):
-    """What a term blames, at whatever settings: an effect at a place, or at all its places as a family.
-
-    ``kindred``: in a family of several effects of one kin (``effect``), the slug at each place.
-    """
-
-    effect: str
-    place: tuple[str, ...]
-    family: bool = False
-    kindred: tuple[str, ...] = ()
-
-    @property
-    def singles(self) -> tuple[Cause, ...]:
-        """What a family says of each of its places; itself where it is none."""
-        if not self.family:
-            return (self,)
-        slugs = self.kindred or (self.effect,) * len(self.place)
-        return tuple(Cause(slug, (part,)) for slug, part in zip(slugs, self.place, strict=True))
-
-    @property
-    def told(self) -> tuple[Cause, ...]:
-        """In names of the catalogue: a family of a kin effect by effect."""
-        if not self.kindred:
-            return (self,)
-        return tuple(
-            Cause(slug, tuple(c.place[0] for c in self.singles if c.effect == slug), family=True)
-            for slug in dict.fromkeys(self.kindred)
-        )
-
-    def has(self, effect: str, place: Sequence[str]) -> bool:
-        """Whether this says an effect at a place, alone or in a family."""
-        return any(c.effect == effect and set(place) <= set(c.place) for c in self.told)
-
-
 @dataclass(frozen=True)
 class Weighed:
     """The posterior's problem, and what its numbers mean.
 
-    candidates: for each term those of the catalogue that it consists of; causes: by number; classes: of parts, in the order of
+    candidates: for each term the one of the catalogue that it is; causes: by number; classes: of parts, in the order of
     the grid's widenings. remainder (c, r): turns its r directions into coefficients of ``nameless`` (c,), columns of G.
     """
 
     weighing: Weighing
-    candidates: tuple[tuple[int, ...], ...]
-    causes: tuple[Cause, ...]
+    candidates: tuple[int, ...]
+    causes: tuple[EffectAtPlace, ...]
     classes: tuple[PartClass, ...]
     nameless: NDArray[np.intp]
     remainder: Array
@@ -181,67 +146,75 @@ def _unknowns(lin: Linearisation, classes: Sequence[PartClass], rms: float, dire
     return Unknowns((axis,) * len(lin.grams), tuple(widening), tuple(-c for c in costs), size)
 
 
-def _terms(
-    cat: Catalogue, lin: Linearisation
-) -> tuple[tuple[tuple[int, ...], ...], tuple[Cause, ...], Terms]:
-    """Candidates of each term, causes, terms: every candidate that the file does not state."""
+def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[EffectAtPlace, ...], Terms]:
+    """Candidates, one a term (all that the file does not state), causes, and terms with their urns."""
     free = [i for i in range(len(cat.candidates)) if i not in cat.stated]
-    found = [Cause(*cat.cause(i)) for i in free]
-    names = tuple(dict.fromkeys(found))
-    number = {name: k for k, name in enumerate(names)}
-    log_prior = _shares(cat, free)
-    kinds = [cat.candidates[i].effect.slug if cat.named(i) else '+'.join(cat.candidates[i].place) for i in free]
-    kind_of = dict(zip(found, kinds, strict=True))
-    every = tuple(dict.fromkeys(kinds))
-    of_kind = {k: float(logsumexp([log_prior[i] for i, own in zip(free, kinds, strict=True) if own == k])) for k in every}
-    of_cause = {c: float(logsumexp([log_prior[i] for i, own in zip(free, found, strict=True) if own == c])) for c in names}
-    kind = np.array([every.index(kind_of[name]) for name in names], dtype=np.intp)
-    share = np.exp([of_kind[k] for k in every])
-    told = [(own, cat.candidates[i].effect.told(cat.candidates[i].settings_map)) for i, own in zip(free, kinds, strict=True)]
-    features = tuple(dict.fromkeys(told))
-    of_feature = {f: sum(np.exp(log_prior[i] - of_kind[f[0]]) for i, own in zip(free, told, strict=True) if own == f) for f in features}
-    urn = Urn(
-        kind, share, np.bincount(kind, minlength=len(every)),
-        np.array([every.index(k) for k, _ in features]), np.array([of_feature[f] for f in features]),
-        prior.SIZES.log_prior, prior.URN, prior.ALIKE,
+    table = pd.DataFrame(
+        {
+            "cause": [cat.cause(i) for i in free],
+            "kind": [_kind(cat, i) for i in free],
+            "feature": [cat.candidates[i].effect.told(cat.candidates[i].settings_map) for i in free],
+            "share": np.exp(_log_shares(cat, free)),
+        }
     )
-    terms = tuple(
-        _term(cat, lin, (i,), number[cause], features.index(own), log_prior[i] - of_kind[own[0]], log_prior[i] - of_cause[cause])
-        for i, cause, own in zip(free, found, told, strict=True)
-    )
-    place = {i: k for k, i in enumerate(free)}
-    groups = [
-        tuple(place[i] for i in family)
-        for family in families(cat.candidates, [i for i in free if cat.named(i)])
+    table["in_kind"] = table["share"] / table.groupby("kind")["share"].transform("sum")
+    table["in_cause"] = table["share"] / table.groupby("cause")["share"].transform("sum")
+    number, causes = pd.factorize(table["cause"])
+    feature = table.groupby(["kind", "feature"], sort=False).ngroup().to_numpy()
+    share, further = np.log(table["in_kind"].to_numpy()), np.log(prior.FURTHER * table["in_cause"].to_numpy())
+    terms = [
+        _term(cat, lin, i, int(number[k]), int(feature[k]), float(share[k]), float(further[k]))
+        for k, i in enumerate(free)
     ]
-    return tuple((i,) for i in free), names, Terms(terms, urn, groups)
+    return tuple(free), tuple(causes), Terms(terms, _urn(table))
+
+
+def _kind(cat: Catalogue, index: int) -> str:
+    """What has a name is likelier where its like is; what has none is like nothing else but at its own place."""
+    placed = cat.candidates[index]
+    return placed.effect.slug if cat.named(index) else placed.label.partition(",")[0]
+
+
+def _urn(table: pd.DataFrame) -> Urn:
+    """Kinds, features and causes in the order in which they first come."""
+    kinds = table.groupby("kind", sort=False)
+    numbers = dict(zip(table["kind"].drop_duplicates(), range(kinds.ngroups), strict=True))
+    features = table.groupby(["kind", "feature"], sort=False)["in_kind"].sum()
+    return Urn(
+        kind=table.drop_duplicates("cause")["kind"].map(numbers).to_numpy(dtype=np.intp),
+        share=kinds["share"].sum().to_numpy(),
+        number=kinds["cause"].nunique().to_numpy().astype(np.intp),
+        feature_kind=features.index.get_level_values("kind").map(numbers).to_numpy(dtype=np.intp),
+        feature_share=features.to_numpy(),
+        log_size=prior.SIZES.log_prior,
+        weight=prior.URN,
+        alike=prior.ALIKE,
+    )
 
 
 def _term(
-    cat: Catalogue, lin: Linearisation, own: Sequence[int], cause: int, feature: int, log_share: float, of_cause: float
+    cat: Catalogue, lin: Linearisation, index: int, cause: int, feature: int, log_share: float, log_further: float
 ) -> Term:
-    coefficients = [c for i in own for c in cat.candidates[i].coefficients]
-    first = cat.candidates[own[0]]
+    placed = cat.candidates[index]
     return Term(
-        columns=tuple(lin.indices(own)),
+        columns=tuple(lin.indices([index])),
         cause=cause,
         feature=feature,
         log_share=log_share,
-        log_further=of_cause + float(np.log(prior.FURTHER)),
-        lower=tuple(c.lower / c.scale for c in coefficients),
-        upper=tuple(c.upper / c.scale for c in coefficients),
-        alone=cat.named(own[0]) and not first.effect.settings_add,
+        log_further=log_further,
+        lower=tuple(c.lower / c.scale for c in placed.coefficients),
+        upper=tuple(c.upper / c.scale for c in placed.coefficients),
+        alone=cat.named(index) and not placed.effect.settings_add,
     )
 
 
-def _shares(cat: Catalogue, free: Sequence[int]) -> dict[int, float]:
+def _log_shares(cat: Catalogue, free: Sequence[int]) -> Array:
     """Log prior of each candidate given that something is there: named ones share, and nameless ones."""
-    out: dict[int, float] = {}
-    named = [i for i in free if cat.named(i)]
-    nameless = [i for i in free if not cat.named(i)]
-    share = prior.UNNAMED_SHARE if nameless else 0.0
-    for group, part in ((named, 1.0 - share), (nameless, share)):
-        if group:
-            own = np.array([cat.log_prior[i] for i in group])
-            out |= dict(zip(group, (own - logsumexp(own) + np.log(part)).tolist(), strict=True))
+    own = np.array([cat.log_prior[i] for i in free])
+    named = np.array([cat.named(i) for i in free], dtype=bool)
+    share = prior.UNNAMED_SHARE if not named.all() else 0.0
+    out = np.empty(len(free))
+    for part, whole in ((named, 1.0 - share), (~named, share)):
+        if part.any():
+            out[part] = own[part] - logsumexp(own[part]) + np.log(whole)
     return out

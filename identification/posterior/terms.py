@@ -120,6 +120,12 @@ class Terms:
             used[k, columns] = 1.0
         return np.asarray(out | (used @ used.T > 0.0))
 
+    @cached_property
+    def log_first(self) -> Array:
+        """(c,) log prior of each term beside nothing, whatever its size."""
+        by_kind, by_feature, _ = self.urn.log_next(self._counts(()))
+        return np.asarray(self._share + by_kind[self.kind] + by_feature[self.feature])
+
     def log_prior(self, present: Sequence[tuple[int, int]]) -> Array:
         """(s, c) log prior of each term at each size beside those present (term, size); minus infinity where it cannot stand
         beside them."""

@@ -133,8 +133,8 @@ class Weighing:
                 values, vectors = np.linalg.eigh(root.among(columns))
                 turn = vectors[:, values > UNSEEN]
             width = turn.shape[1]
-            free = {} if width == len(columns) else {"lower": (-np.inf,) * width, "upper": (np.inf,) * width}
-            terms.append(replace(term, columns=tuple(range(at, at + width)), **free))
+            own = tuple(range(at, at + width))
+            terms.append(replace(term, columns=own, lower=term.lower[:width], upper=term.upper[:width]))
             turns.append(turn)
             at += width
         columns = np.concatenate([*self.terms.columns, np.zeros(0, dtype=np.intp)]).astype(np.intp)

@@ -157,7 +157,7 @@ def explanation(finding: Finding) -> str:
     said = [finding.explanation]
     if finding.family:
         said.append(
-            "It was found at all such places together, under one size; this place stands out by itself."
+            "It was found at more places of this kind, and each makes the others likelier."
         )
     return " ".join([*said, *against_words(finding)])
 

@@ -29,7 +29,6 @@ class GravitySag(Effect):
     experiment = "put a level on the mount, reach out and in, and step the payload"
     source = "an elastic foundation in series with the arm"
     needs_load = True
-    kin = "deflection"
     commonness = 0.3  # mounts are bolted down; joints turn in gears
 
     def places(self, machine: Machine) -> Sequence[Place]:

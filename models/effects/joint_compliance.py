@@ -38,7 +38,6 @@ class JointCompliance(Effect):
     experiment = "measure the same poses with and without a known payload"
     source = "Dumas et al. 2011, Joint stiffness identification of six-revolute industrial serial robots"
     needs_load = True
-    kin = "deflection"
     settings_add = True
     bends = ("bend",)
 

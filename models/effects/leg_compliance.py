@@ -22,7 +22,6 @@ class LegCompliance(Effect):
     experiment = "repeat poses with and without a payload; targets beside the leg ends exclude the platform"
     source = "a bar of stiffness EA/l in series with its joints"
     needs_load = True
-    kin = "deflection"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly_and_together(limb.name for limb in machine.mechanism.limbs) if machine.loaded else []

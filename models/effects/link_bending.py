@@ -47,7 +47,6 @@ class LinkBending(Effect):
     experiment = "two targets on the link, at its joint and at its end, with and without a payload"
     source = "Euler-Bernoulli cantilever; Klimchik et al. on stiffness of arms and their links (recalled)"
     needs_load = True
-    kin = "deflection"
     commonness = 0.3  # of an industrial arm's compliance 10 to 30 % are its links', the rest its joints'
 
     def places(self, machine: Machine) -> Sequence[Place]:
