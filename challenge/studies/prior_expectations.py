@@ -73,15 +73,15 @@ def _of(found: Found) -> Expected:
 
 def _counts(found: Found, state: State) -> Array:
     """One row of all that is averaged."""
-    problem = found.weighed
-    numbers = [int(problem.weighing.terms.cause[term]) for term, _ in state.members]
+    problem = found.problem
+    numbers = [int(problem.spike_slab.terms.cause[term]) for term, _ in state.members]
     causes = [problem.causes[k] for k in dict.fromkeys(numbers)]
     sizes = np.bincount([size for _, size in state.members], minlength=len(prior.SIZES.values))
     noise, widening, remainder = state.point
     counts = [
         len(causes),
         sum(c.effect == Empirical.slug for c in causes),
-        np.log(problem.weighing.unknowns.noise[0].values[noise[0]]),
+        np.log(problem.spike_slab.unknowns.noise[0].values[noise[0]]),
         widening == 0,
         remainder > 0,
     ]

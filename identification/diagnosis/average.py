@@ -72,10 +72,10 @@ def _open(found: Found, held: Collection[int]) -> dict[int, float]:
     A form without a name says nothing beyond the rows that were seen: a few chances in ten are no reason to carry it there.
     What the likeliest set holds and its fit does not, because bounds left nothing of it, stays out.
     """
-    gone = set(chosen(found.weighed, found.mode)) - set(held)
+    gone = set(chosen(found.problem, found.mode)) - set(held)
     share, spread = defaultdict[int, float](float), defaultdict[int, float](float)
     for state, weight in found.posterior.states:
-        for i, size in chosen(found.weighed, state).items():
+        for i, size in chosen(found.problem, state).items():
             share[i] += weight
             spread[i] = max(spread[i], size)
     named = [i for i in share if found.catalogue.named(i) and i not in gone]
@@ -108,19 +108,19 @@ class _Mixture:
 
 
 def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
-    weighing = found.weighed.weighing
+    spike_slab = found.problem.spike_slab
     turn = _turn(found, kept)
-    long = len(weighing.columns(found.mode.members)[0]) > LONG_SET
+    long = len(spike_slab.columns(found.mode.members)[0]) > LONG_SET
     states = _without_rare(found, kept)
     means, shares = [], []
     within = np.zeros((len(turn), len(turn)))
     for state, share in typical(states, STATES_OF_LONG if long else STATES):
-        known = moments(weighing, state)
+        known = moments(spike_slab, state)
         own = turn[:, known.at]
         means.append(own @ known.mean)
         shares.append(share)
         within += share * (own @ known.covariance @ own.T)
-    mode = moments(weighing, _kept(found, found.mode, kept))
+    mode = moments(spike_slab, _kept(found, found.mode, kept))
     own = turn[:, mode.at]
     wider = _positive_root(within - own @ mode.covariance @ own.T, np.sqrt(np.diag(within)))
     return _Mixture(np.array(means) - own @ mode.mean, np.array(shares), wider)
@@ -131,7 +131,7 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
 
     What is rare may stand in for what is not: a state is better left out than robbed of it.
     """
-    candidates = found.weighed.candidates
+    candidates = found.problem.candidates
     whole = [
         (_kept(found, state, kept), share)
         for state, share in found.posterior.states
@@ -144,7 +144,7 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
 
 def _kept(found: Found, state: State, kept: Collection[int]) -> State:
     """A state without rare terms, and without a remainder where the likeliest has none."""
-    candidates = found.weighed.candidates
+    candidates = found.problem.candidates
     members = tuple(m for m in state.members if candidates[m[0]] in kept)
     point = state.point if found.mode.point.remainder else state.point._replace(remainder=0)
     return State(members, point, state.log_posterior)
@@ -152,8 +152,8 @@ def _kept(found: Found, state: State, kept: Collection[int]) -> State:
 
 def _turn(found: Found, kept: Sequence[int]) -> Array:
     """(n, a + g) from the columns [A G] of the design to free geometry and the coefficients of candidates ``kept``."""
-    problem, lin = found.weighed, found.linearisation
-    design, columns = problem.weighing.design, lin.indices(kept)
+    problem, lin = found.problem, found.linearisation
+    design, columns = problem.spike_slab.design, lin.indices(kept)
     out = np.zeros((lin.free + len(columns), design.n + design.width))
     out[: lin.free, : lin.free] = np.eye(lin.free)
     stated = {column: lin.free + k for k, column in enumerate(lin.indices(found.catalogue.stated))}

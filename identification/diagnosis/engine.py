@@ -56,7 +56,7 @@ def diagnose(
     progress("fitting without effects")
     fits = _null_fits(machine, recording)
     cat = catalogue(machine, recording)
-    progress(f"weighing {len(cat.candidates)} explanations")
+    progress(f"spike_slab {len(cat.candidates)} explanations")
     signatures = Signatures(machine, recording, cat.candidates)
     found = search(signatures, cat, fits.before, fits.outliers, fits.rms)
     again = outliers.outlying_rows(found.fit, recording, ~recording.validation)
@@ -97,20 +97,20 @@ def _refit_null(machine: Machine, recording: Recording, fits: Fits, far: Mask) -
 
 def _inflation(found: Found) -> dict[PartClass, float]:
     """How many times wider than stated the tolerances of each class of part likely are."""
-    unknowns = found.weighed.weighing.unknowns
+    unknowns = found.problem.spike_slab.unknowns
     logs = sum(
         (
             share * np.log(np.array(unknowns.widening[point.widening]))
             for point, share in found.posterior.points
         ),
-        np.zeros(len(found.weighed.classes)),
+        np.zeros(len(found.problem.classes)),
     )
-    return dict(zip(found.weighed.classes, np.exp(logs).tolist(), strict=True))
+    return dict(zip(found.problem.classes, np.exp(logs).tolist(), strict=True))
 
 
 def _noise(found: Found) -> float:
     """Of the first kind of reading, in stated sigmas."""
-    values = found.weighed.weighing.unknowns.noise[0].values
+    values = found.problem.spike_slab.unknowns.noise[0].values
     return float(
         np.exp(sum(share * np.log(values[point.noise[0]]) for point, share in found.posterior.points))
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from truepose.identification.diagnosis.weighed import Weighed
+from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.posterior.posterior import Posterior
 from truepose.models.effects.empirical import Empirical
 from truepose.models.placed import EffectAtPlace
@@ -29,12 +29,12 @@ class Inclusion:
         return self.places.get(cause, 0.0)
 
 
-def inclusion(problem: Weighed, posterior: Posterior) -> Inclusion:
+def inclusion(problem: SelectionProblem, posterior: Posterior) -> Inclusion:
     """What the posterior says of effects at places."""
     places = dict(zip(problem.causes, posterior.causes.tolist(), strict=True))
     sets: dict[tuple[EffectAtPlace, ...], float] = {}
     for state, share in posterior.states:
-        numbers = sorted({int(problem.weighing.terms.cause[term]) for term, _ in state.members})
+        numbers = sorted({int(problem.spike_slab.terms.cause[term]) for term, _ in state.members})
         key = tuple(problem.causes[k] for k in numbers)
         key += (EffectAtPlace(Empirical.slug, ()),) if state.point.remainder > 0 else ()
         sets[key] = sets.get(key, 0.0) + share

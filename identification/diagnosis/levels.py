@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from truepose.identification.diagnosis.weighed import Weighed
+from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.driver import DriverKind
@@ -55,7 +55,9 @@ def parts_of(machine: Machine, slug: str, place: Iterable[str]) -> tuple[str, ..
 class Presence:
     """How probable it is that something is at parts, and that a driver acts there, over all states of a posterior."""
 
-    def __init__(self, machine: Machine, cat: Catalogue, problem: Weighed, posterior: Posterior) -> None:
+    def __init__(
+        self, machine: Machine, cat: Catalogue, problem: SelectionProblem, posterior: Posterior
+    ) -> None:
         self._machine, self._cat = machine, cat
         self._states = [
             (share, frozenset(key for t, _ in state.members for key in self._of(problem.candidates[t])))

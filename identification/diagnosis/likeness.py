@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truepose.identification import prior
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.weighed import design_with_forms
+from truepose.identification.diagnosis.selection_problem import design_with_forms
 from truepose.identification.posterior.marginal import marginal
 from truepose.identification.prior import FORM_ERROR, OFF_FORM, POOR
 from truepose.identification.signatures.forms import PAIR
@@ -92,8 +92,8 @@ def _modulated(found: Found, name: Sequence[int]) -> list[Index]:
 
 def _gains(found: Found, wanted: Sequence[Sequence[Index]]) -> list[Array]:
     """(sources, shares) for each name: log Bayes factors of its modulated signal beside the likeliest set."""
-    problem, lin = found.weighed, found.linearisation
-    columns, sizes = problem.weighing.columns(found.mode.members)
+    problem, lin = found.problem, found.linearisation
+    columns, sizes = problem.spike_slab.columns(found.mode.members)
     design = design_with_forms(lin, found.catalogue, problem)
     forms = np.arange(design.width - lin.forms, design.width)
     part = design.restricted(np.concatenate([columns, forms]).astype(np.intp))
@@ -101,7 +101,7 @@ def _gains(found: Found, wanted: Sequence[Sequence[Index]]) -> list[Array]:
     plain, best = -np.inf, [np.full((len(own), len(OFF_FORM)), -np.inf) for own in wanted]
     for step in (step for step in FINER if min(found.mode.point.noise) + step >= 0):
         point = found.mode.point.louder(step)
-        root = marginal(part, problem.weighing.unknowns, problem.weighing.terms, point)
+        root = marginal(part, problem.spike_slab.unknowns, problem.spike_slab.terms, point)
         there = root.including(np.arange(first), sizes)
         plain = max(plain, there.log_evidence)
         for gains, own in zip(best, wanted, strict=True):

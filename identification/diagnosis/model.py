@@ -35,11 +35,11 @@ class Shape:
 
 def remainder_shapes(found: Found) -> tuple[Shape, ...]:
     """The forms that make most of the remainder of the mode, the largest first; none where it has none."""
-    problem, mode = found.weighed, found.mode
-    tau = problem.weighing.unknowns.size.values[mode.point.remainder]
+    problem, mode = found.problem, found.mode
+    tau = problem.spike_slab.unknowns.size.values[mode.point.remainder]
     if tau == 0.0 or not problem.remainder.size:
         return ()
-    known, always = moments(problem.weighing, mode), problem.weighing.design.always
+    known, always = moments(problem.spike_slab, mode), problem.spike_slab.design.always
     coefficients = problem.remainder @ known.mean[: len(always.sigma)][always.remainder]
     sigma = tau * np.sqrt(np.sum(problem.remainder**2, axis=1))
     lin, cat, at, shapes = found.linearisation, found.catalogue, 0, list[Shape]()
@@ -92,11 +92,11 @@ def _fitted(
 
 def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shape]) -> Prior:
     """Tolerances widened as the mode has them, and each coefficient of the remainder with its own 1-sigma."""
-    machine, problem = found.signatures.machine, found.weighed
+    machine, problem = found.signatures.machine, found.problem
     prior = prior_of(machine, terms)
     sigma, count = prior.sigma.copy(), len(machine.parameters)
     factors = dict(
-        zip(problem.classes, problem.weighing.unknowns.widening[found.mode.point.widening], strict=True)
+        zip(problem.classes, problem.spike_slab.unknowns.widening[found.mode.point.widening], strict=True)
     )
     free = [k for k in range(count) if sigma[k] > 0.0]
     classes = part_classes([prior.names[k] for k in free], [prior.parts[k] for k in free])

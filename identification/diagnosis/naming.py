@@ -77,16 +77,17 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
 
     Not all of them are more probable than not (``Named.said``).
     """
-    problem = found.weighed
-    causes = dict.fromkeys(int(problem.weighing.terms.cause[term]) for term, _ in found.mode.members)
+    problem = found.problem
+    causes = dict.fromkeys(int(problem.spike_slab.terms.cause[term]) for term, _ in found.mode.members)
     single = [_single(found, k) for k in causes if problem.causes[k].effect != Empirical.slug]
     presence = Presence(found.signatures.machine, found.catalogue, problem, found.posterior)
-    names = [_with_levels(found, presence, n) for n in _weighed(found, said, single)]
+    names = [_with_levels(found, presence, n) for n in _supported(found, said, single)]
     own = {n.cause for n in names if n.said}
     told = sorted((told_once(n, said, own) for n in names), key=lambda n: -n.gain)
     of_effect = Counter(cause.effect for cause in own)
     together = [
-        replace(n, family=n.cause.effect) if n.said and of_effect[n.cause.effect] >= FAMILY else n for n in told
+        replace(n, family=n.cause.effect) if n.said and of_effect[n.cause.effect] >= FAMILY else n
+        for n in told
     ]
     return (*together, *_nameless(found, presence, together))
 
@@ -108,13 +109,13 @@ def _nameless(found: Found, presence: Presence, names: Sequence[Named]) -> list[
     }
     groups: dict[tuple[tuple[str, ...], str], list[int]] = {}
     for term, _ in found.mode.members:
-        i = found.weighed.candidates[term]
+        i = found.problem.candidates[term]
         placed = cat.candidates[i]
         if not cat.named(i) and (placed.place[0], driver_of(placed.kind)) not in spoken:
             groups.setdefault((placed.place, driver_of(placed.kind)), []).append(i)
     if not groups:
         return []
-    gains = supports(found.weighed.weighing, found.mode, [_places(found, own) for own in groups.values()])
+    gains = supports(found.problem.spike_slab, found.mode, [_places(found, own) for own in groups.values()])
     out = []
     for ((place, _), own), gain in zip(groups.items(), gains, strict=True):
         levels = presence.levels(Empirical.slug, place, cat.candidates[own[0]].kind, 0.0)
@@ -131,11 +132,11 @@ def as_named(said: Inclusion, names: Sequence[Named]) -> Inclusion:
     return replace(said, places=dict(ranked))
 
 
-def _weighed(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Named]:
+def _supported(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Named]:
     """With the log Bayes factor of each name and of its class, and with what is only like it or a part of something else."""
     if not names:
         return []
-    alone = supports(found.weighed.weighing, found.mode, [_places(found, n.candidates) for n in names])
+    alone = supports(found.problem.spike_slab, found.mode, [_places(found, n.candidates) for n in names])
     gains = [max(gain, _least(found, n)) for gain, n in zip(alone, names, strict=True)]
     held = forms_hold(found, said.nameless, [n.candidates for n in names])
     return [
@@ -149,11 +150,11 @@ def _least(found: Found, one: Named) -> float:
 
     What the likeliest state says of it may be less: other states hold it, too.
     """
-    weighing, members = found.weighed.weighing, found.mode.members
-    own = [m for m in members if found.weighed.candidates[m[0]] in one.candidates]
+    spike_slab, members = found.problem.spike_slab, found.mode.members
+    own = [m for m in members if found.problem.candidates[m[0]] in one.candidates]
     if len(own) != 1:
         return -np.inf
-    prior_odds = weighing.terms.log_prior_of(own) + slot_odds(prior.RICHNESS, len(members) - 1)
+    prior_odds = spike_slab.terms.log_prior_of(own) + slot_odds(prior.RICHNESS, len(members) - 1)
     sweeps = found.posterior.sweeps  # so many draws tell no more than one in so many
     drawn = (one.probability * sweeps + 1.0) / (sweeps + 2.0)
     return float(np.log(drawn / (1.0 - drawn)) - prior_odds)
@@ -194,7 +195,7 @@ def told_once(one: Named, said: Inclusion, own: Collection[EffectAtPlace]) -> Na
 
 def _single(found: Found, number: int) -> Named:
     """A cause of the mode with what else may be in its slot."""
-    problem, posterior = found.weighed, found.posterior
+    problem, posterior = found.problem, found.posterior
     row, own = posterior.beside[number], float(posterior.causes[number])
     rivals = [k for k in np.argsort(-row) if k != number and row[k] > SHOWN][:CLASS_LIMIT]
     others = sum(min(row[k], 1.0) for k in rivals)
@@ -209,15 +210,13 @@ def _single(found: Found, number: int) -> Named:
         )
         for k in rivals
     )
-    terms = [t for t, _ in found.mode.members if int(problem.weighing.terms.cause[t]) == number]
-    return Named(
-        problem.causes[number], tuple(problem.candidates[t] for t in terms), own, certainty, shown
-    )
+    terms = [t for t, _ in found.mode.members if int(problem.spike_slab.terms.cause[t]) == number]
+    return Named(problem.causes[number], tuple(problem.candidates[t] for t in terms), own, certainty, shown)
 
 
 def _places(found: Found, wanted: Collection[int]) -> NDArray[np.intp]:
     """Places of the coefficients of some candidates among the columns of the mode's members."""
-    problem, owner = found.weighed, list[int]()
+    problem, owner = found.problem, list[int]()
     for term, _ in found.mode.members:
         i = problem.candidates[term]
         owner += [i] * len(found.catalogue.candidates[i].coefficients)

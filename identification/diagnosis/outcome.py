@@ -108,7 +108,7 @@ def _known(found: Found, summary: Summary) -> list[str]:
 
 def _likeliest(fits: Fits, found: Found) -> Model:
     """Where no minimum is found with the likeliest set, the fit of the last expansion point stands, and what it holds."""
-    accepted = dict.fromkeys(found.catalogue.stated, STATED) | chosen(found.weighed, found.mode)
+    accepted = dict.fromkeys(found.catalogue.stated, STATED) | chosen(found.problem, found.mode)
     shapes = remainder_shapes(found)
     if not accepted and not shapes:
         return Model(accepted, (), fits.before)

@@ -15,10 +15,10 @@ from truepose.identification.diagnosis.alone import weighed_alone
 from truepose.identification.diagnosis.holdout import ROLE, Comparison, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.result import Proof
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.weighed import weighed
+from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import Design
-from truepose.identification.posterior.weighing import Weighing
+from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Signatures
@@ -61,30 +61,30 @@ def _placebo(before: Estimate, found: Found, main: int) -> float:
     stated = [cat.candidates[i] for i in cat.stated]
     single = Signatures(signatures.machine, recording, [cat.candidates[main], *stated])
     one = Catalogue(single.candidates, (0.0,) * len(single.candidates), (), tuple(range(1, 1 + len(stated))))
-    problem = weighed(single.linearise(before, order=order), one, float(np.sqrt(before.chi2_per_dof)))
+    problem = selection_problem(
+        single.linearise(before, order=order), one, float(np.sqrt(before.chi2_per_dof))
+    )
     return float(weighed_alone(problem, 1)[0])
 
 
 def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""
-    problem, cat = found.weighed, found.catalogue
+    problem, cat = found.problem, found.catalogue
     label = cat.candidates[main].label
     fitted = next(e for e in after.fitted_effects() if e.label == label)
     amplitude = np.array(fitted.amplitudes) / [c.scale for c in fitted.coefficients]
     columns = found.linearisation.columns[main]
-    noises = problem.weighing.unknowns.scales(found.mode.point).tolist()
-    design = _simulated(problem.weighing.design, columns, amplitude, noises)
-    weighing = Weighing(design, problem.weighing.unknowns, problem.weighing.terms, problem.weighing.sizes)
-    odds = np.logaddexp.reduce(
-        weighing.log_odds(found.mode.point._replace(widening=0, remainder=0), ()), axis=0
+    noises = problem.spike_slab.unknowns.scales(found.mode.point).tolist()
+    design = _simulated(problem.spike_slab.design, columns, amplitude, noises)
+    spike_slab = SpikeSlab(
+        design, problem.spike_slab.unknowns, problem.spike_slab.terms, problem.spike_slab.sizes
     )
-    cause = problem.weighing.terms.cause
+    odds = np.logaddexp.reduce(
+        spike_slab.log_odds(found.mode.point._replace(widening=0, remainder=0), ()), axis=0
+    )
+    cause = problem.spike_slab.terms.cause
     by_cause = np.array([np.logaddexp.reduce(odds[cause == k]) for k in range(len(problem.causes))])
-    alike = [
-        k
-        for k, c in enumerate(problem.causes)
-        if c == cat.cause(main)
-    ]
+    alike = [k for k, c in enumerate(problem.causes) if c == cat.cause(main)]
     return bool(np.max(by_cause) - np.max(by_cause[alike]) < INDISTINCT)
 
 

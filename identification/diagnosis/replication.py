@@ -13,10 +13,10 @@ from truepose.identification import prior
 from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.result import Replication
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.weighed import Weighed, weighed
+from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import nearest_top, slot_odds
-from truepose.identification.posterior.weighing import Members
+from truepose.identification.posterior.spike_slab import Members
 
 Array = NDArray[np.float64]
 DIFFERENT = 1e-3
@@ -25,7 +25,7 @@ DIFFERENT = 1e-3
 
 @dataclass(frozen=True)
 class _Half:
-    problem: Weighed
+    problem: SelectionProblem
     point: GridPoint
     mean: Array
     covariance: Array
@@ -43,39 +43,39 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
         used = np.zeros(len(fit.used), dtype=bool)
         used[part] = True
         lin = found.signatures.linearise(replace(fit, used=used))
-        if lin.n_observations <= lin.free + len(found.weighed.weighing.columns(found.mode.members)[0]):
+        if lin.n_observations <= lin.free + len(found.problem.spike_slab.columns(found.mode.members)[0]):
             return (None,) * len(names)
-        halves.append(_half(weighed(lin, found.catalogue, rms), found))
+        halves.append(_half(selection_problem(lin, found.catalogue, rms), found))
     return tuple(_replicated(found, name, halves) for name in names)
 
 
-def _half(problem: Weighed, found: Found) -> _Half:
+def _half(problem: SelectionProblem, found: Found) -> _Half:
     """The likeliest point of a half with the mode's members, and their coefficients there."""
     members = _members(problem, found)
-    start = problem.weighing.unknowns.nearest(found.mode.point)
-    point = nearest_top(problem.weighing, start, members)
-    mean, covariance = problem.weighing.root(point).posterior(*problem.weighing.columns(members))
+    start = problem.spike_slab.unknowns.nearest(found.mode.point)
+    point = nearest_top(problem.spike_slab, start, members)
+    mean, covariance = problem.spike_slab.root(point).posterior(*problem.spike_slab.columns(members))
     return _Half(problem, point, mean, covariance)
 
 
-def _members(problem: Weighed, found: Found) -> Members:
+def _members(problem: SelectionProblem, found: Found) -> Members:
     """The mode's members in a half's numbers: the same candidates."""
     number = {own: k for k, own in enumerate(problem.candidates)}
-    return tuple((number[found.weighed.candidates[term]], size) for term, size in found.mode.members)
+    return tuple((number[found.problem.candidates[term]], size) for term, size in found.mode.members)
 
 
 def _replicated(found: Found, name: Named, halves: Sequence[_Half]) -> Replication:
     said, parts = [], []
     for half in halves:
         members = _members(half.problem, found)
-        terms = half.problem.weighing.terms
+        terms = half.problem.spike_slab.terms
         own = [m for m in members if half.problem.candidates[m[0]] in name.candidates]
         rest = tuple(m for m in members if m not in own)
-        conditional = half.problem.weighing.conditional(half.point, rest)
+        conditional = half.problem.spike_slab.conditional(half.point, rest)
         shares = conditional.terms(slot_odds(prior.RICHNESS, len(rest)))
         causes = {int(terms.cause[term]) for term, _ in own}
         said.append(float(min(sum(shares[terms.cause == k].sum() for k in causes), 1.0)))
-        columns = half.problem.weighing.columns(members)[0]
+        columns = half.problem.spike_slab.columns(members)[0]
         wanted = [c for i in name.candidates for c in range(*_span(found, i))]
         at = [int(np.flatnonzero(columns == c)[0]) for c in wanted]
         parts.append((half.mean[at], half.covariance[np.ix_(at, at)]))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
-from truepose.identification.diagnosis.weighed import Weighed, weighed
+from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import State
 from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, climbed, mode, sample
@@ -37,7 +37,7 @@ class Found:
     the fit without effects, and its linearisation.
     """
 
-    weighed: Weighed
+    problem: SelectionProblem
     posterior: Posterior
     mode: State
     accepted: Mapping[int, float]
@@ -45,7 +45,7 @@ class Found:
     linearisation: Linearisation
     signatures: Signatures
     catalogue: Catalogue
-    first: Weighed
+    first: SelectionProblem
     linearisation_before: Linearisation
 
 
@@ -56,7 +56,7 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
     for k in range(CLIMBS):
         if k and not state.short:
             break  # near enough: every further fit would take long
-        moved = state.moved(climbed(state.weighing, prior.RICHNESS, state.known))
+        moved = state.moved(climbed(state.spike_slab, prior.RICHNESS, state.known))
         if moved is None:
             break
         state = moved
@@ -84,12 +84,12 @@ class _Expansion:
 
     def __init__(
         self, signatures: Signatures, cat: Catalogue, fit: Estimate, accepted: Mapping[int, float], exclude: Mask,
-        rms: float, refined: int = 0, before: tuple[Weighed, State] | None = None,
+        rms: float, refined: int = 0, before: tuple[SelectionProblem, State] | None = None,
     ) -> None:  # fmt: skip
         self.signatures, self.catalogue, self.fit, self.accepted = signatures, cat, fit, accepted
         self.linearisation = signatures.linearise(fit)
-        self.problem = weighed(self.linearisation, cat, rms)
-        self.weighing = self.problem.weighing.compressed()
+        self.problem = selection_problem(self.linearisation, cat, rms)
+        self.spike_slab = self.problem.spike_slab.compressed()
         self.known = [] if before is None else _renumbered(*before, self.problem)
         self.exclude, self._rms, self._refined = exclude, rms, refined
 
@@ -100,8 +100,8 @@ class _Expansion:
 
     def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
         """The posterior at this point, and its mode."""
-        found = sample(self.weighing, prior.RICHNESS, known=self.known, rounds=rounds)
-        return found, mode(found, self.weighing)
+        found = sample(self.spike_slab, prior.RICHNESS, known=self.known, rounds=rounds)
+        return found, mode(found, self.spike_slab)
 
     def moved(self, best: State) -> _Expansion | None:
         """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
@@ -122,17 +122,17 @@ class _Expansion:
         )
 
 
-def _renumbered(problem: Weighed, state: State, now: Weighed) -> list[State]:
+def _renumbered(problem: SelectionProblem, state: State, now: SelectionProblem) -> list[State]:
     """A state in the numbers of another problem whose terms hold the same candidates."""
     number = {own: k for k, own in enumerate(now.candidates)}
     members = [(number.get(problem.candidates[term]), size) for term, size in state.members]
     kept = tuple((term, size) for term, size in members if term is not None)
-    return [State(kept, now.weighing.unknowns.nearest(state.point), 0.0)]
+    return [State(kept, now.spike_slab.unknowns.nearest(state.point), 0.0)]
 
 
-def chosen(problem: Weighed, state: State) -> dict[int, float]:
+def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
     """Candidates of a state with their spreads, in scales."""
-    sizes = problem.weighing.sizes.values
+    sizes = problem.spike_slab.sizes.values
     return {problem.candidates[term]: float(sizes[size]) for term, size in state.members}
 
 

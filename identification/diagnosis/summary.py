@@ -37,7 +37,7 @@ class Summary:
 
 def summarised(found: Found, fit: Estimate) -> Summary:
     """Of a posterior; terms that the likeliest ``fit`` does not hold (bounds left nothing of them) are not told."""
-    said = inclusion(found.weighed, found.posterior)
+    said = inclusion(found.problem, found.posterior)
     cat = found.catalogue
     held = {effect.label for effect in fit.effects}
     kept = [

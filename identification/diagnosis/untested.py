@@ -88,7 +88,7 @@ def _deflections(machine: Machine, found: Found) -> list[PlacedEffect]:
 
 
 def _noise(found: Found) -> float:
-    unknowns = found.weighed.weighing.unknowns
+    unknowns = found.problem.spike_slab.unknowns
     return float(unknowns.noise[0].values[found.mode.point.noise[0]])
 
 
@@ -118,7 +118,7 @@ def _shared(
 
 def _beside(found: Found, name: Named) -> tuple[tuple[int, ...], float]:
     """Candidates without a name that the likeliest set has at the name's parts, and the log prior of their terms."""
-    machine, cat, problem = found.signatures.machine, found.catalogue, found.weighed
+    machine, cat, problem = found.signatures.machine, found.catalogue, found.problem
     parts, held = (
         set(parts_of(machine, name.cause.effect, name.cause.place)),
         {e.label for e in found.fit.effects},
@@ -130,7 +130,7 @@ def _beside(found: Found, name: Named) -> tuple[tuple[int, ...], float]:
         forms = [i] if not cat.named(i) and cat.candidates[i].label in held else []
         if forms and parts & set(parts_of(machine, Empirical.slug, cat.candidates[forms[0]].place)):
             own += forms
-            log_prior += float(problem.weighing.terms.log_first[term])
+            log_prior += float(problem.spike_slab.terms.log_first[term])
     return tuple(own), log_prior
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.posterior.mode import State
-from truepose.identification.posterior.weighing import Weighing
+from truepose.identification.posterior.spike_slab import SpikeSlab
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -26,10 +26,10 @@ class Moments:
     covariance: Array
 
 
-def moments(weighing: Weighing, state: State) -> Moments:
+def moments(spike_slab: SpikeSlab, state: State) -> Moments:
     """Given the state's members, their sizes, and its noise, tolerances and remainder."""
-    design, unknowns = weighing.design, weighing.unknowns
-    columns, sizes = weighing.columns(state.members)
+    design, unknowns = spike_slab.design, spike_slab.unknowns
+    columns, sizes = spike_slab.columns(state.members)
     tau = unknowns.size.values[state.point.remainder]
     own = np.flatnonzero(~design.always.remainder | (tau > 0.0))
     at = np.concatenate([own, design.n + columns]).astype(np.intp)

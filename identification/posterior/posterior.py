@@ -22,7 +22,7 @@ from truepose.identification.posterior.mode import (
     plausible,
 )
 from truepose.identification.posterior.sampler import Chain, Sweep
-from truepose.identification.posterior.weighing import Member, Members, Weighing
+from truepose.identification.posterior.spike_slab import Member, Members, SpikeSlab
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
@@ -64,9 +64,9 @@ class Posterior:
 class Tally:
     """Sums over the sweeps of one chain; ``given``: terms that every state holds."""
 
-    def __init__(self, weighing: Weighing) -> None:
-        self._cause, self._given = weighing.terms.cause, weighing.given
-        self.terms, self.number = np.zeros(len(weighing.terms)), weighing.terms.n_causes
+    def __init__(self, spike_slab: SpikeSlab) -> None:
+        self._cause, self._given = spike_slab.terms.cause, spike_slab.given
+        self.terms, self.number = np.zeros(len(spike_slab.terms)), spike_slab.terms.n_causes
         self.beside, self.held = np.zeros((self.number, self.number)), np.zeros(self.number)
         self.draws = list[tuple[Members, GridPoint]]()
 
@@ -111,9 +111,9 @@ class Chains:
     chain, and the draws those of the other.
     """
 
-    def __init__(self, part: Weighing, richness: Richness, chains: Sequence[Chain]) -> None:
+    def __init__(self, part: SpikeSlab, richness: Richness, chains: Sequence[Chain]) -> None:
         self._chains, self._richness = chains, richness
-        self._whole = Weighing(part.design, part.unknowns, part.terms, part.sizes)
+        self._whole = SpikeSlab(part.design, part.unknowns, part.terms, part.sizes)
         self._logs = dict[tuple[Members, GridPoint], float]()
         self.tallies = [Tally(part) for _ in chains]
 
@@ -132,27 +132,38 @@ class Chains:
     @property
     def weights(self) -> Array:
         """(k,) of the chains."""
-        return np.asarray(softmax([self._log_evidence(tally.draws) for tally in self.tallies]))
+        return np.asarray(softmax(self.log_evidences))
+
+    @property
+    def log_evidences(self) -> Array:
+        """(k,) of the regions of the chains, up to a constant that all share."""
+        return np.array([self._log_evidence(tally.draws) for tally in self.tallies])
 
     def _log_evidence(self, draws: Sequence[tuple[Members, GridPoint]]) -> float:
-        """Of the region of a chain, up to a constant that all chains share."""
+        """Either half of the draws in turn says which states."""
         half = len(draws) // 2
-        return float(np.mean([self._seen(draws[:half], draws[half:]), self._seen(draws[half:], draws[:half])]))
+        return float(
+            np.mean([self._seen(draws[:half], draws[half:]), self._seen(draws[half:], draws[:half])])
+        )
 
-    def _seen(self, some: Sequence[tuple[Members, GridPoint]], others: Sequence[tuple[Members, GridPoint]]) -> float:
+    def _seen(
+        self, some: Sequence[tuple[Members, GridPoint]], others: Sequence[tuple[Members, GridPoint]]
+    ) -> float:
         states = set(some)
         share = (sum(draw in states for draw in others) + 0.5) / (len(others) + 1.0)
-        return float(np.logaddexp.reduce([self.log_posterior(draw) for draw in sorted(states)]) - np.log(share))
+        return float(
+            np.logaddexp.reduce([self.log_posterior(draw) for draw in sorted(states)]) - np.log(share)
+        )
 
     @property
     def disagreement(self) -> float:
-        """Largest distance of a cause's probability in the chains from their mean; of two chains of one weight, their difference."""
+        """Twice the largest distance of a cause in chains from its mean; of two of one weight, how they differ."""
         shares, weights = np.array([t.causes for t in self.tallies]), self.weights
         return float(2.0 * np.max(weights @ np.abs(shares - weights @ shares), initial=0.0))
 
 
 def sample(
-    weighing: Weighing,
+    spike_slab: SpikeSlab,
     richness: Richness,
     *,
     seed: int = 1,
@@ -163,10 +174,10 @@ def sample(
 
     Terms and values of the grid that are hopeless around the tops are left out, and what nothing can replace there is given.
     """
-    every = tops(weighing, richness, known)
+    every = tops(spike_slab, richness, known)
     top, other = every[0], every[min(1, len(every) - 1)]
-    around = plausible(weighing, richness, every)
-    whole, index = weighing.restricted(around.terms)
+    around = plausible(spike_slab, richness, every)
+    whole, index = spike_slab.restricted(around.terms)
     number = {int(term): k for k, term in enumerate(index)}
     part = whole.conditioned([(number[term], size) for term, size in around.certain])
 
@@ -178,7 +189,7 @@ def sample(
         Chain(part, richness, around.reach, point, members, seed + k)
         for k, (point, members) in enumerate(starts)
     ]
-    shorter = SHORTER if len(weighing.columns(top.members)[0]) > LONG_SET else 1
+    shorter = SHORTER if len(spike_slab.columns(top.members)[0]) > LONG_SET else 1
     for chain in chains:
         for _ in chain.sweeps(BURN // shorter):
             pass
@@ -192,7 +203,7 @@ def sample(
     return _gathered(part, index, counted)
 
 
-def _gathered(part: Weighing, index: NDArray[np.intp], chains: Chains) -> Posterior:
+def _gathered(part: SpikeSlab, index: NDArray[np.intp], chains: Chains) -> Posterior:
     weights, tallies = chains.weights, chains.tallies
     shares, points = Counter[tuple[Members, GridPoint]](), Counter[GridPoint]()
     for weight, tally in zip(weights.tolist(), tallies, strict=True):
@@ -200,7 +211,14 @@ def _gathered(part: Weighing, index: NDArray[np.intp], chains: Chains) -> Poster
             shares[draw] += weight / tally.sweeps
             points[draw[1]] += weight / tally.sweeps
     states = [
-        (State(tuple(sorted((int(index[term]), size) for term, size in draw[0])), draw[1], chains.log_posterior(draw)), share)
+        (
+            State(
+                tuple(sorted((int(index[term]), size) for term, size in draw[0])),
+                draw[1],
+                chains.log_posterior(draw),
+            ),
+            share,
+        )
         for draw, share in sorted(shares.items(), key=lambda item: -item[1])
     ]
     by_sweep = weights / [t.sweeps for t in tallies]
@@ -218,23 +236,23 @@ def _gathered(part: Weighing, index: NDArray[np.intp], chains: Chains) -> Poster
     )
 
 
-def climbed(weighing: Weighing, richness: Richness, known: Sequence[State] = ()) -> State:
+def climbed(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State] = ()) -> State:
     """The likeliest state that ascents from nothing and from ``known`` states reach."""
-    return tops(weighing, richness, known)[0]
+    return tops(spike_slab, richness, known)[0]
 
 
-def tops(weighing: Weighing, richness: Richness, known: Sequence[State]) -> list[State]:
+def tops(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State]) -> list[State]:
     """Where ascents lead, from known states or else from nothing, and what is nearly as likely by exchanges of kinds; the
     likeliest first."""
-    starts = [(state.point, state.members) for state in known] or [(best_point(weighing), ())]
-    found = [ascended(weighing, richness, *start) for start in starts]
+    starts = [(state.point, state.members) for state in known] or [(best_point(spike_slab), ())]
+    found = [ascended(spike_slab, richness, *start) for start in starts]
     best = max(found, key=lambda state: state.log_posterior)
-    found += alternatives(weighing, richness, best)
+    found += alternatives(spike_slab, richness, best)
     every = sorted({state.members: state for state in found}.values(), key=lambda state: -state.log_posterior)
     return [state for state in every if state.log_posterior > every[0].log_posterior - LIKELY]
 
 
-def mode(posterior: Posterior, weighing: Weighing) -> State:
+def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
     """The visited state that agrees best with the probabilities: it holds what is likelier there than not, and no more.
 
     A cause counts with its class where few causes stand in for each other.
@@ -242,7 +260,9 @@ def mode(posterior: Posterior, weighing: Weighing) -> State:
     own, whole = posterior.causes, _with_classes(posterior)
 
     def agreement(state: State) -> float:
-        causes = sorted({int(weighing.terms.cause[term]) for term, _ in state.members}, key=lambda k: -own[k])
+        causes = sorted(
+            {int(spike_slab.terms.cause[term]) for term, _ in state.members}, key=lambda k: -own[k]
+        )
         # a second member of a class stands for itself alone
         alone = [any(posterior.beside[k, j] > ALIKE for j in causes[:i]) for i, k in enumerate(causes)]
         member = [

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, softmax
 
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.weighing import Conditional, Member, Members, Weighing
+from truepose.identification.posterior.spike_slab import Conditional, Member, Members, SpikeSlab
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
@@ -59,13 +59,13 @@ class Chain:
     """One chain from a start."""
 
     def __init__(
-        self, weighing: Weighing, richness: Richness, reach: Reach, point: GridPoint, members: Sequence[Member],
+        self, spike_slab: SpikeSlab, richness: Richness, reach: Reach, point: GridPoint, members: Sequence[Member],
         seed: int,
     ) -> None:  # fmt: skip
-        self._weighing, self._richness, self._reach = weighing, richness, reach
+        self._weighing, self._richness, self._reach = spike_slab, richness, reach
         self.point, self.members = point, list(members)
         self._rng = np.random.default_rng(seed)
-        self._slots = richness.slots - len(weighing.given)
+        self._slots = richness.slots - len(spike_slab.given)
 
     def sweeps(self, number: int) -> Iterator[Sweep]:
         """So many sweeps."""
@@ -83,12 +83,12 @@ class Chain:
 
     def _redraw(self, member: Member | None, points: Sequence[GridPoint]) -> Visit:
         """Draw a slot together with the point, one of these; the present one is among them."""
-        rest, weighing = self._without(member), self._weighing
+        rest, spike_slab = self._without(member), self._weighing
         slot, leaving = self._slot(len(rest)), () if member is None else (member,)
-        found = [weighing.conditional(p, rest, leaving) for p in points]
+        found = [spike_slab.conditional(p, rest, leaving) for p in points]
         total = np.array([c.log_total(slot) for c in found])
         if len(points) > 1:
-            total += [weighing.log_evidence(p, rest) for p in points]
+            total += [spike_slab.log_evidence(p, rest) for p in points]
         shares = softmax(total)
         at = int(self._rng.choice(len(points), p=shares))
         self.point = points[at]
@@ -114,10 +114,10 @@ class Chain:
             self.members = [*rest, new, last]
 
     def _other_kind(self) -> None:
-        """All members of a kind replaced by some of another kind, which are drawn one after the other until one is nothing.
+        """All members of a kind replaced by some of another, drawn one after the other until one is nothing.
 
-        The kind is chosen as a locally balanced proposal does (Zanella 2020, JASA 115:852): by the root of its weight. The order
-        of members, which a set has not, is as likely one as another.
+        The kind is chosen as a locally balanced proposal does (Zanella 2020, JASA 115:852): by the root of its weight. A set
+        has no order; every order of its members is as likely.
         """
         kinds = self._weighing.terms.kind[[t for t, _ in self.members]]
         if not len(kinds):
@@ -139,7 +139,11 @@ class Chain:
         kind, new, log = self._weighing.terms.kind, list[Member](), 0.0
         while len(rest) + len(new) < self._slots:
             beside = [*rest, *new]
-            odds = self._conditional(beside).log_odds + self._slot(len(beside)) + np.log(self._slots - len(beside))
+            odds = (
+                self._conditional(beside).log_odds
+                + self._slot(len(beside))
+                + np.log(self._slots - len(beside))
+            )
             if not new:
                 of_kind = np.full(int(kind.max()) + 1, -np.inf)
                 np.logaddexp.at(of_kind, kind, np.logaddexp.reduce(odds, axis=0))

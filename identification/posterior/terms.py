@@ -19,10 +19,10 @@ Index = NDArray[np.intp]
 class Term:
     """One thing that may be there: its columns, N(0, size^2) each, in units of an expected largest size.
 
-    columns (k,): of the design; cause: number of what it blames (terms of one cause differ in settings or form); feature: number
-    of its settings, the same for like terms of other causes; log_share: prior share of the term in its kind; log_further: prior
-    odds of it where its cause is part of the model already; lower, upper (k,): physical bounds; alone: no other term of its
-    cause may stand beside it.
+    columns (k,): of the design; cause: number of what it blames (terms of one cause differ in settings or form); feature:
+    number of its settings, the same for like terms of other causes; log_share: prior share of the term in its kind;
+    log_further: prior odds of it where its cause is part of the model already; lower, upper (k,): physical bounds; alone: no
+    other term of its cause may stand beside it.
     """
 
     columns: tuple[int, ...]
@@ -68,9 +68,7 @@ class SameSize:
 class Terms:
     """All terms, as arrays."""
 
-    def __init__(
-        self, terms: Sequence[Term], urn: Urn, groups: Sequence[tuple[int, ...]] = ()
-    ) -> None:
+    def __init__(self, terms: Sequence[Term], urn: Urn, groups: Sequence[tuple[int, ...]] = ()) -> None:
         self.all, self.urn, self.groups = tuple(terms), urn, tuple(groups)
         self.columns = tuple(np.array(t.columns, dtype=np.intp) for t in terms)
         self.cause = np.array([t.cause for t in terms], dtype=np.intp)
@@ -141,8 +139,14 @@ class Terms:
         """Log prior of these terms at their sizes together, whatever their order."""
         first = self._first(present)
         further = [m for m in present if m not in first]
-        own = float(np.sum(self._share[[t for t, _ in first]]) + np.sum(self._further[[t for t, _ in further]]))
-        return own + float(np.sum(self.urn.log_size[[s for _, s in further]])) + self.urn.log_prior(self._counts(first))
+        own = float(
+            np.sum(self._share[[t for t, _ in first]]) + np.sum(self._further[[t for t, _ in further]])
+        )
+        return (
+            own
+            + float(np.sum(self.urn.log_size[[s for _, s in further]]))
+            + self.urn.log_prior(self._counts(first))
+        )
 
     def _first(self, present: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
         """The likeliest term of each cause, which stands for it; others are further ones."""

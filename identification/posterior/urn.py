@@ -33,9 +33,9 @@ class Counts(NamedTuple):
 
 @dataclass(frozen=True)
 class Urn:
-    """kind (n,): of each cause; share (g,): prior share of each kind; number (g,): of its causes; feature_kind (f,): kind of each
-    feature; feature_share (f,): in its kind; log_size (s,): log prior of each size; weight: of the shares of kinds; alike: of
-    those of features and sizes within a kind."""
+    """kind (n,): of each cause; share (g,): prior share of each kind; number (g,): of its causes; feature_kind (f,): kind of
+    each feature; feature_share (f,): in its kind; log_size (s,): log prior of each size; weight: of the shares of kinds; alike:
+    of those of features and sizes within a kind."""
 
     kind: Index
     share: Array
@@ -54,7 +54,7 @@ class Urn:
         return Counts(by_size.sum(axis=0), np.bincount(features, minlength=len(self.feature_share)), by_size)
 
     def log_next(self, counts: Counts) -> tuple[Array, Array, Array]:
-        """Log prior beside so many: of a further cause of each kind (g,), of each feature less its share (f,), of each size (s, g)."""
+        """Log prior beside so many: of one more of each kind (g,), of each feature less its share (f,), of each size (s, g)."""
         kinds, features, sizes = counts
         drawn = (self.weight * self.share + kinds) / (self.weight + kinds.sum())
         left = self.number / np.maximum(self.number - kinds, 1)

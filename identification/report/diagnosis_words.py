@@ -156,9 +156,7 @@ def explanation(finding: Finding) -> str:
     """What the effect is, how it was found, and what speaks against it."""
     said = [finding.explanation]
     if finding.family:
-        said.append(
-            "It was found at more places of this kind, and each makes the others likelier."
-        )
+        said.append("It was found at more places of this kind, and each makes the others likelier.")
     return " ".join([*said, *against_words(finding)])
 
 

@@ -21,7 +21,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import State
 from truepose.identification.posterior.moments import moments, typical
-from truepose.identification.posterior.weighing import Weighing
+from truepose.identification.posterior.spike_slab import SpikeSlab
 
 Array = NDArray[np.float64]
 
@@ -35,9 +35,9 @@ Array = NDArray[np.float64]
 def test_moments_are_those_of_the_whole_covariance(point: GridPoint, seed: int) -> None:
     """Coefficients c of 1-sigma q given e ~ N(0, V): mean q^2 G'V^-1 e, covariance q^2 - q^2 G'V^-1 G q^2; geometry alike."""
     dense = random_problem(seed)
-    weighing = Weighing(dense.design, dense.unknowns, single(1, 2, 1, 3), SIZES)
+    spike_slab = SpikeSlab(dense.design, dense.unknowns, single(1, 2, 1, 3), SIZES)
     state = State(((1, 1), (3, 0)), point, 0.0)
-    found = moments(weighing, state)
+    found = moments(spike_slab, state)
     columns, sizes = [1, 2, 4, 5, 6], SIZES.values[[1, 1, 0, 0, 0]].tolist()
     precision = dense.precision(point, columns, sizes)
     sigma = dense.sigma(point)
@@ -76,7 +76,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
 @pytest.fixture(scope="module")
 def likeliest(found: Found) -> Estimate:
     exclude = np.zeros(len(found.fit.used), dtype=np.bool_)
-    fit = fitted(found, chosen(found.weighed, found.mode), (), exclude)
+    fit = fitted(found, chosen(found.problem, found.mode), (), exclude)
     assert fit is not None
     return fit
 
@@ -106,7 +106,7 @@ def test_what_is_open_has_its_share_of_the_amplitude_and_the_rest_in_its_sigma(
 ) -> None:
     """A mixture of two Gaussians, one at zero: mean p a, variance p s^2 + p (1 - p) a^2."""
     term = found.mode.members[0][0]
-    label = found.catalogue.candidates[found.weighed.candidates[term][0]].label
+    label = found.catalogue.candidates[found.problem.candidates[term]].label
     p = 0.7
     monkeypatch.setattr(
         average, "WORSE", np.inf
@@ -122,7 +122,7 @@ def test_what_is_open_has_its_share_of_the_amplitude_and_the_rest_in_its_sigma(
 def test_rare_ones_have_no_part(found: Found, likeliest: Estimate) -> None:
     """Below ``OPEN`` a candidate beside the likeliest set is left out, and geometry does not move for it."""
     used = {term for term, _ in found.mode.members}
-    term = next(k for k in range(len(found.weighed.candidates)) if k not in used)
+    term = next(k for k in range(len(found.problem.candidates)) if k not in used)
     more = replace(found.mode, members=(*found.mode.members, (term, 0)))
     rare = averaged(holding(found, (found.mode, 1.0 - OPEN / 2), (more, OPEN / 2)), likeliest)
     np.testing.assert_allclose(rare.p, likeliest.p, rtol=0, atol=1e-12)
@@ -159,7 +159,7 @@ def test_in_a_diagnosis_sure_things_stay(found: Found, likeliest: Estimate) -> N
         held = [
             share
             for state, share in found.posterior.states
-            if any(found.catalogue.candidates[i].place == place for i in chosen(found.weighed, state))
+            if any(found.catalogue.candidates[i].place == place for i in chosen(found.problem, state))
         ]
         assert sum(held) >= OPEN
     assert after.chi2 <= (1.0 + WORSE) * likeliest.chi2

@@ -17,10 +17,10 @@ from truepose.identification.diagnosis.inclusion import Inclusion
 from truepose.identification.diagnosis.naming import Named, Rival, as_named, told_once
 from truepose.identification.diagnosis.remainder import best_shape
 from truepose.identification.diagnosis.result import UNNAMED, Replication
-from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.machine import Machine
+from truepose.models.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
 
@@ -53,15 +53,15 @@ def fitted(cat: Catalogue, std: float = 0.1) -> Estimate:
 
 
 RIVALS = (
-    Rival(Cause("zero-shift", ("q3",)), 0.2, 14.0),
-    Rival(Cause("joint-compliance", ("q2",)), 0.15, 13.0),
-    Rival(Cause("empirical", ("q2",)), 0.05, 12.0),
+    Rival(EffectAtPlace("zero-shift", ("q3",)), 0.2, 14.0),
+    Rival(EffectAtPlace("joint-compliance", ("q2",)), 0.15, 13.0),
+    Rival(EffectAtPlace("empirical", ("q2",)), 0.05, 12.0),
 )
 
 
 def test_terms_of_one_cause_are_one_finding(arm: Machine, cat: Catalogue) -> None:
     """With the amplitudes of all its candidates; what the posterior says of it is said as it is."""
-    one = Named(Cause("zero-shift", ("q2",)), (0, 1), 0.6, 0.95, RIVALS, 30.0)
+    one = Named(EffectAtPlace("zero-shift", ("q2",)), (0, 1), 0.6, 0.95, RIVALS, 30.0)
     half = Replication((0.9, 0.8), agree=True)
     found = finding(arm, cat, fitted(cat), one, 8.0, half)
     assert (found.effect, found.place, found.log_bayes_factor) == ("zero-shift", ("q2",), 30.0)
@@ -76,7 +76,7 @@ def test_terms_of_one_cause_are_one_finding(arm: Machine, cat: Catalogue) -> Non
 def test_rivals_stand_beside_a_finding_with_their_shares_and_what_has_no_name_as_such(
     arm: Machine, cat: Catalogue
 ) -> None:
-    one = Named(Cause("zero-shift", ("q2",)), (0,), 0.6, 0.95, RIVALS, 30.0)
+    one = Named(EffectAtPlace("zero-shift", ("q2",)), (0,), 0.6, 0.95, RIVALS, 30.0)
     found = finding(arm, cat, fitted(cat), one, None, None)
     told = [(o.effect, o.place, o.log_bayes_factor) for o in found.equivalents if o.log_bayes_factor < 30.0]
     assert told == [
@@ -95,10 +95,10 @@ def test_rivals_stand_beside_a_finding_with_their_shares_and_what_has_no_name_as
 
 def test_a_cause_has_one_probability_wherever_it_is_told() -> None:
     """A rival that is likelier beside a name than in its stead is told as likely as it is; a name is nobody's rival."""
-    shift, other = Cause("zero-shift", ("q2",)), Cause("zero-shift", ("q3",))
-    places = {(c.effect, c.place): p for c, p in ((shift, 0.7), (other, 0.6))}
-    places |= {("joint-compliance", ("q2",)): 0.4, ("empirical", ("q2",)): 0.9}
-    said = Inclusion(places, {}, (), 0.9)
+    shift, other = EffectAtPlace("zero-shift", ("q2",)), EffectAtPlace("zero-shift", ("q3",))
+    soft, nameless = EffectAtPlace("joint-compliance", ("q2",)), EffectAtPlace("empirical", ("q2",))
+    places = {shift: 0.7, other: 0.6, soft: 0.4, nameless: 0.9}
+    said = Inclusion(places, (), 0.9)
     one = Named(shift, (0,), 0.6, 0.95, RIVALS, 30.0)
     told = told_once(one, said, set())
     assert [(m.cause.effect, m.cause.place, m.probability) for m in told.equivalents] == [
@@ -111,7 +111,7 @@ def test_a_cause_has_one_probability_wherever_it_is_told() -> None:
     assert [m.cause.effect for m in alone.equivalents] == ["joint-compliance", "empirical"]
     assert alone.certainty == pytest.approx(0.75)  # of 0.95 the other name had 0.2
     listed = as_named(said, [one]).places
-    assert listed == places | {("zero-shift", ("q2",)): 0.6}
+    assert listed == places | {shift: 0.6}
     assert list(listed.values()) == sorted(listed.values(), reverse=True)
 
 
@@ -121,7 +121,7 @@ def test_twins_share_a_name_by_how_likely_they_are(arm: Machine) -> None:
     likely = wave.effect.twins(wave.settings_map)
     assert likely
     cat = Catalogue((wave,), (-2.0,), ())
-    one = Named(Cause("transmission-error", ("q1",)), (0,), 0.8, 0.8, (), 30.0, family="transmission-error")
+    one = Named(EffectAtPlace("transmission-error", ("q1",)), (0,), 0.8, 0.8, (), 30.0, family="transmission-error")
     found = finding(arm, cat, fitted(cat), one, None, None)
     assert {o.effect for o in found.equivalents} == set(likely)
     for other in found.equivalents:

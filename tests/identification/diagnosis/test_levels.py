@@ -9,7 +9,6 @@ import pytest
 
 from support.effect_machines import read_machines
 from support.searched_arm import PLAY, SCALE, Case
-from truepose.identification.diagnosis.inclusion import inclusion
 from truepose.identification.diagnosis.levels import Presence, driver_of, parts_of
 from truepose.identification.diagnosis.naming import NAMED
 from truepose.identification.diagnosis.search import Found
@@ -31,8 +30,7 @@ def summary(found: Found) -> Summary:
 
 @pytest.fixture(scope="module")
 def presence(found: Found) -> Presence:
-    said = inclusion(found.weighed, found.posterior)
-    return Presence(found.signatures.machine, found.catalogue, found.weighed, found.posterior, said.families)
+    return Presence(found.signatures.machine, found.catalogue, found.problem, found.posterior)
 
 
 def test_no_level_is_less_probable_than_a_deeper_one(summary: Summary) -> None:
@@ -53,9 +51,9 @@ def test_drivers_are_those_of_the_physics(summary: Summary) -> None:
 
 def test_what_agrees_at_a_place_adds_up(found: Found, presence: Presence) -> None:
     """The share of all visited states with any term of that driver there: names, twins and forms without a name."""
-    problem, total = found.weighed, 0.0
+    problem, total = found.problem, 0.0
     for state, share in found.posterior.states:
-        every = [found.catalogue.candidates[i] for term, _ in state.members for i in problem.candidates[term]]
+        every = [found.catalogue.candidates[problem.candidates[term]] for term, _ in state.members]
         total += share * any(e.place == ("q2",) and e.kind == "arrival" for e in every)
     assert presence.at(["q2"], "arrival") == pytest.approx(total, abs=1e-9)
     assert presence.at(["q2"]) >= presence.at(["q2"], "arrival")

@@ -11,12 +11,18 @@ import pandas as pd
 import pytest
 
 from support.effect_machines import read_machines
+from support.searched_arm import Case
 from truepose.identification.diagnosis.alarms import Alarm, Structure
+from truepose.identification.diagnosis.inclusion import inclusion
 from truepose.identification.diagnosis.judgement import Judgement
+from truepose.identification.diagnosis.naming import FAMILY, named
+from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.summary import Summary, verdict
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.load import load_recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
+from truepose.models.effect_text import parse_effect
 from truepose.models.effects.axis_coupling import AxisCoupling
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
@@ -38,7 +44,7 @@ ROWS = 24
 
 
 @pytest.fixture(scope="module")
-def weighed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Catalogue]:
+def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Catalogue]:
     """Candidates of a small arm, two sessions, a room that warms up."""
     folder: Path = tmp_path_factory.mktemp("naming")
     (folder / "arm.yaml").write_text(ARM)
@@ -53,12 +59,12 @@ def weighed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Catalogu
     return machine, catalogue(machine, load_recording(machine, [folder / "rows.csv"]))
 
 
-def test_priors_of_all_candidates_add_up_to_one(weighed: tuple[Machine, Catalogue]) -> None:
-    assert np.sum(np.exp(weighed[1].log_prior)) == pytest.approx(1.0)
+def test_priors_of_all_candidates_add_up_to_one(arm: tuple[Machine, Catalogue]) -> None:
+    assert np.sum(np.exp(arm[1].log_prior)) == pytest.approx(1.0)
 
 
-def test_one_joint_alone_is_likelier_than_two_at_once(weighed: tuple[Machine, Catalogue]) -> None:
-    cat = weighed[1]
+def test_one_joint_alone_is_likelier_than_two_at_once(arm: tuple[Machine, Catalogue]) -> None:
+    cat = arm[1]
     share = {1: 0.0, 2: 0.0}
     for placed, log in zip(cat.candidates, cat.log_prior, strict=True):
         if placed.effect.slug == "zero-shift":
@@ -77,9 +83,9 @@ def test_a_leg_that_drags_another_is_rarer_than_joints_that_share_a_gear_train(t
 
 
 def test_mounts_are_rivals_as_curves_of_drivers_only_and_the_volume_once(
-    weighed: tuple[Machine, Catalogue],
+    arm: tuple[Machine, Catalogue],
 ) -> None:
-    cat = weighed[1]
+    cat = arm[1]
     nameless = [c for c in cat.candidates if c.effect.slug == Empirical.slug]
     mounts = [c for c in nameless if c.place in (("base",), ("tool",))]
     assert {name for c in mounts for name in c.drivers} == {"time", "temperature.air"}

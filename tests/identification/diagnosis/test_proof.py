@@ -17,7 +17,7 @@ from support.sensor_bench import Bench
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.proof import black_box, injected_recovered, linear_test
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.weighed import weighed
+from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.drift.scales import noise_scales
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tolerance_classes import PartClass
@@ -125,10 +125,10 @@ def injected(
     fitted = placed[0].with_values([size * coefficient.scale])
     after = SimpleNamespace(fitted_effects=lambda: (fitted,))
     cat = Catalogue(tuple(placed), tuple(priors), ())
-    problem = weighed(lin, cat, max(noise, 1.0))
-    at = int(np.argmin(np.abs(np.log(np.array(problem.weighing.unknowns.noise[0].values) / noise))))
+    problem = selection_problem(lin, cat, max(noise, 1.0))
+    at = int(np.argmin(np.abs(np.log(np.array(problem.spike_slab.unknowns.noise[0].values) / noise))))
     found = SimpleNamespace(
-        weighed=problem, catalogue=cat, linearisation=lin, mode=State((), GridPoint((at,), 0, 0), 0.0)
+        problem=problem, catalogue=cat, linearisation=lin, mode=State((), GridPoint((at,), 0, 0), 0.0)
     )
     return injected_recovered(cast(Estimate, after), cast(Found, found), 0)
 

@@ -16,26 +16,26 @@ from truepose.identification.diagnosis.alone import flip_inflation, weighed_alon
 from truepose.identification.diagnosis.inclusion import inclusion
 from truepose.identification.diagnosis.model import fitted
 from truepose.identification.diagnosis.naming import Named, named
-from truepose.identification.diagnosis.places import Place
 from truepose.identification.diagnosis.replication import replications
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.weighed import Cause, weighed
+from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import State, slot_odds
 from truepose.identification.posterior.posterior import Posterior
+from truepose.models.placed import EffectAtPlace
 
 MIXING = 0.02
 """How far probabilities may be off: by so much the chains may differ when they end."""
 
 
-def names(found: Found) -> set[tuple[str, tuple[str, ...]]]:
+def names(found: Found) -> set[EffectAtPlace]:
     """What the mode holds."""
     return {found.catalogue.cause(i) for i in found.accepted}
 
 
-TRUE: set[Place] = {("backlash", ("q2",)), ("actuator-scale", ("q1",))}
-TWINS: dict[Place, Place] = {("backlash", ("q2",)): ("friction-hysteresis", ("q2",))}
+TRUE = {EffectAtPlace("backlash", ("q2",)), EffectAtPlace("actuator-scale", ("q1",))}
+TWINS = {EffectAtPlace("backlash", ("q2",)): EffectAtPlace("friction-hysteresis", ("q2",))}
 """What is the same function: friction that slips at once."""
 
 
@@ -49,19 +49,19 @@ def test_what_is_there_is_found_and_nothing_else(both: tuple[Case, Found]) -> No
     """Each member of the mode is likelier than an empty slot, and none that is not there is."""
     _, found = both
     assert names(found) == TRUE
-    said = inclusion(found.weighed, found.posterior)
-    weighing, members = found.weighed.weighing, found.mode.members
+    said = inclusion(found.problem, found.posterior)
+    spike_slab, members = found.problem.spike_slab, found.mode.members
     for member in members:
         rest = [m for m in members if m != member]
-        odds = weighing.log_odds(found.mode.point, rest)[:, member[0]]
+        odds = spike_slab.log_odds(found.mode.point, rest)[:, member[0]]
         assert np.logaddexp.reduce(odds) + slot_odds(prior.RICHNESS, len(rest)) > 0.0
-    more = weighing.log_odds(found.mode.point, members) + slot_odds(prior.RICHNESS, len(members))
+    more = spike_slab.log_odds(found.mode.point, members) + slot_odds(prior.RICHNESS, len(members))
     assert np.max(np.logaddexp.reduce(more, axis=0)) < 0.0
     assert all(said.places[place] > 0.7 for place in TRUE)
     assert all(said.places[place] + said.places.get(TWINS.get(place, place), 0.0) > 0.9 for place in TRUE)
     assert sum(said.places.get(cause, 0.0) > 0.5 for cause in said.places) == len(TRUE)
     (likeliest, share), *_ = said.sets
-    assert {(c.effect, c.place) for c in likeliest} == TRUE and share > 0.1
+    assert set(likeliest) == TRUE and share > 0.1
 
 
 def test_a_few_rows_less_end_at_the_same_set(both: tuple[Case, Found]) -> None:
@@ -77,7 +77,7 @@ def test_what_is_not_there_is_not_found(tmp_path: Path) -> None:
     case = Case.of(tmp_path)
     found = case.found()
     assert not found.accepted and not found.mode.members
-    said = inclusion(found.weighed, found.posterior)
+    said = inclusion(found.problem, found.posterior)
     assert named(found, said) == ()
     assert all(p < 0.5 for p in said.places.values())
 
@@ -100,18 +100,17 @@ def test_without_a_minimum_the_search_stays_where_it_is(
     monkeypatch.setattr(searching, "estimate", fails)
     found = case.found()
     assert found.fit is case.null and not found.accepted
-    assert {
-        found.weighed.causes[found.weighed.weighing.terms.cause[t]][:2] for t, _ in found.mode.members
-    } == {("actuator-scale", ("q1",))}
+    causes = found.problem.spike_slab.terms.cause
+    assert {found.problem.causes[causes[t]] for t, _ in found.mode.members} == {("actuator-scale", ("q1",))}
 
 
 # -- names --------------------------------------------------------------------------------------------------
 
 
-def joint(found: Found, one: Cause, other: Cause) -> float:
+def joint(found: Found, one: EffectAtPlace, other: EffectAtPlace) -> float:
     """How often both causes are there at once."""
-    problem = found.weighed
-    causes = problem.weighing.terms.cause
+    problem = found.problem
+    causes = problem.spike_slab.terms.cause
     return sum(
         share
         for state, share in found.posterior.states
@@ -123,21 +122,20 @@ def test_names_have_the_probability_of_their_slot_and_what_else_may_be_there(
     both: tuple[Case, Found],
 ) -> None:
     _, found = both
-    said = inclusion(found.weighed, found.posterior)
+    said = inclusion(found.problem, found.posterior)
     told = named(found, said)
-    assert {(n.cause.effect, n.cause.place) for n in told} == TRUE
+    assert {n.cause for n in told} == TRUE
     assert [n.gain for n in told] == sorted((n.gain for n in told), reverse=True)
     for one in told:
-        place = one.cause.effect, one.cause.place
-        twin = [m.cause for m in one.equivalents if (m.cause.effect, m.cause.place) == TWINS.get(place)]
+        twin = [m.cause for m in one.equivalents if m.cause == TWINS.get(one.cause)]
         assert 0.7 < one.probability <= one.certainty <= 1.0 and one.certainty > 0.9
-        assert len(twin) == (place in TWINS)  # the same function is always named beside it
+        assert len(twin) == (one.cause in TWINS)  # the same function is always named beside it
         for other in one.equivalents:  # one probability for each cause, wherever it is told
             assert other.cause.effect == "empirical" or other.probability >= said.of(other.cause)
             both_there = joint(found, one.cause, other.cause)
             assert one.probability + other.probability <= 1.0 + both_there + MIXING
         assert one.gain > 10.0 and one.family == ""
-        assert {found.catalogue.cause(i) for i in one.candidates} == {(one.cause.effect, one.cause.place)}
+        assert {found.catalogue.cause(i) for i in one.candidates} == {one.cause}
 
 
 # -- alone, and by halves -------------------------------------------------------------------------------------
@@ -148,13 +146,13 @@ def test_every_candidate_is_weighed_alone(both: tuple[Case, Found]) -> None:
     case, found = both
     alone = weighed_alone(found.first, len(found.catalogue.candidates))
     assert found.catalogue.cause(int(np.argmax(alone))) in TRUE
-    assert np.isfinite(alone).sum() == len([own for own in found.first.candidates if len(own) == 1])
+    assert np.isfinite(alone).sum() == len(found.first.candidates)
     assert len(alone) >= len(case.cat.candidates)
 
 
 def test_an_effect_that_is_there_throughout_is_in_both_halves(both: tuple[Case, Found]) -> None:
     case, found = both
-    told = named(found, inclusion(found.weighed, found.posterior))
+    told = named(found, inclusion(found.problem, found.posterior))
     for half in replications(found, told, case.rms):
         assert half is not None and half.agree
         assert min(half.halves) > 0.5
@@ -166,14 +164,14 @@ def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_ro
     """A scale that is there from some row on, with a model that holds nothing but it."""
     case = Case.of(tmp_path, "actuator-scale@q1:s=2e-3", only_from=first_row)
     lin = case.signatures.linearise(case.null)
-    problem = weighed(lin, case.cat, case.rms)
+    problem = selection_problem(lin, case.cat, case.rms)
     at = next(i for i in range(len(case.cat.candidates)) if case.cat.cause(i) == ("actuator-scale", ("q1",)))
-    term = problem.candidates.index((at,))
-    noise = int(np.argmin(np.abs(np.log(problem.weighing.unknowns.noise[0].values))))
+    term = problem.candidates.index(at)
+    noise = int(np.argmin(np.abs(np.log(problem.spike_slab.unknowns.noise[0].values))))
     state = State(((term, 4),), GridPoint((noise,), 0, 0), 0.0)
     nothing = cast(Posterior, None)
     found = Found(problem, nothing, state, {}, case.null, lin, case.signatures, case.cat, problem, lin)
-    name = Named(problem.causes[int(problem.weighing.terms.cause[term])], (at,), 1.0, 1.0, (), 9.0)
+    name = Named(problem.causes[int(problem.spike_slab.terms.cause[term])], (at,), 1.0, 1.0, (), 9.0)
     (half,) = replications(found, [name], case.rms)
     assert half is not None and half.agree is agree
     assert (min(half.halves) > 0.9) is agree and max(half.halves) > 0.9
@@ -182,7 +180,7 @@ def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_ro
 def test_play_is_no_matter_of_tolerances(tmp_path: Path) -> None:
     """Play is no geometry: no widening makes it go."""
     found = Case.of(tmp_path, PLAY).found()
-    (play,) = named(found, inclusion(found.weighed, found.posterior))
+    (play,) = named(found, inclusion(found.problem, found.posterior))
     assert flip_inflation(found, play) is None
 
 

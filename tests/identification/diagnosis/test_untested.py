@@ -16,7 +16,6 @@ from truepose.identification.diagnosis.naming import Named, Rival
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.summary import summarised
 from truepose.identification.diagnosis.untested import beside_untested, without_untested
-from truepose.identification.diagnosis.weighed import Cause
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
@@ -26,6 +25,7 @@ from truepose.identification.signatures.candidates import Untestable
 from truepose.identification.signatures.untestable import GRAVITY
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
+from truepose.models.placed import EffectAtPlace
 
 ARM = """
 schema: truepose/machine/1
@@ -64,7 +64,7 @@ def blamed(one: Case, slug: str) -> tuple[Found, Named]:
     fit = estimate(one.signatures.machine, one.signatures.recording, [one.cat.candidates[wanted]])
     found = replace(one.found(), fit=fit)
     levels = Levels(0.99, one.cat.candidates[wanted].kind, 0.97)
-    return found, Named(Cause(slug, ("q2",)), (wanted,), 0.96, 0.97, (), 30.0, levels=levels)
+    return found, Named(EffectAtPlace(slug, ("q2",)), (wanted,), 0.96, 0.97, (), 30.0, levels=levels)
 
 
 def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(tmp_path: Path) -> None:
@@ -75,17 +75,17 @@ def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(tmp_path: Path) -> None
     assert beside.probability < 0.7 and beside.levels.driver < 0.7
     assert beside.levels.place > 0.95
     (rival, *_) = beside.equivalents
-    assert rival.cause == Cause("joint-compliance", ("q2",)) and not rival.tested
+    assert rival.cause == EffectAtPlace("joint-compliance", ("q2",)) and not rival.tested
     assert rival.probability + beside.probability == pytest.approx(name.probability, abs=0.05)
 
 
 def test_what_could_not_be_tested_is_told_and_not_guessed(tmp_path: Path) -> None:
     """A name that an untested deflection outweighs is said as a place under load, not as a law."""
     found, name = blamed(case(tmp_path, stated=False), "encoder-eccentricity")
-    rival = Rival(Cause("joint-compliance", ("q2",)), 0.9, 0.0, tested=False)
+    rival = Rival(EffectAtPlace("joint-compliance", ("q2",)), 0.9, 0.0, tested=False)
     weak = replace(name, probability=0.06, equivalents=(rival,))
     (said,) = without_untested(found, [weak])
-    assert (said.cause, said.probability, said.tested) == (Cause("empirical", ("q2",)), 0.0, False)
+    assert (said.cause, said.probability, said.tested) == (EffectAtPlace("empirical", ("q2",)), 0.0, False)
     assert (said.levels.kind, said.levels.driver) == ("load", 0.9) and said.levels.place == name.levels.place
     assert [m.cause for m in said.equivalents] == [rival.cause, name.cause]
     assert without_untested(found, [name]) == (name,)

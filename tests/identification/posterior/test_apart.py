@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from support.linear_problems import SIZES, catalogue_problem, single, weighing
+from support.linear_problems import SIZES, catalogue_problem, single, spike_slab
 from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Terms
-from truepose.identification.posterior.weighing import Weighing
 
 TERMS = 6
 
 
 def test_signs_count_for_a_whole_state() -> None:
     """One that holds a coefficient of the wrong sign is as much less probable as its slot would have it."""
-    free = weighing(catalogue_problem(1))
+    free = spike_slab(catalogue_problem(1))
     size = int(np.flatnonzero(free.noticeable[:, 0])[0])
     members, point = ((0, size),), GridPoint((0,), 0, 0)
     mean, covariance = free.root(point).posterior(*free.columns(members))
@@ -40,9 +40,10 @@ def test_signs_count_for_a_whole_state() -> None:
             [
                 replace(t, lower=(0.0,), upper=(np.inf,)) if k == 0 else t
                 for k, t in enumerate(single(*[1] * TERMS).all)
-            ]
+            ],
+            single(*[1] * TERMS).urn,
         )
-        return Weighing(design, dense.unknowns, terms, SIZES).log_bounds(point, members)
+        return SpikeSlab(design, dense.unknowns, terms, SIZES).log_bounds(point, members)
 
     right, wrong = signed(sign), signed(-sign)
     assert right > wrong and right <= np.log(2.0) + 1e-9

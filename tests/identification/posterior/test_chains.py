@@ -22,13 +22,14 @@ from support.linear_problems import (
     enumerated,
     reordered,
     single,
-    weighing,
+    spike_slab,
 )
 from truepose.identification.posterior import mode as finding
 from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import State, best_point, log_posterior, plausible
 from truepose.identification.posterior.posterior import (
+    Chains,
     Posterior,
     class_probability,
     climbed,
@@ -36,12 +37,13 @@ from truepose.identification.posterior.posterior import (
     sample,
 )
 from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.weighing import Weighing
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
 TERMS = 6
+ALL = Reach((0, 1), (0, 1))
 LONG = 100
 """Rounds of two chains that are compared with exact probabilities."""
 
@@ -72,9 +74,9 @@ def visited(found: Posterior) -> Array:
 def test_probabilities_are_those_of_all_sets_counted(long: None, problem: int, seed: int) -> None:
     """Sets, sizes, noise, tolerances and remainder; what slots were drawn from, and what they held."""
     dense = catalogue_problem(problem)
-    exact = enumerated(weighing(dense), RICHNESS, dense)
+    exact = enumerated(spike_slab(dense), RICHNESS, dense)
     assert np.any((exact.terms > 0.1) & (exact.terms < 0.9))  # nothing is learnt from what is certain
-    found = sample(weighing(dense), RICHNESS, seed=seed, rounds=LONG)
+    found = sample(spike_slab(dense), RICHNESS, seed=seed, rounds=LONG)
     np.testing.assert_allclose(shares(found), exact.terms, atol=0.02)
     np.testing.assert_allclose(visited(found), exact.terms, atol=0.04)
     for point, share in exact.points.items():
@@ -91,7 +93,7 @@ def test_probabilities_are_those_of_all_sets_counted(long: None, problem: int, s
 def test_causes_of_several_terms_are_counted_right(long: None, alone: bool) -> None:
     """Terms of one cause exclude each other, or a second one costs less than a first."""
     dense = catalogue_problem(1)
-    problem = weighing(dense, single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=alone))
+    problem = spike_slab(dense, single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=alone))
     exact = enumerated(problem, RICHNESS, dense)
     found = sample(problem, RICHNESS, seed=4, rounds=LONG)
     np.testing.assert_allclose(shares(found), exact.terms, atol=0.02)
@@ -113,10 +115,10 @@ def test_one_term_is_as_probable_as_its_odds_in_however_many_slots(long: None, s
         catalogue_problem(0, terms=1, strength=0.0),
         unknowns=replace(FEW, noise=(axis(1.0),), widening=((1.0,),), log_widening=(0.0,), size=axis(0.0)),
     )
-    gain = Weighing(dense.design, dense.unknowns, single(1), SIZES).log_odds(GridPoint((0,), 0, 0), ())
+    gain = SpikeSlab(dense.design, dense.unknowns, single(1), SIZES).log_odds(GridPoint((0,), 0, 0), ())
     level = 1.0 / (1.0 + slots * float(np.exp(np.logaddexp.reduce(gain[:, 0]))))
     richness = Richness((level,), (0.0,), slots)  # about as likely as not
-    problem = Weighing(dense.design, dense.unknowns, single(1), SIZES)
+    problem = SpikeSlab(dense.design, dense.unknowns, single(1), SIZES)
     odds = slots * level / (1.0 - level) * float(np.exp(np.logaddexp.reduce(gain[:, 0])))
     found = sample(problem, richness, seed=5, rounds=80)
     assert 0.4 < odds / (1.0 + odds) < 0.65
@@ -128,10 +130,10 @@ def test_one_term_is_as_probable_as_its_odds_in_however_many_slots(long: None, s
 
 def test_a_seed_has_one_answer() -> None:
     dense = catalogue_problem(2)
-    one, same = (sample(weighing(dense), RICHNESS, seed=7) for _ in range(2))
+    one, same = (sample(spike_slab(dense), RICHNESS, seed=7) for _ in range(2))
     assert one.terms == same.terms and one.points == same.points and one.disagreement == same.disagreement
     assert [(s.members, share) for s, share in one.states] == [(s.members, share) for s, share in same.states]
-    other = sample(weighing(dense), RICHNESS, seed=8)
+    other = sample(spike_slab(dense), RICHNESS, seed=8)
     assert other.terms != one.terms
 
 
@@ -139,7 +141,7 @@ def test_two_starts_agree_in_any_order_of_terms(long: None) -> None:
     """One starts from the likeliest set, the other from half of it."""
     dense, order = catalogue_problem(1), [3, 5, 0, 4, 1, 2]
     one, other = (
-        sample(weighing(d), RICHNESS, seed=9, rounds=LONG) for d in (dense, reordered(dense, order))
+        sample(spike_slab(d), RICHNESS, seed=9, rounds=LONG) for d in (dense, reordered(dense, order))
     )
     np.testing.assert_allclose(shares(other), shares(one)[order], atol=0.03)
     for found in (one, other):
@@ -150,15 +152,15 @@ def test_chains_that_disagree_go_on_and_say_so(monkeypatch: pytest.MonkeyPatch) 
     dense, told = catalogue_problem(1), {}
     for rounds, agreed in ((1, -1.0), (3, -1.0), (3, 1.0)):  # two chains may agree exactly by chance
         monkeypatch.setattr(chains, "AGREED", agreed)
-        told[rounds, agreed] = sample(weighing(dense), RICHNESS, seed=1, rounds=rounds)
+        told[rounds, agreed] = sample(spike_slab(dense), RICHNESS, seed=1, rounds=rounds)
     first, more, content = told.values()
     assert more.sweeps == 3 * first.sweeps == 3 * content.sweeps
     assert first.disagreement == content.disagreement > 0.0
 
 
 def test_the_answer_is_that_of_two_chains_by_themselves() -> None:
-    """From the mode and from half of it, after as many sweeps that do not count: their mean, and how far they are apart."""
-    problem = weighing(catalogue_problem(4))
+    """From the mode and from half of it, after as many sweeps that do not count: a weighted mean of theirs."""
+    problem = spike_slab(catalogue_problem(4))
     found, top = sample(problem, RICHNESS, seed=5, rounds=1), climbed(problem, RICHNESS)
     around = plausible(problem, RICHNESS, [top])
     assert around.terms.all() and not around.certain and len(top.members) > 1
@@ -168,8 +170,45 @@ def test_the_answer_is_that_of_two_chains_by_themselves() -> None:
         sweeps = list(chain.sweeps(chains.BURN + chains.ROUND))[chains.BURN :]
         terms = np.mean([np.sum([v.terms for v in sweep.visits], axis=0) for sweep in sweeps], axis=0)
         causes.append(np.minimum(terms, 1.0))  # sums over slots are a mean of 1 at most, but for chance
-    np.testing.assert_allclose(found.causes, np.mean(causes, axis=0), atol=1e-9)
-    assert found.disagreement == pytest.approx(float(np.max(np.abs(causes[0] - causes[1]))), abs=1e-9)
+    first, second = causes
+    share = float((found.causes - second) @ (first - second) / ((first - second) @ (first - second)))
+    np.testing.assert_allclose(found.causes, share * first + (1.0 - share) * second, atol=1e-9)
+    assert 0.3 < share < 0.7  # both are in one region
+    apart = 4.0 * share * (1.0 - share) * float(np.max(np.abs(first - second)))
+    assert found.disagreement == pytest.approx(apart, abs=1e-9)
+
+
+@pytest.mark.parametrize("kinds", [[0, 0, 0, 0, 0, 0], [0, 1, 0, 1, 0, 1], [0, 0, 1, 1, 2, 2]])
+def test_causes_of_one_kind_are_likelier_together(long: None, kinds: list[int]) -> None:
+    """Every set counted with urns written out, for causes of few kinds, which are exchanged whole."""
+    dense = catalogue_problem(1, strength=1.0)
+    problem = spike_slab(dense, single(*[1] * TERMS, kinds=kinds))
+    exact = enumerated(problem, RICHNESS, dense)
+    assert np.any((exact.terms > 0.1) & (exact.terms < 0.9))
+    found = sample(problem, RICHNESS, seed=6, rounds=LONG)
+    np.testing.assert_allclose(shares(found), exact.terms, atol=0.02)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 8.0])
+def test_regions_that_no_chain_crosses_between_are_weighed_by_their_evidence(ratio: float) -> None:
+    """Two chains that stand still each in a region of its own: their shares are those of all states counted."""
+    dense = catalogue_problem(5, alike=0.9999, strength=0.0)
+    signal = np.random.default_rng(4).standard_normal(len(dense.e)) + 3.0 * dense.g[:, 0]
+    terms = single(*[1] * TERMS)
+    rarer = replace(terms.all[1], log_share=-float(np.log(ratio)))
+    problem = spike_slab(replace(dense, e=signal), Terms([terms.all[0], rarer, *terms.all[2:]], terms.urn))
+    exact = enumerated(problem, RICHNESS, replace(dense, e=signal))
+    logs, exactly = [], []
+    for k in (0, 1):
+        part = problem.conditioned([(k, 1)])
+        counted = Chains(part, RICHNESS, [Chain(part, RICHNESS, ALL, GridPoint((1,), 0, 0), (), 3)])
+        counted.run(2000)
+        logs.append(float(counted.log_evidences[0]))
+        exactly.append(
+            np.log(sum(p for (members, _), p in exact.states.items() if dict(members).get(k) == 1))
+        )
+    assert max(exactly) > np.log(0.1)
+    assert logs[0] - logs[1] == pytest.approx(exactly[0] - exactly[1], abs=0.1)
 
 
 def test_a_column_of_noise_leaves_the_others_as_they_are(long: None) -> None:
@@ -177,10 +216,10 @@ def test_a_column_of_noise_leaves_the_others_as_they_are(long: None) -> None:
     dense = catalogue_problem(2)
     noise = np.random.default_rng(11).standard_normal((len(dense.e), 1))
     more = replace(dense, g=np.column_stack([dense.g, noise]))
-    each = -float(np.log(TERMS))
-    free = [Term((k,), k, each, each, (-np.inf,), (np.inf,)) for k in range(TERMS + 1)]
-    one = sample(weighing(dense, Terms(free[:-1])), RICHNESS, seed=3, rounds=LONG)
-    other = sample(weighing(more, Terms(free)), RICHNESS, seed=3, rounds=LONG)
+    many = single(*[1] * (TERMS + 1))
+    few = Terms(many.all[:-1], many.urn)  # each as likely as with the further one
+    one = sample(spike_slab(dense, few), RICHNESS, seed=3, rounds=LONG)
+    other = sample(spike_slab(more, many), RICHNESS, seed=3, rounds=LONG)
     np.testing.assert_allclose(shares(other), shares(one), atol=0.04)
 
 
@@ -192,9 +231,13 @@ def test_terms_that_exclude_each_other_never_stand_together() -> None:
     dense = catalogue_problem(0, strength=2.0)
     spans = [(0, 0, (0,)), (1, 0, (1,)), (2, 1, (2, 3)), (3, 2, (3,)), (4, 3, (4,)), (5, 4, (4, 5))]
     terms = Terms(
-        [Term(own, cause, -1.0, -0.5, (-np.inf,) * len(own), (np.inf,) * len(own)) for _, cause, own in spans]
+        [
+            Term(own, cause, k, 0.0, -0.5, (-np.inf,) * len(own), (np.inf,) * len(own))
+            for k, cause, own in spans
+        ],
+        single(*[1] * 6, causes=[0, 0, 1, 2, 3, 4]).urn,
     )
-    problem = weighing(dense, terms)
+    problem = spike_slab(dense, terms)
     chain = Chain(problem, Richness((0.5,), (0.0,), 8), Reach((0, 1), (0, 1)), GridPoint((1,), 0, 0), (), 1)
     counts = set()
     for sweep in chain.sweeps(300):
@@ -210,7 +253,7 @@ def test_the_mode_holds_what_is_likelier_there_than_not() -> None:
     """Of all states visited none agrees better with the probabilities, and what is sure is in it."""
     for seed in range(6):
         dense = catalogue_problem(seed)
-        problem = weighing(dense)
+        problem = spike_slab(dense)
         found = sample(problem, RICHNESS, seed=1)
         best = mode(found, problem)
         assert best in [state for state, _ in found.states]
@@ -225,7 +268,7 @@ def test_of_two_that_stand_in_for_each_other_the_mode_holds_one() -> None:
     """Together they are sure, each alone is not."""
     dense = catalogue_problem(5, alike=0.999)
     e = np.random.default_rng(4).standard_normal(len(dense.e)) + 1.2 * dense.g[:, 0]
-    problem = weighing(replace(dense, e=e))
+    problem = spike_slab(replace(dense, e=e))
     found = sample(problem, RICHNESS, seed=1)
     first, second = sorted(found.causes[:2])[::-1]
     assert second < 0.5 and first < 0.9 < class_probability(found, int(np.argmax(found.causes)))
@@ -234,7 +277,7 @@ def test_of_two_that_stand_in_for_each_other_the_mode_holds_one() -> None:
 
 def test_a_known_state_may_hold_what_is_hopeless_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """Terms that are hopeless are left out of the chains, but for those of the state that these start from."""
-    problem = weighing(catalogue_problem(1))
+    problem = spike_slab(catalogue_problem(1))
     monkeypatch.setattr(finding, "HOPELESS", -1e3)
     point = best_point(problem)
     known = State(((0, int(np.argmax(problem.noticeable[:, 0]))),), point, 0.0)
@@ -249,7 +292,7 @@ def test_the_likeliest_of_a_class_stands_for_it_whoever_leads_there() -> None:
     )
     beside = np.array([[0.54, 0.2], [0.1, 0.9]])
     found = Posterior({}, np.array([0.79, 0.47]), beside, states, (), 0.0, 1)
-    problem = cast(Weighing, SimpleNamespace(terms=SimpleNamespace(cause=np.arange(2))))
+    problem = cast(SpikeSlab, SimpleNamespace(terms=SimpleNamespace(cause=np.arange(2))))
     assert [term for term, _ in mode(found, problem).members] == [0]
 
 
@@ -257,7 +300,7 @@ def test_what_stands_in_for_a_term_is_told_beside_it(long: None) -> None:
     """Of two columns that are nearly the same either may be there: each is the other's likeliest rival."""
     dense = catalogue_problem(5, alike=0.999)
     e = np.random.default_rng(4).standard_normal(len(dense.e)) + 1.2 * dense.g[:, 0]
-    found = sample(weighing(replace(dense, e=e)), RICHNESS, seed=1, rounds=LONG)
+    found = sample(spike_slab(replace(dense, e=e)), RICHNESS, seed=1, rounds=LONG)
     assert np.argmax(found.beside[0] * (np.arange(TERMS) != 0)) == 1
     for one, other in ((0, 1), (1, 0)):
         assert 0.2 < found.beside[one, other] / found.beside[one, one] < 5.0

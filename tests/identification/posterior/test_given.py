@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from support.linear_problems import RICHNESS, catalogue_problem, enumerated, single, weighing
+from support.linear_problems import RICHNESS, catalogue_problem, enumerated, single, spike_slab
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.sampler import Chain, Reach
-from truepose.identification.posterior.weighing import Members
+from truepose.identification.posterior.spike_slab import Members
 
 TERMS = 6
 
@@ -17,7 +17,7 @@ TERMS = 6
 def test_what_is_given_is_what_the_states_that_hold_it_say(given: Members) -> None:
     """Other terms, one of the same cause among them, and the grid: of the whole posterior those that hold it alone."""
     dense = catalogue_problem(1, strength=1.5)
-    whole = weighing(dense, single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=False))
+    whole = spike_slab(dense, single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=False))
     exact = enumerated(whole, RICHNESS, dense).given(given)
     start = GridPoint((0,), 1, 1)
     chain = Chain(whole.conditioned(given), RICHNESS, Reach((0, 1), (0, 1)), start, (), 3)
@@ -34,7 +34,7 @@ def test_what_is_given_is_what_the_states_that_hold_it_say(given: Members) -> No
 
 
 def test_evidence_and_prior_of_what_is_given_are_those_of_the_whole() -> None:
-    whole = weighing(catalogue_problem(1), single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=False))
+    whole = spike_slab(catalogue_problem(1), single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=False))
     given = ((0, 1), (4, 1))
     part = whole.conditioned(given)
     for point in (GridPoint((0,), 0, 0), GridPoint((2,), 1, 1)):

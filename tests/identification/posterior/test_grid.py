@@ -20,7 +20,7 @@ from support.linear_problems import (
     points,
     random_problem,
     single,
-    weighing,
+    spike_slab,
 )
 from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior.design import Always, Axis, GridPoint, Unknowns
@@ -35,8 +35,8 @@ from truepose.identification.posterior.mode import (
 )
 from truepose.identification.posterior.posterior import climbed, sample
 from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.weighing import Members, Weighing
 from truepose.identification.prior import Richness, Sizes
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ def all_of(unknowns: Unknowns) -> Reach:
     return Reach(tuple(range(len(unknowns.widening))), tuple(range(len(unknowns.size.values))))
 
 
-def rivals(name: str) -> tuple[Weighing, Dense]:
+def rivals(name: str) -> tuple[SpikeSlab, Dense]:
     """Term 0, or the second value of an axis, explains a signal; either takes columns along for which both pay.
 
     So both at once, or neither, is out of the question, and the term is about as likely as its rival. Term 1 is a bystander.
@@ -85,10 +85,12 @@ def rivals(name: str) -> tuple[Weighing, Dense]:
     return _problem(dense, even + 0.5), dense
 
 
-def _problem(dense: Dense, log_prior: float) -> Weighing:
-    own = Term(tuple(range(WIDE)), 0, log_prior, log_prior, (-np.inf,) * WIDE, (np.inf,) * WIDE)
-    bystander = Term((WIDE,), 1, -3.0, -3.0, (-np.inf,), (np.inf,))
-    return Weighing(dense.design, dense.unknowns, Terms([own, bystander]), ONE)
+def _problem(dense: Dense, log_prior: float) -> SpikeSlab:
+    """A wide term of some log prior, if nothing else is there, and a rare one; each a kind that is half of the prior."""
+    half, urn = float(np.log(2.0)), single(1, 1, sizes=ONE).urn
+    own = Term(tuple(range(WIDE)), 0, 0, log_prior + half, 0.0, (-np.inf,) * WIDE, (np.inf,) * WIDE)
+    bystander = Term((WIDE,), 1, 1, half - 3.0, 0.0, (-np.inf,), (np.inf,))
+    return SpikeSlab(dense.design, dense.unknowns, Terms([own, bystander], urn), ONE)
 
 
 def on_axis(name: str, point: GridPoint) -> int:
@@ -140,7 +142,7 @@ def test_values_are_as_likely_chosen_from_each_of_them(draw: str) -> None:
     noise = tuple(Axis(tuple(1.2**k for k in range(n)), (0.0,) * n) for n in (5, 3))
     unknowns = replace(UNKNOWNS, noise=noise, widening=eight, log_widening=(0.0,) * 8)
     dense = replace(random_problem(0), unknowns=unknowns)
-    chain = Chain(weighing(dense), RICHNESS, all_of(unknowns), GridPoint((0, 0), 0, 0), (), 1)
+    chain = Chain(spike_slab(dense), RICHNESS, all_of(unknowns), GridPoint((0, 0), 0, 0), (), 1)
     ways = [p for p in points(unknowns) if p.remainder == 0 and (p.widening == 0 or draw == "widening")]
     ways = [p for p in ways if p.noise == (0, 0) or draw == "noise"]
     counts = {p if draw == "noise" else p.widening: chosen(chain, p, draw) for p in ways}
@@ -171,7 +173,7 @@ def neighbours(unknowns: Unknowns, point: GridPoint) -> list[GridPoint]:
 def test_an_ascent_ends_where_no_coordinate_gains(seed: int) -> None:
     noise = tuple(Axis(tuple(0.5 * 1.15**k for k in range(n)), (0.0,) * n) for n in (14, 12))
     dense = replace(random_problem(seed), unknowns=replace(UNKNOWNS, noise=noise))
-    problem, ends = weighing(dense), set[GridPoint]()
+    problem, ends = spike_slab(dense), set[GridPoint]()
     for members in ((), ((0, 1),), ((0, 0), (3, 1))):
         for start in (GridPoint((0, 0), 0, 0), GridPoint((13, 11), 2, 2), GridPoint((2, 9), 1, 1)):
             end = nearest_top(problem, start, members)
@@ -203,14 +205,15 @@ def log_odds_of(term: int, exact: Enumerated) -> float:
     return float(np.log1p(-without) - np.log(without))
 
 
-def far(seed: int) -> tuple[Weighing, Dense]:
+def far(seed: int) -> tuple[SpikeSlab, Dense]:
     """Geometry far outside its tolerances, or a large remainder, so that some values of the grid are out of the question; and
     terms of which each alone is hopeless where the readings do not ask for it."""
     dense = catalogue_problem(seed, strength=2.0, terms=5)
     e = dense.e + (60.0 * dense.a[:, 0] if seed % 2 else 25.0 * dense.a[:, 3])
     dense = replace(dense, e=e, unknowns=replace(dense.unknowns, size=axis(0.0, 1.0, 30.0)))
-    rare = [replace(t, log_prior=-5.0, log_further=-5.0) for t in single(*[1] * 5).all]
-    return weighing(dense, Terms(rare)), dense
+    terms = single(*[1] * 5)
+    rare = [replace(t, log_share=float(np.log(5.0)) - 5.0) for t in terms.all]
+    return spike_slab(dense, Terms(rare, terms.urn)), dense
 
 
 def test_nothing_plausible_is_left_out() -> None:
@@ -237,7 +240,7 @@ def test_what_is_certain_has_no_rival_at_its_point() -> None:
             dense.unknowns, noise=(axis(1.0),), widening=((1.0,),), log_widening=(0.0,), size=axis(0.0)
         )
         dense = replace(dense, unknowns=one)
-        problem = weighing(dense)
+        problem = spike_slab(dense)
         exact = enumerated(problem, RICHNESS, dense)
         for term, _ in plausible(problem, RICHNESS, [climbed(problem, RICHNESS)]).certain:
             assert log_odds_of(term, exact) > CERTAIN
@@ -249,7 +252,7 @@ def test_what_is_certain_has_no_rival() -> None:
     """All sets with and without it counted, at every noise, in any tolerances, with any remainder."""
     for seed in range(14):
         dense = catalogue_problem(seed, strength=2.0, terms=4)
-        problem = weighing(dense)
+        problem = spike_slab(dense)
         exact = enumerated(problem, RICHNESS, dense)
         for term, _ in plausible(problem, RICHNESS, [climbed(problem, RICHNESS)]).certain:
             assert log_odds_of(term, exact) > CERTAIN

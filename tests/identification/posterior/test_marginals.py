@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from support.linear_problems import RICHNESS, SIZES, Dense, catalogue_problem, random_problem, single
+from support.linear_problems import (
+    RICHNESS,
+    SIZES,
+    Dense,
+    catalogue_problem,
+    drawn,
+    random_problem,
+    single,
+    spike_slab,
+)
 from truepose.identification.posterior.conditional import (
     LARGEST_COST,
     log_gains,
@@ -23,8 +32,8 @@ from truepose.identification.posterior.conditional import (
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.marginal import Marginal, marginal
 from truepose.identification.posterior.mode import log_posterior, slot_odds
+from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.weighing import Weighing
 from truepose.identification.prior import BOUND_DOUBT, Sizes
 
 Array = NDArray[np.float64]
@@ -153,7 +162,7 @@ def test_a_term_that_is_a_column_without_a_prior_is_never_seen() -> None:
     hidden = replace(dense, g=g)
     assert hidden.design.seen.tolist() == [False] + [True] * (WIDTH - 1)
     found = log_gains(start(hidden, POINTS[0]), SIZES, np.ones(len(TERMS), dtype=bool))
-    np.testing.assert_allclose(found[:, 0], SIZES.log_prior, atol=1e-9)  # as likely with it as without
+    np.testing.assert_allclose(found[:, 0], 0.0, atol=1e-9)  # as likely with it as without
 
 
 # -- gains of terms ---------------------------------------------------------------------------------------------
@@ -163,14 +172,14 @@ def test_a_term_that_is_a_column_without_a_prior_is_never_seen() -> None:
 @seeds
 @hypothesis_settings(max_examples=10, deadline=None)
 def test_gains_are_the_log_bayes_factors_of_terms_of_any_width(point: GridPoint, seed: int) -> None:
-    """Columns that fill a term up to a common width count for nothing; sizes bring their prior."""
+    """Columns that fill a term up to a common width count for nothing."""
     dense = random_problem(seed)
     found = log_gains(start(dense, point), SIZES, np.ones(len(TERMS), dtype=bool))
     null = dense.log_evidence(point)
     for k, own in enumerate(TERMS.columns):
         for s, size in enumerate(SIZES.values):
             gain = dense.log_evidence(point, own.tolist(), [float(size)] * len(own)) - null
-            assert found[s, k] == pytest.approx(gain + SIZES.log_prior[s], abs=1e-6)
+            assert found[s, k] == pytest.approx(gain, abs=1e-6)
 
 
 def test_terms_that_are_not_asked_for_weigh_nothing() -> None:
@@ -187,10 +196,9 @@ def test_terms_that_are_not_asked_for_weigh_nothing() -> None:
 @hypothesis_settings(max_examples=20, deadline=None)
 def test_a_sign_is_worth_its_chance_and_at_most_a_factor_of_two(seed: int) -> None:
     dense = random_problem(seed)
-    free = Term((0,), 0, -1.0, -1.0, (-np.inf,), (np.inf,))
-    terms = Terms(
-        [free, replace(free, cause=1, lower=(0.0,)), replace(free, cause=2, lower=(0.0,), upper=(1e-6,))]
-    )
+    free = Term((0,), 0, 0, 0.0, 0.0, (-np.inf,), (np.inf,))
+    bounded = replace(free, cause=1, lower=(0.0,)), replace(free, cause=2, lower=(0.0,), upper=(1e-6,))
+    terms = Terms([free, *bounded], single(1, 1, 1).urn)
     sizes = Sizes(np.array([0.3, 1.0]), np.log([0.5, 0.5]))
     root = start(dense, POINTS[0], terms)
     found = log_gains(root, sizes, np.ones(3, dtype=bool))
@@ -233,7 +241,7 @@ def test_within_its_bounds_or_not_surely_beyond_a_coefficient_costs_nothing(valu
 def test_a_part_of_the_terms_has_the_same_odds(seed: int) -> None:
     """Beside members or none, at any point; columns are numbered anew and causes are not."""
     dense = catalogue_problem(seed)
-    whole = Weighing(dense.design, dense.unknowns, single(*[1] * 6, causes=[0, 0, 1, 2, 3, 3]), SIZES)
+    whole = SpikeSlab(dense.design, dense.unknowns, single(*[1] * 6, causes=[0, 0, 1, 2, 3, 3]), SIZES)
     wanted = np.array([True, True, False, True, False, True])
     part, index = whole.restricted(wanted)
     place = {int(term): k for k, term in enumerate(index)}
@@ -254,7 +262,7 @@ def test_a_part_of_the_terms_has_the_same_odds(seed: int) -> None:
 def test_odds_of_one_more_are_the_ratio_of_two_posteriors(seed: int) -> None:
     """Whatever has left or is given; the number of slots and how full they are, in both."""
     dense = catalogue_problem(seed)
-    problem = Weighing(
+    problem = SpikeSlab(
         dense.design, dense.unknowns, single(*[1] * 6, causes=[0, 0, 1, 2, 3, 3], alone=False), SIZES
     )
     point, members = GridPoint((1,), 0, 1), ((0, 1), (3, 1))
@@ -278,7 +286,7 @@ def test_odds_of_one_more_are_the_ratio_of_two_posteriors(seed: int) -> None:
 
 def test_a_conditional_is_its_odds_and_nothing() -> None:
     dense = catalogue_problem(0)
-    problem = Weighing(dense.design, dense.unknowns, single(*[1] * 6), SIZES)
+    problem = SpikeSlab(dense.design, dense.unknowns, single(*[1] * 6), SIZES)
     point = GridPoint((1,), 0, 0)
     conditional = problem.conditional(point, ((2, 1),))
     slot = -1.3
@@ -295,15 +303,43 @@ def test_a_conditional_is_its_odds_and_nothing() -> None:
             assert drawn.count((term, size)) / 20_000 == pytest.approx(share, abs=0.015)
 
 
+@given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 1)), unique_by=lambda m: m[0], max_size=6))
+def test_the_log_prior_of_a_set_is_that_of_drawing_it_from_the_urns(members: list[tuple[int, int]]) -> None:
+    """In any order; what a set and the set with a term more differ by is the prior odds of that term."""
+    terms = single(*[1] * 6, causes=[0, 0, 1, 1, 2, 3], kinds=[0, 0, 0, 1], alone=False)
+    assert terms.log_prior_of(members) == pytest.approx(drawn(terms, tuple(members)))
+    assert terms.log_prior_of(members[::-1]) == pytest.approx(terms.log_prior_of(members))
+    for k, member in enumerate(members):
+        rest = members[:k] + members[k + 1 :]
+        held = [int(terms.cause[t]) for t, _ in rest]
+        if int(terms.cause[member[0]]) not in held:
+            step = terms.log_prior(rest)[member[1], member[0]]
+            assert terms.log_prior_of(members) - terms.log_prior_of(rest) == pytest.approx(step)
+
+
 def test_a_second_term_of_a_cause_has_paid_for_it() -> None:
+    """It costs its own odds whatever else is there; where causes take one term alone, there is none."""
     terms = single(1, 1, 1, causes=[0, 0, 1], alone=False)
-    first, further = terms.all[0].log_prior, terms.all[0].log_further
-    assert terms.log_prior([]).tolist() == [first] * 3
-    assert terms.log_prior([0]).tolist() == [-np.inf, further, first]
-    assert terms.log_prior_of([0, 1]) == terms.log_prior_of([1, 0]) == first + further
-    assert terms.log_prior_of([0, 2]) == 2.0 * first
-    alone = single(1, 1, 1, causes=[0, 0, 1])
-    assert alone.log_prior([0]).tolist() == [-np.inf, -np.inf, first]
+    prior = terms.log_prior([(0, 1)])
+    np.testing.assert_allclose(prior[:, 1], terms.all[1].log_further + SIZES.log_prior)
+    assert np.all(prior[:, 0] == -np.inf)
+    alone = single(1, 1, 1, causes=[0, 0, 1]).log_prior([(0, 1)])
+    assert np.all(alone[:, :2] == -np.inf) and np.all(np.isfinite(alone[:, 2]))
+
+
+@pytest.mark.parametrize("width", [3, 30])
+def test_a_wide_term_turned_to_what_is_seen_is_the_same_term(width: int) -> None:
+    """Its evidence at every size changes by no more than what was left out adds; all numbers stay."""
+    rng = np.random.default_rng(1)
+    dense = random_problem(2, readings=25, width=width + 2)
+    few = rng.standard_normal((25, 4)) @ rng.standard_normal((4, width))
+    dense = replace(dense, g=np.column_stack([dense.g[:, :1], few, dense.g[:, -1:]]))
+    problem = spike_slab(dense, single(1, width, 1))
+    turned = problem.compressed()
+    assert turned.design.width == 2 + (width if width == 3 else 4)
+    for point in POINTS[::5]:
+        here, there = (p.log_odds(point, [(0, 1)]) for p in (problem, turned))
+        np.testing.assert_allclose(there, here, atol=1e-6)
 
 
 @given(st.integers(0, 23))

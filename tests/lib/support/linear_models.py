@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from support.effects import with_effect
-from truepose.identification.diagnosis.weighed import Weighed
+from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.signatures.candidates import Catalogue
@@ -54,7 +54,7 @@ def catalogue_of(placed: tuple[PlacedEffect, ...]) -> Catalogue:
     return Catalogue(placed, (-float(np.log(len(placed))),) * len(placed), ())
 
 
-def unit(problem: Weighed) -> GridPoint:
+def unit(problem: SelectionProblem) -> GridPoint:
     """The point nearest to stated noise and tolerances, without a remainder."""
-    values = np.array(problem.weighing.unknowns.noise[0].values)
+    values = np.array(problem.spike_slab.unknowns.noise[0].values)
     return GridPoint((int(np.argmin(np.abs(np.log(values)))),), 0, 0)

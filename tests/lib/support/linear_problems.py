@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from truepose.identification.posterior.design import Always, Axis, Design, GridPoint, Unknowns
+from truepose.identification.posterior.spike_slab import NOTICED, Members, SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.weighing import NOTICED, Members, Weighing
+from truepose.identification.posterior.urn import Urn
 from truepose.identification.prior import Richness, Sizes
 
 Array = NDArray[np.float64]
@@ -106,22 +107,52 @@ def random_problem(seed: int, *, readings: int = 30, width: int = 7, flat: int =
     return Dense(e, np.arange(readings) % 3 // 2, a, g, always, UNKNOWNS)
 
 
-def single(*widths: int, causes: Sequence[int] | None = None, alone: bool = True) -> Terms:
-    """Terms of so many columns each, in order, without bounds; every one a cause of its own unless said."""
+SIZES = Sizes(np.array([0.3, 1.0]), np.log([0.4, 0.6]))
+WEIGHT, EQUAL = 2.0, 0.7
+"""Of the urns of kinds, and of settings and sizes."""
+FURTHER = 0.4
+"""Prior odds of a further term of a cause."""
+
+
+def single(
+    *widths: int,
+    causes: Sequence[int] | None = None,
+    kinds: Sequence[int] | None = None,
+    alone: bool = True,
+    sizes: Sizes | None = None,
+) -> Terms:
+    """Terms of so many columns each, in order, without bounds; every one a cause, and every cause a kind, unless said.
+
+    Terms of a cause differ in their setting; so do kinds, and the k-th terms of causes of one kind are alike.
+    """
     ends = np.cumsum([0, *widths])
-    own = range(len(widths)) if causes is None else causes
-    free = [((-np.inf,) * w, (np.inf,) * w) for w in widths]
-    share = -float(np.log(len(widths)))
+    own = list(range(len(widths))) if causes is None else list(causes)
+    kind = np.arange(max(own) + 1) if kinds is None else np.array(kinds)
+    numbered = [(int(kind[c]), own[:k].count(c)) for k, c in enumerate(own)]
+    features = list(dict.fromkeys(numbered))
+    of_kind = np.bincount(kind[own])
     return Terms(
         [
-            Term(tuple(range(a, b)), cause, share, share + 1.0, low, high, alone)
-            for (a, b), cause, (low, high) in zip(pairwise(ends.tolist()), own, free, strict=True)
-        ]
-    )
+            Term(
+                tuple(range(a, b)), cause, features.index(feature), -float(np.log(of_kind[feature[0]])),
+                float(np.log(FURTHER / own.count(cause))), (-np.inf,) * (b - a), (np.inf,) * (b - a), alone,
+            )
+            for (a, b), cause, feature in zip(pairwise(ends.tolist()), own, numbered, strict=True)
+        ],
+        Urn(
+            kind=kind,
+            share=of_kind / len(own),
+            number=np.bincount(kind),
+            feature_kind=np.array([k for k, _ in features]),
+            feature_share=np.array([numbered.count(f) / of_kind[f[0]] for f in features]),
+            log_size=(sizes or SIZES).log_prior,
+            weight=WEIGHT,
+            alike=EQUAL,
+        ),
+    )  # fmt: skip
 
 
 RICHNESS = Richness((0.05, 0.3), (float(np.log(0.6)), float(np.log(0.4))), 8)
-SIZES = Sizes(np.array([0.3, 1.0]), np.log([0.4, 0.6]))
 FEW = Unknowns(
     noise=(Axis((0.8, 1.0, 1.3), (-1.5, -0.5, -1.5)),),
     widening=((1.0,), (4.0,)),
@@ -145,10 +176,10 @@ def catalogue_problem(seed: int, *, strength: float = 0.8, alike: float = 0.85, 
     return Dense(e, np.zeros(readings, dtype=np.intp), a, g, always, FEW)
 
 
-def weighing(dense: Dense, terms: Terms | None = None, sizes: Sizes = SIZES) -> Weighing:
+def spike_slab(dense: Dense, terms: Terms | None = None, sizes: Sizes = SIZES) -> SpikeSlab:
     """A problem of the terms, or of one for each column."""
     own = single(*[1] * dense.g.shape[1]) if terms is None else terms
-    return Weighing(dense.design, dense.unknowns, own, sizes)
+    return SpikeSlab(dense.design, dense.unknowns, own, sizes)
 
 
 @dataclass(frozen=True)
@@ -190,11 +221,11 @@ def _summed(pairs: Iterable[tuple[Key, float]]) -> dict[Key, float]:
     return out
 
 
-def enumerated(weighing: Weighing, richness: Richness, dense: Dense) -> Enumerated:
+def enumerated(spike_slab: SpikeSlab, richness: Richness, dense: Dense) -> Enumerated:
     """Every set of terms at every size at every point, by dense densities and the prior written out."""
-    terms, sizes = weighing.terms, weighing.sizes
+    terms, sizes = spike_slab.terms, spike_slab.sizes
     weights: dict[tuple[Members, GridPoint], float] = {}
-    noticed = _noticed(weighing, dense)
+    noticed = _noticed(spike_slab, dense)
     for count in range(min(len(terms), richness.slots) + 1):
         number = float(logsumexp(richness.log_weights(count)))
         number += lgamma(richness.slots + 1) - lgamma(richness.slots - count + 1)
@@ -206,8 +237,8 @@ def enumerated(weighing: Weighing, richness: Richness, dense: Dense) -> Enumerat
                 if not all(noticed[s, k] for k, s in zip(chosen, own, strict=True)):
                     continue
                 spread = [sizes.values[s] for k, s in zip(chosen, own, strict=True) for _ in terms.columns[k]]
-                prior = number + _first_pays(terms, chosen) + float(np.sum(sizes.log_prior[list(own)]))
-                for point in points(weighing.unknowns):
+                prior = number + drawn(terms, tuple(zip(chosen, own, strict=True)))
+                for point in points(spike_slab.unknowns):
                     members = tuple(zip(chosen, own, strict=True))
                     weights[members, point] = prior + dense.log_evidence(point, columns, spread)
     top = float(logsumexp(list(weights.values())))
@@ -215,22 +246,35 @@ def enumerated(weighing: Weighing, richness: Richness, dense: Dense) -> Enumerat
     return Enumerated(states, len(terms))
 
 
-def _noticed(weighing: Weighing, dense: Dense) -> NDArray[np.bool_]:
+def _noticed(spike_slab: SpikeSlab, dense: Dense) -> NDArray[np.bool_]:
     """(s, c) which terms make a signal of more than two sigma at which size, at the noise nearest to that stated."""
-    stated = [int(np.argmin([abs(np.log(v)) for v in axis.values])) for axis in weighing.unknowns.noise]
+    stated = [int(np.argmin([abs(np.log(v)) for v in axis.values])) for axis in spike_slab.unknowns.noise]
     seen = dense.g.T @ dense.precision(GridPoint(tuple(stated), 0, 0)) @ dense.g
-    signal = [sum(seen[c, c] for c in columns) for columns in weighing.terms.columns]
-    return np.asarray(np.outer(weighing.sizes.values**2, signal) > NOTICED)
+    signal = [sum(seen[c, c] for c in columns) for columns in spike_slab.terms.columns]
+    return np.asarray(np.outer(spike_slab.sizes.values**2, signal) > NOTICED)
 
 
-def _first_pays(terms: Terms, chosen: Sequence[int]) -> float:
-    """Log prior of terms together: the first of a cause pays for it."""
-    out, seen = 0.0, set[int]()
-    for k in chosen:
+def drawn(terms: Terms, members: Members) -> float:
+    """Log prior of terms at their sizes: one after the other drawn from their urns, as the book has it."""
+    urn, out, before = terms.urn, 0.0, list[tuple[int, int]]()
+    seen = set[int]()
+    for k, size in sorted(members, key=lambda m: (-terms.all[m[0]].log_share, m)):
         own = terms.all[k]
-        out += own.log_further if own.cause in seen else own.log_prior
+        if own.cause in seen:
+            out += own.log_further + urn.log_size[size]
+            continue
+        kind = urn.kind[own.cause]
+        alike = [m for m in before if urn.kind[terms.all[m[0]].cause] == kind]
+        same = sum(terms.all[t].feature == own.feature for t, _ in alike)
+        equal = sum(s == size for _, s in alike)
+        share, base = float(urn.share[kind]), float(urn.feature_share[own.feature])
+        out += np.log((WEIGHT * share + len(alike)) / (WEIGHT + len(before)))
+        out += np.log((EQUAL * base + same) / (EQUAL + len(alike))) + own.log_share - np.log(base)
+        out += np.log((EQUAL * np.exp(urn.log_size[size]) + equal) / (EQUAL + len(alike)))
+        out += np.log(urn.number[kind] / (urn.number[kind] - len(alike)))
+        before.append((k, size))
         seen.add(own.cause)
-    return out
+    return float(out)
 
 
 def reordered(dense: Dense, order: Sequence[int]) -> Dense:

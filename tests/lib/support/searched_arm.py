@@ -66,7 +66,7 @@ class Case:
 
     @property
     def exclude(self) -> NDArray[np.bool_]:
-        return np.zeros(ROWS, dtype=np.bool_)
+        return np.zeros(len(self.null.used), dtype=np.bool_)
 
     @property
     def rms(self) -> float:

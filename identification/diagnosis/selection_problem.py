@@ -13,9 +13,9 @@ from scipy.special import logsumexp
 from truepose.identification import prior
 from truepose.identification.fit.tolerance_classes import PartClass, inflations, tolerance_cost
 from truepose.identification.posterior.design import Always, Axis, Design, Unknowns
+from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.urn import Urn
-from truepose.identification.posterior.weighing import Weighing
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.placed import EffectAtPlace
@@ -28,14 +28,14 @@ FLAT = 0.1
 
 
 @dataclass(frozen=True)
-class Weighed:
+class SelectionProblem:
     """The posterior's problem, and what its numbers mean.
 
     candidates: for each term the one of the catalogue that it is; causes: by number; classes: of parts, in the order of
     the grid's widenings. remainder (c, r): turns its r directions into coefficients of ``nameless`` (c,), columns of G.
     """
 
-    weighing: Weighing
+    spike_slab: SpikeSlab
     candidates: tuple[int, ...]
     causes: tuple[EffectAtPlace, ...]
     classes: tuple[PartClass, ...]
@@ -43,19 +43,19 @@ class Weighed:
     remainder: Array
 
 
-def weighed(lin: Linearisation, cat: Catalogue, rms: float) -> Weighed:
+def selection_problem(lin: Linearisation, cat: Catalogue, rms: float) -> SelectionProblem:
     """``rms`` of the whitened residual of the ordinary fit bounds the noise and the remainder."""
     nameless = np.array(lin.indices(cat.smooth), dtype=np.intp)
     turn = _remainder(lin, cat, nameless)
     members, causes, terms = _terms(cat, lin)
     classes = tuple(dict.fromkeys(lin.parts))
-    weighing = Weighing(
+    spike_slab = SpikeSlab(
         _design(lin, cat, classes, nameless, turn),
         _unknowns(lin, classes, rms, turn.shape[1]),
         terms,
         prior.SIZES,
     )
-    return Weighed(weighing, members, causes, classes, nameless, turn)
+    return SelectionProblem(spike_slab, members, causes, classes, nameless, turn)
 
 
 def _remainder(lin: Linearisation, cat: Catalogue, nameless: NDArray[np.intp]) -> Array:
@@ -80,7 +80,7 @@ def _seen(gram: Array) -> Array:
     return np.asarray(vectors[:, values > FAINT])
 
 
-def design_with_forms(lin: Linearisation, cat: Catalogue, problem: Weighed) -> Design:
+def design_with_forms(lin: Linearisation, cat: Catalogue, problem: SelectionProblem) -> Design:
     """The design of a problem, with the errors of form as columns of G beside those of the candidates."""
     return _design(lin, cat, problem.classes, problem.nameless, problem.remainder, lin.forms)
 
@@ -193,7 +193,13 @@ def _urn(table: pd.DataFrame) -> Urn:
 
 
 def _term(
-    cat: Catalogue, lin: Linearisation, index: int, cause: int, feature: int, log_share: float, log_further: float
+    cat: Catalogue,
+    lin: Linearisation,
+    index: int,
+    cause: int,
+    feature: int,
+    log_share: float,
+    log_further: float,
 ) -> Term:
     placed = cat.candidates[index]
     return Term(

@@ -28,7 +28,7 @@ REMEMBERED = 150_000_000
 NOTICED = 4.0
 """Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
 WIDE, UNSEEN = 12, 1e-3
-"""Columns beyond which a term is turned to what readings see, and information (1 is that of the largest usual size) that is none."""
+"""Columns beyond which a term is turned to what readings see; information about the largest usual size that is none."""
 SETS = 200_000
 """Evidences that are kept."""
 Value = TypeVar("Value")
@@ -93,7 +93,7 @@ class Conditional:
         return int(term), int(size)
 
 
-class Weighing:
+class SpikeSlab:
     """One design with its terms, sizes and grid of unknowns; ``given``: members that are there for sure."""
 
     def __init__(
@@ -108,21 +108,21 @@ class Weighing:
         self._conditionals = Memory[Conditional](REMEMBERED // (16 * (len(terms) + 1) * len(sizes.values)))
         self._evidences = Memory[float](SETS)
 
-    def restricted(self, wanted: NDArray[np.bool_]) -> tuple[Weighing, Index]:
+    def restricted(self, wanted: NDArray[np.bool_]) -> tuple[SpikeSlab, Index]:
         """The problem with the terms wanted (c,) only, and their numbers in this one."""
         index = np.flatnonzero(wanted)
         own = [self.terms.columns[k] for k in index]
         columns = np.unique(np.concatenate([*own, np.zeros(0, dtype=np.intp)])).astype(np.intp)
         place = np.zeros(self.design.width, dtype=np.intp)
         place[columns] = np.arange(len(columns))
-        return Weighing(
+        return SpikeSlab(
             self.design.restricted(columns),
             self.unknowns,
             self.terms.restricted(index.tolist(), place),
             self.sizes,
         ), index
 
-    def compressed(self) -> Weighing:
+    def compressed(self) -> SpikeSlab:
         """The same problem, its wide terms turned to the directions that readings see, which are often few; terms keep their
         numbers."""
         root, turns, terms, at = self.root(self._stated), list[Array](), list[Term](), 0
@@ -131,23 +131,23 @@ class Weighing:
             turn = np.eye(len(columns))
             if len(columns) > WIDE and not np.any(np.isfinite([term.lower, term.upper])):
                 values, vectors = np.linalg.eigh(root.among(columns))
-                turn = vectors[:, values > UNSEEN]
+                turn = vectors[:, -max(int(np.sum(values > UNSEEN)), 1) :]
             width = turn.shape[1]
             own = tuple(range(at, at + width))
             terms.append(replace(term, columns=own, lower=term.lower[:width], upper=term.upper[:width]))
             turns.append(turn)
             at += width
         columns = np.concatenate([*self.terms.columns, np.zeros(0, dtype=np.intp)]).astype(np.intp)
-        return Weighing(
+        return SpikeSlab(
             self.design.turned(columns, block_diag(*turns)),
             self.unknowns,
             Terms(terms, self.terms.urn, self.terms.groups),
             self.sizes,
         )
 
-    def conditioned(self, given: Sequence[Member]) -> Weighing:
+    def conditioned(self, given: Sequence[Member]) -> SpikeSlab:
         """The same problem with members that are no question any more: they are taken in once at every point."""
-        other = Weighing(self.design, self.unknowns, self.terms, self.sizes, given)
+        other = SpikeSlab(self.design, self.unknowns, self.terms, self.sizes, given)
         other.__dict__["noticeable"] = self.noticeable
         return other
 

@@ -1,0 +1,446 @@
+"""Laws of how a linearisation becomes a posterior's problem: evidence, the prior, errors of form, the remainder, units."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import multivariate_normal
+
+from support.effect_machines import read_machines
+from support.effects import with_effect
+from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, shifts_of, unit
+from support.sensor_bench import Bench
+from truepose.identification import prior
+from truepose.identification.diagnosis.alone import WIDENINGS, flip_inflation, weighed_alone
+from truepose.identification.diagnosis.model import FEW, WORTH, remainder_shapes
+from truepose.identification.diagnosis.naming import Named
+from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.mode import State, slot_odds
+from truepose.identification.posterior.spike_slab import Member
+from truepose.identification.prior import FORM_ERROR
+from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import Catalogue, catalogue
+from truepose.identification.signatures.empirical_forms import empirical_forms
+from truepose.identification.signatures.forms import Forms
+from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
+    folder: Path = tmp_path_factory.getbasetemp() / "selection_laws"
+    return read_machines(folder)["arm"]
+
+
+@pytest.fixture(scope="module")
+def shifts(arm: Machine) -> tuple[PlacedEffect, ...]:
+    return shifts_of(arm)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Recording]:
+    bench = Bench(tmp_path_factory.mktemp("bench"), "arm")
+    return bench.machine, bench.recording()
+
+
+@pytest.fixture(scope="module")
+def listed(recorded: tuple[Machine, Recording]) -> tuple[Catalogue, SelectionProblem]:
+    """All that a recording of an arm could speak of."""
+    machine, recording = recorded
+    cat = catalogue(machine, recording)
+    lin = Signatures(machine, recording, cat.candidates).linearise(estimate(machine, recording))
+    return cat, selection_problem(lin, cat, 1.5)
+
+
+# -- evidence -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("departure", [0.0, 1.0])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_evidence_is_that_of_readings_at_the_drawing_wherever_the_fit_stands(
+    shifts: tuple[PlacedEffect, ...], departure: float, seed: int
+) -> None:
+    lin, j, g, e = linear(shifts[:3], seed, sizes=(0.3,), departure=departure)
+    problem = selection_problem(lin, catalogue_of(shifts[:3]), 1.5)
+    spike_slab = problem.spike_slab
+
+    def dense(point: GridPoint, size: float) -> float:
+        noise = spike_slab.unknowns.noise[0].values[point.noise[0]]
+        wide = dict(zip(problem.classes, spike_slab.unknowns.widening[point.widening], strict=True))
+        spread = j * np.array([wide[c] for c in lin.parts])
+        v = noise**2 * np.eye(READINGS) + spread @ spread.T + size**2 * np.outer(g[:, 0], g[:, 0])
+        return float(multivariate_normal.logpdf(e, cov=v))
+
+    at = unit(problem)
+    other = at.louder(3).at("widening", 1)
+    for point in (at, other):
+        term = problem.candidates.index(0)
+        odds = spike_slab.log_odds(point, ())[:, term] - spike_slab.terms.log_first[term]
+        for s, size in enumerate(spike_slab.sizes.values):
+            if not spike_slab.noticeable[s, term]:
+                assert odds[s] == -np.inf
+                continue
+            expected = dense(point, float(size)) - dense(point, 0.0) + spike_slab.sizes.log_prior[s]
+            assert odds[s] == pytest.approx(expected, abs=1e-5)
+    here, there = (spike_slab.log_evidence(p, ()) - spike_slab.unknowns.log_prior(p) for p in (at, other))
+    assert here - there == pytest.approx(dense(at, 0.0) - dense(other, 0.0), abs=1e-5)
+
+
+def test_units_of_parameters_and_coefficients_are_nothing(shifts: tuple[PlacedEffect, ...]) -> None:
+    """Scales of J go with its tolerances, and the order of rows is not in a Gram matrix."""
+    lin, *_ = linear(shifts[:3], 4, sizes=(0.5,), departure=1.0)
+    factor = np.array([1e3, 1e-3, 7.0])
+    scale = np.concatenate([factor, np.ones(4)])
+    other = replace(
+        lin,
+        grams=(lin.gram * scale[:, None] * scale,),
+        departure=lin.departure / scale[:-1],
+        weight=lin.weight * factor,
+    )
+    one, two = (
+        weighed_alone(selection_problem(own, catalogue_of(shifts[:3]), 1.5), 3) for own in (lin, other)
+    )
+    np.testing.assert_allclose(two, one, atol=1e-6)
+
+
+@pytest.mark.parametrize("away", [0.0, 1e3, -1e6])
+def test_a_wrong_constant_where_nothing_is_known_is_never_likely(arm: Machine, away: float) -> None:
+    """A frame without a tolerance may be anywhere: a constant of it that is wrong says nothing more, however far it is."""
+    wrong = with_effect(arm, "wrong-constant", ("tool.x",))
+    shift = with_effect(arm, "zero-shift", ("q2",), {"session": 1.0})
+    rng = np.random.default_rng(5)
+    j = rng.standard_normal((READINGS, 3))
+    g = np.column_stack([50.0 * j[:, 2], rng.standard_normal(READINGS)])
+    e = rng.standard_normal(READINGS) + away * j[:, 2]
+    rows = np.column_stack([j, g, -e])
+    lin = Linearisation(
+        (rows.T @ rows,), (READINGS,), 3, (slice(0, 1), slice(1, 2)), 0, np.zeros(5), np.array([1.0, 1.0, 0.0]),
+        (LENGTH, LENGTH, ANGLE), (wrong, shift),
+    )  # fmt: skip
+    alone = weighed_alone(selection_problem(lin, catalogue_of((wrong, shift)), 1.5), 2)
+    assert alone[0] == pytest.approx(0.0, abs=1e-6)  # neither for nor against
+    known = replace(lin, weight=np.ones(3))
+    assert (
+        weighed_alone(selection_problem(known, catalogue_of((wrong, shift)), 1.5), 2)[0] < 0.0 or away != 0.0
+    )
+
+
+# -- the prior -------------------------------------------------------------------------------------------------
+
+
+def logs(problem: SelectionProblem, *present: Member) -> Array:
+    """(s, c) log prior of every term at every size beside some."""
+    return problem.spike_slab.terms.log_prior(present)
+
+
+def kind_of(cat: Catalogue, index: int) -> tuple[str, ...]:
+    """Names go by their effect; what has none by its place."""
+    slug, place = cat.cause(index)
+    return (slug,) if cat.named(index) else (slug, *place)
+
+
+def test_every_candidate_that_is_not_stated_is_a_term_of_its_own(
+    shifts: tuple[PlacedEffect, ...], listed: tuple[Catalogue, SelectionProblem]
+) -> None:
+    """With its columns; candidates of one effect at one place are one cause."""
+    lin, *_ = linear(shifts)
+    for stated, own in (((), (0, 1, 2, 3)), ((1,), (0, 2, 3))):
+        problem = selection_problem(lin, replace(catalogue_of(shifts), stated=stated), 1.5)
+        assert problem.candidates == own
+        assert [c.tolist() for c in problem.spike_slab.terms.columns] == [[i] for i in own]
+    cat, problem = listed
+    blamed = [problem.causes[k] for k in problem.spike_slab.terms.cause]
+    assert blamed == [cat.cause(i) for i in problem.candidates]
+    assert len(set(problem.causes)) == len(problem.causes)
+
+
+def test_terms_of_one_cause_stand_together_where_they_add(listed: tuple[Catalogue, SelectionProblem]) -> None:
+    """Harmonics, and forms without a name; of any other effect a place has one setting only."""
+    cat, problem = listed
+    excludes, cause = problem.spike_slab.terms.excludes, problem.spike_slab.terms.cause
+    add = [cat.candidates[i].effect.settings_add or not cat.named(i) for i in problem.candidates]
+    same = cause[:, None] == cause[None, :]
+    alone = same & ~np.array(add)[:, None] | np.eye(len(cause), dtype=bool)
+    np.testing.assert_array_equal(excludes, alone)
+
+
+def test_prior_shares_of_all_terms_add_up_to_one(
+    shifts: tuple[PlacedEffect, ...], listed: tuple[Catalogue, SelectionProblem]
+) -> None:
+    """Of kinds, of terms and of settings in their kind; what the machine is said to have gives its share to the others."""
+    lin, *_ = linear(shifts)
+    some = [selection_problem(lin, replace(catalogue_of(shifts), stated=s), 1.5) for s in ((), (3,), (1,))]
+    for terms in (problem.spike_slab.terms for problem in (*some, listed[1])):
+        urn, share = terms.urn, np.exp([term.log_share for term in terms.all])
+        assert np.sum(np.exp(terms.log_first)) == pytest.approx(1.0, abs=1e-9)
+        assert np.sum(np.exp(terms.log_prior(()))) == pytest.approx(1.0, abs=1e-9)
+        assert np.sum(urn.share) == pytest.approx(1.0, abs=1e-9)
+        np.testing.assert_allclose(np.bincount(terms.kind, weights=share), 1.0)
+        np.testing.assert_allclose(np.bincount(urn.feature_kind, weights=urn.feature_share), 1.0)
+        np.testing.assert_allclose(np.bincount(terms.feature, weights=share), urn.feature_share)
+
+
+def test_names_and_what_has_none_share_as_the_prior_says(listed: tuple[Catalogue, SelectionProblem]) -> None:
+    """Whatever their number; names among each other as the catalogue has it."""
+    cat, problem = listed
+    first = problem.spike_slab.terms.log_first
+    nameless = np.array([not cat.named(i) for i in problem.candidates])
+    assert np.sum(np.exp(first[nameless])) == pytest.approx(prior.UNNAMED_SHARE)
+    own = np.array([cat.log_prior[i] for i in problem.candidates])
+    for part in (nameless, ~nameless):
+        np.testing.assert_allclose((first - own)[part], (first - own)[part][0], atol=1e-9)
+
+
+def test_one_kind_is_one_effect_at_all_its_places_and_a_nameless_place_by_itself(
+    listed: tuple[Catalogue, SelectionProblem],
+) -> None:
+    cat, problem = listed
+    terms = problem.spike_slab.terms
+    kinds = [kind_of(cat, i) for i in problem.candidates]
+    assert len(set(zip(kinds, terms.kind.tolist(), strict=True))) == len(set(kinds)) == len(terms.urn.share)
+    for kind in set(kinds):
+        k = int(terms.kind[kinds.index(kind)])
+        places = {cat.cause(i) for i in problem.candidates if kind_of(cat, i) == kind}
+        assert terms.urn.number[k] == len(places) and (len(places) == 1 or len(kind) == 1)
+
+
+@pytest.mark.parametrize("size", [0, 4, 8])
+@pytest.mark.parametrize(
+    "slug", ["transmission-error", "encoder-eccentricity", "axis-wobble", "wrong-constant"]
+)
+def test_where_one_joint_errs_others_may_and_likeliest_alike(
+    listed: tuple[Catalogue, SelectionProblem], slug: str, size: int
+) -> None:
+    """A second place of an effect, by the urns written out: of the kind, and in it of settings and of sizes."""
+    cat, problem = listed
+    cause, sizes = problem.spike_slab.terms.cause, problem.spike_slab.sizes
+    own = [k for k, i in enumerate(problem.candidates) if cat.cause(i).effect == slug]
+    placed = {k: cat.candidates[problem.candidates[k]] for k in own}
+    told = {k: e.effect.told(e.settings_map) for k, e in placed.items()}
+    before, first = logs(problem), own[0]
+    beside = logs(problem, (first, size))
+    share = {k: float(np.exp(problem.spike_slab.terms.log_first[k])) for k in own}
+    b, n, w, a = sum(share.values()), len({e.place for e in placed.values()}), prior.URN, prior.ALIKE
+    kind = (w * b + 1.0) / (w + 1.0) / b * n / (n - 1.0)
+    others = {int(cause[k]) for k in own} - {int(cause[first])}
+    assert len(others) == n - 1
+    for other in others:
+        terms = [k for k in own if cause[k] == other]
+        assert np.logaddexp.reduce(beside[:, terms], axis=None) > np.logaddexp.reduce(
+            before[:, terms], axis=None
+        )
+        for k in terms:
+            f = sum(share[j] for j in own if told[j] == told[k]) / b
+            setting = (a * f + (told[k] == told[first])) / (a + 1.0) / f
+            large = (a * np.exp(sizes.log_prior) + np.eye(len(sizes.values))[size]) / (a + 1.0)
+            np.testing.assert_allclose(beside[:, k], np.log(share[k] * kind * setting * large), atol=1e-9)
+        alike = [k for k in terms if told[k] == told[first]]
+        if alike:
+            best = np.unravel_index(int(np.argmax(beside[:, terms])), (len(sizes.values), len(terms)))
+            assert (int(best[0]), terms[int(best[1])]) == (size, alike[0])
+
+
+def test_what_has_no_name_makes_no_other_place_likelier(listed: tuple[Catalogue, SelectionProblem]) -> None:
+    """Nor one likelier than another: what else there is keeps its proportions, whatever its size."""
+    cat, problem = listed
+    cause, before = problem.spike_slab.terms.cause, logs(problem)
+    nameless = [k for k, i in enumerate(problem.candidates) if not cat.named(i)]
+    assert len({int(cause[k]) for k in nameless}) > 3
+    for k in nameless:
+        change = (logs(problem, (k, 4)) - before)[:, cause != cause[k]]
+        assert change.max() <= 1e-12
+        np.testing.assert_allclose(change, change[0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_order_of_causes_is_nothing_to_the_prior_of_a_set(
+    listed: tuple[Catalogue, SelectionProblem], seed: int
+) -> None:
+    """Taken one after the other or all at once, like ones among them; further terms of a cause, too, all at once."""
+    problem, rng = listed[1], np.random.default_rng(seed)
+    terms, slab = problem.spike_slab.terms, problem.spike_slab
+    kinds = rng.choice(np.flatnonzero(terms.urn.number > 2), 2, replace=False)
+    drawn: list[Member] = []
+    for kind in (*kinds, *kinds, *kinds, int(np.argmin(terms.urn.number))):
+        here = [k for k in np.flatnonzero(terms.kind == kind) if np.isfinite(logs(problem, *drawn)[0, k])]
+        fresh = [k for k in here if terms.cause[k] not in terms.cause[[t for t, _ in drawn]]]
+        drawn.append((int(rng.choice(fresh)), int(rng.integers(len(slab.sizes.values)))))
+    orders = [[drawn[k] for k in rng.permutation(len(drawn))] for _ in range(8)]
+    steps = [
+        sum(float(logs(problem, *order[:k])[size, term]) for k, (term, size) in enumerate(order))
+        for order in orders
+    ]
+    np.testing.assert_allclose(steps, terms.log_prior_of(drawn), atol=1e-9)
+    add = [
+        k
+        for k, t in enumerate(terms.all)
+        if not t.alone and not terms.excludes[k, [m for m, _ in drawn]].any()
+    ]
+    further = [(int(k), int(rng.integers(len(slab.sizes.values)))) for k in rng.choice(add, 3, replace=False)]
+    whole = [terms.log_prior_of([*order, *further][::-1]) for order in orders]
+    np.testing.assert_allclose(whole, terms.log_prior_of([*further, *drawn]), atol=1e-9)
+
+
+# -- errors of form ---------------------------------------------------------------------------------------------
+
+
+def test_errors_of_form_are_a_tenth_of_the_signal_that_they_modulate(
+    recorded: tuple[Machine, Recording],
+) -> None:
+    """Their 1-sigma in all the rows together, whatever the columns' number; none where nothing was fitted."""
+    _, recording = recorded
+    used = ~recording.validation
+    rng = np.random.default_rng(7)
+    amplitude = np.array([0.4, -1.1])
+    forms = Forms.of(recording, used, [(np.array([0, 1]), amplitude), (np.array([3]), np.array([2.0]))])
+    assert np.mean(np.sum(forms.modulations[used] ** 2, axis=1)) == pytest.approx(FORM_ERROR**2)
+    assert forms.width == 2 * forms.modulations.shape[1]
+    rows = np.flatnonzero(used)
+    signature = rng.standard_normal((len(rows), 3, 4))
+    columns = forms.columns(signature, rows)
+    assert columns.shape == (len(rows), 3, forms.width)
+    half = forms.width // 2
+    expected = (signature[:, :, :2] @ amplitude)[:, :, None] * forms.modulations[rows][:, None, :]
+    np.testing.assert_allclose(columns[:, :, :half], expected)
+    np.testing.assert_allclose(
+        columns[:, :, half:], 2.0 * signature[:, :, 3:] * forms.modulations[rows][:, None, :]
+    )
+    assert Forms.of(recording, used, []).width == 0
+    assert Forms.none().columns(signature, rows).shape == (len(rows), 3, 0)
+
+
+def test_what_does_not_vary_modulates_nothing(recorded: tuple[Machine, Recording]) -> None:
+    """A joint at rest has no range; a driver that is not thermal, a load or the time is no reason for an error of form."""
+    _, recording = recorded
+    used = ~recording.validation
+    signal = [(np.array([0]), np.ones(1))]
+    whole = Forms.of(recording, used, signal).width
+    q = recording.q.copy()
+    q[:, 0] = 0.3
+    assert Forms.of(replace(recording, q=q), used, signal).width == whole - 2
+    n = len(recording)
+    warm = {
+        "temperature.air": np.linspace(20.0, 25.0, n),
+        "approach.q1": np.where(np.arange(n) % 2 > 0, 1.0, -1.0),
+    }
+    bare = replace(recording, drivers={}, time=None)
+    both = Forms.of(replace(bare, drivers=warm), used, signal).width
+    assert both == Forms.of(bare, used, signal).width + 2
+
+
+# -- the remainder ------------------------------------------------------------------------------------------------
+
+
+def test_the_remainder_is_worth_one_sigma_of_all_readings_at_size_one(
+    recorded: tuple[Machine, Recording],
+) -> None:
+    """All forms together, as a Gaussian in columns; directions that add next to nothing are left out."""
+    machine, recording = recorded
+    forms = empirical_forms(machine, recording)
+    lin = Signatures(machine, recording, forms).linearise(estimate(machine, recording))
+    problem = selection_problem(lin, Catalogue(forms, (-1.0,) * len(forms), ()), 3.0)
+    at = lin.free + problem.nameless
+    gram = lin.gram[np.ix_(at, at)]
+    variance = np.trace(problem.remainder.T @ gram @ problem.remainder) / lin.n_observations
+    assert 0.9 < variance <= 1.0 + 1e-9
+    assert problem.remainder.shape[1] < len(at)
+    sizes = problem.spike_slab.unknowns.size
+    assert sizes.values[0] == 0.0 and sizes.values[-1] >= 3.0
+    assert np.sum(np.exp(sizes.log_prior)) == pytest.approx(1.0)
+    assert np.exp(sizes.log_prior[0]) == pytest.approx(1.0 - prior.REMAINDER)
+
+
+def test_forms_that_make_the_remainder_are_carried_the_largest_first(
+    recorded: tuple[Machine, Recording],
+) -> None:
+    """A curve of a joint that errs is the first of them; without a remainder there are none."""
+    machine, recording = recorded
+    forms = empirical_forms(machine, recording)
+    signatures = Signatures(machine, recording, forms)
+    fit = estimate(machine, recording)
+    lin = signatures.linearise(fit)
+    true = next(k for k, f in enumerate(forms) if f.place == ("q3",) and len(f.coefficients) == 4)
+    own = lin.free + np.arange(lin.columns[true].start, lin.columns[true].stop)
+    unit_size = 1.0 / np.sqrt(np.diag(lin.gram)[own] / lin.n_observations)
+    step = np.zeros(len(lin.gram))
+    step[own] = 8.0 * unit_size * [0.6, -1.0, 0.8, 0.5]
+    change = np.eye(len(lin.gram))
+    change[:, -1] -= step  # a reading larger than its prediction is a smaller residual
+    bent = replace(lin, grams=tuple(change.T @ gram @ change for gram in lin.grams))
+    problem = selection_problem(bent, Catalogue(forms, (-1.0,) * len(forms), ()), 12.0)
+
+    def found(size: int) -> Found:
+        mode = State((), unit(problem).at("remainder", size), 0.0)
+        cat = Catalogue(forms, (-1.0,) * len(forms), ())
+        return cast(Found, SimpleNamespace(problem=problem, mode=mode, linearisation=bent, catalogue=cat))
+
+    assert remainder_shapes(found(0)) == ()
+    shapes = remainder_shapes(found(len(problem.spike_slab.unknowns.size.values) - 1))
+    assert shapes[0].candidate == true
+    assert [s.share for s in shapes] == sorted((s.share for s in shapes), reverse=True)
+    assert len(shapes) <= FEW and len({s.candidate for s in shapes}) == len(shapes)
+    assert sum(s.share for s in shapes[:-1]) <= WORTH
+    for shape in shapes:
+        assert len(shape.sigma) == len(forms[shape.candidate].coefficients) and np.all(shape.sigma >= 0.0)
+
+
+# -- tolerances -----------------------------------------------------------------------------------------------------
+
+
+def test_a_name_falls_where_tolerances_are_wide_enough_to_stand_in_for_it(
+    shifts: tuple[PlacedEffect, ...],
+) -> None:
+    """The widening told is the first at which the odds of the name, all else as in the mode, are below even."""
+    told = []
+    for size in (5.0, 12.0, 40.0, 4000.0):
+        axes = np.linalg.qr(np.random.default_rng(4).standard_normal((READINGS, 3)))[0]
+        along = np.cos(0.2) * axes[:, 0] + np.sin(0.2) * axes[:, 1]
+        rows = np.column_stack([2.0 * axes[:, 0], 50.0 * along, -size * axes[:, 0]])
+        lin = Linearisation(
+            (rows.T @ rows,),
+            (READINGS,),
+            1,
+            (slice(0, 1),),
+            0,
+            np.zeros(2),
+            np.ones(1),
+            (LENGTH,),
+            shifts[:1],
+        )
+        problem = selection_problem(lin, catalogue_of(shifts[:1]), 1.5)
+        values = problem.spike_slab.sizes.values
+        state = State(((0, int(np.argmin(np.abs(np.log(values / (size / 50.0)))))),), unit(problem), 0.0)
+        name = Named(problem.causes[0], (0,), 1.0, 1.0, (), 9.0)
+        flip = flip_inflation(cast(Found, SimpleNamespace(problem=problem, mode=state)), name)
+        worth = [_odds(problem, state, axes[:, 0], along, size, w) for w in WIDENINGS]
+        needed = [odds > 0.0 for odds in worth]
+        expected = None if needed[-1] else WIDENINGS[needed.index(False)]
+        assert flip == expected
+        told.append(flip)
+    assert len(set(told)) > 2  # the sizes tell
+
+
+def _odds(
+    problem: SelectionProblem, state: State, part: Array, along: Array, size: float, width: float
+) -> float:
+    """Log odds of a term along ``along`` beside a part of this tolerance, in readings of ``size`` along the part."""
+    ((term, own),) = state.members
+    spread = float(problem.spike_slab.sizes.values[own])
+    noise = problem.spike_slab.unknowns.noise[0].values[state.point.noise[0]]
+    v = noise**2 * np.eye(READINGS) + (2.0 * width) ** 2 * np.outer(part, part)
+    both = v + spread**2 * 50.0**2 * np.outer(along, along)
+    gain = multivariate_normal.logpdf(size * part, cov=both) - multivariate_normal.logpdf(size * part, cov=v)
+    share = float(problem.spike_slab.terms.log_first[term] + problem.spike_slab.sizes.log_prior[own])
+    return float(gain) + share + slot_odds(prior.RICHNESS, 0)
