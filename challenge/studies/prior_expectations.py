@@ -26,7 +26,7 @@ from truepose.identification import prior
 from truepose.identification.diagnosis import engine
 from truepose.identification.diagnosis.outcome import Fits, Outcome, concluded
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.posterior.mode import State
+from truepose.identification.posterior.state import State
 from truepose.models.effects.empirical import Empirical
 
 Array = NDArray[np.float64]
@@ -35,7 +35,8 @@ JOBS = 2
 
 @dataclass(frozen=True)
 class Expected:
-    """Of one case: the levels of richness (3,), numbers of causes and of nameless ones, members by size (s,), noise in stated sigmas (log), tolerances as stated, a remainder at all."""
+    """Of one case: the levels of richness (3,), numbers of causes and of nameless ones, members by size (s,), noise in stated
+    sigmas (log), tolerances as stated, a remainder at all."""
 
     richness: Array
     causes: float
@@ -65,9 +66,7 @@ def _of(found: Found) -> Expected:
     rows = [_counts(found, state) for state, _ in states]
     mean = np.average(np.array(rows), axis=0, weights=[share for _, share in states])
     levels = len(prior.RICHNESS.filled)
-    richness, (causes, nameless, noise, stated, remainder), sizes = np.split(
-        mean, [levels, levels + 5]
-    )
+    richness, (causes, nameless, noise, stated, remainder), sizes = np.split(mean, [levels, levels + 5])
     return Expected(richness, causes, nameless, sizes, noise, stated, remainder)
 
 

@@ -12,8 +12,8 @@ from truepose.identification.diagnosis.naming import Named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import best_point, slot_odds
 from truepose.identification.posterior.spike_slab import SpikeSlab
+from truepose.identification.posterior.state import best_point, slot_odds
 
 Array = NDArray[np.float64]
 EVERY = 4

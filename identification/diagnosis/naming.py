@@ -14,7 +14,7 @@ from truepose.identification.diagnosis.inclusion import Inclusion
 from truepose.identification.diagnosis.levels import UNKNOWN, Levels, Presence, driver_of, parts_of
 from truepose.identification.diagnosis.likeness import forms_hold
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.posterior.mode import slot_odds, supports
+from truepose.identification.posterior.state import slot_odds, supports
 from truepose.models.effects.empirical import Empirical
 from truepose.models.placed import EffectAtPlace
 

@@ -15,8 +15,9 @@ from truepose.identification.diagnosis.result import Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import nearest_top, slot_odds
+from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.spike_slab import Members
+from truepose.identification.posterior.state import slot_odds
 
 Array = NDArray[np.float64]
 DIFFERENT = 1e-3

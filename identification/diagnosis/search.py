@@ -12,8 +12,9 @@ from truepose.errors import ConvergenceError
 from truepose.identification import prior
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
-from truepose.identification.posterior.mode import State
-from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, climbed, mode, sample
+from truepose.identification.posterior.mode import climbed
+from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, mode, sample
+from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
 from truepose.identification.signatures.refine import refined

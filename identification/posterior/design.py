@@ -137,6 +137,11 @@ class Unknowns:
             and 0 <= point.remainder < len(self.size.values)
         )
 
+    def along(self, point: GridPoint, axis: str) -> list[GridPoint]:
+        """All points that differ in ``widening`` or ``remainder`` alone."""
+        count = len(self.widening if axis == "widening" else self.size.values)
+        return [point.at(axis, k) for k in range(count)]
+
     def nearest(self, point: GridPoint) -> GridPoint:
         """A point of another grid with like axes, moved onto this one."""
         noise = tuple(min(k, len(a.values) - 1) for k, a in zip(point.noise, self.noise, strict=True))

@@ -1,4 +1,4 @@
-"""The posterior mode by coordinate ascent, slot by slot and axis by axis, from a start; and what is plausible around it.
+"""The posterior mode by coordinate ascent, slot by slot and axis by axis, from a start.
 
 Forward selection with a second look: a state gains the likeliest term while one is likelier than nothing, then every slot
 is filled anew beside the others, until nothing changes.
@@ -6,17 +6,16 @@ is filled anew beside the others, until nothing changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.posterior.conditional import log_gains_together
-from truepose.identification.posterior.design import GridPoint, Unknowns
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.marginal import Marginal
-from truepose.identification.posterior.sampler import Reach
 from truepose.identification.posterior.spike_slab import Member, Members, SpikeSlab
+from truepose.identification.posterior.state import State, best_point, log_posterior, slot_odds
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
@@ -24,22 +23,9 @@ ROUNDS = 30
 """Most rounds of an ascent: each adds one term at most."""
 STEPS = (4, 1)
 """Steps on an axis of the grid that are repeated while they gain, in turn."""
-LOUDER = (-8, -4, -2, -1, 0, 1, 2, 4, 8, 14)
-"""Steps of the noise at which a state is looked at without some of its members."""
-HOPELESS, CERTAIN = 6.0, 20.0
-"""Log odds below which a term is left out of the chains, and from which on a member is no question any more."""
 
 LIKELY, EXCHANGES = 20.0, 4
 """Log odds against an exchange of a kind for another, as it is proposed, up to which an ascent is worth it; most of them."""
-
-
-@dataclass(frozen=True)
-class State:
-    """A set of terms with their sizes at a point of the grid, and its log posterior up to a constant."""
-
-    members: Members
-    point: GridPoint
-    log_posterior: float
 
 
 def ascended(spike_slab: SpikeSlab, richness: Richness, point: GridPoint, members: Sequence[Member]) -> State:
@@ -160,7 +146,7 @@ def nearest_top(
                     near = [p for p in (line(best, -step), line(best, step)) if unknowns.holds(p)]
                     best, value, moved = _better(spike_slab, members, near, best, value)
         if thorough:
-            best, value, _ = _better(spike_slab, members, _along(unknowns, best, "widening"), best, value)
+            best, value, _ = _better(spike_slab, members, unknowns.along(best, "widening"), best, value)
         if best == before or not thorough:
             return best
 
@@ -194,132 +180,17 @@ def _better(
     return (points[at], top, True) if top > value else (best, value, False)
 
 
-@dataclass(frozen=True)
-class Plausible:
-    """What chains draw from: ``terms`` (c,) that are not hopeless in some slot, and such values of the grid; ``certain``:
-    members that nothing can replace."""
-
-    terms: NDArray[np.bool_]
-    reach: Reach
-    certain: Members
+def climbed(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State] = ()) -> State:
+    """The likeliest state that ascents from nothing and from ``known`` states reach."""
+    return tops(spike_slab, richness, known)[0]
 
 
-def plausible(spike_slab: SpikeSlab, richness: Richness, states: Sequence[State]) -> Plausible:
-    """Around states, whose log posterior is the measure: what each slot may hold, and one more, here and where the grid may be.
-
-    The rival of a term is another term, or a departure of the grid from what is stated.
-    """
-    interest = np.full(len(spike_slab.terms), -np.inf)
-    reach: dict[str, set[int]] = {axis: set() for axis in Reach._fields}
-    certain = set.intersection(*(set(state.members) for state in states))
-    for state in states:
-        table = _without_each(spike_slab, richness, state)
-        alive = {p for row in table.values() for p, log in row.items() if log > -CERTAIN}
-        for leaving, row in table.items():
-            rest = [m for m in state.members if m not in leaving]
-            for point in _stated(state.point, row) if not leaving else _likely(state.point, row):
-                odds = np.logaddexp.reduce(spike_slab.log_odds(point, rest, leaving), axis=0)
-                odds += row[point] + slot_odds(richness, len(rest))
-                np.maximum(interest, odds, out=interest)
-                alive |= {point} if odds.max(initial=-np.inf) > -CERTAIN else set()
-                others = np.logaddexp.reduce(np.delete(odds, [m[0] for m in leaving]), initial=row[point])
-                certain -= set(leaving) if others > -CERTAIN else set()
-        interest[[term for term, _ in state.members]] = np.inf
-        for axis, values in reach.items():
-            values |= {getattr(p, axis) for p in alive}
-    axes = Reach(*(tuple(sorted(values)) for values in reach.values()))
-    return Plausible(interest > -HOPELESS, axes, tuple(sorted(certain)))
-
-
-def _stated(point: GridPoint, row: Mapping[GridPoint, float]) -> set[GridPoint]:
-    """A point, quieter ones, and stated tolerances without a remainder: where a term may stand that the grid stands in for."""
-    quieter = {
-        p for p in row if p == point.louder(p.noise[0] - point.noise[0]) and p.noise[0] < point.noise[0]
-    }
-    return {point, *quieter} | {p for p in row if p in (point.at("widening", 0), point.at("remainder", 0))}
-
-
-def _likely(point: GridPoint, row: Mapping[GridPoint, float]) -> set[GridPoint]:
-    """A point, and where the grid is likeliest."""
-    return {point, point.at("remainder", 0), max(row, key=lambda p: row[p])}
-
-
-def _without_each(
-    spike_slab: SpikeSlab, richness: Richness, state: State
-) -> dict[Members, dict[GridPoint, float]]:
-    """Log posterior of a state as it is, and without each of its members, less its own, at points around.
-
-    By what leaves; the points differ from the state's in one coordinate.
-    """
-    wanted = np.isin(np.arange(len(spike_slab.terms)), [term for term, _ in state.members])
-    part, index = spike_slab.restricted(wanted)
-    number = {int(term): k for k, term in enumerate(index)}
-    columns, sizes = part.columns([(number[term], size) for term, size in state.members])
-    owner = np.repeat(
-        np.arange(len(state.members)), [len(spike_slab.terms.columns[t]) for t, _ in state.members]
-    )
-    own = spike_slab.log_evidence(state.point, state.members)
-    out: dict[Members, dict[GridPoint, float]] = {(): {}, **{(m,): {} for m in state.members}}
-    prior = {
-        (m,): spike_slab.log_prior([k for k in state.members if k != m]) - spike_slab.log_prior(state.members)
-        for m in state.members
-    }
-    for point in _around(spike_slab.unknowns, state.point):
-        there = part.root(point).including(columns, sizes)
-        out[()][point] = there.log_evidence - own
-        for k, member in enumerate(state.members):
-            gone = there.without(np.flatnonzero(owner == k)).log_evidence - own
-            out[member,][point] = gone + prior[member,] - slot_odds(richness, len(state.members) - 1)
-    return out
-
-
-def _around(unknowns: Unknowns, point: GridPoint) -> list[GridPoint]:
-    """A point, and what differs from it in one coordinate: all widenings and remainders, a few noises."""
-    noises = [point.louder(k) for k in LOUDER]
-    others = [p for axis in Reach._fields for p in _along(unknowns, point, axis)]
-    return [p for p in dict.fromkeys([point, *noises, *others]) if unknowns.holds(p)]
-
-
-def _along(unknowns: Unknowns, point: GridPoint, axis: str) -> list[GridPoint]:
-    """All points that differ in ``widening`` or ``remainder`` alone."""
-    count = len(unknowns.widening if axis == "widening" else unknowns.size.values)
-    return [point.at(axis, k) for k in range(count)]
-
-
-def supports(spike_slab: SpikeSlab, state: State, parts: Sequence[NDArray[np.intp]]) -> list[float]:
-    """Log Bayes factor of a state against it without some of its columns, noise adapting: for each of ``parts``.
-
-    parts: places (k,) among the columns of all members. Without them the noise can only be larger.
-    """
-    columns, sizes = spike_slab.columns(state.members)
-    whole, without = -np.inf, np.full(len(parts), -np.inf)
-    for step in LOUDER:
-        point = state.point.louder(step)
-        if not spike_slab.unknowns.holds(point):
-            continue
-        there = spike_slab.root(point).including(columns, sizes)
-        whole = max(whole, there.log_evidence)
-        left = [there.without(part).log_evidence for part in parts]
-        without = np.maximum(without, left)
-    return [float(whole - value) for value in without]
-
-
-def slot_odds(richness: Richness, number: int) -> float:
-    """Log prior odds of one more member beside ``number``, whichever slot it takes, richness marginalised."""
-    free = richness.slots - number
-    return richness.slot(number) + float(np.log(free)) if free > 0 else -np.inf
-
-
-def log_posterior(spike_slab: SpikeSlab, richness: Richness, members: Members, point: GridPoint) -> float:
-    """Up to a constant, richness and the order of slots marginalised."""
-    number = sum(slot_odds(richness, k) for k in range(len(members)))
-    here = spike_slab.log_evidence(point, members) + spike_slab.log_bounds(point, members)
-    return here + spike_slab.log_prior(members) + number
-
-
-def best_point(spike_slab: SpikeSlab) -> GridPoint:
-    """The likeliest noise without any term, at stated tolerances and without a remainder."""
-    count = max(len(axis.values) for axis in spike_slab.unknowns.noise)
-    return max(
-        (spike_slab.unknowns.all_at(k) for k in range(count)), key=lambda p: spike_slab.root(p).log_evidence
-    )
+def tops(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State]) -> list[State]:
+    """Where ascents lead, from known states or else from nothing, and what is nearly as likely by exchanges of kinds; the
+    likeliest first."""
+    starts = [(state.point, state.members) for state in known] or [(best_point(spike_slab), ())]
+    found = [ascended(spike_slab, richness, *start) for start in starts]
+    best = max(found, key=lambda state: state.log_posterior)
+    found += alternatives(spike_slab, richness, best)
+    every = sorted({state.members: state for state in found}.values(), key=lambda state: -state.log_posterior)
+    return [state for state in every if state.log_posterior > every[0].log_posterior - LIKELY]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.posterior.mode import State
 from truepose.identification.posterior.spike_slab import SpikeSlab
+from truepose.identification.posterior.state import State
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

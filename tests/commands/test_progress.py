@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truepose.commands import progress
+from support.searched_arm import Case
+from truepose.commands import identify, progress
 from truepose.commands.progress import EVERY, Course, Lines, lasting, quietly
+from truepose.identification.diagnosis.engine import diagnose
 
 DELAY = 2.0
 FITTING = (
@@ -46,6 +49,14 @@ def _usual(monkeypatch: pytest.MonkeyPatch) -> None:
 def begun(stages: progress.Stages = DIAGNOSING) -> tuple[Clock, Lines, list[str]]:
     clock, told = Clock(), list[str]()
     return clock, Lines(Course("diagnosing", stages, clock), told.append), told
+
+
+def test_a_diagnosis_tells_the_stages_that_the_command_knows(tmp_path: Path) -> None:
+    """Else nobody would see how far it is."""
+    case, told = Case.of(tmp_path), list[str]()
+    diagnose(case.signatures.machine, case.signatures.recording, progress=told.append)
+    known = [stage for stage, _ in identify.DIAGNOSING]
+    assert [next((s for s in known if text.startswith(s)), text) for text in told] == known[1:-1]
 
 
 def test_quick_work_says_nothing() -> None:

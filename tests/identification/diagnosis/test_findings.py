@@ -121,7 +121,9 @@ def test_twins_share_a_name_by_how_likely_they_are(arm: Machine) -> None:
     likely = wave.effect.twins(wave.settings_map)
     assert likely
     cat = Catalogue((wave,), (-2.0,), ())
-    one = Named(EffectAtPlace("transmission-error", ("q1",)), (0,), 0.8, 0.8, (), 30.0, family="transmission-error")
+    one = Named(
+        EffectAtPlace("transmission-error", ("q1",)), (0,), 0.8, 0.8, (), 30.0, family="transmission-error"
+    )
     found = finding(arm, cat, fitted(cat), one, None, None)
     assert {o.effect for o in found.equivalents} == set(likely)
     for other in found.equivalents:

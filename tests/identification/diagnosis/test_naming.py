@@ -1,7 +1,9 @@
-"""What names are worth before any reading: shares of slugs and places, rivals without a name; and when a model fails."""
+"""What names are worth before any reading: shares of slugs and places, rivals without a name; families; when a model fails."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -18,6 +20,7 @@ from truepose.identification.diagnosis.judgement import Judgement
 from truepose.identification.diagnosis.naming import FAMILY, named
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.summary import Summary, verdict
+from truepose.identification.posterior.state import State
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.load import load_recording
@@ -27,6 +30,7 @@ from truepose.models.effects.axis_coupling import AxisCoupling
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
+from truepose.models.placed import EffectAtPlace
 
 ARM = """schema: truepose/machine/1
 name: arm
@@ -92,6 +96,81 @@ def test_mounts_are_rivals_as_curves_of_drivers_only_and_the_volume_once(
     assert all(c.drivers for c in mounts)
     assert [c.place for c in nameless].count(("sensor",)) == 1
     assert len({c.label for c in nameless}) == len(nameless)
+
+
+# -- families -----------------------------------------------------------------------------------------------
+
+
+WAVES = {
+    EffectAtPlace("encoder-eccentricity", ("q1",)): "order=1,a=1e-3,b=5e-4",
+    EffectAtPlace("encoder-eccentricity", ("q2",)): "order=1,a=-1e-3",
+    EffectAtPlace("encoder-eccentricity", ("q3",)): "order=1,b=2e-3",
+}
+SCALES = {
+    EffectAtPlace("actuator-scale", ("q1",)): "s=2e-3",
+    EffectAtPlace("actuator-scale", ("q2",)): "s=-2e-3",
+    EffectAtPlace("actuator-scale", ("q3",)): "s=3e-3",
+}
+COUPLED = {EffectAtPlace("axis-coupling", ("q2", "q1")): "k=1e-3"}
+
+
+def found_in(folder: Path, truth: Mapping[EffectAtPlace, str]) -> Found:
+    """Of the arm with these effects simulated."""
+    (folder / "arm.yaml").write_text(ARM)
+    machine, rng = load_machine(folder / "arm.yaml"), np.random.default_rng(4)
+    rows = pd.DataFrame(rng.uniform(-95, 95, (2 * ROWS, 3)), columns=["q1 [deg]", "q2 [deg]", "q3 [deg]"])
+    rows.to_csv(folder / "poses.csv", index=False)
+    poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
+    texts = [f"{slug}@{'+'.join(place)}:{values}" for (slug, place), values in truth.items()]
+    read = simulate(machine, poses, [parse_effect(text, machine) for text in texts], seed=3)
+    pd.concat([rows, read], axis=1).to_csv(folder / "rows.csv", index=False)
+    return Case.on(machine, load_recording(machine, [folder / "rows.csv"])).found()
+
+
+def said(found: Found) -> dict[EffectAtPlace, str]:
+    """What is said, and the family of each."""
+    return {n.cause: n.family for n in named(found, inclusion(found.problem, found.posterior)) if n.said}
+
+
+def doubted(found: Found, cause: EffectAtPlace) -> Found:
+    """One of its causes is there one time in ten."""
+    problem, posterior, mode = found.problem, found.posterior, found.mode
+    number = problem.causes.index(cause)
+    rest = tuple(m for m in mode.members if problem.spike_slab.terms.cause[m[0]] != number)
+    causes, beside = posterior.causes.copy(), posterior.beside.copy()
+    causes[number], beside[number], beside[:, number] = 0.1, 0.0, 0.0
+    states = ((State(rest, mode.point, 0.0), 0.9), (mode, 0.1))
+    return replace(found, posterior=replace(posterior, causes=causes, beside=beside, states=states))
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> Found:
+    return found_in(tmp_path_factory.mktemp("three"), {**WAVES, **COUPLED})
+
+
+def test_from_three_places_of_one_effect_on_they_are_a_family(tmp_path: Path, three: Found) -> None:
+    """Each is said for itself still; two are none, and nothing else beside them is of it."""
+    assert FAMILY == 3
+    assert said(three) == dict.fromkeys(WAVES, "encoder-eccentricity") | dict.fromkeys(COUPLED, "")
+    two = {cause: text for cause, text in WAVES.items() if cause.place != ("q3",)}
+    assert said(found_in(tmp_path, {**two, **COUPLED})) == dict.fromkeys((*two, *COUPLED), "")
+
+
+@pytest.mark.parametrize("doubt", WAVES)
+def test_a_place_that_is_not_said_makes_no_family(three: Found, doubt: EffectAtPlace) -> None:
+    rest = [cause for cause in (*WAVES, *COUPLED) if cause != doubt]
+    found = doubted(three, doubt)
+    assert said(found) == dict.fromkeys(rest, "")
+    (other,) = [n for n in named(found, inclusion(found.problem, found.posterior)) if n.cause == doubt]
+    assert not other.said and other.family == ""
+
+
+def test_three_joints_that_err_each_in_its_own_size_are_three(tmp_path: Path) -> None:
+    """And not two of them beside an error of all three at once, which says the same."""
+    assert said(found_in(tmp_path, SCALES)) == dict.fromkeys(SCALES, "actuator-scale")
+
+
+# -- verdicts -----------------------------------------------------------------------------------------------
 
 
 QUIET = Alarm(1.0, 0.5)

@@ -22,7 +22,7 @@ from truepose.identification.drift.scales import noise_scales
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import State
+from truepose.identification.posterior.state import State
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import tolerance_notes
 from truepose.identification.signatures.candidates import Catalogue

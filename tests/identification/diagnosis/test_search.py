@@ -21,8 +21,8 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import State, slot_odds
 from truepose.identification.posterior.posterior import Posterior
+from truepose.identification.posterior.state import State, slot_odds
 from truepose.models.placed import EffectAtPlace
 
 MIXING = 0.02

@@ -24,8 +24,8 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import State, slot_odds
 from truepose.identification.posterior.spike_slab import Member
+from truepose.identification.posterior.state import State, slot_odds
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue

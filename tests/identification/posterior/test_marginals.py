@@ -31,8 +31,8 @@ from truepose.identification.posterior.conditional import (
 )
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.marginal import Marginal, marginal
-from truepose.identification.posterior.mode import log_posterior, slot_odds
 from truepose.identification.posterior.spike_slab import SpikeSlab
+from truepose.identification.posterior.state import log_posterior, slot_odds
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.prior import BOUND_DOUBT, Sizes
 

@@ -1,0 +1,64 @@
+"""A state of the posterior: a set of terms with their sizes at a point of the grid, and what its posterior is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.spike_slab import Members, SpikeSlab
+from truepose.identification.prior import Richness
+
+LOUDER = (-8, -4, -2, -1, 0, 1, 2, 4, 8, 14)
+"""Steps of the noise at which a state is looked at without some of its members."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A set of terms with their sizes at a point of the grid, and its log posterior up to a constant."""
+
+    members: Members
+    point: GridPoint
+    log_posterior: float
+
+
+def supports(spike_slab: SpikeSlab, state: State, parts: Sequence[NDArray[np.intp]]) -> list[float]:
+    """Log Bayes factor of a state against it without some of its columns, noise adapting: for each of ``parts``.
+
+    parts: places (k,) among the columns of all members. Without them the noise can only be larger.
+    """
+    columns, sizes = spike_slab.columns(state.members)
+    whole, without = -np.inf, np.full(len(parts), -np.inf)
+    for step in LOUDER:
+        point = state.point.louder(step)
+        if not spike_slab.unknowns.holds(point):
+            continue
+        there = spike_slab.root(point).including(columns, sizes)
+        whole = max(whole, there.log_evidence)
+        left = [there.without(part).log_evidence for part in parts]
+        without = np.maximum(without, left)
+    return [float(whole - value) for value in without]
+
+
+def slot_odds(richness: Richness, number: int) -> float:
+    """Log prior odds of one more member beside ``number``, whichever slot it takes, richness marginalised."""
+    free = richness.slots - number
+    return richness.slot(number) + float(np.log(free)) if free > 0 else -np.inf
+
+
+def log_posterior(spike_slab: SpikeSlab, richness: Richness, members: Members, point: GridPoint) -> float:
+    """Up to a constant, richness and the order of slots marginalised."""
+    number = sum(slot_odds(richness, k) for k in range(len(members)))
+    here = spike_slab.log_evidence(point, members) + spike_slab.log_bounds(point, members)
+    return here + spike_slab.log_prior(members) + number
+
+
+def best_point(spike_slab: SpikeSlab) -> GridPoint:
+    """The likeliest noise without any term, at stated tolerances and without a remainder."""
+    count = max(len(axis.values) for axis in spike_slab.unknowns.noise)
+    return max(
+        (spike_slab.unknowns.all_at(k) for k in range(count)), key=lambda p: spike_slab.root(p).log_evidence
+    )
