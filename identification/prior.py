@@ -59,7 +59,7 @@ class Richness:
 
 # -- how many effects, and which ----------------------------------------------------------------------------
 
-RICHNESS = Richness((0.01, 0.04, 0.15), tuple(np.log([0.5, 0.35, 0.15]).tolist()), 48)
+RICHNESS = Richness((0.015, 0.06, 0.22), tuple(np.log([0.5, 0.35, 0.15]).tolist()), 32)
 """Simple, usual and rich machines: 0.5, 2 and 7 effects are expected. Chosen."""
 URN = 4.0
 """How many causes of other kinds weigh as much as the prior shares of kinds: fewer, and like goes with like. Chosen."""

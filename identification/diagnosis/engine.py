@@ -56,7 +56,7 @@ def diagnose(
     progress("fitting without effects")
     fits = _null_fits(machine, recording)
     cat = catalogue(machine, recording)
-    progress(f"spike_slab {len(cat.candidates)} explanations")
+    progress(f"weighing {len(cat.candidates)} explanations")
     signatures = Signatures(machine, recording, cat.candidates)
     found = search(signatures, cat, fits.before, fits.outliers, fits.rms)
     again = outliers.outlying_rows(found.fit, recording, ~recording.validation)

@@ -158,21 +158,22 @@ def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[E
         }
     )
     table["in_kind"] = table["share"] / table.groupby("kind")["share"].transform("sum")
-    table["in_cause"] = table["share"] / table.groupby("cause")["share"].transform("sum")
     number, causes = pd.factorize(table["cause"])
     feature = table.groupby(["kind", "feature"], sort=False).ngroup().to_numpy()
-    share, further = np.log(table["in_kind"].to_numpy()), np.log(prior.FURTHER * table["in_cause"].to_numpy())
-    terms = [
-        _term(cat, lin, i, int(number[k]), int(feature[k]), float(share[k]), float(further[k]))
-        for k, i in enumerate(free)
-    ]
+    share = np.log(table["in_kind"].to_numpy())
+    terms = [_term(cat, lin, i, int(number[k]), int(feature[k]), float(share[k])) for k, i in enumerate(free)]
     return tuple(free), tuple(causes), Terms(terms, _urn(table))
 
 
 def _kind(cat: Catalogue, index: int) -> str:
-    """What has a name is likelier where its like is; what has none is like nothing else but at its own place."""
+    """What has a name is likelier where its like is; what has none is like nothing else but at its own place.
+
+    An effect of several parts at once is another kind than that of parts alone: it says the same of them once more.
+    """
     placed = cat.candidates[index]
-    return placed.effect.slug if cat.named(index) else placed.label.partition(",")[0]
+    if not cat.named(index):
+        return placed.label.partition(",")[0]
+    return f"{placed.effect.slug} of {len(placed.place)}"
 
 
 def _urn(table: pd.DataFrame) -> Urn:
@@ -189,6 +190,8 @@ def _urn(table: pd.DataFrame) -> Urn:
         log_size=prior.SIZES.log_prior,
         weight=prior.URN,
         alike=prior.ALIKE,
+        further=prior.FURTHER,
+        log_place=np.log(table.groupby("cause", sort=False)["in_kind"].sum().to_numpy()),
     )
 
 
@@ -199,7 +202,6 @@ def _term(
     cause: int,
     feature: int,
     log_share: float,
-    log_further: float,
 ) -> Term:
     placed = cat.candidates[index]
     return Term(
@@ -207,7 +209,6 @@ def _term(
         cause=cause,
         feature=feature,
         log_share=log_share,
-        log_further=log_further,
         lower=tuple(c.lower / c.scale for c in placed.coefficients),
         upper=tuple(c.upper / c.scale for c in placed.coefficients),
         alone=cat.named(index) and not placed.effect.settings_add,

@@ -140,13 +140,14 @@ def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
         causes = sorted(
             {int(spike_slab.terms.cause[term]) for term, _ in state.members}, key=lambda k: -own[k]
         )
-        # a second member of a class stands for itself alone
-        alone = [any(posterior.beside[k, j] > ALIKE for j in causes[:i]) for i, k in enumerate(causes)]
-        member = [
-            own[k] if one else FOR_CLASS * whole[k] + (1.0 - FOR_CLASS) * own[k]
-            for k, one in zip(causes, alone, strict=True)
-        ]
-        return float(sum(member) - 0.5 * len(member))
+        return sum(there(k, causes[:i]) - 0.5 for i, k in enumerate(causes))
+
+    def there(k: int, before: Sequence[int]) -> float:
+        """Probability of a cause with its class; of a second one of a class, that it is there beside the first."""
+        mates = [j for j in before if posterior.beside[k, j] > ALIKE]
+        if mates:
+            return float(own[k] + own[mates[0]] - max(whole[mates[0]], own[k], own[mates[0]]))
+        return float(FOR_CLASS * whole[k] + (1.0 - FOR_CLASS) * own[k])
 
     return max(
         (state for state, _ in posterior.states), key=lambda s: (round(agreement(s), 3), s.log_posterior)

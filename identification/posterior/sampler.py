@@ -150,7 +150,9 @@ class Chain:
                 of_kind[kind[[t for t, _ in rest]]] = -np.inf
                 shares = softmax(0.5 * of_kind)
                 of = int(kind[given[0][0]]) if given else int(self._rng.choice(len(shares), p=shares))
-                log += float(of_kind[of] - np.log(shares[of]))
+                log += float(
+                    0.5 * of_kind[of] + np.logaddexp.reduce(0.5 * of_kind)
+                )  # its weight over its share
             odds = np.where(kind == of, odds, -np.inf)
             if new:
                 log += float(np.logaddexp.reduce(odds, axis=None, initial=0.0))

@@ -20,16 +20,14 @@ class Term:
     """One thing that may be there: its columns, N(0, size^2) each, in units of an expected largest size.
 
     columns (k,): of the design; cause: number of what it blames (terms of one cause differ in settings or form); feature:
-    number of its settings, the same for like terms of other causes; log_share: prior share of the term in its kind;
-    log_further: prior odds of it where its cause is part of the model already; lower, upper (k,): physical bounds; alone: no
-    other term of its cause may stand beside it.
+    number of its settings, the same for like terms of other causes; log_share: prior share of the term in its kind; lower,
+    upper (k,): physical bounds; alone: no other term of its cause may stand beside it.
     """
 
     columns: tuple[int, ...]
     cause: int
     feature: int
     log_share: float
-    log_further: float
     lower: tuple[float, ...]
     upper: tuple[float, ...]
     alone: bool = True
@@ -75,7 +73,6 @@ class Terms:
         self.feature = np.array([t.feature for t in terms], dtype=np.intp)
         self.n_causes, self.kind = len(urn.kind), urn.kind[self.cause]
         self._share = np.array([t.log_share for t in terms])
-        self._further = np.array([t.log_further for t in terms])
 
     def restricted(self, kept: Sequence[int], place: Index) -> Terms:
         """Some of the terms, their columns renumbered by ``place``; causes keep their numbers."""
@@ -121,40 +118,36 @@ class Terms:
     @cached_property
     def log_first(self) -> Array:
         """(c,) log prior of each term beside nothing, whatever its size."""
-        by_kind, by_feature, _ = self.urn.log_next(self._counts(()))
-        return np.asarray(self._share + by_kind[self.kind] + by_feature[self.feature])
+        return np.asarray(self._share + np.log(self.urn.share)[self.kind])
 
     def log_prior(self, present: Sequence[tuple[int, int]]) -> Array:
         """(s, c) log prior of each term at each size beside those present (term, size); minus infinity where it cannot stand
         beside them."""
         terms = [t for t, _ in present]
-        by_kind, by_feature, by_size = self.urn.log_next(self._counts(self._first(present)))
+        by_kind, by_feature, by_size = self.urn.log_next(self._counts(present))
         again = np.isin(self.cause, self.cause[terms])
-        own = np.where(again, self._further, self._share + by_kind[self.kind] + by_feature[self.feature])
+        own = self._share + by_feature[self.feature] + np.where(again, self._further, by_kind[self.kind])
         if len(present):
             own[self.excludes[terms].any(axis=0)] = -np.inf
-        return np.asarray(own + np.where(again, self.urn.log_size[:, None], by_size[:, self.kind]))
+        return np.asarray(own + by_size[:, self.kind])
 
     def log_prior_of(self, present: Sequence[tuple[int, int]]) -> float:
         """Log prior of these terms at their sizes together, whatever their order."""
-        first = self._first(present)
-        further = [m for m in present if m not in first]
-        own = float(
-            np.sum(self._share[[t for t, _ in first]]) + np.sum(self._further[[t for t, _ in further]])
-        )
-        return (
-            own
-            + float(np.sum(self.urn.log_size[[s for _, s in further]]))
-            + self.urn.log_prior(self._counts(first))
-        )
+        terms = np.array([t for t, _ in present], dtype=np.intp)
+        _, first = np.unique(self.cause[terms], return_index=True)  # whichever: further ones cost the same
+        further = np.delete(terms, first)
+        own = float(np.sum(self._share[terms]) + np.sum(self._further[further]))
+        return own + self.urn.log_prior(self._counts(present))
 
-    def _first(self, present: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-        """The likeliest term of each cause, which stands for it; others are further ones."""
-        out: dict[int, tuple[int, int]] = {}
-        for member in sorted(present, key=lambda m: (-self._share[m[0]], m)):
-            out.setdefault(int(self.cause[member[0]]), member)
-        return list(out.values())
+    @cached_property
+    def _further(self) -> Array:
+        """(c,) log prior odds of a further term of a cause that is there, beside those of its settings: its place is known."""
+        return np.asarray(np.log(self.urn.further) - self.urn.log_place[self.cause])
 
-    def _counts(self, first: Sequence[tuple[int, int]]) -> Counts:
-        terms = [t for t, _ in first]
-        return self.urn.counts(self.cause[terms], self.feature[terms], [s for _, s in first])
+    def _counts(self, present: Sequence[tuple[int, int]]) -> Counts:
+        """Of causes, and of all members."""
+        terms, sizes = (np.array([m[k] for m in present], dtype=np.intp) for k in (0, 1))
+        by_size = np.zeros((len(self.urn.log_size), len(self.urn.share)), dtype=np.intp)
+        np.add.at(by_size, (sizes, self.kind[terms]), 1)
+        kinds = np.bincount(self.urn.kind[np.unique(self.cause[terms])], minlength=len(self.urn.share))
+        return Counts(kinds, np.bincount(self.feature[terms], minlength=len(self.urn.feature_share)), by_size)

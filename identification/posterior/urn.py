@@ -4,15 +4,15 @@ Causes come in kinds, every kind with some features (its settings) and sizes. Ea
 
     p(next is k | counts m) = (w b_k + m_k) / (w + sum m),   b: prior shares, w: how many draws they count for
 
-so where one gear errs the others may well, alike in period and size. Causes are not drawn twice; the more of a kind are there,
-the fewer places are left to each further one. Integrated over the unknown shares this is a Dirichlet-multinomial, in which
-the order of draws does not matter.
+so where one gear errs the others may well, alike in period and size. A cause is not drawn twice: the more of a kind are
+there, the fewer places are left to each further one. Kinds of a single cause have no like, and no part in any of this.
+Integrated over the unknown shares this is a Dirichlet-multinomial, in which the order of draws does not matter.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ Index = NDArray[np.intp]
 
 
 class Counts(NamedTuple):
-    """Causes of each kind (g,), of each feature (f,), and those of each kind at each size (s, g)."""
+    """Causes of each kind (g,), members of each feature (f,), and members of each kind at each size (s, g)."""
 
     kinds: Index
     features: Index
@@ -34,8 +34,9 @@ class Counts(NamedTuple):
 @dataclass(frozen=True)
 class Urn:
     """kind (n,): of each cause; share (g,): prior share of each kind; number (g,): of its causes; feature_kind (f,): kind of
-    each feature; feature_share (f,): in its kind; log_size (s,): log prior of each size; weight: of the shares of kinds; alike:
-    of those of features and sizes within a kind."""
+    each feature; feature_share (f,): in its kind; log_size (s,): log prior of each size; weight: of the shares of kinds;
+    alike: of those of features and sizes within a kind; further: prior odds of a further term of a cause that is there;
+    log_place (n,): share of each cause in its kind."""
 
     kind: Index
     share: Array
@@ -45,35 +46,51 @@ class Urn:
     log_size: Array
     weight: float
     alike: float
+    further: float
+    log_place: Array
 
-    def counts(self, causes: Index, features: Index, sizes: Sequence[int]) -> Counts:
-        """Of causes with the feature and the size of each."""
-        kinds = self.kind[causes]
-        by_size = np.zeros((len(self.log_size), len(self.share)), dtype=np.intp)
-        np.add.at(by_size, (np.array(sizes, dtype=np.intp), kinds), 1)
-        return Counts(by_size.sum(axis=0), np.bincount(features, minlength=len(self.feature_share)), by_size)
+    @cached_property
+    def grows(self) -> NDArray[np.bool_]:
+        """(g,) kinds of several causes."""
+        return np.asarray(self.number > 1)
+
+    @cached_property
+    def base(self) -> Array:
+        """(g,) prior shares among the kinds that grow, as so many draws; nothing for others."""
+        grown = np.where(self.grows, self.share, 0.0)
+        return np.asarray(self.weight * grown / max(float(grown.sum()), 1e-300))
+
+    @cached_property
+    def plain(self) -> Array:
+        """(g,) log share of the kind, or of all kinds that grow together."""
+        together = max(float(self.share[self.grows].sum()), 1e-300)
+        return np.log(np.maximum(np.where(self.grows, together, self.share), 1e-300))
 
     def log_next(self, counts: Counts) -> tuple[Array, Array, Array]:
         """Log prior beside so many: of one more of each kind (g,), of each feature less its share (f,), of each size (s, g)."""
         kinds, features, sizes = counts
-        drawn = (self.weight * self.share + kinds) / (self.weight + kinds.sum())
-        left = self.number / np.maximum(self.number - kinds, 1)
-        own, w = self.feature_share, self.alike
-        of_kind = kinds[self.feature_kind]
-        feature = (w * own + features) / (w + of_kind) / own
-        size = (w * np.exp(self.log_size)[:, None] + sizes) / (w + sizes.sum(axis=0))
-        return np.log(drawn * left), np.log(feature), np.log(size)
+        own = np.where(self.grows, kinds, 0)
+        drawn = np.where(self.grows, (self.base + own) / (self.weight + own.sum()), 1.0)
+        left = self.number / np.maximum(self.number - own, 1)
+        members, share, w = np.where(self.grows, sizes.sum(axis=0), 0), self.feature_share, self.alike
+        seen = np.where(self.grows[self.feature_kind], features, 0)
+        feature = (w * share + seen) / (w + members[self.feature_kind]) / share
+        size = (w * np.exp(self.log_size)[:, None] + np.where(self.grows, sizes, 0)) / (w + members)
+        return self.plain + np.log(drawn * left), np.log(feature), np.log(size)
 
     def log_prior(self, counts: Counts) -> float:
         """Of so many, whatever their order, less the shares of terms in their kinds."""
         kinds, features, sizes = counts
-        left = kinds * np.log(self.number) - gammaln(self.number + 1) + gammaln(self.number - kinds + 1)
-        out = polya(kinds, self.weight * self.share, self.weight) + float(left.sum())
-        own, w = self.feature_share, self.alike
-        for k in np.flatnonzero(kinds):
-            mine = self.feature_kind == k
-            out += polya(features[mine], w * own[mine], w) - float(features[mine] @ np.log(own[mine]))
+        own, w = np.where(self.grows, kinds, 0), self.alike
+        left = own * np.log(self.number) - gammaln(self.number + 1) + gammaln(self.number - own + 1)
+        out = float(kinds @ self.plain + left.sum()) + polya(own, self.base, self.weight)
         for k in np.flatnonzero(sizes.sum(axis=0)):
+            mine = self.feature_kind == k
+            if not self.grows[k]:
+                out += float(sizes[:, k] @ self.log_size)
+                continue
+            out += polya(features[mine], w * self.feature_share[mine], w)
+            out -= float(features[mine] @ np.log(self.feature_share[mine]))
             out += polya(sizes[:, k], w * np.exp(self.log_size), w)
         return out
 

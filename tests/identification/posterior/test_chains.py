@@ -227,10 +227,7 @@ def test_terms_that_exclude_each_other_never_stand_together() -> None:
     dense = catalogue_problem(0, strength=2.0)
     spans = [(0, 0, (0,)), (1, 0, (1,)), (2, 1, (2, 3)), (3, 2, (3,)), (4, 3, (4,)), (5, 4, (4, 5))]
     terms = Terms(
-        [
-            Term(own, cause, k, 0.0, -0.5, (-np.inf,) * len(own), (np.inf,) * len(own))
-            for k, cause, own in spans
-        ],
+        [Term(own, cause, k, 0.0, (-np.inf,) * len(own), (np.inf,) * len(own)) for k, cause, own in spans],
         single(*[1] * 6, causes=[0, 0, 1, 2, 3, 4]).urn,
     )
     problem = spike_slab(dense, terms)

@@ -82,8 +82,8 @@ def rivals(name: str) -> tuple[SpikeSlab, Dense]:
 def _problem(dense: Dense, log_prior: float) -> SpikeSlab:
     """A wide term of some log prior, if nothing else is there, and a rare one; each a kind that is half of the prior."""
     half, urn = float(np.log(2.0)), single(1, 1, sizes=ONE).urn
-    own = Term(tuple(range(WIDE)), 0, 0, log_prior + half, 0.0, (-np.inf,) * WIDE, (np.inf,) * WIDE)
-    bystander = Term((WIDE,), 1, 1, half - 3.0, 0.0, (-np.inf,), (np.inf,))
+    own = Term(tuple(range(WIDE)), 0, 0, log_prior + half, (-np.inf,) * WIDE, (np.inf,) * WIDE)
+    bystander = Term((WIDE,), 1, 1, half - 3.0, (-np.inf,), (np.inf,))
     return SpikeSlab(dense.design, dense.unknowns, Terms([own, bystander], urn), ONE)
 
 

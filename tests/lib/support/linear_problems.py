@@ -135,7 +135,7 @@ def single(
         [
             Term(
                 tuple(range(a, b)), cause, features.index(feature), -float(np.log(of_kind[feature[0]])),
-                float(np.log(FURTHER / own.count(cause))), (-np.inf,) * (b - a), (np.inf,) * (b - a), alone,
+                (-np.inf,) * (b - a), (np.inf,) * (b - a), alone,
             )
             for (a, b), cause, feature in zip(pairwise(ends.tolist()), own, numbered, strict=True)
         ],
@@ -148,6 +148,8 @@ def single(
             log_size=(sizes or SIZES).log_prior,
             weight=WEIGHT,
             alike=EQUAL,
+            further=FURTHER,
+            log_place=np.log([own.count(c) / of_kind[kind[c]] for c in range(len(kind))]),
         ),
     )  # fmt: skip
 
@@ -257,23 +259,28 @@ def _noticed(spike_slab: SpikeSlab, dense: Dense) -> NDArray[np.bool_]:
 def drawn(terms: Terms, members: Members) -> float:
     """Log prior of terms at their sizes: one after the other drawn from their urns, as the book has it."""
     urn, out, before = terms.urn, 0.0, list[tuple[int, int]]()
-    seen = set[int]()
-    for k, size in sorted(members, key=lambda m: (-terms.all[m[0]].log_share, m)):
+    grown = sum(float(urn.share[k]) for k in range(len(urn.share)) if urn.number[k] > 1)
+    seen = list[int]()
+    for k, size in members:
         own = terms.all[k]
-        if own.cause in seen:
-            out += own.log_further + urn.log_size[size]
-            continue
-        kind = urn.kind[own.cause]
-        alike = [m for m in before if urn.kind[terms.all[m[0]].cause] == kind]
+        kind = int(urn.kind[own.cause])
+        alike = [m for m in before if urn.kind[terms.all[m[0]].cause] == kind] if urn.number[kind] > 1 else []
         same = sum(terms.all[t].feature == own.feature for t, _ in alike)
         equal = sum(s == size for _, s in alike)
         share, base = float(urn.share[kind]), float(urn.feature_share[own.feature])
-        out += np.log((WEIGHT * share + len(alike)) / (WEIGHT + len(before)))
         out += np.log((EQUAL * base + same) / (EQUAL + len(alike))) + own.log_share - np.log(base)
         out += np.log((EQUAL * np.exp(urn.log_size[size]) + equal) / (EQUAL + len(alike)))
-        out += np.log(urn.number[kind] / (urn.number[kind] - len(alike)))
+        if own.cause in seen:
+            out += np.log(FURTHER) - urn.log_place[own.cause]
+        elif urn.number[kind] == 1:
+            out += np.log(share)
+        else:
+            growing = [c for c in seen if urn.number[urn.kind[c]] > 1]
+            of_kind = sum(urn.kind[c] == kind for c in growing)
+            out += np.log(grown * (WEIGHT * share / grown + of_kind) / (WEIGHT + len(growing)))
+            out += np.log(urn.number[kind] / (urn.number[kind] - of_kind))
         before.append((k, size))
-        seen.add(own.cause)
+        seen += [own.cause] if own.cause not in seen else []
     return float(out)
 
 
