@@ -146,9 +146,9 @@ def logs(problem: SelectionProblem, *present: Member) -> Array:
 
 
 def kind_of(cat: Catalogue, index: int) -> tuple[str, ...]:
-    """Names go by their effect; what has none by its place."""
+    """Names go by their effect and how many parts are in it together; what has none by its place."""
     slug, place = cat.cause(index)
-    return (slug,) if cat.named(index) else (slug, *place)
+    return (slug, str(len(place))) if cat.named(index) else ("", *place)
 
 
 def test_every_candidate_that_is_not_stated_is_a_term_of_its_own(
@@ -213,7 +213,7 @@ def test_one_kind_is_one_effect_at_all_its_places_and_a_nameless_place_by_itself
     for kind in set(kinds):
         k = int(terms.kind[kinds.index(kind)])
         places = {cat.cause(i) for i in problem.candidates if kind_of(cat, i) == kind}
-        assert terms.urn.number[k] == len(places) and (len(places) == 1 or len(kind) == 1)
+        assert terms.urn.number[k] == len(places) and (len(places) == 1 or kind[0])
 
 
 @pytest.mark.parametrize("size", [0, 4, 8])
@@ -233,7 +233,9 @@ def test_where_one_joint_errs_others_may_and_likeliest_alike(
     beside = logs(problem, (first, size))
     share = {k: float(np.exp(problem.spike_slab.terms.log_first[k])) for k in own}
     b, n, w, a = sum(share.values()), len({e.place for e in placed.values()}), prior.URN, prior.ALIKE
-    kind = (w * b + 1.0) / (w + 1.0) / b * n / (n - 1.0)
+    urn = problem.spike_slab.terms.urn
+    grown = float(urn.share[urn.number > 1].sum())  # of all kinds that have more than one place
+    kind = (w * b + grown) / (w + 1.0) / b * n / (n - 1.0)
     others = {int(cause[k]) for k in own} - {int(cause[first])}
     assert len(others) == n - 1
     for other in others:
@@ -268,7 +270,7 @@ def test_what_has_no_name_makes_no_other_place_likelier(listed: tuple[Catalogue,
 def test_the_order_of_causes_is_nothing_to_the_prior_of_a_set(
     listed: tuple[Catalogue, SelectionProblem], seed: int
 ) -> None:
-    """Taken one after the other or all at once, like ones among them; further terms of a cause, too, all at once."""
+    """Taken one after the other or all at once, like ones and further terms of a cause among them."""
     problem, rng = listed[1], np.random.default_rng(seed)
     terms, slab = problem.spike_slab.terms, problem.spike_slab
     kinds = rng.choice(np.flatnonzero(terms.urn.number > 2), 2, replace=False)
@@ -277,7 +279,7 @@ def test_the_order_of_causes_is_nothing_to_the_prior_of_a_set(
         here = [k for k in np.flatnonzero(terms.kind == kind) if np.isfinite(logs(problem, *drawn)[0, k])]
         fresh = [k for k in here if terms.cause[k] not in terms.cause[[t for t, _ in drawn]]]
         drawn.append((int(rng.choice(fresh)), int(rng.integers(len(slab.sizes.values)))))
-    orders = [[drawn[k] for k in rng.permutation(len(drawn))] for _ in range(8)]
+    orders: list[list[Member]] = [[drawn[k] for k in rng.permutation(len(drawn))] for _ in range(8)]
     steps = [
         sum(float(logs(problem, *order[:k])[size, term]) for k, (term, size) in enumerate(order))
         for order in orders
@@ -289,8 +291,9 @@ def test_the_order_of_causes_is_nothing_to_the_prior_of_a_set(
         if not t.alone and not terms.excludes[k, [m for m, _ in drawn]].any()
     ]
     further = [(int(k), int(rng.integers(len(slab.sizes.values)))) for k in rng.choice(add, 3, replace=False)]
-    whole = [terms.log_prior_of([*order, *further][::-1]) for order in orders]
-    np.testing.assert_allclose(whole, terms.log_prior_of([*further, *drawn]), atol=1e-9)
+    every = [[*drawn, *further][k] for k in rng.permutation(len(drawn) + len(further))]
+    steps = sum(float(logs(problem, *every[:k])[size, term]) for k, (term, size) in enumerate(every))
+    assert steps == pytest.approx(terms.log_prior_of([*further, *drawn]), abs=1e-9)
 
 
 # -- errors of form ---------------------------------------------------------------------------------------------
