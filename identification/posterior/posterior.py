@@ -20,7 +20,7 @@ from truepose.identification.posterior.state import State
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
-AGREED = 0.02
+AGREED = 0.03
 """Largest difference of a cause's probability between two chains that is none."""
 BURN, ROUND, ROUNDS = 25, 40, 8
 """Sweeps of a chain before it counts, sweeps of each round, and most rounds."""

@@ -27,7 +27,7 @@ from truepose.identification.posterior.spike_slab import Conditional, Member, Me
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
-JOINT, OTHERS = 0.3, 4
+JOINT, OTHERS = 0.2, 4
 """Share of the slots that are drawn together with an axis of the grid, and how many other values of it are weighed."""
 
 
