@@ -292,8 +292,8 @@ def test_the_order_of_causes_is_nothing_to_the_prior_of_a_set(
     ]
     further = [(int(k), int(rng.integers(len(slab.sizes.values)))) for k in rng.choice(add, 3, replace=False)]
     every = [[*drawn, *further][k] for k in rng.permutation(len(drawn) + len(further))]
-    steps = sum(float(logs(problem, *every[:k])[size, term]) for k, (term, size) in enumerate(every))
-    assert steps == pytest.approx(terms.log_prior_of([*further, *drawn]), abs=1e-9)
+    whole = sum(float(logs(problem, *every[:k])[size, term]) for k, (term, size) in enumerate(every))
+    assert whole == pytest.approx(terms.log_prior_of([*further, *drawn]), abs=1e-9)
 
 
 # -- errors of form ---------------------------------------------------------------------------------------------
