@@ -39,6 +39,18 @@ RICH = (
         Plan(poses=24, held_out=0.0),
     ),
     Case(
+        "arm-gears",
+        "arm",
+        812,
+        "every gear has its waves; a joint that gives way and play beside them",
+        (
+            *_at("transmission-error", "q1 q2 q3 q4 q5 q6", 1.5, 2.0, 1.2, 2.0, 1.6, 2.0),
+            *_at("joint-compliance", "q2", 1.0),
+            *_at("backlash", "q1", 1.0),
+        ),
+        Plan(poses=24, held_out=0.0),
+    ),
+    Case(
         "stewart-screws",
         "stewart",
         804,
