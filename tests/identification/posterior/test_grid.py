@@ -187,7 +187,8 @@ def test_an_ascent_ends_where_no_coordinate_gains(seed: int) -> None:
 def missed(around: Plausible, exact: Enumerated, unknowns: Unknowns) -> dict[tuple[str, int], float]:
     """Terms and values of the grid that are left out, with their probability where it is above that of hopeless ones."""
     out = {("term", k): float(p) for k, p in enumerate(exact.terms) if not around.terms[k]}
-    for name, kept in around.reach._asdict().items():
+    for name in ("widening", "remainder"):
+        kept = getattr(around.reach, name)
         count = len(unknowns.widening if name == "widening" else unknowns.size.values)
         for k in set(range(count)) - set(kept):
             out[name, k] = sum(p for point, p in exact.points.items() if getattr(point, name) == k)
