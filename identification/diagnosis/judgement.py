@@ -31,15 +31,10 @@ class Judgement:
     structure: Structure
 
     @property
-    def clear(self) -> bool:
-        """Whether residuals are larger than stated, or than replicates say, beyond chance."""
-        return self.alarms["residual"].p < CLEAR_P
-
-    @property
     def misfits(self) -> bool:
         """Whether the model lacks fit against replicates, or by more than a stated sigma wrong by three would make."""
         lack = self.alarms["residual"]
-        return self.clear and (lack.about == "replicates" or lack.statistic > SIGMA_OFF**2)
+        return lack.p < CLEAR_P and (lack.about == "replicates" or lack.statistic > SIGMA_OFF**2)
 
 
 def judged(ordinary: Estimate, fit: Estimate, lin: Linearisation, recording: Recording) -> Judgement:

@@ -77,7 +77,7 @@ def concluded(fits: Fits, found: Found) -> Outcome:
     whole = choice.compared(model.fit)
     main = next((i for n in summary.laws for i in n.candidates), next(iter(nameless), None))
     proof = None if main is None else prove(fits.before, model.fit, whole, found, main, fits.outliers)
-    said = verdict(summary, raised, worth=proof is not None and proof.ratio < 1.0)
+    said = verdict(summary, raised)
     if said == "adequate":
         same = choice.plain.against(choice.plain)
         applied = told("plain", same, same)

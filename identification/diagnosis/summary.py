@@ -62,15 +62,12 @@ def _told(found: Found, names: Sequence[Named]) -> tuple[Named, ...]:
     return tuple(one for one in names if one in out)
 
 
-def verdict(summary: Summary, raised: Judgement, *, worth: bool) -> str:
+def verdict(summary: Summary, raised: Judgement) -> str:
     """``missing-physics`` where a place with its driver, or a class of names, is known; ``unknown`` where neither is and
-    something sure is worth something on held-out rows or makes a clear misfit, or noise alone cannot make the misfit."""
-    if summary.laws:
+    something is surely there, or noise alone cannot make the misfit."""
+    if summary.names:
         return "missing-physics"
-    sure = summary.inclusion.nameless > SURE
-    if not ((sure and (worth or raised.clear)) or raised.misfits):
-        return "adequate"
-    return "missing-physics" if summary.names else "unknown"
+    return "unknown" if summary.inclusion.nameless > SURE or raised.misfits else "adequate"
 
 
 __all__ = ["SURE", "Summary", "summarised", "verdict"]

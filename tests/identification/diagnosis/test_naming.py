@@ -189,27 +189,17 @@ def test_a_model_fails_by_what_misstated_tolerances_and_sigmas_do_not_explain() 
     assert judgement(residual=Alarm(10.0, 1e-6, "stated sigma")).misfits
 
 
-@pytest.mark.parametrize("placed", [False, True])
 @pytest.mark.parametrize(
-    ("sure", "worth", "residual", "missing"),
-    [
-        (True, True, QUIET, True),  # worth something
-        (True, False, QUIET, False),  # seen, worth nothing, and no misfit
-        (
-            True,
-            False,
-            Alarm(1.7, 1e-6, "stated sigma"),
-            True,
-        ),  # a misfit whose cause is sure is never adequate
-        (False, True, Alarm(1.7, 1e-6, "stated sigma"), False),  # noise is larger than stated
-        (False, False, Alarm(1.7, 1e-6, "replicates"), True),
-    ],
+    "residual", [QUIET, Alarm(1.7, 1e-6, "stated sigma"), Alarm(1.7, 1e-6, "replicates")]
 )
-def test_what_has_no_name_counts_where_it_is_worth_something_or_makes_a_misfit(
-    sure: bool, worth: bool, residual: Alarm, missing: bool, placed: bool
-) -> None:
-    """Where its place and driver are known, physics is missing; else nobody knows what."""
-    nameless = SimpleNamespace(nameless=0.95 if sure else 0.5)
-    said = cast(Summary, SimpleNamespace(laws=(), names=("form",) if placed else (), inclusion=nameless))
-    told = ("missing-physics" if placed else "unknown") if missing else "adequate"
-    assert verdict(said, judgement(residual=residual), worth=worth) == told
+@pytest.mark.parametrize("nameless", [0.5, 0.95])
+@pytest.mark.parametrize("named", [False, True])
+def test_one_rule_gives_the_verdict(named: bool, nameless: float, residual: Alarm) -> None:
+    """What is named is missing; else what is surely there, or what noise alone cannot make, is unknown."""
+    said = cast(
+        Summary,
+        SimpleNamespace(names=("form",) if named else (), inclusion=SimpleNamespace(nameless=nameless)),
+    )
+    there = nameless > 0.9 or residual.about == "replicates"
+    told = "missing-physics" if named else "unknown" if there else "adequate"
+    assert verdict(said, judgement(residual=residual)) == told
