@@ -15,6 +15,8 @@ from truepose.identification.posterior.state import log_posterior
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
+CHANCE = 1.0
+"""Nats by which the evidence of one region may come out differently, beside what the halves of a chain differ by."""
 
 
 class Tally:
@@ -87,20 +89,17 @@ class Chains:
 
     @property
     def weights(self) -> Array:
-        """(k,) of the chains."""
-        return np.asarray(softmax(self.log_evidences))
+        """(k,) of the chains; equal where their regions differ by no more than chance makes of one."""
+        found = self.log_evidences
+        if np.ptp(found.mean(axis=1)) <= CHANCE + np.max(np.ptp(found, axis=1)):
+            return np.full(len(found), 1.0 / len(found))
+        return np.asarray(softmax(found.mean(axis=1)))
 
     @property
     def log_evidences(self) -> Array:
-        """(k,) of the regions of the chains, up to a constant that all share."""
-        return np.array([self._log_evidence(tally.draws) for tally in self.tallies])
-
-    def _log_evidence(self, draws: Sequence[tuple[Members, GridPoint]]) -> float:
-        """Either half of the draws in turn says which states."""
-        half = len(draws) // 2
-        return float(
-            np.mean([self._seen(draws[:half], draws[half:]), self._seen(draws[half:], draws[:half])])
-        )
+        """(k, 2) of the chains' regions, up to a constant that all share: states of either half, seen by the other."""
+        halves = [(t.draws[: len(t.draws) // 2], t.draws[len(t.draws) // 2 :]) for t in self.tallies]
+        return np.array([[self._seen(first, last), self._seen(last, first)] for first, last in halves])
 
     def _seen(
         self, some: Sequence[tuple[Members, GridPoint]], others: Sequence[tuple[Members, GridPoint]]

@@ -121,7 +121,7 @@ def clock(rows: int, step: float = 60.0) -> Array:
 
 
 def the_only(diagnosis: Diagnosis, effect: str, *place: str, alike: tuple[str, ...] = ()) -> Finding:
-    """The one finding; ``alike``: effects that such a recording cannot tell from it.
+    """The one finding; ``alike``: effects that such a recording cannot tell from it, all together less likely than it.
 
     What is only like it, and has no name, takes less than a third beside it, whatever the form of the effect.
     """
@@ -133,7 +133,7 @@ def the_only(diagnosis: Diagnosis, effect: str, *place: str, alike: tuple[str, .
     only_alike = rivals.pop(UNNAMED, 0.0)
     assert set(rivals) <= set(alike)
     assert only_alike < 1 / 3
-    assert finding.probability > (0.5 if rivals else 0.9 - only_alike)
+    assert finding.probability > (sum(rivals.values()) if rivals else 0.9 - only_alike)
     assert finding.probability + sum(rivals.values()) + only_alike > 0.9
     assert finding.explanation
     assert finding.experiment
