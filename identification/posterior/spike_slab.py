@@ -78,12 +78,6 @@ class Conditional:
         """(c,) probability of each term."""
         return np.asarray(self.shares * np.exp(self.log_sum + slot - self.log_total(slot)))
 
-    def lead(self, term: int, slot: float) -> float:
-        """Log odds of a term against everything else, where these are beyond what shares can tell."""
-        own = np.logaddexp.reduce(self.log_odds, axis=0) + slot
-        others = np.logaddexp.reduce(np.append(np.delete(own, term), 0.0))
-        return float(own[term] - others)
-
     def draw(self, slot: float, rng: np.random.Generator) -> Member | None:
         """A member, or nothing."""
         if np.log(rng.random()) > self.log_sum + slot - self.log_total(slot):

@@ -294,8 +294,6 @@ def test_a_conditional_is_its_odds_and_nothing() -> None:
     odds = np.exp(problem.log_odds(point, ((2, 1),)) + slot)
     np.testing.assert_allclose(conditional.terms(slot), odds.sum(axis=0) / (1.0 + odds.sum()), atol=1e-12)
     assert conditional.log_total(slot) == pytest.approx(np.log1p(odds.sum()))
-    rest = 1.0 + odds.sum() - odds[:, 4].sum()
-    assert conditional.lead(4, slot) == pytest.approx(np.log(odds[:, 4].sum() / rest))
     rng = np.random.default_rng(1)
     drawn = [conditional.draw(slot, rng) for _ in range(20_000)]
     for term in range(6):
