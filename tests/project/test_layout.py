@@ -18,15 +18,18 @@ from support import ROOT
 
 FOLDERS = ("models", "identification", "codegen")
 LINKS = tuple(f"src/truepose/{folder}" for folder in FOLDERS)
-WORK = """\
+PLACES = """\
 import sys
 import truepose
 import truepose.cli
 import truepose.models
-assert callable(truepose.diagnose)
 folder = truepose.models.__path__[0]
 print(truepose.__file__, folder, sep="\\n")
-sys.argv = ["truepose", "codegen", f"{folder}/machines/nanopositioner/machine.yaml", "-o", "out"]
+"""
+WORK = f"""\
+{PLACES}
+assert callable(truepose.diagnose)
+sys.argv = ["truepose", "codegen", f"{{folder}}/machines/nanopositioner/machine.yaml", "-o", "out"]
 truepose.cli.main()
 """
 
@@ -82,10 +85,15 @@ def _room(folder: Path) -> Path:
 
 
 def _works(python: Path, scratch: Path, **environment: str) -> list[Path]:
-    """Where the package and its models were found; a diagnosis is there, and the controller's C is written."""
-    package, models, *_ = map(Path, _run(python, "-c", WORK, cwd=scratch, **environment).splitlines())
+    """Where the package and its models are; a diagnosis is there, and the controller's C is written."""
+    found = _places(python, scratch, WORK, **environment)
     assert (scratch / "out" / "nanopositioner_kin.c").is_file()
-    shutil.rmtree(scratch / "out")
+    return found
+
+
+def _places(python: Path, scratch: Path, script: str = PLACES, **environment: str) -> list[Path]:
+    """Where a Python finds the package and its models."""
+    package, models, *_ = map(Path, _run(python, "-c", script, cwd=scratch, **environment).splitlines())
     return [package.parent, models]
 
 
@@ -94,17 +102,16 @@ def tree(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return TREES[request.param](tmp_path_factory.mktemp("tree"))
 
 
-def test_a_tree_without_links_installs_and_runs(tree: Path, tmp_path: Path) -> None:
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
-    python = _room(tmp_path / "room")
+def _install(python: Path, *what: str, cwd: Path) -> None:
     options = ("--no-build-isolation", "--no-deps", "-q")
-    install = (sys.executable, "-m", "pip", "--python", str(python), "install", *options)
-    _run(*install, ".", cwd=tree)
-    package, models = _works(python, scratch)
-    assert package.is_relative_to(tmp_path / "room") and models == package / "models"
-    _run(*install, "-e", ".", cwd=tree)
-    assert _works(python, scratch) == [tree / "src" / "truepose", tree / "models"]
+    _run(sys.executable, "-m", "pip", "--python", str(python), "install", *options, *what, cwd=cwd)
+
+
+def test_a_tree_without_links_installs_for_those_who_edit_it(tree: Path, tmp_path: Path) -> None:
+    """What is found there is what runs where it stands, in the next test."""
+    python = _room(tmp_path / "room")
+    _install(python, "-e", ".", cwd=tree)
+    assert _places(python, tmp_path) == [tree / "src" / "truepose", tree / "models"]
 
 
 def test_a_tree_without_links_runs_where_it_stands(tree: Path, tmp_path: Path) -> None:
@@ -112,21 +119,34 @@ def test_a_tree_without_links_runs_where_it_stands(tree: Path, tmp_path: Path) -
     assert found == [tree / "src" / "truepose", tree / "models"]
 
 
-def _wheel(tree: Path, folder: Path) -> dict[str, bytes]:
-    """What the wheel built from a tree holds."""
+def _wheel(tree: Path, folder: Path) -> Path:
+    """The wheel built from a tree."""
     _run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=tree)
     (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def _held(wheel: Path) -> dict[str, bytes]:
     with zipfile.ZipFile(wheel) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
 @pytest.fixture(scope="module")
-def own_wheel(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+def own_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _wheel(ROOT, tmp_path_factory.mktemp("here"))
 
 
-def test_every_tree_gives_the_same_wheel(tree: Path, own_wheel: dict[str, bytes], tmp_path: Path) -> None:
-    assert _wheel(tree, tmp_path) == own_wheel
+def test_every_tree_gives_the_same_wheel(tree: Path, own_wheel: Path, tmp_path: Path) -> None:
+    assert _held(_wheel(tree, tmp_path)) == _held(own_wheel)
+
+
+def test_the_wheel_that_every_tree_gives_installs_and_runs(own_wheel: Path, tmp_path: Path) -> None:
+    scratch, room = tmp_path / "scratch", tmp_path / "room"
+    scratch.mkdir()
+    python = _room(room)
+    _install(python, str(own_wheel), cwd=tmp_path)
+    package, models = _works(python, scratch)
+    assert package.is_relative_to(room) and models == package / "models"
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
