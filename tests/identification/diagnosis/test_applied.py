@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from support.searched_arm import ARM, PLAY, SCALE, Case
+from support.searched_arm import ARM, PLAY, SCALE, WRONG_SIGN, Case, searched
 from truepose.errors import InputError
 from truepose.identification.diagnosis.applied import Choice, Model, chosen_model, refit
 from truepose.identification.diagnosis.engine import diagnose
@@ -78,9 +78,8 @@ def test_the_bounded_minimum_is_the_best_within_bounds(
     assert cost(t) >= cost(np.zeros(n)) - 1e-6
 
 
-def test_what_bounds_leave_nothing_of_is_no_part_of_the_model(tmp_path: Path) -> None:
-    case = Case.of(tmp_path, "backlash@q2:b=-0.05[deg]", SCALE)
-    found = case.found()
+def test_what_bounds_leave_nothing_of_is_no_part_of_the_model() -> None:
+    case, found = searched(WRONG_SIGN, SCALE)
     wanted = [i for i, c in enumerate(case.cat.candidates) if c.label in ("backlash@q2", "actuator-scale@q1")]
     model = refit(found, dict.fromkeys(wanted, 1.0), (), case.exclude)
     assert model is not None
@@ -168,11 +167,10 @@ def test_forms_answer_for_the_ends_that_they_make_worse(
 
 
 def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """First without what the sensor is said to do, then names alone, then plain calibration."""
-    case = Case.of(tmp_path, PLAY)
-    found = case.found()
+    case, found = searched(PLAY)
     label = {c.label: i for i, c in enumerate(case.cat.candidates)}
     warp = next(i for i, c in enumerate(case.cat.candidates) if c.kind == "sensor" and not case.cat.named(i))
     line = next(i for i, c in enumerate(case.cat.candidates) if c.place == ("q1",) and not case.cat.named(i))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.linear_problems import SIZES, random_problem, single
-from support.searched_arm import PLAY, SCALE, Case
+from support.searched_arm import PLAY, SCALE, searched
 from truepose.identification.diagnosis import average
 from truepose.identification.diagnosis.average import OPEN, WORSE, averaged
 from truepose.identification.diagnosis.model import fitted
@@ -69,8 +69,8 @@ def test_states_are_taken_evenly_along_their_shares() -> None:
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
-    return Case.of(tmp_path_factory.mktemp("play"), PLAY, SCALE).found()
+def found() -> Found:
+    return searched(PLAY, SCALE)[1]
 
 
 @pytest.fixture(scope="module")

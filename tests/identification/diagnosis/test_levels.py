@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from support.effect_machines import read_machines
-from support.searched_arm import PLAY, SCALE, Case
+from support.searched_arm import PLAY, SCALE, searched
 from truepose.identification.diagnosis.levels import Presence, driver_of, parts_of
 from truepose.identification.diagnosis.naming import NAMED
 from truepose.identification.diagnosis.search import Found
@@ -19,8 +19,8 @@ from truepose.models.machine import Machine
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
-    return Case.of(tmp_path_factory.mktemp("levels"), PLAY, SCALE).found()
+def found() -> Found:
+    return searched(PLAY, SCALE)[1]
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +74,8 @@ def test_parts_have_one_name_each(tmp_path: Path) -> None:
     assert parts_of(machine, "gravity-sag", ("base",)) == ("base",)
 
 
-def test_what_is_not_there_leads_nothing(tmp_path: Path) -> None:
-    quiet = Case.of(tmp_path).found()
+def test_what_is_not_there_leads_nothing() -> None:
+    _, quiet = searched()
     said = summarised(quiet, quiet.fit)
     assert said.names == () and said.laws == ()
     assert all(max(one.levels.driver, one.certainty) < NAMED for one in said.leading)

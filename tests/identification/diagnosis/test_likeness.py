@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from support.searched_arm import PLAY, SCALE, Case
+from support.searched_arm import PLAY, SCALE, Case, searched
 from truepose.identification import prior
 from truepose.identification.diagnosis import likeness
 from truepose.identification.diagnosis.likeness import forms_hold
@@ -33,8 +33,8 @@ def held(found: Found, slug: str) -> float:
 
 
 @pytest.mark.parametrize("truth", [(PLAY,), (SCALE,), (PLAY, SCALE)])
-def test_the_thing_itself_is_told_from_what_is_like_it(tmp_path: Path, truth: tuple[str, ...]) -> None:
-    found = Case.of(tmp_path, *truth).found()
+def test_the_thing_itself_is_told_from_what_is_like_it(truth: tuple[str, ...]) -> None:
+    _, found = searched(*truth)
     for text in truth:
         assert held(found, text.partition("@")[0]) > 0.97
 
@@ -53,8 +53,8 @@ def test_play_that_differs_along_its_own_joint_is_play(tmp_path: Path) -> None:
     assert held(modulated(tmp_path, 0.9, along="q2", reach=95.0).found(), "backlash") > 0.9
 
 
-def test_what_the_fit_does_not_hold_was_not_tested(tmp_path: Path) -> None:
-    found = Case.of(tmp_path, PLAY).found()
+def test_what_the_fit_does_not_hold_was_not_tested() -> None:
+    _, found = searched(PLAY)
     untouched = replace(
         found, linearisation=replace(found.linearisation, bent=((-1,),) * len(found.linearisation.bent))
     )
@@ -89,9 +89,9 @@ def test_the_more_a_formula_is_bent_the_less_its_name_holds() -> None:
 
 
 @pytest.mark.parametrize("times", [1.0, 3.0, 28.0])
-def test_a_name_larger_than_its_physics_costs_what_its_prior_says(tmp_path: Path, times: float) -> None:
+def test_a_name_larger_than_its_physics_costs_what_its_prior_says(times: float) -> None:
     """Beyond the largest usual size a law is as much rarer as the table of priors has it; within it nothing is paid."""
-    found = Case.of(tmp_path, PLAY).found()
+    _, found = searched(PLAY)
     name = [i for i in found.accepted if found.catalogue.cause(i)[0] == "backlash"]
     at = found.linearisation.free + np.array(found.linearisation.indices(name))
     departure = found.linearisation.departure.copy()

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from support.searched_arm import PLAY, ROWS, SCALE, Case
+from support.searched_arm import PLAY, ROWS, SCALE, WRONG_SIGN, Case, searched
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
 from truepose.identification.diagnosis import search as searching
@@ -40,9 +40,8 @@ TWINS = {EffectAtPlace("backlash", ("q2",)): EffectAtPlace("friction-hysteresis"
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, Found]:
-    case = Case.of(tmp_path_factory.mktemp("both"), PLAY, SCALE)
-    return case, case.found()
+def both() -> tuple[Case, Found]:
+    return searched(PLAY, SCALE)
 
 
 def test_what_is_there_is_found_and_nothing_else(both: tuple[Case, Found]) -> None:
@@ -73,18 +72,17 @@ def test_a_few_rows_less_end_at_the_same_set(both: tuple[Case, Found]) -> None:
     assert not again.fit.used[some].any()
 
 
-def test_what_is_not_there_is_not_found(tmp_path: Path) -> None:
-    case = Case.of(tmp_path)
-    found = case.found()
+def test_what_is_not_there_is_not_found() -> None:
+    _, found = searched()
     assert not found.accepted and not found.mode.members
     said = inclusion(found.problem, found.posterior)
     assert named(found, said) == ()
     assert all(p < 0.5 for p in said.places.values())
 
 
-def test_play_of_the_wrong_sign_is_no_play(tmp_path: Path) -> None:
+def test_play_of_the_wrong_sign_is_no_play() -> None:
     """Physics that only goes one way is not named where readings go the other."""
-    found = Case.of(tmp_path, "backlash@q2:b=-0.05[deg]", SCALE).found()
+    _, found = searched(WRONG_SIGN, SCALE)
     assert ("backlash", ("q2",)) not in names(found)
     assert ("actuator-scale", ("q1",)) in names(found)
 
@@ -177,17 +175,16 @@ def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_ro
     assert (min(half.halves) > 0.9) is agree and max(half.halves) > 0.9
 
 
-def test_play_is_no_matter_of_tolerances(tmp_path: Path) -> None:
+def test_play_is_no_matter_of_tolerances() -> None:
     """Play is no geometry: no widening makes it go."""
-    found = Case.of(tmp_path, PLAY).found()
+    _, found = searched(PLAY)
     (play,) = named(found, inclusion(found.problem, found.posterior))
     assert flip_inflation(found, play) is None
 
 
-def test_amplitudes_of_any_size_are_stepped_in_their_own_spread(tmp_path: Path) -> None:
+def test_amplitudes_of_any_size_are_stepped_in_their_own_spread(both: tuple[Case, Found]) -> None:
     """Seven orders of magnitude between two priors are no rounding: nothing of the fit passes for unknown."""
-    case = Case.of(tmp_path, PLAY, SCALE)
-    found = case.found()
+    case, found = both
     first, *rest = found.accepted
     fit = fitted(found, {first: 1.0, **dict.fromkeys(rest, 1e-7)}, (), case.exclude)
     assert fit is not None and rest

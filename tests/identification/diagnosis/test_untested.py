@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +41,7 @@ mechanism:
 frames: {{tool: {{in: flange, xyz: [300, 0, 40], tolerance: {{xyz: 0.5, rpy: 0}}}}}}
 sensor: {{type: position, sigma: {{xyz: 0.01}}}}
 """
+Searched = Callable[[bool], tuple[Case, Found]]
 ROWS = 40
 DOWN = "gravity: [0, 0, -9.80665]\n"
 
@@ -58,18 +61,30 @@ def case(folder: Path, *, stated: bool) -> Case:
     return Case.on(machine, load_recording(machine, [folder / "rows.csv"]))
 
 
-def blamed(one: Case, slug: str) -> tuple[Found, Named]:
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Searched:
+    """The case with gravity stated or not, and what is found in it: each is searched once."""
+
+    @cache
+    def once(stated: bool) -> tuple[Case, Found]:
+        one = case(tmp_path_factory.mktemp("down"), stated=stated)
+        return one, one.found()
+
+    return once
+
+
+def blamed(one: Case, found: Found, slug: str) -> tuple[Found, Named]:
     """An effect at q2 fitted to these readings, as a name that was drawn with 0.96."""
     wanted = next(i for i, c in enumerate(one.cat.candidates) if c.effect.slug == slug and c.place == ("q2",))
     fit = estimate(one.signatures.machine, one.signatures.recording, [one.cat.candidates[wanted]])
-    found = replace(one.found(), fit=fit)
+    found = replace(found, fit=fit)
     levels = Levels(0.99, one.cat.candidates[wanted].kind, 0.97)
     return found, Named(EffectAtPlace(slug, ("q2",)), (wanted,), 0.96, 0.97, (), 30.0, levels=levels)
 
 
-def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(tmp_path: Path) -> None:
+def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(searched: Searched) -> None:
     """The driver is as open as the law; the place, which both share, stays."""
-    found, name = blamed(case(tmp_path, stated=False), "encoder-eccentricity")
+    found, name = blamed(*searched(False), "encoder-eccentricity")
     found = replace(found, linearisation=found.signatures.linearise(found.fit))
     (beside,) = beside_untested(found, [name])
     assert beside.probability < 0.7 and beside.levels.driver < 0.7
@@ -79,9 +94,9 @@ def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(tmp_path: Path) -> None
     assert rival.probability + beside.probability == pytest.approx(name.probability, abs=0.05)
 
 
-def test_what_could_not_be_tested_is_told_and_not_guessed(tmp_path: Path) -> None:
+def test_what_could_not_be_tested_is_told_and_not_guessed(searched: Searched) -> None:
     """A name that an untested deflection outweighs is said as a place under load, not as a law."""
-    found, name = blamed(case(tmp_path, stated=False), "encoder-eccentricity")
+    found, name = blamed(*searched(False), "encoder-eccentricity")
     rival = Rival(EffectAtPlace("joint-compliance", ("q2",)), 0.9, 0.0, tested=False)
     weak = replace(name, probability=0.06, equivalents=(rival,))
     (said,) = without_untested(found, [weak])
@@ -96,16 +111,16 @@ def test_what_could_not_be_tested_is_told_and_not_guessed(tmp_path: Path) -> Non
     assert told.explanation == ""
 
 
-def test_where_gravity_is_stated_nothing_is_left_to_share(tmp_path: Path) -> None:
-    one = case(tmp_path, stated=True)
-    found, name = blamed(one, "encoder-eccentricity")
+def test_where_gravity_is_stated_nothing_is_left_to_share(searched: Searched) -> None:
+    one, first = searched(True)
+    found, name = blamed(one, first, "encoder-eccentricity")
     assert beside_untested(found, [name]) == (name,)
-    said = summarised(one.found(), one.found().fit)
+    said = summarised(first, first.fit)
     assert ("joint-compliance", ("q2",)) in {(n.cause.effect, n.cause.place) for n in said.laws}
 
 
-def test_nothing_false_is_sure_without_gravity(tmp_path: Path) -> None:
-    found = case(tmp_path, stated=False).found()
+def test_nothing_false_is_sure_without_gravity(searched: Searched) -> None:
+    _, found = searched(False)
     assert all(n.probability < 0.9 for n in summarised(found, found.fit).laws)
     assert found.signatures.machine.gravity is None and GRAVITY[2] < 0.0
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +36,7 @@ sensor: {type: position, sigma: {xyz: 0.01}}
 """
 ROWS = 40
 PLAY, SCALE = "backlash@q2:b=0.05[deg]", "actuator-scale@q1:s=2e-3"
+WRONG_SIGN = "backlash@q2:b=-0.05[deg]"
 
 
 @dataclass(frozen=True)
@@ -75,3 +78,11 @@ class Case:
     def found(self, exclude: NDArray[np.bool_] | None = None) -> Found:
         left_out = self.exclude if exclude is None else exclude
         return search(self.signatures, self.cat, self.null, left_out, self.rms)
+
+
+@cache
+def searched(*truth: str) -> tuple[Case, Found]:
+    """The case of these effects and what is found in it, once for all tests: nobody changes either."""
+    with tempfile.TemporaryDirectory() as folder:
+        case = Case.of(Path(folder), *truth)
+        return case, case.found()
