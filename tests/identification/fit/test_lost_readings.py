@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 import truepose
-from support.engines import compile_all
+from support.engines import compile_hastily
 from support.generated_c import needs_compiler
 from truepose.errors import InputError
 from truepose.identification.diagnosis.alarms import replicate_noise
@@ -151,7 +151,7 @@ def test_every_route_to_the_minimum_leaves_them_out(tmp_path: Path, monkeypatch:
         sums.append(weight)
         return rows_of_sums(self, p, weight, scale, least)
 
-    compile_all(monkeypatch, tmp_path / "cache")
+    compile_hastily(monkeypatch, tmp_path / "cache")
     monkeypatch.setattr(NormalEquations, "rows", counted)
     summed = estimate(machine, recording)
     monkeypatch.undo()

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.built_machines import manufactured, read_machines, simulated
-from support.engines import compile_all, compile_none
+from support.engines import compile_hastily, compile_none
 from support.generated_c import needs_compiler
 from truepose.identification.fit.estimate import estimate, prior_of
 from truepose.identification.fit.normal import NormalEquations
@@ -35,7 +35,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def arm(machines: Mapping[str, Machine], cache: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
-    compile_all(monkeypatch, cache)
+    compile_hastily(monkeypatch, cache)
     return machines["arm"]
 
 
@@ -93,7 +93,7 @@ def test_only_large_fits_and_explicit_machines(
     hexapod, arm = machines["hexapod"], machines["arm"]
     recording = recorded(arm)
     assert NormalEquations.of(Predictor(arm, recording, visits=FIT), prior_of(arm).free) is None
-    compile_all(monkeypatch, cache)
+    compile_hastily(monkeypatch, cache)
     assert NormalEquations.of(Predictor(hexapod, recorded(hexapod)), prior_of(hexapod).free) is None
     predictor = Predictor(arm, recording, visits=FIT)
     assert NormalEquations.of(predictor, prior_of(arm).free) is not None

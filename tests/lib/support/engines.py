@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from truepose.codegen.evaluation import engine
+from support.generated_c import LEVEL
+from truepose.codegen.evaluation import compiled, engine
 
 
 def compile_all(monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
@@ -14,6 +15,12 @@ def compile_all(monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
     monkeypatch.setattr(engine, "FEWEST_ROWS", 0)
     monkeypatch.setattr(engine, "LEAST_WORK", 0.0)
     monkeypatch.setenv("TRUEPOSE_CACHE", str(cache))
+
+
+def compile_hastily(monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
+    """The same, by day hardly optimised, where large functions are asked for what they say."""
+    compile_all(monkeypatch, cache)
+    monkeypatch.setattr(compiled, "FLAGS", tuple(LEVEL if flag == "-O2" else flag for flag in compiled.FLAGS))
 
 
 def compile_none(monkeypatch: pytest.MonkeyPatch) -> None:
