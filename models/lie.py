@@ -7,7 +7,8 @@ Rotation vectors are in rad; a twist is [v; w] in the world frame: p + v, Exp(w)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -17,27 +18,56 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 
 
+@cache
+def _recorded(formula: Callable[[ca.SX], ca.SX], size: int) -> ca.Function:
+    """The operations of a formula of ``size`` numbers."""
+    v = ca.SX.sym("v", size)
+    return ca.Function("formula", [v], [formula(v)])
+
+
+def _repeated(formula: Callable[[ca.SX], ca.SX], size: int, v: ca.SX) -> ca.SX:
+    """A formula of ``v`` (size,): to repeat its operations is ten times as fast as to write them in Python."""
+    result: ca.SX = _recorded(formula, size)(v if isinstance(v, ca.SX) else ca.SX(v))
+    return result
+
+
 def rot_x(angle: ca.SX) -> ca.SX:
     """4x4 rotation about x."""
-    c, s = ca.cos(angle), ca.sin(angle)
-    return _embed(ca.vertcat(_row(1, 0, 0), _row(0, c, -s), _row(0, s, c)))
+    return _repeated(_rot_x, 1, angle)
 
 
 def rot_y(angle: ca.SX) -> ca.SX:
     """4x4 rotation about y."""
-    c, s = ca.cos(angle), ca.sin(angle)
-    return _embed(ca.vertcat(_row(c, 0, s), _row(0, 1, 0), _row(-s, 0, c)))
+    return _repeated(_rot_y, 1, angle)
 
 
 def rot_z(angle: ca.SX) -> ca.SX:
     """4x4 rotation about z."""
+    return _repeated(_rot_z, 1, angle)
+
+
+def _rot_x(angle: ca.SX) -> ca.SX:
+    c, s = ca.cos(angle), ca.sin(angle)
+    return _embed(ca.vertcat(_row(1, 0, 0), _row(0, c, -s), _row(0, s, c)))
+
+
+def _rot_y(angle: ca.SX) -> ca.SX:
+    c, s = ca.cos(angle), ca.sin(angle)
+    return _embed(ca.vertcat(_row(c, 0, s), _row(0, 1, 0), _row(-s, 0, c)))
+
+
+def _rot_z(angle: ca.SX) -> ca.SX:
     c, s = ca.cos(angle), ca.sin(angle)
     return _embed(ca.vertcat(_row(c, -s, 0), _row(s, c, 0), _row(0, 0, 1)))
 
 
 def translation(x: ca.SX, y: ca.SX, z: ca.SX) -> ca.SX:
     """4x4 translation, mm."""
-    return transform(ca.SX.eye(3), ca.vertcat(x, y, z))
+    return _repeated(_translation, 3, ca.vertcat(x, y, z))
+
+
+def _translation(xyz: ca.SX) -> ca.SX:
+    return transform(ca.SX.eye(3), xyz)
 
 
 def transform(rotation: ca.SX, position: ca.SX) -> ca.SX:
@@ -47,11 +77,19 @@ def transform(rotation: ca.SX, position: ca.SX) -> ca.SX:
 
 def rpy_transform(xyz: Sequence[ca.SX], rpy: Sequence[ca.SX]) -> ca.SX:
     """Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll), rpy = (roll, pitch, yaw)."""
-    return ca.mtimes([translation(*xyz), rot_z(rpy[2]), rot_y(rpy[1]), rot_x(rpy[0])])
+    return _repeated(_rpy_transform, 6, ca.vertcat(*xyz, *rpy))
+
+
+def _rpy_transform(v: ca.SX) -> ca.SX:
+    return ca.mtimes([_translation(v[:3]), _rot_z(v[5]), _rot_y(v[4]), _rot_x(v[3])])
 
 
 def skew(v: ca.SX) -> ca.SX:
     """3x3 matrix of the cross product with v."""
+    return _repeated(_skew, 3, v)
+
+
+def _skew(v: ca.SX) -> ca.SX:
     return ca.vertcat(_row(0, -v[2], v[1]), _row(v[2], 0, -v[0]), _row(-v[1], v[0], 0))
 
 
@@ -71,7 +109,11 @@ def mrp_rotation(s: ca.SX) -> ca.SX:
 
     Rational and smooth for every turn below a full one, so Newton's method never meets a singular chart.
     """
-    k, n = skew(s), ca.dot(s, s)
+    return _repeated(_mrp_rotation, 3, s)
+
+
+def _mrp_rotation(s: ca.SX) -> ca.SX:
+    k, n = _skew(s), ca.dot(s, s)
     return ca.SX.eye(3) + (4 * (1 - n) * k + 8 * ca.mtimes(k, k)) / (1 + n) ** 2
 
 

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+import re
 import string
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from support import ROOT
 from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_write_text
 from truepose.models.machine_file import MachineFile, read_machine, write_machine
-from truepose.models.yaml_document import document_text, read_document
+from truepose.models.yaml_document import FastLoader, PlainLoader, document_text, read_document
 
 BASIC = """\
 schema: truepose/machine/1
@@ -266,6 +269,21 @@ def test_documents_read_back_as_written(tmp_path_factory: pytest.TempPathFactory
     assert back == document
     assert list(back) == list(document)
     assert repr(back) == repr(document)
+
+
+@pytest.mark.parametrize("file", sorted(ROOT.glob("*/machines/**/*.yaml")), ids=lambda path: path.stem)
+def test_both_loaders_read_the_same(file: Path) -> None:
+    """That in C and that in Python, which reads what C refuses."""
+    text = file.read_text(encoding="utf-8")
+    assert repr(yaml.load(text, FastLoader)) == repr(yaml.load(text, PlainLoader))
+
+
+def test_what_c_refuses_is_told_as_python_tells_it(tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text("schema: x\nsensor: {type: pose, sigma: [1, 2}\n")
+    with pytest.raises(yaml.YAMLError) as refused:
+        yaml.load((tmp_path / "bad.yaml").read_text(), PlainLoader)
+    with pytest.raises(InputError, match=re.escape(str(refused.value.problem))):  # type: ignore[attr-defined]
+        read_document(tmp_path / "bad.yaml")
 
 
 def test_written_files_are_short_and_exact() -> None:
