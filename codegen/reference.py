@@ -6,7 +6,6 @@ Loops are closed along a path from the home assembly, so that the assembly is th
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -91,8 +90,8 @@ class Reference:
     def _newton(self, q: Array, x: Array) -> Array | None:
         if not len(x):
             return x
-        here = partial(self._loops, q, self.model.z_home, self.model.p_home)
-        found, good = closed(one_row(here), x[None], self._scale)
+        here = one_row(self._loops, q, self.model.z_home, self.model.p_home)
+        found, good = closed(here, x[None], self._scale)
         return found[0] if good[0] else None
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,11 +64,23 @@ def closed(
     return x, good
 
 
-def one_row(function: Callable[..., Any]) -> Equations:
-    """Equations of one row from a function of its unknowns (nx,), such as CasADi's, to what ``Equations`` gives."""
+def one_row(function: ca.Function, *known: Array) -> Equations:
+    """Equations of one row from a CasADi function of ``known`` vectors and then the unknowns (nx,), its outputs dense.
+
+    It is evaluated in place: with vectors and matrices of CasADi's in between, that takes four times as long.
+    """
+    buffer: Any  # casadi's stubs misstate what it takes
+    buffer, evaluate = function.buffer()
+    given = [np.array(v, dtype=float) for v in known]
+    outputs = [np.empty(function.size_out(k)[::-1]) for k in range(function.n_out())]
 
     def equations(x: Array, _: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-        g, gx, gap = (np.asarray(value, dtype=float)[None] for value in function(x[0]))
+        for give, arrays in ((buffer.set_arg, (*given, x[0])), (buffer.set_res, outputs)):
+            for k, array in enumerate(arrays):
+                if array.size:
+                    give(k, memoryview(array.data).cast("B").cast("d"))
+        evaluate()
+        g, gx, gap = (np.array(output.T, order="C")[None] for output in outputs)
         return g, gx, gap
 
     return equations
