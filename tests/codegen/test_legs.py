@@ -27,18 +27,15 @@ Array = NDArray[np.float64]
 
 def pose_at(built: Legged, q: Array, p: Array, z: Array) -> Array:
     """Pose (12,) from the expressions, loops closed by scipy."""
-    model = built.model
-    inputs = [model.q, model.z, model.p, model.x]
-    closure = ca.Function("g", inputs, [model.closure, ca.jacobian(model.closure, model.x)])
+    closure, pose_of = built.expressions
+    given = [ca.DM(v) for v in (q, z, p)]
 
-    def residual(x: Array) -> Array:
-        return np.array(closure(q, z, p, x)[0]).ravel()
+    def residual(x: Array) -> tuple[Array, Array]:
+        g, by_x = closure(*given, ca.DM(x))
+        return g.full().ravel(), by_x.full()
 
-    def derivative(x: Array) -> Array:
-        return np.array(closure(q, z, p, x)[1])
-
-    x = root(residual, model.home, jac=derivative, tol=1e-13).x
-    pose: Array = np.array(ca.Function("T", inputs, [ca.densify(model.pose)])(q, z, p, x))
+    x = root(residual, built.model.home, jac=True, tol=1e-13).x
+    pose: Array = pose_of(*given, ca.DM(x)).full()
     return pose[:3].ravel()
 
 

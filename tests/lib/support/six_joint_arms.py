@@ -7,7 +7,7 @@ import re
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -61,14 +61,23 @@ class Arm:
         drawn: Array = np.random.default_rng(seed).uniform(low, high, (count, 6))
         return drawn
 
+    @cached_property
+    def _fixed(self) -> Array:
+        """(6, 4, 4): what stands before each joint's turn."""
+        rows = [
+            _turn(1, np.radians([beta])) @ _turn(0, np.radians([alpha])) @ _shift(d, 0, 0)
+            for beta, alpha, d, _, _ in self.table
+        ]
+        return np.concatenate(rows)
+
     def frames(self, q: Array) -> Array:
         """(n, 7, 3, 4): the frame of every joint after its turn, then the tool's, at readings (n, 6)."""
         pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
         out = []
-        for k, (beta, alpha, d, theta, r) in enumerate(self.table):
-            angle = np.radians(theta) + q[:, k]
-            fixed = _turn(1, np.radians([beta])) @ _turn(0, np.radians([alpha])) @ _shift(d, 0, 0)
-            pose = pose @ fixed @ _turn(2, angle) @ _shift(0, 0, r)
+        for k, ((*_, theta, r), fixed) in enumerate(zip(self.table, self._fixed, strict=True)):
+            turned = fixed @ _turn(2, np.radians(theta) + q[:, k])
+            turned[:, :, 3] += r * turned[:, :, 2]
+            pose = pose @ turned
             out.append(pose)
         out.append(pose @ _shift(*self.tool))
         return np.stack(out, axis=1)[:, :, :3]
