@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ import truepose
 import truepose.models
 from support.browser import browser, tried
 from support.reports import arm, synthetic
-from truepose.identification.diagnosis.result import Diagnosis
+from support.results import diagnosis
 from truepose.identification.report.files import write_report
 from truepose.identification.report.pages import report_html
 
@@ -78,16 +77,8 @@ return {rings: document.querySelectorAll("svg.chart .pick").length, sorted: colu
 """
 
 
-@cache
-def _telescope() -> Diagnosis:
-    machine = truepose.load_machine(MACHINES / "telescope" / "machine.yaml")
-    return truepose.diagnose(
-        machine, truepose.load_recording(machine, [MACHINES / "telescope" / "recording.csv"])
-    )
-
-
 def _diagnosis(folder: Path) -> str:
-    return write_report(_telescope(), folder / "report.html").read_text(encoding="utf-8")
+    return write_report(diagnosis(), folder / "report.html").read_text(encoding="utf-8")
 
 
 def _calibration(folder: Path) -> str:
