@@ -24,7 +24,9 @@ from truepose.identification.diagnosis.result import UNNAMED, Diagnosis, Finding
 from truepose.identification.fit.estimate import FREE_WIDENING, estimate, prior_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import form_words
+from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.machine import Machine
 
@@ -101,7 +103,10 @@ class Bench:
         return pd.DataFrame({**dict(zip(names, q.T, strict=True)), **data, **columns})
 
     def diagnose(self, frame: pd.DataFrame) -> Diagnosis:
-        return diagnose(self.machine, load_recording(self.machine, [self.csv(frame)]))
+        return diagnose(self.machine, self.recording(frame))
+
+    def recording(self, frame: pd.DataFrame) -> Recording:
+        return load_recording(self.machine, [self.csv(frame)])
 
     def csv(self, frame: pd.DataFrame) -> Path:
         path = self.folder / f"{self.machine.name}-{len(list(self.folder.iterdir()))}.csv"
@@ -265,7 +270,7 @@ def test_what_cannot_be_tested_is_listed_with_its_reason(
     assert "backlash" not in why
     table, frame, _ = backlash
     bare = frame[[c for c in map(str, frame) if not c.startswith(("approach", "time"))]]
-    why = {u.effect: u.why for u in table.diagnose(bare).untestable}
+    why = {u.effect: u.why for u in catalogue(table.machine, table.recording(bare)).untestable}
     assert "no approach" in why["backlash"]
     assert "no time column" in why["mount-drift"]
 
