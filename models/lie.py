@@ -72,7 +72,12 @@ def _translation(xyz: ca.SX) -> ca.SX:
 
 def transform(rotation: ca.SX, position: ca.SX) -> ca.SX:
     """4x4 transform of a 3x3 rotation and a position."""
-    return ca.vertcat(ca.horzcat(rotation, position), ca.horzcat(0, 0, 0, 1))
+    return ca.vertcat(ca.horzcat(rotation, position), _last_row())
+
+
+@cache
+def _last_row() -> ca.SX:
+    return ca.SX(ca.horzcat(0, 0, 0, 1))
 
 
 def rpy_transform(xyz: Sequence[ca.SX], rpy: Sequence[ca.SX]) -> ca.SX:
