@@ -50,8 +50,7 @@ def arm(q: Array, rows: Array) -> tuple[Array, Array]:
         step[:, 0, 0], step[:, 0, 1] = c, -s
         step[:, 1, 0], step[:, 1, 1], step[:, 1, 2] = ca * s, ca * c, -sa
         step[:, 2, 0], step[:, 2, 1], step[:, 2, 2] = sa * s, sa * c, ca
-        move = np.column_stack([np.full(len(q), d), np.full(len(q), -sa * r), np.full(len(q), ca * r)])
-        at = at + np.einsum("nij,nj->ni", turn, move)
+        at = at + turn @ np.array([d, -sa * r, ca * r])
         turn = turn @ step
     return turn, at
 
@@ -79,9 +78,10 @@ def seated(rng: np.random.Generator, rows: Array, ball: Array, point: Array) -> 
     for _ in range(200):
         wrist = rng.uniform(-2.0, 2.0, 3)
         start = rng.uniform(-1.5, 1.5, 3)
+        held = ball_at(wrist[None], rows[3:], ball)[0]
 
-        def off(first: Array, wrist: Array = wrist) -> Array:
-            gap: Array = ball_at(np.concatenate([first, wrist])[None], rows, ball)[0] - point
+        def off(first: Array, held: Array = held) -> Array:
+            gap: Array = ball_at(first[None], rows[:3], held)[0] - point
             return gap
 
         found = root(off, start, tol=1e-12)
