@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from truepose.identification import prior
-from truepose.identification.fit.tolerance_classes import PartClass, inflations, tolerance_cost
-from truepose.identification.posterior.design import Always, Axis, Design, Unknowns
+from truepose.identification.fit.tolerance_classes import PartClass, widenings
+from truepose.identification.posterior.design import Always, Design, Unknowns
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.urn import Urn
@@ -51,7 +51,7 @@ def selection_problem(lin: Linearisation, cat: Catalogue, rms: float) -> Selecti
     classes = tuple(dict.fromkeys(lin.parts))
     spike_slab = SpikeSlab(
         _design(lin, cat, classes, nameless, turn),
-        _unknowns(lin, classes, rms, turn.shape[1]),
+        Unknowns.over(len(lin.grams), rms, widenings(classes), rms if turn.shape[1] else 0.0),
         terms,
         prior.SIZES,
     )
@@ -126,24 +126,6 @@ def _turned(gram: Array, picked: NDArray[np.intp], first: int, mixed: Array) -> 
 
 def _sigma(weight: Array) -> Array:
     return np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), np.inf)
-
-
-def _unknowns(lin: Linearisation, classes: Sequence[PartClass], rms: float, directions: int) -> Unknowns:
-    top = max(2.0, 1.3 * rms)
-    noise = np.exp(
-        np.arange(np.log(prior.NOISE_FROM), np.log(top) + prior.NOISE_STEP, prior.NOISE_STEP)
-    ).tolist()
-    axis = Axis(tuple(noise), prior.noise_log_prior(noise))
-    stated = (1.0,) * len(classes)
-    wide = [w for w in dict.fromkeys([*inflations(classes), (prior.NARROWER,) * len(classes)]) if w != stated]
-    widening = (stated, *wide) if classes else ((),)
-    costs = tuple(tolerance_cost(w, classes) for w in widening)
-    count = int(np.ceil(np.log(2.0 * rms / prior.REMAINDER_FROM + 2.0) / np.log(prior.REMAINDER_STEP)))
-    sizes = [prior.REMAINDER_FROM * prior.REMAINDER_STEP**k for k in range(count)] if directions else []
-    share = np.log(prior.REMAINDER / max(len(sizes), 1))
-    none = np.log(1.0 - prior.REMAINDER) if sizes else 0.0
-    size = Axis((0.0, *sizes), (none, *[share] * len(sizes)))
-    return Unknowns((axis,) * len(lin.grams), tuple(widening), tuple(-c for c in costs), size)
 
 
 def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[EffectAtPlace, ...], Terms]:

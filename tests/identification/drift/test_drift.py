@@ -16,16 +16,12 @@ import pandas as pd
 import pytest
 from drifting_arm.arm import HOUR, SIGMA, TURN_SIGMA, machine_text, tolerance, write_sequence
 from numpy.typing import NDArray
-from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
 from typer.testing import CliRunner
 
 from support import MACHINES
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.drift.analysis import Drift, drift
-from truepose.identification.drift.movement_evidence import Stack, solve, weigh
-from truepose.identification.drift.scales import Scales
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
 from truepose.models.load import load_machine
