@@ -126,13 +126,16 @@ def _terms(stack: Stack, kinds: Kinds) -> Terms:
     names = list(dict.fromkeys(kinds.names))
     kind = np.array([names.index(name) for name in kinds.names], dtype=np.intp)
     outside = kinds.extrinsic
-    among = np.where(outside, prior.SET_UP / max(outside.sum(), 1), (1 - prior.SET_UP) / max((~outside).sum(), 1))
+    among = np.where(
+        outside, prior.SET_UP / max(outside.sum(), 1), (1 - prior.SET_UP) / max((~outside).sum(), 1)
+    )
     number = np.bincount(kind)
     share = np.bincount(kind, weights=among) / among.sum()
     log_place = -np.log(number)[kind]
     free = (-np.inf,) * stack.contrasts.shape[1], (np.inf,) * stack.contrasts.shape[1]
     terms = [
-        Term(tuple(stack.columns(i).tolist()), i, int(k), float(log_place[i]), *free) for i, k in enumerate(kind)
+        Term(tuple(stack.columns(i).tolist()), i, int(k), float(log_place[i]), *free)
+        for i, k in enumerate(kind)
     ]
     urn = Urn(
         kind=kind,

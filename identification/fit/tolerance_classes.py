@@ -61,7 +61,9 @@ def inflations(classes: Sequence[PartClass]) -> tuple[tuple[float, ...], ...]:
 def widenings(classes: Sequence[PartClass]) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
     """Factors of all classes to weigh, the stated ones (1) first and all too wide together among them; log prior of each."""
     stated = (1.0,) * len(classes)
-    rows = tuple(dict.fromkeys([stated, *inflations(classes), (NARROWER,) * len(classes)])) if classes else ((),)
+    rows = (
+        tuple(dict.fromkeys([stated, *inflations(classes), (NARROWER,) * len(classes)])) if classes else ((),)
+    )
     return rows, tuple(-tolerance_cost(row, classes) for row in rows)
 
 

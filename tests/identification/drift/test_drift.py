@@ -166,39 +166,6 @@ def test_noise_twice_as_large_as_stated_is_no_movement(tmp_path: Path) -> None:
     assert all(check.holds for check in found.durability.carried if check)
 
 
-def test_evidence_is_that_of_the_dense_gaussian() -> None:
-    """Against covariances written out in full, over the same noise scales, inflations and sizes."""
-    rng = np.random.default_rng(81)
-    sessions, rows, n = 3, 6, 4
-    jacobian, offset = rng.standard_normal((sessions, rows, n)), 2.0 * rng.standard_normal((sessions, rows))
-    weight, inflated = np.array([1.0, 0.5, 1.0, 1.0]), np.array([True, False, True, True])
-    stack = Stack(jacobian, offset, sessions * rows, weight, inflated)
-    points = [Scales(noise, (inflation,), -noise) for noise in (0.8, 2.0) for inflation in (1.0, 3.0)]
-    accepted, candidates = {1: 0.3}, [(0,), (2, 3)]
-    weighed = weigh(stack, [solve(stack, accepted, point) for point in points], candidates)
-
-    between = np.eye(sessions) - 1.0 / sessions
-    stacked = jacobian.reshape(-1, n)
-
-    def dense(point: Scales, moving: Mapping[int, float]) -> float:
-        spread = np.where(inflated, point.inflation[0], 1.0) / weight
-        cov = point.noise**2 * np.eye(len(stacked)) + (stacked * spread**2) @ stacked.T
-        for i, q in moving.items():
-            shown = jacobian[:, :, i]
-            cov += q**2 * np.einsum("ka,kl,lb->kalb", shown, between, shown).reshape(cov.shape)
-        return float(multivariate_normal.logpdf(offset.ravel(), cov=cov)) + point.log_prior
-
-    null = logsumexp([dense(point, accepted) for point in points])
-    for members, gain in zip(candidates, weighed.gain, strict=True):
-        sizes, likely = stack.sizes(members)
-        whole = [
-            dense(point, accepted | dict.fromkeys(members, q)) + log
-            for point in points
-            for q, log in zip(sizes, likely, strict=True)
-        ]
-        assert gain == pytest.approx(logsumexp(whole) - null, abs=1e-8)
-
-
 def test_the_order_of_files_does_not_matter_where_there_is_a_clock(tmp_path: Path) -> None:
     case = sequence(tmp_path, 51, {"q3.theta": [0.0, 2e-4, 4e-4, 6e-4]})
     one, other = case.drift(), case.drift([2, 0, 3, 1])
