@@ -2,9 +2,10 @@
 
     python -m benchmarks.drifting_arm [SEQUENCES] [JOBS]
 
-Arms drawn from their tolerances, four sessions of thirty poses. In the first lot nothing moves. In the second
-one constant, drawn at random, moves once, after the second session, by a size stated in units of the 1-sigma
-``hidden`` that ``drift`` gives for it. In the third, frames are set up anew and several parts move. Prints tables and writes docs/figures/drift_detection.svg.
+Arms drawn from their tolerances, four sessions of thirty poses. In the first lot nothing moves. In the second one
+constant, drawn at random, moves once, after the second session, by a size stated in units of the 1-sigma ``hidden``
+that ``drift`` gives for it. In the third, frames are set up anew and several parts move. Prints tables and writes
+docs/figures/drift_detection.svg.
 """
 
 from __future__ import annotations

@@ -118,7 +118,7 @@ def _still_rms(whole: Array, stack: Stack) -> float:
     jacobian = np.vstack([whole[:, : len(stack.sigma)], np.diag(1.0 / stack.sigma)])
     right = np.append(whole[:, -1], np.zeros(len(stack.sigma)))
     left = right - jacobian @ np.linalg.lstsq(jacobian, right, rcond=None)[0]
-    return float(np.linalg.norm(left)) / np.sqrt(stack.n_observations)
+    return float(np.linalg.norm(left) / np.sqrt(stack.n_observations))
 
 
 def _terms(stack: Stack, kinds: Kinds) -> Terms:

@@ -17,7 +17,7 @@ from scipy import stats
 from support import MACHINES
 from truepose.identification.drift import analysis
 from truepose.identification.drift.durability import Check, durability, fit_when_met, noise_of
-from truepose.identification.drift.movement_posterior import Likeliest
+from truepose.identification.drift.movement_posterior import Likeliest, likeliest
 from truepose.identification.drift.sessions import Session, bounded, sessions_of
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
@@ -196,7 +196,7 @@ def test_the_joint_fit_rests_when_no_sessions_readings_change_by_a_tenth_of_thei
     """Of the noise that was found, not of the stated one. Parameters start far away, then one session's walk on."""
     places = np.tile(moved.prior.mean, (2, 1))
     rounds: list[float] = []
-    found = analysis.likeliest
+    found = likeliest
 
     def walk(top: Likeliest, prior: Prior) -> Array:
         if rounds:
