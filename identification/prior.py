@@ -82,17 +82,17 @@ RARER = 2.0
 """Beyond the largest expected size, ten times larger is a hundred times rarer: a power of this order. Chosen."""
 
 
-def slab(smallest: float, largest: float) -> Sizes:
-    """Every size up to the largest expected one (1) is as likely, a factor of about three apart."""
+def slab(smallest: float, largest: float, rarer: float) -> Sizes:
+    """Every size up to the largest expected one (1) is as likely, a factor of about three apart; larger ones are rarer."""
     values = np.geomspace(smallest, largest, 1 + round(2.0 * np.log10(largest / smallest)))
-    shares = np.minimum(1.0, values**-RARER)
+    shares = np.minimum(1.0, values**-rarer)
     return Sizes(values, np.log(shares / np.sum(shares)))
 
 
-SIZES = slab(1e-3, 10.0)
+SIZES = slab(1e-3, 10.0, RARER)
 """Of effects. Chosen."""
-MOVEMENT_SIZES = slab(1e-5, 100.0)
-"""Of movements between sessions. Chosen: from a millionth of a tolerance to ten."""
+MOVEMENT_SIZES = slab(1e-5, 100.0, 1.0)
+"""Of movements between sessions, from a millionth of a tolerance to ten. Chosen: ten times larger is ten times rarer."""
 STATED = 100.0
 """1-sigma, in expected sizes, of the coefficients of what the machine file states already: hardly any prior. Chosen."""
 BOUND_DOUBT = 0.2

@@ -30,6 +30,7 @@ from truepose.identification.drift.sizes import joint_parameters, movements, str
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.posterior import sample
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.posterior.state import LOUDER, State, log_posterior
 from truepose.identification.prior import RICHNESS
@@ -144,7 +145,8 @@ def test_probabilities_are_those_of_all_sets_at_all_sizes_and_points() -> None:
         apart = np.array([-size / 2, size / 2])[:, None] * jacobian[:, :, 0]
         stack = plain(jacobian, apart + rng.standard_normal((2, 40)), 3.0)
         top = likeliest(stack, kinds)
-        found, problem = movement_posterior(top, kinds), top.spike_slab
+        problem = top.spike_slab
+        found = [sample(problem, RICHNESS, seed=seed, known=[top.state]).causes for seed in range(1, 6)]
         points = [
             GridPoint((k,), w, 0)
             for k in range(len(problem.unknowns.noise[0].values))
@@ -156,7 +158,7 @@ def test_probabilities_are_those_of_all_sets_at_all_sizes_and_points() -> None:
         logs = [np.logaddexp.reduce([log_posterior(problem, RICHNESS, m, p) for p in points]) for m in sets]
         share = softmax(logs)
         own = [sum(p for p, m in zip(share, sets, strict=True) if i in dict(m)) for i in (0, 1)]
-        np.testing.assert_allclose(found.probability, own, atol=0.1)  # 3 sigma of its draws
+        np.testing.assert_allclose(np.mean(found, axis=0), own, atol=0.06)  # chains end as soon as two agree
         undecided += any(0.1 < p < 0.9 for p in own)
     assert undecided
 
