@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification.diagnosis.result import BlockProof
+from truepose.identification.diagnosis.result import BlockProof, PoseError
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
@@ -70,7 +70,7 @@ class Trial:
             return Comparison("none", *_both(other.fitted.squares, self.fitted.squares), proofs, None)
         pairs = [(other.blocks[name].points, self.blocks[name].points) for name in counted]
         points = [np.concatenate(part) for part in zip(*pairs, strict=True)]
-        pose = (_rms(points[0]), _rms(points[1])) if len(points[0]) else None
+        pose = PoseError(*map(_rms, points)) if len(points[0]) else None
         before, after = (np.concatenate(part) for part in zip(*(squares[n] for n in counted), strict=True))
         return Comparison(self.split, before, after, proofs, pose)
 
@@ -93,7 +93,7 @@ class Comparison:
     before: Array
     after: Array
     blocks: tuple[BlockProof, ...]
-    pose: tuple[float, float] | None
+    pose: PoseError | None
 
     @property
     def ratio(self) -> float:
@@ -103,7 +103,7 @@ class Comparison:
     @property
     def worse(self) -> bool:
         """Whether readings or the tool's position are worse than before, by more than ``NO_WORSE`` allows."""
-        pose = self.pose is not None and self.pose[1] > NO_WORSE * self.pose[0]
+        pose = self.pose is not None and self.pose.model > NO_WORSE * self.pose.plain
         return pose or self.ratio > NO_WORSE
 
     def worse_beyond(self, other: Comparison | None = None) -> bool:
