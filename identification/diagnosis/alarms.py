@@ -142,7 +142,7 @@ def draws_for(r: Array) -> int:
 def _order(fit: Estimate, recording: Recording) -> NDArray[np.intp]:
     """Places of the fitted rows, among themselves, in the order of acquisition."""
     place = np.cumsum(fit.used) - 1
-    return np.asarray(place[recording.order[fit.used[recording.order]]])
+    return np.asarray(place[recording.in_time(fit.used)])
 
 
 def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
@@ -187,12 +187,7 @@ def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     jacobian = np.concatenate(rows).reshape(-1, len(free))
     q, _ = np.linalg.qr(np.vstack([jacobian, np.diag(fit.prior_weight)]))
     top = q[: len(jacobian)]
-
-    def apply(noise: Array) -> Array:
-        out: Array = (noise.ravel() - top @ (top.T @ noise.ravel())).reshape(noise.shape)
-        return out
-
-    return apply
+    return lambda noise: np.asarray(noise.ravel() - top @ (top.T @ noise.ravel())).reshape(noise.shape)
 
 
 @dataclass(frozen=True)

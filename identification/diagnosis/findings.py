@@ -119,7 +119,7 @@ def _twins(cat: Catalogue, one: Named) -> list[Alternative]:
 
 
 def _parameters(cat: Catalogue, after: Estimate, candidates: Sequence[int]) -> dict[str, Quantity]:
-    out = {}
+    out = dict[str, Quantity]()
     for placed in (cat.candidates[i] for i in candidates):
         apart = placed.settings if len(candidates) > 1 else ()
         tail, fitted = "".join(f"[{name}={value:g}]" for name, value in apart), _fitted(after, placed)

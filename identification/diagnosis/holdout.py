@@ -124,9 +124,7 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
     if recording.validation.sum() >= 3:
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
     taken = np.any([np.zeros(len(used), dtype=bool), *(b.rows for b in blocks)], axis=0)
-    order = recording.order
-    inner = [k for k in order if used[k] and not taken[k]]
-    for k, part in enumerate(np.array_split(np.array(inner, dtype=int), FOLDS - 1), start=1):
+    for k, part in enumerate(np.array_split(recording.in_time(used & ~taken), FOLDS - 1), start=1):
         mask = np.zeros(len(used), dtype=bool)
         mask[part] = True
         blocks.append(Block(f"{QUARTER} {k} in time", mask))
@@ -140,7 +138,9 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
     centred = recording.q - recording.q[used].mean(axis=0)
     reach = np.linalg.norm(centred / np.maximum(np.std(recording.q[used], axis=0), 1e-12), axis=1)
     scores = [(OUTERMOST, reach)]
-    for name, words in ((PAYLOAD, "heaviest loads"), *_thermometers(recording)):
+    thermal = [name for name in recording.drivers if Driver.of(name).thermal]
+    thermal.sort(key=lambda name: -float(np.ptp(recording.drivers[name])))  # the one that varies most
+    for name, words in ((PAYLOAD, "heaviest loads"), *((name, "warmest rows") for name in thermal[:1])):
         values = recording.driver(name)
         if values is not None and len(np.unique(values[used])) >= LEVELS:
             scores.append((words, values))
@@ -151,15 +151,6 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
             blocks.append(Block(words, rows))
             free &= ~rows
     return blocks
-
-
-def _thermometers(recording: Recording) -> list[tuple[str, str]]:
-    """The recorded temperature that varies most."""
-    names = [name for name in recording.drivers if Driver.of(name).thermal]
-    spans = [float(np.ptp(recording.drivers[name])) for name in names]
-    if not spans or max(spans) == 0.0:
-        return []
-    return [(names[int(np.argmax(spans))], "warmest rows")]
 
 
 def trial(

@@ -28,6 +28,11 @@ SHOWN = 0.02
 """Share of a slot from which on an explanation belongs to its class."""
 REPORTED, LISTED = 0.01, 8
 """Probability from which on an effect at a place is listed; most sets that are, and most explanations of a class."""
+OWN_POSITION: tuple[DriverKind, ...] = ("position", "position-periodic")
+"""One driver, whether what it makes is a wave or a curve."""
+Key = tuple[str, str]
+"""A part, and what drives it; an empty driver for the part alone."""
+ANY = ""
 
 
 @dataclass(frozen=True)
@@ -58,13 +63,6 @@ def inclusion(problem: SelectionProblem, posterior: Posterior) -> Inclusion:
     likeliest = sorted(sets.items(), key=lambda item: -item[1])[:LISTED]
     nameless = sum(p for key, p in sets.items() if any(c.effect == Empirical.slug for c in key))
     return Inclusion(listed, tuple(SetOfEffects(*one) for one in likeliest), nameless)
-
-
-OWN_POSITION: tuple[DriverKind, ...] = ("position", "position-periodic")
-"""One driver, whether what it makes is a wave or a curve."""
-Key = tuple[str, str]
-"""A part, and what drives it; an empty driver for the part alone."""
-ANY = ""
 
 
 def driver_of(kind: DriverKind) -> str:

@@ -64,18 +64,13 @@ def _placebo(before: Estimate, found: Found, main: int) -> float:
     recording = signatures.recording
     order = np.arange(len(before.used))
     # in the order of acquisition, so that shuffled rows get the same placebo
-    rows = _in_time(recording, before.used)
+    rows = recording.in_time(before.used)
     order[rows] = np.random.default_rng(11).permutation(rows)
     stated = [cat.candidates[i] for i in cat.stated]
     single = Signatures(signatures.machine, recording, [cat.candidates[main], *stated])
     one = Catalogue(single.candidates, (0.0,) * len(single.candidates), (), tuple(range(1, 1 + len(stated))))
     lin, rms = single.linearise(before, order=order), float(np.sqrt(before.chi2_per_dof))
     return float(weighed_alone(selection_problem(lin, one, rms), 1)[0])
-
-
-def _in_time(recording: Recording, used: Mask) -> NDArray[np.intp]:
-    """Rows that are used, in the order of acquisition."""
-    return recording.order[used[recording.order]]
 
 
 def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
@@ -167,7 +162,7 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
     if not names:
         return ()
     fit, halves = found.fit, list[_Half]()
-    for part in np.array_split(_in_time(found.signatures.recording, fit.used), 2):
+    for part in np.array_split(found.signatures.recording.in_time(fit.used), 2):
         used = np.zeros(len(fit.used), dtype=bool)
         used[part] = True
         lin = found.signatures.linearise(replace(fit, used=used))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,23 +64,16 @@ def remainder_shapes(found: Found) -> tuple[Shape, ...]:
     sigma = tau * np.sqrt(np.sum(problem.remainder**2, axis=1))
     lin, cat, at, shapes = found.linearisation, found.catalogue, 0, list[Shape]()
     for i in cat.smooth:
-        width = len(cat.candidates[i].coefficients)
-        part = slice(at, at + width)
+        part = slice(at, at := at + len(cat.candidates[i].coefficients))
         columns = lin.free + problem.nameless[part]
         signal = float(coefficients[part] @ lin.gram[np.ix_(columns, columns)] @ coefficients[part])
         shapes.append(Shape(i, sigma[part], signal))
-        at += width
-    return _largest(shapes)
-
-
-def _largest(shapes: list[Shape]) -> tuple[Shape, ...]:
     total = sum(s.share for s in shapes)
-    out: list[Shape] = []
-    for shape in sorted(shapes, key=lambda s: -s.share)[:FEW]:
-        if total <= 0.0 or sum(s.share for s in out) > WORTH:
-            break
-        out.append(replace(shape, share=shape.share / total))
-    return tuple(out)
+    if total <= 0.0:
+        return ()
+    ranked = sorted((replace(s, share=s.share / total) for s in shapes), key=lambda s: -s.share)[:FEW]
+    before = accumulate((s.share for s in ranked), initial=0.0)
+    return tuple(shape for shape, carried in zip(ranked, before, strict=False) if carried <= WORTH)
 
 
 def fitted(

@@ -58,7 +58,8 @@ class Found:
 
 def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Found:
     """From the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary whitened residual."""
-    first = state = _Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
+    state = _Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
+    first = state.problem, state.linearisation
     for k in range(CLIMBS):
         if k and not state.short:
             break  # near enough: every further fit would take long
@@ -81,8 +82,7 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
         state.linearisation,
         state.signatures,
         state.catalogue,
-        first.problem,
-        first.linearisation,
+        *first,
     )
 
 
