@@ -1,8 +1,13 @@
-"""The search: posterior, nonlinear fit at its mode, posterior again from there, until the mode stays."""
+"""The search: posterior, nonlinear fit at its mode, posterior again from there, until the mode stays.
+
+Some settings are points of a continuum (the lag of a warm part), of which the catalogue holds a few values. Where one of them
+is part of the likeliest set, values on both sides of it become candidates too, and the posterior is drawn among all of them;
+the next time half as far from the best one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +22,8 @@ from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Poster
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
-from truepose.identification.signatures.refine import refined
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,8 +31,9 @@ CLIMBS, MOVES = 4, 2
 """Most expansion points that are climbed to, and most that follow from a posterior that was drawn."""
 ROUGH = 1e-2
 """What a fit may leave to gain of half its sum of squares where it is an expansion point only."""
-REFINED = 2
-"""How often continuous settings are refined."""
+REFINED, PARTS, CLOSE = 2, 4, 0.02
+"""How often continuous settings are refined, into how many parts the way to a neighbour is divided by new values, and the
+share of a value within which a neighbour is as good."""
 
 
 @dataclass(frozen=True)
@@ -85,14 +91,18 @@ class _Expansion:
 
     def __init__(
         self, signatures: Signatures, cat: Catalogue, fit: Estimate, accepted: Mapping[int, float], exclude: Mask,
-        rms: float, refined: int = 0, before: tuple[SelectionProblem, State] | None = None,
+        rms: float, refined: int = 0, before: State | None = None,
     ) -> None:  # fmt: skip
         self.signatures, self.catalogue, self.fit, self.accepted = signatures, cat, fit, accepted
         self.linearisation = signatures.linearise(fit)
         self.problem = selection_problem(self.linearisation, cat, rms)
         self.spike_slab = self.problem.spike_slab.compressed()
-        self.known = [] if before is None else _renumbered(*before, self.problem)
+        self.known = [] if before is None else [self._of_this_grid(before)]
         self.exclude, self._rms, self._refined = exclude, rms, refined
+
+    def _of_this_grid(self, state: State) -> State:
+        """Its terms are the same: more candidates of a catalogue stand at its end."""
+        return State(state.members, self.problem.spike_slab.unknowns.nearest(state.point), 0.0)
 
     @property
     def short(self) -> bool:
@@ -118,17 +128,7 @@ class _Expansion:
         if finer is not cat:
             signatures = signatures.of(finer.candidates)
         count = self._refined + (finer is not cat)
-        return _Expansion(
-            signatures, finer, fit, wanted, self.exclude, self._rms, count, (self.problem, best)
-        )
-
-
-def _renumbered(problem: SelectionProblem, state: State, now: SelectionProblem) -> list[State]:
-    """A state in the numbers of another problem whose terms hold the same candidates."""
-    number = {own: k for k, own in enumerate(now.candidates)}
-    members = [(number.get(problem.candidates[term]), size) for term, size in state.members]
-    kept = tuple((term, size) for term, size in members if term is not None)
-    return [State(kept, now.spike_slab.unknowns.nearest(state.point), 0.0)]
+        return _Expansion(signatures, finer, fit, wanted, self.exclude, self._rms, count, best)
 
 
 def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
@@ -150,3 +150,40 @@ def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:
     known = {e.label: e.amplitudes for e in fit.fitted_effects()}
     amplitudes = [known.get(t.label, np.zeros(len(t.coefficients))) for t in terms]
     return np.concatenate([fit.p[: len(fit.machine.parameters)], *amplitudes])
+
+
+def refined(machine: Machine, cat: Catalogue, accepted: Iterable[int]) -> Catalogue:
+    """The catalogue with values around those of accepted candidates; the very same one where nothing is to be added."""
+    for index in [i for i in accepted if i not in cat.stated]:
+        for name in cat.candidates[index].effect.continuous:
+            added = _between(machine, cat, index, name)
+            if added:
+                cat = cat.with_more(added, [index])
+    return cat
+
+
+def _between(machine: Machine, cat: Catalogue, index: int, name: str) -> list[PlacedEffect]:
+    """Candidates with values of a setting between a candidate's own and its neighbours on both sides."""
+    here = cat.candidates[index]
+    if name not in here.settings_map:
+        return []
+    own, rest = float(here.settings_map[name]), dict(here.settings_map) | {name: 0.0}
+    values = [
+        float(c.settings_map[name])
+        for c in cat.candidates
+        if c.at_place == here.at_place and dict(c.settings_map) | {name: 0.0} == rest
+    ]
+    near = [
+        max((v for v in values if v < own), default=own),
+        min((v for v in values if v > own), default=own),
+    ]
+    new = [
+        float(f"{own + share * (other - own):.3g}")
+        for other in near
+        if abs(other - own) > CLOSE * max(abs(own), abs(other))
+        for share in np.arange(1, PARTS) / PARTS
+    ]
+    labels = {c.label for c in cat.candidates}
+    settings = [dict(here.settings_map) | {name: value} for value in dict.fromkeys(new)]
+    made = [PlacedEffect.at(here.effect, machine, here.place, one) for one in settings]
+    return [placed for placed in made if placed.label not in labels]

@@ -105,9 +105,8 @@ def _design(
     # e: the residual at the drawing values without effects, as a reading less its prediction
     mixed[:-1, -1], mixed[-1, -1] = lin.departure, -1.0
     picked = np.concatenate([fixed, n + np.arange(width + bent)]).astype(np.intp)
-    sigma = np.concatenate(
-        [_sigma(lin.weight), np.full(len(stated), prior.STATED), np.ones(bend.shape[1] + turn.shape[1])]
-    )
+    own = np.divide(1.0, lin.weight, out=np.full(n, np.inf), where=lin.weight > 0.0)
+    sigma = np.concatenate([own, np.full(len(stated), prior.STATED), np.ones(mixed.shape[1] - 1)])
     numbers = [classes.index(part) for part in lin.parts]
     part = np.array([*numbers, *[-1] * (len(sigma) - n)], dtype=np.intp)
     always = Always(sigma, part, np.arange(len(sigma)) >= len(fixed) + bend.shape[1])
@@ -124,18 +123,15 @@ def _turned(gram: Array, picked: NDArray[np.intp], first: int, mixed: Array) -> 
     return np.asarray(whole[np.ix_(order, order)])
 
 
-def _sigma(weight: Array) -> Array:
-    return np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), np.inf)
-
-
 def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[EffectAtPlace, ...], Terms]:
     """Candidates, one a term (all that the file does not state), causes, and terms with their urns."""
     free = [i for i in range(len(cat.candidates)) if i not in cat.stated]
+    placed = [cat.candidates[i] for i in free]
     table = pd.DataFrame(
         {
             "cause": [cat.cause(i) for i in free],
             "kind": [_kind(cat, i) for i in free],
-            "feature": [cat.candidates[i].effect.told(cat.candidates[i].settings_map) for i in free],
+            "feature": [c.effect.told(c.settings_map) for c in placed],
             "share": np.exp(_log_shares(cat, free)),
         }
     )
@@ -143,7 +139,18 @@ def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[E
     number, causes = pd.factorize(table["cause"])
     feature = table.groupby(["kind", "feature"], sort=False).ngroup().to_numpy()
     share = np.log(table["in_kind"].to_numpy())
-    terms = [_term(cat, lin, i, int(number[k]), int(feature[k]), float(share[k])) for k, i in enumerate(free)]
+    terms = [
+        Term(
+            columns=tuple(lin.indices([i])),
+            cause=int(number[k]),
+            feature=int(feature[k]),
+            log_share=float(share[k]),
+            lower=tuple(c.lower / c.scale for c in placed[k].coefficients),
+            upper=tuple(c.upper / c.scale for c in placed[k].coefficients),
+            alone=cat.named(i) and not placed[k].effect.settings_add,
+        )
+        for k, i in enumerate(free)
+    ]
     return tuple(free), tuple(causes), Terms(terms, _urn(table))
 
 
@@ -174,26 +181,6 @@ def _urn(table: pd.DataFrame) -> Urn:
         alike=prior.ALIKE,
         further=prior.FURTHER,
         log_place=np.log(table.groupby("cause", sort=False)["in_kind"].sum().to_numpy()),
-    )
-
-
-def _term(
-    cat: Catalogue,
-    lin: Linearisation,
-    index: int,
-    cause: int,
-    feature: int,
-    log_share: float,
-) -> Term:
-    placed = cat.candidates[index]
-    return Term(
-        columns=tuple(lin.indices([index])),
-        cause=cause,
-        feature=feature,
-        log_share=log_share,
-        lower=tuple(c.lower / c.scale for c in placed.coefficients),
-        upper=tuple(c.upper / c.scale for c in placed.coefficients),
-        alone=cat.named(index) and not placed.effect.settings_add,
     )
 
 

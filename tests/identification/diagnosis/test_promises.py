@@ -70,9 +70,10 @@ def test_the_variance_of_replicates_is_unbiased(fit: Estimate, repeats: tuple[in
     squares, dof = [], 0
     for _ in range(400):
         left_out = rng.normal(0.0, 50.0, (int(pose.max()) + 1, 2))[pose]
-        noise = replicate_noise(leaving(fit, left_out + 3.0 * rng.standard_normal(left_out.shape)), recording)
-        squares.append(noise.scale**2)
-        dof = noise.dof
+        noise, dof = replicate_noise(
+            leaving(fit, left_out + 3.0 * rng.standard_normal(left_out.shape)), recording
+        )
+        squares.append(noise**2)
     assert dof == 2 * (len(pose) - len(np.unique(pose)))
     assert np.mean(squares) == pytest.approx(9.0, abs=4.0 * 9.0 * np.sqrt(2.0 / dof / len(squares)))
 

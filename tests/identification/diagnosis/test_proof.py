@@ -24,8 +24,7 @@ from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.state import State
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import tolerance_notes
-from truepose.identification.signatures.candidates import Catalogue
-from truepose.identification.signatures.empirical_forms import empirical_forms
+from truepose.identification.signatures.candidates import Catalogue, empirical_forms
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
