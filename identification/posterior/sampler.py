@@ -83,13 +83,11 @@ class Chain:
 
     def _redraw(self, member: Member | None, points: Sequence[GridPoint]) -> Visit:
         """Draw a slot together with the point, one of these; the present one is among them."""
-        rest, spike_slab = self._without(member), self._weighing
+        rest = self._without(member)
         slot, leaving = self._slot(len(rest)), () if member is None else (member,)
-        found = [spike_slab.conditional(p, rest, leaving) for p in points]
-        total = np.array([c.log_total(slot) for c in found])
-        if len(points) > 1:
-            total += [spike_slab.log_evidence(p, rest) for p in points]
-        shares = softmax(total)
+        found = self._weighing.conditionals(points, rest, leaving, self.point)
+        total = np.array([c.log_total(slot) + c.log_evidence for c in found])
+        shares = np.exp(total - np.logaddexp.reduce(total))
         at = int(self._rng.choice(len(points), p=shares))
         self.point = points[at]
         self._fill(rest, found[at].draw(slot, self._rng))
