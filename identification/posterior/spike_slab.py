@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import block_diag
+from scipy.linalg import block_diag
 
 from truepose.identification.posterior.conditional import log_gains, plausibility
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
@@ -144,7 +144,7 @@ class SpikeSlab:
             at += width
         columns = np.concatenate([*self.terms.columns, np.zeros(0, dtype=np.intp)]).astype(np.intp)
         return SpikeSlab(
-            self.design.turned(columns, block_diag(turns, format="csr")),
+            self.design.turned(columns, block_diag(*turns)),
             self.unknowns,
             Terms(terms, self.terms.urn, self.terms.groups),
             self.sizes,
