@@ -44,11 +44,12 @@ def diagnose(
     cat = catalogue(machine, recording)
     progress(f"weighing {len(cat.candidates)} explanations")
     signatures = Signatures(machine, recording, cat.candidates)
-    found = search(signatures, cat, fits.before, fits.outliers, fits.rms)
-    again = outliers.outlying_rows(found.fit, recording, ~recording.validation)
+    near = search(signatures, cat, fits.before, fits.outliers, fits.rms)
+    again = outliers.outlying_rows(near.fit, recording, ~recording.validation)
     if not np.array_equal(again, fits.outliers):
         fits = _refit_null(machine, recording, fits, again)
-        found = search(signatures, cat, fits.before, fits.outliers, fits.rms)
+        near = search(signatures, cat, fits.before, fits.outliers, fits.rms)
+    found = near.found()
     progress("naming and proving")
     return concluded(fits, found)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from truepose.identification import prior
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import climbed
-from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, mode, sample
+from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, Sampling, mode
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
@@ -56,10 +57,10 @@ class Found:
     linearisation_before: Linearisation
 
 
-def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Found:
-    """From the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary whitened residual."""
-    state = _Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
-    first = state.problem, state.linearisation
+def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Expansion:
+    """Where the mode stays, from the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary
+    whitened residual."""
+    state = Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
     for k in range(CLIMBS):
         if k and not state.short:
             break  # near enough: every further fit would take long
@@ -72,32 +73,23 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
         if moved is None:
             break
         state = moved
-    posterior, best = state.sampled()
-    return Found(
-        state.problem,
-        posterior,
-        best,
-        state.accepted,
-        state.fit,
-        state.linearisation,
-        state.signatures,
-        state.catalogue,
-        *first,
-    )
+    return state
 
 
-class _Expansion:
+class Expansion:
     """A fit, all candidates there, and the likeliest states found before in the numbers of this problem."""
 
     def __init__(
         self, signatures: Signatures, cat: Catalogue, fit: Estimate, accepted: Mapping[int, float], exclude: Mask,
-        rms: float, refined: int = 0, before: State | None = None,
+        rms: float, refined: int = 0, before: tuple[Expansion, State] | None = None,
     ) -> None:  # fmt: skip
         self.signatures, self.catalogue, self.fit, self.accepted = signatures, cat, fit, accepted
         self.linearisation = signatures.linearise(fit)
         self.problem = selection_problem(self.linearisation, cat, rms)
         self.spike_slab = self.problem.spike_slab.compressed()
-        self.known = [] if before is None else [self._of_this_grid(before)]
+        here = self.problem, self.linearisation
+        self.first: tuple[SelectionProblem, Linearisation] = here if before is None else before[0].first
+        self.known = [] if before is None else [self._of_this_grid(before[1])]
         self.exclude, self._rms, self._refined = exclude, rms, refined
 
     def _of_this_grid(self, state: State) -> State:
@@ -109,12 +101,22 @@ class _Expansion:
         """Whether its set has few columns, so that all is quick."""
         return sum(len(self.catalogue.candidates[i].coefficients) for i in self.accepted) <= LONG_SET
 
+    @cached_property
+    def _sampling(self) -> Sampling:
+        return Sampling(self.spike_slab, prior.RICHNESS, known=self.known)
+
     def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
-        """The posterior at this point, and its mode."""
-        found = sample(self.spike_slab, prior.RICHNESS, known=self.known, rounds=rounds)
+        """The posterior at this point, and its mode; more rounds go on from fewer."""
+        found = self._sampling.posterior(rounds)
         return found, mode(found, self.spike_slab)
 
-    def moved(self, best: State) -> _Expansion | None:
+    def found(self) -> Found:
+        """The posterior here, drawn to the end."""
+        posterior, best = self.sampled()
+        own = self.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
+        return Found(self.problem, posterior, best, *own, *self.first)
+
+    def moved(self, best: State) -> Expansion | None:
         """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
         wanted = dict.fromkeys(self.catalogue.stated, prior.STATED) | chosen(self.problem, best)
         cat, signatures = self.catalogue, self.signatures
@@ -128,7 +130,7 @@ class _Expansion:
         if finer is not cat:
             signatures = signatures.of(finer.candidates)
         count = self._refined + (finer is not cat)
-        return _Expansion(signatures, finer, fit, wanted, self.exclude, self._rms, count, best)
+        return Expansion(signatures, finer, fit, wanted, self.exclude, self._rms, count, (self, best))
 
 
 def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
@@ -137,7 +139,7 @@ def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
     return {problem.candidates[term]: float(sizes[size]) for term, size in state.members}
 
 
-def refitted(here: _Expansion, wanted: Mapping[int, float]) -> Estimate:
+def refitted(here: Expansion, wanted: Mapping[int, float]) -> Estimate:
     """The nonlinear fit with other candidates, from the present one."""
     machine, recording = here.signatures.machine, here.signatures.recording
     terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]

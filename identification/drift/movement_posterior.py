@@ -124,12 +124,8 @@ def _gains(best: Likeliest, without: int | None = None) -> Array:
     rest: list[Member] = [m for m in best.state.members if m[0] != without]
     points = [p for step in LOUDER if spike_slab.unknowns.holds(p := best.state.point.louder(step))]
     null = np.array([spike_slab.log_evidence(p, rest) for p in points])
-    every = np.ones(len(spike_slab.terms), dtype=bool)
-    size = spike_slab.sizes.log_prior[:, None]
-    by_point = [
-        np.logaddexp.reduce(log_gains(spike_slab.beside(p, rest), spike_slab.sizes, every) + size)
-        for p in points
-    ]
+    gains = log_gains([spike_slab.beside(p, rest) for p in points], spike_slab.sizes)
+    by_point = np.logaddexp.reduce(gains + spike_slab.sizes.log_prior[:, None], axis=1)
     found = np.logaddexp.reduce(null[:, None] + by_point) - np.logaddexp.reduce(null)
     found[[term for term, _ in rest]] = 0.0
     return np.where(best.stack.visible, found, 0.0)

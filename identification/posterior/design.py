@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from truepose.identification.prior import (
     NOISE_FROM,
@@ -70,12 +71,12 @@ class Design:
         return part
 
     def turned(self, columns: NDArray[np.intp], turn: Array) -> Design:
-        """With combinations of some columns of terms in their place: ``turn`` (k, w) of ``columns`` (k,)."""
-        first, last = np.arange(self.n), self.n + self.width
+        """With combinations of some columns of terms in their place: ``turn`` (k, w) of ``columns`` (k,), mostly zeros."""
+        first, last, few = np.arange(self.n), self.n + self.width, csr_array(turn)
 
         def of(gram: Array) -> Array:
-            part = gram[:, self.n + columns] @ turn
-            own = turn.T @ part[self.n + columns]
+            part = np.asarray(gram[:, self.n + columns] @ few)
+            own = np.asarray(few.T @ part[self.n + columns])
             rest = np.append(first, last)
             out = np.empty((self.n + turn.shape[1] + 1,) * 2)
             here, there = np.append(first, len(out) - 1), np.arange(self.n, len(out) - 1)
