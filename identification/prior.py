@@ -71,21 +71,34 @@ FURTHER = 0.5
 """Probability that a cause which is there has a further term (another harmonic, another form). Chosen: no knowledge."""
 TOGETHER = 0.2
 """Prior share of an effect's places that join several parts, where parts alone are places too. Chosen."""
+SET_UP = 0.9
+"""Share of movements between sessions that are of frames and sensors: they are set up anew, and parts stay. Chosen."""
 REMAINDER = 0.5
 """Probability that there is a smooth remainder (model discrepancy) beside all effects. Chosen: no knowledge."""
 
 # -- how large they are -------------------------------------------------------------------------------------
 
-_SIZES = np.geomspace(1e-3, 10.0, 9)
 RARER = 2.0
 """Beyond the largest expected size, ten times larger is a hundred times rarer: a power of this order. Chosen."""
-_SHARES = np.minimum(1.0, _SIZES**-RARER)
-SIZES = Sizes(_SIZES, np.log(_SHARES / np.sum(_SHARES)))
-"""Every size up to the largest expected one is as likely, a factor of about three apart. Chosen."""
+
+
+def slab(smallest: float, largest: float, rarer: float) -> Sizes:
+    """Every size up to the largest expected one (1) is as likely, a factor of about three apart; larger ones are rarer."""
+    values = np.geomspace(smallest, largest, 1 + round(2.0 * np.log10(largest / smallest)))
+    shares = np.minimum(1.0, values**-rarer)
+    return Sizes(values, np.log(shares / np.sum(shares)))
+
+
+SIZES = slab(1e-3, 10.0, RARER)
+"""Of effects. Chosen."""
+MOVEMENT_SIZES = slab(1e-5, 100.0, 1.0)
+"""Of movements between sessions, from a millionth of a tolerance to ten. Chosen: ten times larger is ten times rarer."""
 STATED = 100.0
 """1-sigma, in expected sizes, of the coefficients of what the machine file states already: hardly any prior. Chosen."""
 BOUND_DOUBT = 0.2
 """1-sigma, in the log, of how far physical bounds are known: drivers are logged beside where they act. Chosen."""
+MOVED = 0.1
+"""Usual largest movement between sessions, in tolerances (without one: in steps of 100 mm or 1 rad). Chosen."""
 REMAINDER_FROM, REMAINDER_STEP = 0.25, 2.0
 """Smallest rms of the remainder in stated sigmas, and the factor between its sizes. Chosen: steps of a grid."""
 
@@ -156,6 +169,8 @@ __all__ = [
     "FORM_ERROR",
     "FURTHER",
     "INFLATIONS",
+    "MOVED",
+    "MOVEMENT_SIZES",
     "NARROWER",
     "NOISE_FROM",
     "NOISE_STEP",
@@ -169,6 +184,7 @@ __all__ = [
     "REMAINDER_FROM",
     "REMAINDER_STEP",
     "RICHNESS",
+    "SET_UP",
     "SIGMA_DOUBT",
     "SIZES",
     "STATED",
@@ -181,4 +197,5 @@ __all__ = [
     "Sizes",
     "beyond_usual",
     "noise_log_prior",
+    "slab",
 ]

@@ -2,9 +2,10 @@
 
     python -m benchmarks.drifting_arm [SEQUENCES] [JOBS]
 
-Arms drawn from their tolerances, four sessions of thirty poses. In the first lot nothing moves. In the second
-one constant, drawn at random, moves once, after the second session, by a size stated in units of the 1-sigma
-``hidden`` that ``drift`` gives for it. Prints tables and writes docs/figures/drift_detection.svg.
+Arms drawn from their tolerances, four sessions of thirty poses. In the first lot nothing moves. In the second one
+constant, drawn at random, moves once, after the second session, by a size stated in units of the 1-sigma ``hidden``
+that ``drift`` gives for it. In the third, frames are set up anew and several parts move. Prints tables and writes
+docs/figures/drift_detection.svg.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks/, where `figures` is
-from drifting_arm.study import moving, still
+from drifting_arm.study import Several, moving, several, still
 from figures import Series, write_chart
 
 SIZES = (1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0)
@@ -51,6 +52,9 @@ def main(sequences: int = 100, jobs: int = 2) -> None:
         rms = float(np.sqrt(np.mean(errors**2))) if len(errors) else np.nan
         say(f"{size:g} | {rates[-1]:.2f} | {names[-1]:.2f} | {others} of {each} | {rms:.2f}")
     curves = [Series("found", SIZES, rates, "both"), Series("named itself", SIZES, names, "both")]
+    many = Parallel(n_jobs=jobs)(delayed(several)(5000 + seed) for seed in range(max(3 * sequences // 5, 1)))
+    moved, named, wrong, far_off = (sum(getattr(m, key) for m in many) for key in Several.__annotations__)
+    say(f"many move: {named} of {moved} named, {wrong} others, {far_off} sizes off by more than 4 stds")
     title, label = "One constant moves once in four sessions", "size of the movement, in sigmas that hide it"
     write_chart(FIGURE, title, label, "share of sequences", curves)
 

@@ -1,4 +1,4 @@
-"""One sequence of the study: what ``drift`` says when nothing moves, and when one constant does."""
+"""One sequence of the study: what ``drift`` says when nothing moves, when one constant does, and when many do."""
 
 from __future__ import annotations
 
@@ -56,3 +56,28 @@ def moving(seed: int, size: float) -> Outcome:
     alike = [m for m in found.moved if name in m.alike]
     error = (own[0].change[-1] - step) / own[0].std[-1] if own else np.nan
     return Outcome(bool(own or alike), bool(own), len(found.moved) - len(own or alike), error)
+
+
+@dataclass(frozen=True)
+class Several:
+    """How many constants moved, how many of these were named, how many others, and sizes off by more than 4 stds."""
+
+    moved: int
+    named: int
+    others: int
+    far_off: int
+
+
+def several(seed: int) -> Several:
+    """Frames set up anew and up to three parts, each by 4 to 40 times what would stay hidden, at any session."""
+    rng, moves = np.random.default_rng(seed), dict[str, list[float]]()
+    names = [f"base.{a}" for a in ("x", "y", "z", "rx", "ry", "rz")] if rng.random() < 0.7 else []
+    names += [f"tool.{a}" for a in ("x", "y", "z")] if rng.random() < 0.3 else []
+    for name in [*names, *map(str, rng.choice(list(FREE), rng.integers(0, 4), replace=False))]:
+        step = float(np.exp(rng.uniform(np.log(4.0), np.log(40.0)))) * hidden()[name] * rng.choice([-1, 1])
+        before = int(rng.integers(1, 4))
+        moves[name] = [0.0] * before + [step] * (4 - before)
+    found = compare(1000 + seed, moves).moved
+    right = [m for m in found if m.name in moves]
+    far_off = sum(abs(m.change[-1] - moves[m.name][-1]) > 4.0 * m.std[-1] for m in right)
+    return Several(len(moves), len(right), len(found) - len(right), far_off)

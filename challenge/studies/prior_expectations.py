@@ -24,8 +24,9 @@ from scipy.special import softmax
 from truepose import diagnose, load_machine, load_recording
 from truepose.identification import prior
 from truepose.identification.diagnosis import engine
-from truepose.identification.diagnosis.outcome import Fits, Outcome, concluded
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.verdict import Fits, concluded
 from truepose.identification.posterior.state import State
 from truepose.models.effects.empirical import Empirical
 
@@ -51,7 +52,7 @@ def expected(case: Path) -> Expected:
     """Expectations under the posterior of a case."""
     kept: list[Found] = []
 
-    def conclude(fits: Fits, found: Found) -> Outcome:
+    def conclude(fits: Fits, found: Found) -> Diagnosis:
         kept.append(found)
         return concluded(fits, found)
 

@@ -1,4 +1,7 @@
-"""From what is named to findings, with amplitudes of the fit; and every candidate weighed alone."""
+"""What is said of each name, with amplitudes of the fit, of every candidate alone, and of what is left without a name.
+
+That is a driver, a place and a form: a hypothesis.
+"""
 
 from __future__ import annotations
 
@@ -7,47 +10,38 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.naming import Named, Rival
+from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.posterior_summary import Named, Rival
 from truepose.identification.diagnosis.result import (
     UNNAMED,
     Alternative,
     Finding,
-    Lead,
+    Form,
     Quantity,
+    Remainder,
     Replication,
 )
+from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.spike_slab import SpikeSlab
+from truepose.identification.posterior.state import best_point
+from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.models.effects.base import effects
+from truepose.models.driver import APPROACH, Driver
+from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 from truepose.models.parameters import element_of
+from truepose.models.smooth import orthonormal, powers, scaled, waves
 
 Array = NDArray[np.float64]
-
-
-def ranked_alternatives(cat: Catalogue, gain: Array) -> tuple[Alternative, ...]:
-    """Every candidate, best first, weighed alone against the model without effects: log Bayes factors (c,)."""
-    odds = np.append(gain + np.array(cat.log_prior), 0.0)
-    share = np.exp(odds - np.logaddexp.reduce(odds))
-    order = [int(i) for i in np.argsort(-odds[:-1]) if cat.named(int(i)) and np.isfinite(gain[i])]
-    return tuple(_candidate(cat, i, float(share[i]), float(gain[i])) for i in order)
-
-
-def _candidate(cat: Catalogue, index: int, probability: float, gain: float) -> Alternative:
-    placed = cat.candidates[index]
-    return Alternative(placed.effect.slug, placed.place, probability, gain, placed.effect.experiment)
-
-
-def evidence_map(cat: Catalogue, gain: Array) -> dict[str, float]:
-    """Largest log Bayes factor at each single place; constants count for the part they belong to."""
-    out: dict[str, float] = {}
-    for i in (i for i in range(len(gain)) if cat.named(i) and np.isfinite(gain[i])):
-        place = cat.candidates[i].place
-        if len(place) == 1:
-            part = element_of(place[0])
-            out[part] = max(out.get(part, -np.inf), float(gain[i]))
-    return dict(sorted(out.items(), key=lambda item: -item[1]))
+EVERY = 4
+"""Steps of the noise between the points at which candidates are weighed alone."""
+NOTABLE = 3.0
+"""Log Bayes factor below which there is nothing to speak of: of a candidate alone, and between explanations as good."""
+CYCLES = (1, 2, 3, 4, 6, 8)
+"""Cycles over a driver's range that a periodic form may have."""
 
 
 def finding(
@@ -72,7 +66,6 @@ def finding(
         equivalents=tuple(rivals),
         parameters=_parameters(cat, after, one.candidates),
         settings=tuple(cat.candidates[i].settings_map for i in one.candidates),
-        prior_dependent=flip is not None,
         flip_lambda=flip,
         explanation=_explanation(machine, cat, after, one),
         experiment=main.effect.experiment,
@@ -83,21 +76,14 @@ def finding(
     )
 
 
-def lead(one: Named) -> Lead:
-    """What leads below the level at which it would be a finding."""
-    return Lead(one.cause.effect, one.cause.place, one.levels, one.probability)
-
-
 def _alternative(cat: Catalogue, member: Rival) -> Alternative:
     """Another explanation of a class."""
-    slug = member.cause.effect
+    (slug, place), probability, gain = member.cause, member.probability, member.gain
     if slug == Empirical.slug:
-        return Alternative(UNNAMED, member.cause.place, member.probability, member.gain)
+        return Alternative(UNNAMED, place, probability, gain)
+    kind = next((c.kind for c in cat.candidates if c.at_place == (slug, place)), None)
     experiment = effects.get(slug, "class").experiment
-    kind = next((c.kind for c in cat.candidates if c.at_place == (slug, member.cause.place)), None)
-    return Alternative(
-        slug, member.cause.place, member.probability, member.gain, experiment, member.tested, kind
-    )
+    return Alternative(slug, place, probability, gain, experiment, member.tested, kind)
 
 
 def _explanation(machine: Machine, cat: Catalogue, after: Estimate, one: Named) -> str:
@@ -105,13 +91,17 @@ def _explanation(machine: Machine, cat: Catalogue, after: Estimate, one: Named) 
     if one.nameless and not one.tested:
         return ""
     said = [cat.candidates[one.candidates[0]].effect.explain(machine, one.cause.place)]
-    names, std = list(after.prior.names), after.std
-    for i in one.candidates:
-        placed = cat.candidates[i]
-        at = {c.name: names.index(f"{placed.label}:{c.name}") for c in placed.coefficients}
-        values = {n: float(after.p[k]) for n, k in at.items()}
-        said.append(placed.effect.found(values, {n: float(std[k]) for n, k in at.items()}))
+    for placed in (cat.candidates[i] for i in one.candidates):
+        fitted = _fitted(after, placed)
+        said.append(placed.effect.found(*({n: q[k] for n, q in fitted.items()} for k in (0, 1))))
     return " ".join(text for text in said if text)
+
+
+def _fitted(after: Estimate, placed: PlacedEffect) -> dict[str, tuple[float, float]]:
+    """Value and 1-sigma of each coefficient."""
+    names, std = list(after.prior.names), after.std
+    at = {c.name: names.index(f"{placed.label}:{c.name}") for c in placed.coefficients}
+    return {name: (float(after.p[k]), float(std[k])) for name, k in at.items()}
 
 
 def _twins(cat: Catalogue, one: Named) -> list[Alternative]:
@@ -121,27 +111,99 @@ def _twins(cat: Catalogue, one: Named) -> list[Alternative]:
         for slug, ratio in placed.effect.twins(placed.settings_map).items():
             likely.setdefault(slug, ratio)
     total = 1.0 + sum(likely.values())
+    place, share, gain = one.cause.place, one.probability / total, one.gain
     return [
-        Alternative(
-            slug,
-            one.cause.place,
-            one.probability * ratio / total,
-            one.gain,
-            effects.get(slug, "twin").experiment,
-        )
+        Alternative(slug, place, share * ratio, gain, effects.get(slug, "twin").experiment)
         for slug, ratio in likely.items()
     ]
 
 
 def _parameters(cat: Catalogue, after: Estimate, candidates: Sequence[int]) -> dict[str, Quantity]:
-    out = {}
-    names, std = list(after.prior.names), after.std
-    for i in candidates:
-        placed = cat.candidates[i]
-        tail = (
-            "".join(f"[{name}={value:g}]" for name, value in placed.settings) if len(candidates) > 1 else ""
-        )
-        for c in placed.coefficients:
-            at = names.index(f"{placed.label}:{c.name}")
-            out[f"{c.name}{tail}"] = Quantity(float(after.p[at]), float(std[at]), c.unit)
+    out = dict[str, Quantity]()
+    for placed in (cat.candidates[i] for i in candidates):
+        apart = placed.settings if len(candidates) > 1 else ()
+        tail, fitted = "".join(f"[{name}={value:g}]" for name, value in apart), _fitted(after, placed)
+        out |= {f"{c.name}{tail}": Quantity(*fitted[c.name], c.unit) for c in placed.coefficients}
     return out
+
+
+def weighed_alone(problem: SelectionProblem, count: int) -> Array:
+    """(count,) log Bayes factor of each candidate alone, noise and tolerances marginalised; minus infinity for others."""
+    spike_slab = problem.spike_slab
+    points = _points(spike_slab)
+    null = np.array([spike_slab.root(p).log_evidence for p in points])
+    terms = np.array([np.logaddexp.reduce(spike_slab.log_odds(p, ()), axis=0) for p in points])
+    terms -= spike_slab.terms.log_first
+    # at a size that nobody would notice it says neither for nor against
+    unnoticed = np.where(spike_slab.noticeable, 0.0, np.exp(spike_slab.sizes.log_prior)[:, None]).sum(axis=0)
+    terms = np.logaddexp(terms, np.log(np.maximum(unnoticed, 1e-300)))
+    total = np.logaddexp.reduce(terms + null[:, None], axis=0) - np.logaddexp.reduce(null)
+    out = np.full(count, -np.inf)
+    out[list(problem.candidates)] = total
+    return out
+
+
+def ranked_alternatives(cat: Catalogue, gain: Array) -> tuple[Alternative, ...]:
+    """Every candidate, best first, weighed alone against the model without effects: log Bayes factors (c,)."""
+    odds = np.append(gain + np.array(cat.log_prior), 0.0)
+    share = np.exp(odds - np.logaddexp.reduce(odds))
+    order = [i for i in np.argsort(-odds[:-1]).tolist() if cat.named(i) and np.isfinite(gain[i])]
+    return tuple(
+        Alternative(*cat.cause(i), float(share[i]), float(gain[i]), cat.candidates[i].effect.experiment)
+        for i in order
+    )
+
+
+def evidence_map(cat: Catalogue, gain: Array) -> dict[str, float]:
+    """Largest log Bayes factor at each single place; constants count for the part they belong to."""
+    out: dict[str, float] = {}
+    for i in (i for i in range(len(gain)) if cat.named(i) and np.isfinite(gain[i])):
+        place = cat.candidates[i].place
+        if len(place) == 1:
+            part = element_of(place[0])
+            out[part] = max(out.get(part, -np.inf), float(gain[i]))
+    return dict(sorted(out.items(), key=lambda item: -item[1]))
+
+
+def _points(spike_slab: SpikeSlab) -> list[GridPoint]:
+    """Noises from the smallest to what nothing but noise would need, at stated tolerances and wider ones."""
+    unknowns, top = spike_slab.unknowns, best_point(spike_slab).noise[0]
+    widest = max(range(len(unknowns.widening)), key=lambda k: sum(unknowns.widening[k]))
+    noises = sorted({*range(0, top + 1, EVERY), top})
+    return [unknowns.all_at(k, widening) for k in noises for widening in {0, widest}]
+
+
+def remainder_of_residuals(fit: Estimate, recording: Recording, structure: Alarm) -> Remainder:
+    """Driver and form of the strongest dependence found by the structure tests."""
+    size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
+    driver, told = structure.about, Driver.of(structure.about)
+    values = recording.columns().get(driver)
+    place = (driver,) if driver in recording.joints else ()
+    if told.thermal or told.kind == APPROACH:
+        place = (told.place,)
+    kind, cycles = ("order", 0) if values is None else best_shape(fit.residual[fit.used], values[fit.used])
+    return Remainder(place, driver, Form(kind, structure.share, cycles), size)
+
+
+def remainder_of_form(cat: Catalogue, index: int, fit: Estimate) -> Remainder:
+    """A form without a name: where, and what it is a function of."""
+    placed = cat.candidates[index]
+    assert isinstance(placed.effect, Empirical)
+    driver, kind = placed.effect.describe(placed.settings_map)
+    return Remainder(placed.place, driver, Form(kind), float(np.sqrt(max(fit.chi2_per_dof, 0.0))))
+
+
+def best_shape(residual: np.ndarray, values: np.ndarray) -> tuple[str, int]:
+    """Best of a few simple shapes of the residuals against the driver: its kind, and how many cycles."""
+    if len(np.unique(values)) <= 3:
+        return "steps", 0
+    t = scaled(values, float(values.min()), float(values.max()))
+    shapes = {("linear", 0): powers(t, 1), ("quadratic", 0): powers(t, 2)}
+    shapes |= {("periodic", cycles): waves(t, cycles) for cycles in CYCLES}
+    best, score = ("linear", 0), -np.inf
+    for shape, functions in shapes.items():
+        explained = float(np.sum((orthonormal(functions).T @ residual) ** 2))
+        gain = explained - 2.0 * len(functions) * residual.shape[1]
+        if gain > score:
+            best, score = shape, gain
+    return best

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification.diagnosis.result import BlockProof
+from truepose.identification.diagnosis.result import BlockProof, PoseError
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
@@ -70,7 +70,7 @@ class Trial:
             return Comparison("none", *_both(other.fitted.squares, self.fitted.squares), proofs, None)
         pairs = [(other.blocks[name].points, self.blocks[name].points) for name in counted]
         points = [np.concatenate(part) for part in zip(*pairs, strict=True)]
-        pose = (_rms(points[0]), _rms(points[1])) if len(points[0]) else None
+        pose = PoseError(*map(_rms, points)) if len(points[0]) else None
         before, after = (np.concatenate(part) for part in zip(*(squares[n] for n in counted), strict=True))
         return Comparison(self.split, before, after, proofs, pose)
 
@@ -93,7 +93,7 @@ class Comparison:
     before: Array
     after: Array
     blocks: tuple[BlockProof, ...]
-    pose: tuple[float, float] | None
+    pose: PoseError | None
 
     @property
     def ratio(self) -> float:
@@ -103,7 +103,7 @@ class Comparison:
     @property
     def worse(self) -> bool:
         """Whether readings or the tool's position are worse than before, by more than ``NO_WORSE`` allows."""
-        pose = self.pose is not None and self.pose[1] > NO_WORSE * self.pose[0]
+        pose = self.pose is not None and self.pose.model > NO_WORSE * self.pose.plain
         return pose or self.ratio > NO_WORSE
 
     def worse_beyond(self, other: Comparison | None = None) -> bool:
@@ -124,9 +124,7 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
     if recording.validation.sum() >= 3:
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
     taken = np.any([np.zeros(len(used), dtype=bool), *(b.rows for b in blocks)], axis=0)
-    order = recording.order
-    inner = [k for k in order if used[k] and not taken[k]]
-    for k, part in enumerate(np.array_split(np.array(inner, dtype=int), FOLDS - 1), start=1):
+    for k, part in enumerate(np.array_split(recording.in_time(used & ~taken), FOLDS - 1), start=1):
         mask = np.zeros(len(used), dtype=bool)
         mask[part] = True
         blocks.append(Block(f"{QUARTER} {k} in time", mask))
@@ -140,7 +138,9 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
     centred = recording.q - recording.q[used].mean(axis=0)
     reach = np.linalg.norm(centred / np.maximum(np.std(recording.q[used], axis=0), 1e-12), axis=1)
     scores = [(OUTERMOST, reach)]
-    for name, words in ((PAYLOAD, "heaviest loads"), *_thermometers(recording)):
+    thermal = [name for name in recording.drivers if Driver.of(name).thermal]
+    thermal.sort(key=lambda name: -float(np.ptp(recording.drivers[name])))  # the one that varies most
+    for name, words in ((PAYLOAD, "heaviest loads"), *((name, "warmest rows") for name in thermal[:1])):
         values = recording.driver(name)
         if values is not None and len(np.unique(values[used])) >= LEVELS:
             scores.append((words, values))
@@ -151,15 +151,6 @@ def _extrapolations(recording: Recording, used: Mask) -> list[Block]:
             blocks.append(Block(words, rows))
             free &= ~rows
     return blocks
-
-
-def _thermometers(recording: Recording) -> list[tuple[str, str]]:
-    """The recorded temperature that varies most."""
-    names = [name for name in recording.drivers if Driver.of(name).thermal]
-    spans = [float(np.ptp(recording.drivers[name])) for name in names]
-    if not spans or max(spans) == 0.0:
-        return []
-    return [(names[int(np.argmax(spans))], "warmest rows")]
 
 
 def trial(

@@ -1,4 +1,8 @@
-"""What is named: causes of the likeliest set, each with the class of explanations that may stand in its slot."""
+"""What is named: causes of the likeliest set, each with the class of explanations that may stand in its slot.
+
+Findings, what leads, sets, inclusion and the verdict read the summary that is made here. Nothing that is told is worked out
+anywhere else, so no number is told twice with two values.
+"""
 
 from __future__ import annotations
 
@@ -10,66 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification import prior
-from truepose.identification.diagnosis.inclusion import Inclusion
-from truepose.identification.diagnosis.levels import UNKNOWN, Levels, Presence, driver_of, parts_of
-from truepose.identification.diagnosis.likeness import forms_hold
-from truepose.identification.diagnosis.search import Found
+from truepose.identification.diagnosis.posterior_summary import (
+    LEADING,
+    LISTED,
+    NAMED,
+    SHOWN,
+    Inclusion,
+    Named,
+    Presence,
+    Rival,
+    driver_of,
+    inclusion,
+    parts_of,
+)
+from truepose.identification.diagnosis.rivals import beside_untested, forms_hold, without_untested
+from truepose.identification.diagnosis.search import Found, chosen
+from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.state import slot_odds, supports
 from truepose.models.effects.empirical import Empirical
+from truepose.models.machine import Machine
 from truepose.models.placed import EffectAtPlace
 
-NAMED = 0.5
-"""Probability that a place with its driver, or a class, needs to be said."""
-LEADING = 0.1
-"""Probability from which on what is less probable than not is shown as leading."""
 CERTAIN = 0.95
 """Probability from which on a name is said without its look-alikes."""
-SHOWN = 0.02
-"""Share of a slot from which on an explanation belongs to its class."""
-CLASS_LIMIT = 8
 FAMILY = 3
 """Places of one effect from which on they are told as a family."""
-
-
-@dataclass(frozen=True)
-class Rival:
-    """Another explanation of a class: its cause, how probable it is, the log Bayes factor of it in the slot; whether it could
-    be tested."""
-
-    cause: EffectAtPlace
-    probability: float
-    gain: float
-    tested: bool = True
-
-
-@dataclass(frozen=True)
-class Named:
-    """A cause of the likeliest set: its candidates that the fit holds, how probable it is, and its class.
-
-    ``certainty`` is the probability of the whole class; ``gain`` the log Bayes factor of the set with it against without.
-    ``family``: the slug, where it is said of several places. levels: what is known of where it is and of what
-    drives it; tested: whether its form was. A cause ``empirical`` has no law, and its ``probability`` is 0.
-    """
-
-    cause: EffectAtPlace
-    candidates: tuple[int, ...]
-    probability: float
-    certainty: float
-    equivalents: tuple[Rival, ...]
-    gain: float = 0.0
-    family: str = ""
-    levels: Levels = UNKNOWN
-    tested: bool = True
-
-    @property
-    def nameless(self) -> bool:
-        """Whether only its place and its driver are known."""
-        return self.cause.effect == Empirical.slug
-
-    @property
-    def said(self) -> bool:
-        """Whether it is more probable than not: its place with its driver, or one of the names of its class."""
-        return max(self.levels.driver, self.certainty) >= NAMED
 
 
 def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
@@ -81,7 +50,13 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
     causes = dict.fromkeys(int(problem.spike_slab.terms.cause[term]) for term, _ in found.mode.members)
     single = [_single(found, k) for k in causes if problem.causes[k].effect != Empirical.slug]
     presence = Presence(found.signatures.machine, found.catalogue, problem, found.posterior)
-    names = [_with_levels(found, presence, n) for n in _supported(found, said, single)]
+    names = [
+        replace(
+            n,
+            levels=presence.levels(*n.cause, found.catalogue.candidates[n.candidates[0]].kind, n.probability),
+        )
+        for n in _supported(found, said, single)
+    ]
     own = {n.cause for n in names if n.said}
     told = sorted((told_once(n, said, own) for n in names), key=lambda n: -n.gain)
     of_effect = Counter(cause.effect for cause in own)
@@ -92,24 +67,12 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
     return (*together, *_nameless(found, presence, together))
 
 
-def _with_levels(found: Found, presence: Presence, one: Named) -> Named:
-    kind = found.catalogue.candidates[one.candidates[0]].kind
-    levels = presence.levels(one.cause.effect, one.cause.place, kind, one.probability)
-    return replace(one, levels=levels)
-
-
 def _nameless(found: Found, presence: Presence, names: Sequence[Named]) -> list[Named]:
     """Forms of the mode whose place and driver are known and that no name speaks of, the largest first."""
     cat, machine = found.catalogue, found.signatures.machine
-    spoken = {
-        (part, driver_of(n.levels.kind))
-        for n in names
-        if n.said
-        for part in parts_of(machine, n.cause.effect, n.cause.place)
-    }
+    spoken = {key for n in names if n.said for key in _speaks_of(machine, n)}
     groups: dict[tuple[tuple[str, ...], str], list[int]] = {}
-    for term, _ in found.mode.members:
-        i = found.problem.candidates[term]
+    for i in chosen(found.problem, found.mode):
         placed = cat.candidates[i]
         if not cat.named(i) and (placed.place[0], driver_of(placed.kind)) not in spoken:
             groups.setdefault((placed.place, driver_of(placed.kind)), []).append(i)
@@ -184,9 +147,9 @@ def told_once(one: Named, said: Inclusion, own: Collection[EffectAtPlace]) -> Na
     others = [m for m in one.equivalents if m.cause not in own]
     twice = sum(m.probability for m in one.equivalents if m.cause in own)
     as_told = [
-        m
-        if m.cause.effect == Empirical.slug
-        else replace(m, probability=max(m.probability, said.of(m.cause)))
+        replace(
+            m, probability=max(m.probability, 0.0 if m.cause.effect == Empirical.slug else said.of(m.cause))
+        )
         for m in others
     ]
     ranked = tuple(sorted(as_told, key=lambda m: -m.probability))
@@ -197,7 +160,7 @@ def _single(found: Found, number: int) -> Named:
     """A cause of the mode with what else may be in its slot."""
     problem, posterior = found.problem, found.posterior
     row, own = posterior.beside[number], float(posterior.causes[number])
-    rivals = [k for k in np.argsort(-row) if k != number and row[k] > SHOWN][:CLASS_LIMIT]
+    rivals = [k for k in np.argsort(-row) if k != number and row[k] > SHOWN][:LISTED]
     others = sum(min(row[k], 1.0) for k in rivals)
     # all that may be in the slot, what has no name included
     certainty = min(1.0, own + sum(row[k] for k in rivals if problem.causes[k].effect != Empirical.slug))
@@ -216,8 +179,52 @@ def _single(found: Found, number: int) -> Named:
 
 def _places(found: Found, wanted: Collection[int]) -> NDArray[np.intp]:
     """Places of the coefficients of some candidates among the columns of the mode's members."""
-    problem, owner = found.problem, list[int]()
-    for term, _ in found.mode.members:
-        i = problem.candidates[term]
-        owner += [i] * len(found.catalogue.candidates[i].coefficients)
+    held = chosen(found.problem, found.mode)
+    owner = [i for i in held for _ in found.catalogue.candidates[i].coefficients]
     return np.flatnonzero(np.isin(owner, list(wanted)))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """names: what is more probable than not, at the level at which it is known, the best supported first; leading: what is
+    less probable, but leads; inclusion: every effect at every place with the probability of its law, and the sets."""
+
+    names: tuple[Named, ...]
+    leading: tuple[Named, ...]
+    inclusion: Inclusion
+
+    @property
+    def laws(self) -> tuple[Named, ...]:
+        """Findings with a name."""
+        return tuple(n for n in self.names if not n.nameless)
+
+
+def summarised(found: Found, fit: Estimate) -> Summary:
+    """Of a posterior; terms that the likeliest ``fit`` does not hold (bounds left nothing of them) are not told."""
+    said = inclusion(found.problem, found.posterior)
+    cat = found.catalogue
+    held = {effect.label for effect in fit.effects}
+    kept = [
+        (n, tuple(i for i in n.candidates if cat.candidates[i].label in held)) for n in named(found, said)
+    ]
+    every = beside_untested(found, [replace(n, candidates=own) for n, own in kept if own])
+    shown = without_untested(found, every)
+    names = _told(found, [n for n in shown if n.said])
+    rest = [n for n in shown if n not in names and max(n.levels.driver, n.certainty) >= LEADING]
+    return Summary(names, tuple(rest), as_named(said, every))
+
+
+def _told(found: Found, names: Sequence[Named]) -> tuple[Named, ...]:
+    """Each part and driver once: by the name that is surest there, and by others that are more probable than not."""
+    spoken, out = set[tuple[str, str]](), list[Named]()
+    for one in sorted(names, key=lambda n: -n.probability):
+        keys = _speaks_of(found.signatures.machine, one)
+        if one.certainty >= NAMED or not keys <= spoken:
+            out.append(one)
+            spoken |= keys
+    return tuple(one for one in names if one in out)
+
+
+def _speaks_of(machine: Machine, one: Named) -> set[tuple[str, str]]:
+    """Parts, each with the driver that a name says of it."""
+    return {(part, driver_of(one.levels.kind)) for part in parts_of(machine, *one.cause)}

@@ -1,18 +1,23 @@
 """Rows that no smooth physics explains: far beyond the spread of their neighbours, one by one.
 
-Some of an interferometer are off by whole half wavelengths: fringes that were miscounted.
+Some of an interferometer are off by whole half wavelengths: fringes that were miscounted. Of a calibration, rows that it does
+not fit are to be looked at before its model is suspected: typing errors, a lost beam. A fit that trusts every row is pulled
+by them, so a fit that bends for outliers is asked.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import binom, chi2
 
-from truepose.identification.fit.estimate import Estimate
+from truepose.errors import ConvergenceError
+from truepose.identification.fit.calibrate import Calibration
+from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prediction.lost import told
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
@@ -25,22 +30,13 @@ LIMIT = 0.1
 FEWEST, NEIGHBOURS, TOGETHER = 4, 4, 0.3
 """Rows below which nothing can be said of where they lie, neighbours that are asked, and their share that must be far too."""
 CHANCE = 1e-3
-"""Probability below which a far residual is no chance, nor that far rows lie together."""
+"""Probability below which nothing is chance: a far residual, far rows that lie together, a misfit, halves that differ."""
+APART = 2.0
+"""How much farther than all others a row must be: physics that was left out has its largest residuals, too."""
 NEAR = 3.0
 """A whole number fits when what it leaves is within so many predictive sigma."""
 BY_CHANCE = 0.2
 """Where so large a share of all residuals would fit a whole number by chance, none is named."""
-
-
-def row_scale(residual: Array, lost: NDArray[np.bool_] | None = None) -> tuple[Array, float]:
-    """(n,) rms of each row of the whitened residual (n, m), and a robust estimate of the noise scale of rows.
-
-    Channels whose reading was ``lost`` (n, m) do not count.
-    """
-    m = told(residual, lost)
-    size = np.sqrt(np.sum(residual**2, axis=1) / m)
-    typical = float(np.median(size / np.sqrt(chi2.ppf(0.5, m) / m)))
-    return size, max(typical, 1e-300)
 
 
 def outlying_rows(fit: Estimate, recording: Recording, candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -54,10 +50,10 @@ def outlying_rows(fit: Estimate, recording: Recording, candidates: NDArray[np.bo
     rows = np.flatnonzero(seen if fit.lost is None else seen & ~fit.lost.all(axis=1))
     if len(rows) < 10:
         return out
-    lost = fit.lost_among(rows)
-    size, typical = row_scale(fit.residual[rows], lost)
-    m = told(fit.residual[rows], lost)
-    scale = max(typical, 1.0)
+    residual = fit.residual[rows]
+    m = told(residual, fit.lost_among(rows))
+    size = np.sqrt(np.sum(residual**2, axis=1) / m)
+    scale = max(float(np.median(size / np.sqrt(chi2.ppf(0.5, m) / m))), 1.0)
     # heavy tails are common: the Gaussian limit, and half as much again
     limit = 1.5 * scale * np.sqrt(chi2.isf(CHANCE / len(rows), m) / m)
     far = size > limit
@@ -155,3 +151,36 @@ def _spread(fit: Estimate, recording: Recording) -> Array:
         slopes = block.jacobian[:, :, fit.prior.free]
         out[block.rows] = np.sqrt(noise + np.einsum("nmi,ij,nmj->nm", slopes, fit.covariance, slopes))
     return out
+
+
+@dataclass(frozen=True)
+class FarRow:
+    """A row of a file (its first line of data is row 1), and its largest residual in sigmas."""
+
+    file: str
+    row: int
+    sigma: float
+
+
+def far_rows(found: Calibration) -> tuple[FarRow, ...]:
+    """Rows whose residuals chance would not make, farthest first; empty where none stands out from the others."""
+    recording, fit = found.recording, _robust(found)
+    if fit is None:
+        return ()
+    own = ~recording.validation & ~bridges(recording) & np.isfinite(fit.residual).all(axis=1)
+    far, size = outlying_rows(fit, recording, own), np.max(np.abs(fit.residual), axis=1)
+    far &= size > APART * np.max(size[own & ~far], initial=0.0)
+    ranked = sorted(np.flatnonzero(far).tolist(), key=lambda k: -size[k])
+    files, rows = recording.source_file, recording.source_row
+    return tuple(FarRow(recording.files[files[k]], int(rows[k]), float(size[k])) for k in ranked)
+
+
+def _robust(found: Calibration) -> Estimate | None:
+    """A fit that far rows do not pull; None where there is none."""
+    fit = found.fit
+    if found.method["estimator"] == "huber":
+        return fit
+    try:
+        return estimate(fit.machine, found.recording, fit.effects, start=fit.p, loss="huber")
+    except ConvergenceError:
+        return None

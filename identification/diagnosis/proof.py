@@ -1,32 +1,41 @@
 """Whether the named physics also holds where it was not fitted, and what it owes to chance.
 
 Held-out rows (role ``validation``, else blocks fixed before any fit), a placebo with permuted drivers, an
-equally flexible black box, and the recovery of the effect injected into simulated data.
+equally flexible black box, and the recovery of the effect injected into simulated data. And of each name, whether the halves
+of a recording say the same, for what is physics is there in both, and how wide tolerances would have to be for it to fall.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
-from truepose.identification.diagnosis.alone import weighed_alone
+from truepose.identification import prior
+from truepose.identification.diagnosis.findings import NOTABLE, weighed_alone
 from truepose.identification.diagnosis.holdout import ROLE, Comparison, held_out_blocks, ratio_interval
-from truepose.identification.diagnosis.result import Proof
+from truepose.identification.diagnosis.outliers import CHANCE
+from truepose.identification.diagnosis.posterior_summary import Named
+from truepose.identification.diagnosis.result import Proof, Replication
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.selection_problem import selection_problem
+from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.posterior.design import Design
+from truepose.identification.posterior.design import Design, GridPoint
+from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.spike_slab import SpikeSlab
+from truepose.identification.posterior.state import slot_odds
+from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Signatures
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-INDISTINCT = 3.0
-"""Log odds between explanations that are as good as each other."""
+WIDENINGS = (1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 100.0)
+"""How many times wider than stated tolerances are tried for a name to fall."""
 LIFT = 1e-9
 """Added to a unit diagonal: columns may depend on each other."""
 
@@ -55,37 +64,29 @@ def _placebo(before: Estimate, found: Found, main: int) -> float:
     recording = signatures.recording
     order = np.arange(len(before.used))
     # in the order of acquisition, so that shuffled rows get the same placebo
-    in_time = recording.order
-    rows = in_time[before.used[in_time]]
+    rows = recording.in_time(before.used)
     order[rows] = np.random.default_rng(11).permutation(rows)
     stated = [cat.candidates[i] for i in cat.stated]
     single = Signatures(signatures.machine, recording, [cat.candidates[main], *stated])
     one = Catalogue(single.candidates, (0.0,) * len(single.candidates), (), tuple(range(1, 1 + len(stated))))
-    problem = selection_problem(
-        single.linearise(before, order=order), one, float(np.sqrt(before.chi2_per_dof))
-    )
-    return float(weighed_alone(problem, 1)[0])
+    lin, rms = single.linearise(before, order=order), float(np.sqrt(before.chi2_per_dof))
+    return float(weighed_alone(selection_problem(lin, one, rms), 1)[0])
 
 
 def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""
-    problem, cat = found.problem, found.catalogue
+    problem, cat, own = found.problem, found.catalogue, found.problem.spike_slab
     label = cat.candidates[main].label
     fitted = next(e for e in after.fitted_effects() if e.label == label)
     amplitude = np.array(fitted.amplitudes) / [c.scale for c in fitted.coefficients]
-    columns = found.linearisation.columns[main]
-    noises = problem.spike_slab.unknowns.scales(found.mode.point).tolist()
-    design = _simulated(problem.spike_slab.design, columns, amplitude, noises)
-    spike_slab = SpikeSlab(
-        design, problem.spike_slab.unknowns, problem.spike_slab.terms, problem.spike_slab.sizes
-    )
-    odds = np.logaddexp.reduce(
-        spike_slab.log_odds(found.mode.point._replace(widening=0, remainder=0), ()), axis=0
-    )
-    cause = problem.spike_slab.terms.cause
-    by_cause = np.array([np.logaddexp.reduce(odds[cause == k]) for k in range(len(problem.causes))])
+    noises = own.unknowns.scales(found.mode.point).tolist()
+    design = _simulated(own.design, found.linearisation.columns[main], amplitude, noises)
+    point = found.mode.point._replace(widening=0, remainder=0)
+    log_odds = SpikeSlab(design, own.unknowns, own.terms, own.sizes).log_odds(point, ())
+    odds, causes = np.logaddexp.reduce(log_odds, axis=0), range(len(problem.causes))
+    by_cause = np.array([np.logaddexp.reduce(odds[own.terms.cause == k]) for k in causes])
     alike = [k for k, c in enumerate(problem.causes) if c == cat.cause(main)]
-    return bool(np.max(by_cause) - np.max(by_cause[alike]) < INDISTINCT)
+    return bool(np.max(by_cause) - np.max(by_cause[alike]) < NOTABLE)
 
 
 def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequence[float]) -> Design:
@@ -108,20 +109,13 @@ def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequenc
 
 def black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:
     """Held-out ratio of as many free waves of the readings, in each residual channel, as the terms have coefficients."""
-    from truepose.identification.prediction.predictor import Predictor
-
     count = sum(len(e.coefficients) for e in after.effects)
     predictor = Predictor(before.machine, recording, before.effects)
     free, m = before.prior.free, before.residual.shape[1]
-    usable = np.isfinite(before.residual).all(axis=1)
     if before.residual.size * (len(free) + count) > 60_000_000:
         return None
-    jacobian = np.concatenate(
-        [
-            b.jacobian[:, :, free] * before.prior.scale[free]
-            for b in predictor.blocks(before.p, before.x, before.used)
-        ]
-    )
+    parts = predictor.blocks(before.p, before.x, before.used)
+    jacobian = np.concatenate([b.jacobian[:, :, free] * before.prior.scale[free] for b in parts])
     rng = np.random.default_rng(13)
     t = (recording.q - recording.q.mean(axis=0)) / np.maximum(recording.q.std(axis=0), 1e-12)
     waves = np.cos(t @ rng.normal(0, 1.0, (t.shape[1], count)) + rng.uniform(0, 2 * np.pi, count))
@@ -131,20 +125,14 @@ def black_box(before: Estimate, after: Estimate, recording: Recording, outliers:
     if before.lost is not None:
         extra[before.lost] = 0.0
     split, blocks = held_out_blocks(recording, before.used)
-    if split == ROLE:
-        blocks = blocks[-1:]
-    squares_before: list[Array] = []
-    squares_box: list[Array] = []
-    for block in blocks:
-        train = before.used & ~block.rows & usable & ~outliers
-        test = block.rows & usable & ~outliers
-        for design, out in (
-            (jacobian, squares_before),
-            (np.concatenate([jacobian, extra], axis=2), squares_box),
-        ):
-            out.append(linear_test(design, before, train, test))
-    ratio = np.concatenate(squares_box).mean() / np.concatenate(squares_before).mean()
-    return float(np.sqrt(ratio))
+    left, usable = [], np.isfinite(before.residual).all(axis=1) & ~outliers
+    for design in (jacobian, np.concatenate([jacobian, extra], axis=2)):
+        squares = [
+            linear_test(design, before, before.used & ~block.rows & usable, block.rows & usable)
+            for block in (blocks[-1:] if split == ROLE else blocks)
+        ]
+        left.append(np.concatenate(squares).mean())
+    return float(np.sqrt(left[1] / left[0]))
 
 
 def linear_test(design: Array, before: Estimate, train: Mask, test: Mask) -> Array:
@@ -152,13 +140,86 @@ def linear_test(design: Array, before: Estimate, train: Mask, test: Mask) -> Arr
     free = before.prior.free
     n, k = len(free), design.shape[2]
     weight = np.concatenate([before.prior_weight, np.full(k - n, 0.1)])
-    departure = np.where(
-        before.prior_weight > 0, (before.p - before.prior.mean)[free] / before.prior.scale[free], 0.0
-    )
+    moved = (before.p - before.prior.mean)[free] / before.prior.scale[free]
+    departure = np.concatenate([np.where(before.prior_weight > 0, moved, 0.0), np.zeros(k - n)])
     rows = np.vstack([design[train].reshape(-1, k), np.diag(weight)])
-    right = np.concatenate(
-        [before.residual[train].ravel(), weight * np.concatenate([departure, np.zeros(k - n)])]
-    )
+    right = np.concatenate([before.residual[train].ravel(), weight * departure])
     step = -np.linalg.lstsq(rows, right, rcond=1e-12)[0]
     out: Array = np.sum((before.residual[test] + design[test] @ step) ** 2, axis=1)
     return out
+
+
+@dataclass(frozen=True)
+class _Half:
+    spike_slab: SpikeSlab
+    point: GridPoint
+    mean: Array
+    covariance: Array
+
+
+def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Replication | None, ...]:
+    """For each name; None where a half has fewer readings than the model has unknowns."""
+    if not names:
+        return ()
+    fit, halves = found.fit, list[_Half]()
+    for part in np.array_split(found.signatures.recording.in_time(fit.used), 2):
+        used = np.zeros(len(fit.used), dtype=bool)
+        used[part] = True
+        lin = found.signatures.linearise(replace(fit, used=used))
+        if lin.n_observations <= lin.free + len(found.problem.spike_slab.columns(found.mode.members)[0]):
+            return (None,) * len(names)
+        halves.append(_half(selection_problem(lin, found.catalogue, rms), found))
+    return tuple(_replicated(found, name, halves) for name in names)
+
+
+def _half(problem: SelectionProblem, found: Found) -> _Half:
+    """The likeliest point of a half with the mode's members, and their coefficients there."""
+    spike_slab, members = problem.spike_slab, found.mode.members  # the same catalogue: the same numbers
+    point = nearest_top(spike_slab, spike_slab.unknowns.nearest(found.mode.point), members)
+    return _Half(spike_slab, point, *spike_slab.root(point).posterior(*spike_slab.columns(members)))
+
+
+def _replicated(found: Found, name: Named, halves: Sequence[_Half]) -> Replication:
+    members, said, parts = found.mode.members, list[float](), []
+    own = [m for m in members if found.problem.candidates[m[0]] in name.candidates]
+    rest = tuple(m for m in members if m not in own)
+    for half in halves:
+        terms = half.spike_slab.terms
+        shares = half.spike_slab.conditional(half.point, rest).terms(slot_odds(prior.RICHNESS, len(rest)))
+        causes = {int(terms.cause[term]) for term, _ in own}
+        said.append(float(min(sum(shares[terms.cause == k].sum() for k in causes), 1.0)))
+        columns = half.spike_slab.columns(members)[0].tolist()
+        at = [columns.index(c) for c in found.linearisation.indices(name.candidates)]
+        parts.append((half.mean[at], half.covariance[np.ix_(at, at)]))
+    (a, first), (b, second) = parts
+    difference = a - b
+    statistic = float(difference @ np.linalg.lstsq(first + second, difference, rcond=1e-10)[0])
+    return Replication((said[0], said[1]), bool(chi2.sf(statistic, len(difference)) > CHANCE))
+
+
+def flip_inflation(found: Found, one: Named) -> float | None:
+    """How many times wider every tolerance would have to be for the name not to be needed; None when none would do."""
+    problem, mode = found.problem, found.mode
+    spike_slab = problem.spike_slab
+    own = {t for t, _ in mode.members if problem.candidates[t] in one.candidates}
+    unknowns = replace(
+        spike_slab.unknowns,
+        widening=tuple((w,) * len(problem.classes) for w in WIDENINGS),
+        log_widening=(0.0,) * len(WIDENINGS),
+    )
+    part, index = spike_slab.restricted(
+        np.isin(np.arange(len(spike_slab.terms)), [t for t, _ in mode.members])
+    )
+    part = SpikeSlab(part.design, unknowns, part.terms, part.sizes)
+    place = {int(t): k for k, t in enumerate(index)}
+    every = [(place[t], s) for t, s in mode.members]
+    rest = [(place[t], s) for t, s in mode.members if t not in own]
+    odds = part.log_prior(every) - part.log_prior(rest)
+    odds += sum(slot_odds(prior.RICHNESS, len(rest) + k) for k in range(len(every) - len(rest)))
+
+    def needed(k: int) -> bool:
+        point = mode.point._replace(widening=k)
+        return part.log_evidence(point, every) - part.log_evidence(point, rest) + odds > 0.0
+
+    enough = not needed(len(WIDENINGS) - 1)
+    return next(w for k, w in enumerate(WIDENINGS) if not needed(k)) if enough else None

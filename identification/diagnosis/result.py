@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from truepose.identification.diagnosis.alarms import Alarm, Structure
-from truepose.identification.diagnosis.levels import UNKNOWN, Levels
+from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.candidates import Untestable
-from truepose.identification.signatures.untestable import Missing
+from truepose.identification.signatures.untestable import Missing, Untestable
 from truepose.models.driver import DriverKind
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
@@ -32,6 +30,19 @@ class Quantity:
     value: float
     std: float
     unit: str
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Probability that something is at a place, whatever drives it; its driver, and that this drives something there."""
+
+    place: float = 0.0
+    kind: DriverKind = "position"
+    driver: float = 0.0
+
+
+UNKNOWN = Levels()
+"""Nothing is known."""
 
 
 UNNAMED = "unknown"
@@ -82,7 +93,6 @@ class Finding(Shown):
     equivalents: tuple[Alternative, ...]
     parameters: Mapping[str, Quantity]
     settings: tuple[Mapping[str, float], ...]
-    prior_dependent: bool
     flip_lambda: float | None
     explanation: str
     experiment: str
@@ -95,6 +105,11 @@ class Finding(Shown):
     def nameless(self) -> bool:
         """Whether only its place and its driver are known."""
         return self.effect == Empirical.slug
+
+    @property
+    def prior_dependent(self) -> bool:
+        """Whether tolerances that are wider would do without the name."""
+        return self.flip_lambda is not None
 
     def to_frame(self) -> pd.DataFrame:
         """Its coefficients, one a row: ``coefficient``, ``value``, ``std`` (1-sigma), ``unit``."""
@@ -225,7 +240,6 @@ class Diagnosis(Written):
     concealed: bool
     alarms: Mapping[str, Alarm]
     alarms_after: Mapping[str, Alarm]
-    structure: Structure
     findings: tuple[Finding, ...]
     remainder: Remainder | None
     candidates: tuple[Alternative, ...]
@@ -246,6 +260,11 @@ class Diagnosis(Written):
     disagreement: float = 0.0
     applied: Applied | None = None
     missing: tuple[Missing, ...] = ()
+
+    @property
+    def structure(self) -> Alarm:
+        """What residuals still follow: the driver and the share of them that it explains."""
+        return self.alarms_after["structure"]
 
     def to_frame(self) -> pd.DataFrame:
         """Findings, one a row: ``effect``, ``place``, ``probability`` (of the law; NaN where none is known),

@@ -1,9 +1,15 @@
-"""The search: posterior, nonlinear fit at its mode, posterior again from there, until the mode stays."""
+"""The search: posterior, nonlinear fit at its mode, posterior again from there, until the mode stays.
+
+Some settings are points of a continuum (the lag of a warm part), of which the catalogue holds a few values. Where one of them
+is part of the likeliest set, values on both sides of it become candidates too, and the posterior is drawn among all of them;
+the next time half as far from the best one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +19,12 @@ from truepose.identification import prior
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import climbed
-from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, mode, sample
+from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, Sampling, mode
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
-from truepose.identification.signatures.refine import refined
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,8 +32,9 @@ CLIMBS, MOVES = 4, 2
 """Most expansion points that are climbed to, and most that follow from a posterior that was drawn."""
 ROUGH = 1e-2
 """What a fit may leave to gain of half its sum of squares where it is an expansion point only."""
-REFINED = 2
-"""How often continuous settings are refined."""
+REFINED, PARTS, CLOSE = 2, 4, 0.02
+"""How often continuous settings are refined, into how many parts the way to a neighbour is divided by new values, and the
+share of a value within which a neighbour is as good."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +57,10 @@ class Found:
     linearisation_before: Linearisation
 
 
-def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Found:
-    """From the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary whitened residual."""
-    state = _Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
-    first = state.problem, state.linearisation
+def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Expansion:
+    """Where the mode stays, from the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary
+    whitened residual."""
+    state = Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
     for k in range(CLIMBS):
         if k and not state.short:
             break  # near enough: every further fit would take long
@@ -66,45 +73,50 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
         if moved is None:
             break
         state = moved
-    posterior, best = state.sampled()
-    return Found(
-        state.problem,
-        posterior,
-        best,
-        state.accepted,
-        state.fit,
-        state.linearisation,
-        state.signatures,
-        state.catalogue,
-        *first,
-    )
+    return state
 
 
-class _Expansion:
+class Expansion:
     """A fit, all candidates there, and the likeliest states found before in the numbers of this problem."""
 
     def __init__(
         self, signatures: Signatures, cat: Catalogue, fit: Estimate, accepted: Mapping[int, float], exclude: Mask,
-        rms: float, refined: int = 0, before: tuple[SelectionProblem, State] | None = None,
+        rms: float, refined: int = 0, before: tuple[Expansion, State] | None = None,
     ) -> None:  # fmt: skip
         self.signatures, self.catalogue, self.fit, self.accepted = signatures, cat, fit, accepted
         self.linearisation = signatures.linearise(fit)
         self.problem = selection_problem(self.linearisation, cat, rms)
         self.spike_slab = self.problem.spike_slab.compressed()
-        self.known = [] if before is None else _renumbered(*before, self.problem)
+        here = self.problem, self.linearisation
+        self.first: tuple[SelectionProblem, Linearisation] = here if before is None else before[0].first
+        self.known = [] if before is None else [self._of_this_grid(before[1])]
         self.exclude, self._rms, self._refined = exclude, rms, refined
+
+    def _of_this_grid(self, state: State) -> State:
+        """Its terms are the same: more candidates of a catalogue stand at its end."""
+        return State(state.members, self.problem.spike_slab.unknowns.nearest(state.point), 0.0)
 
     @property
     def short(self) -> bool:
         """Whether its set has few columns, so that all is quick."""
         return sum(len(self.catalogue.candidates[i].coefficients) for i in self.accepted) <= LONG_SET
 
+    @cached_property
+    def _sampling(self) -> Sampling:
+        return Sampling(self.spike_slab, prior.RICHNESS, known=self.known)
+
     def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
-        """The posterior at this point, and its mode."""
-        found = sample(self.spike_slab, prior.RICHNESS, known=self.known, rounds=rounds)
+        """The posterior at this point, and its mode; more rounds go on from fewer."""
+        found = self._sampling.posterior(rounds)
         return found, mode(found, self.spike_slab)
 
-    def moved(self, best: State) -> _Expansion | None:
+    def found(self) -> Found:
+        """The posterior here, drawn to the end."""
+        posterior, best = self.sampled()
+        own = self.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
+        return Found(self.problem, posterior, best, *own, *self.first)
+
+    def moved(self, best: State) -> Expansion | None:
         """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
         wanted = dict.fromkeys(self.catalogue.stated, prior.STATED) | chosen(self.problem, best)
         cat, signatures = self.catalogue, self.signatures
@@ -118,17 +130,7 @@ class _Expansion:
         if finer is not cat:
             signatures = signatures.of(finer.candidates)
         count = self._refined + (finer is not cat)
-        return _Expansion(
-            signatures, finer, fit, wanted, self.exclude, self._rms, count, (self.problem, best)
-        )
-
-
-def _renumbered(problem: SelectionProblem, state: State, now: SelectionProblem) -> list[State]:
-    """A state in the numbers of another problem whose terms hold the same candidates."""
-    number = {own: k for k, own in enumerate(now.candidates)}
-    members = [(number.get(problem.candidates[term]), size) for term, size in state.members]
-    kept = tuple((term, size) for term, size in members if term is not None)
-    return [State(kept, now.spike_slab.unknowns.nearest(state.point), 0.0)]
+        return Expansion(signatures, finer, fit, wanted, self.exclude, self._rms, count, (self, best))
 
 
 def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
@@ -137,7 +139,7 @@ def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
     return {problem.candidates[term]: float(sizes[size]) for term, size in state.members}
 
 
-def refitted(here: _Expansion, wanted: Mapping[int, float]) -> Estimate:
+def refitted(here: Expansion, wanted: Mapping[int, float]) -> Estimate:
     """The nonlinear fit with other candidates, from the present one."""
     machine, recording = here.signatures.machine, here.signatures.recording
     terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
@@ -150,3 +152,40 @@ def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:
     known = {e.label: e.amplitudes for e in fit.fitted_effects()}
     amplitudes = [known.get(t.label, np.zeros(len(t.coefficients))) for t in terms]
     return np.concatenate([fit.p[: len(fit.machine.parameters)], *amplitudes])
+
+
+def refined(machine: Machine, cat: Catalogue, accepted: Iterable[int]) -> Catalogue:
+    """The catalogue with values around those of accepted candidates; the very same one where nothing is to be added."""
+    for index in [i for i in accepted if i not in cat.stated]:
+        for name in cat.candidates[index].effect.continuous:
+            added = _between(machine, cat, index, name)
+            if added:
+                cat = cat.with_more(added, [index])
+    return cat
+
+
+def _between(machine: Machine, cat: Catalogue, index: int, name: str) -> list[PlacedEffect]:
+    """Candidates with values of a setting between a candidate's own and its neighbours on both sides."""
+    here = cat.candidates[index]
+    if name not in here.settings_map:
+        return []
+    own, rest = float(here.settings_map[name]), dict(here.settings_map) | {name: 0.0}
+    values = [
+        float(c.settings_map[name])
+        for c in cat.candidates
+        if c.at_place == here.at_place and dict(c.settings_map) | {name: 0.0} == rest
+    ]
+    near = [
+        max((v for v in values if v < own), default=own),
+        min((v for v in values if v > own), default=own),
+    ]
+    new = [
+        float(f"{own + share * (other - own):.3g}")
+        for other in near
+        if abs(other - own) > CLOSE * max(abs(own), abs(other))
+        for share in np.arange(1, PARTS) / PARTS
+    ]
+    labels = {c.label for c in cat.candidates}
+    settings = [dict(here.settings_map) | {name: value} for value in dict.fromkeys(new)]
+    made = [PlacedEffect.at(here.effect, machine, here.place, one) for one in settings]
+    return [placed for placed in made if placed.label not in labels]

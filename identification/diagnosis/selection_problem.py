@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from truepose.identification import prior
-from truepose.identification.fit.tolerance_classes import PartClass, inflations, tolerance_cost
-from truepose.identification.posterior.design import Always, Axis, Design, Unknowns
+from truepose.identification.fit.tolerance_classes import PartClass, widenings
+from truepose.identification.posterior.design import Always, Design, Unknowns
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.urn import Urn
@@ -51,7 +51,7 @@ def selection_problem(lin: Linearisation, cat: Catalogue, rms: float) -> Selecti
     classes = tuple(dict.fromkeys(lin.parts))
     spike_slab = SpikeSlab(
         _design(lin, cat, classes, nameless, turn),
-        _unknowns(lin, classes, rms, turn.shape[1]),
+        Unknowns.over(len(lin.grams), rms, widenings(classes), rms if turn.shape[1] else 0.0),
         terms,
         prior.SIZES,
     )
@@ -105,9 +105,8 @@ def _design(
     # e: the residual at the drawing values without effects, as a reading less its prediction
     mixed[:-1, -1], mixed[-1, -1] = lin.departure, -1.0
     picked = np.concatenate([fixed, n + np.arange(width + bent)]).astype(np.intp)
-    sigma = np.concatenate(
-        [_sigma(lin.weight), np.full(len(stated), prior.STATED), np.ones(bend.shape[1] + turn.shape[1])]
-    )
+    own = np.divide(1.0, lin.weight, out=np.full(n, np.inf), where=lin.weight > 0.0)
+    sigma = np.concatenate([own, np.full(len(stated), prior.STATED), np.ones(mixed.shape[1] - 1)])
     numbers = [classes.index(part) for part in lin.parts]
     part = np.array([*numbers, *[-1] * (len(sigma) - n)], dtype=np.intp)
     always = Always(sigma, part, np.arange(len(sigma)) >= len(fixed) + bend.shape[1])
@@ -124,36 +123,15 @@ def _turned(gram: Array, picked: NDArray[np.intp], first: int, mixed: Array) -> 
     return np.asarray(whole[np.ix_(order, order)])
 
 
-def _sigma(weight: Array) -> Array:
-    return np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), np.inf)
-
-
-def _unknowns(lin: Linearisation, classes: Sequence[PartClass], rms: float, directions: int) -> Unknowns:
-    top = max(2.0, 1.3 * rms)
-    noise = np.exp(
-        np.arange(np.log(prior.NOISE_FROM), np.log(top) + prior.NOISE_STEP, prior.NOISE_STEP)
-    ).tolist()
-    axis = Axis(tuple(noise), prior.noise_log_prior(noise))
-    stated = (1.0,) * len(classes)
-    wide = [w for w in dict.fromkeys([*inflations(classes), (prior.NARROWER,) * len(classes)]) if w != stated]
-    widening = (stated, *wide) if classes else ((),)
-    costs = tuple(tolerance_cost(w, classes) for w in widening)
-    count = int(np.ceil(np.log(2.0 * rms / prior.REMAINDER_FROM + 2.0) / np.log(prior.REMAINDER_STEP)))
-    sizes = [prior.REMAINDER_FROM * prior.REMAINDER_STEP**k for k in range(count)] if directions else []
-    share = np.log(prior.REMAINDER / max(len(sizes), 1))
-    none = np.log(1.0 - prior.REMAINDER) if sizes else 0.0
-    size = Axis((0.0, *sizes), (none, *[share] * len(sizes)))
-    return Unknowns((axis,) * len(lin.grams), tuple(widening), tuple(-c for c in costs), size)
-
-
 def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[EffectAtPlace, ...], Terms]:
     """Candidates, one a term (all that the file does not state), causes, and terms with their urns."""
     free = [i for i in range(len(cat.candidates)) if i not in cat.stated]
+    placed = [cat.candidates[i] for i in free]
     table = pd.DataFrame(
         {
             "cause": [cat.cause(i) for i in free],
             "kind": [_kind(cat, i) for i in free],
-            "feature": [cat.candidates[i].effect.told(cat.candidates[i].settings_map) for i in free],
+            "feature": [c.effect.told(c.settings_map) for c in placed],
             "share": np.exp(_log_shares(cat, free)),
         }
     )
@@ -161,7 +139,18 @@ def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[E
     number, causes = pd.factorize(table["cause"])
     feature = table.groupby(["kind", "feature"], sort=False).ngroup().to_numpy()
     share = np.log(table["in_kind"].to_numpy())
-    terms = [_term(cat, lin, i, int(number[k]), int(feature[k]), float(share[k])) for k, i in enumerate(free)]
+    terms = [
+        Term(
+            columns=tuple(lin.indices([i])),
+            cause=int(number[k]),
+            feature=int(feature[k]),
+            log_share=float(share[k]),
+            lower=tuple(c.lower / c.scale for c in placed[k].coefficients),
+            upper=tuple(c.upper / c.scale for c in placed[k].coefficients),
+            alone=cat.named(i) and not placed[k].effect.settings_add,
+        )
+        for k, i in enumerate(free)
+    ]
     return tuple(free), tuple(causes), Terms(terms, _urn(table))
 
 
@@ -192,26 +181,6 @@ def _urn(table: pd.DataFrame) -> Urn:
         alike=prior.ALIKE,
         further=prior.FURTHER,
         log_place=np.log(table.groupby("cause", sort=False)["in_kind"].sum().to_numpy()),
-    )
-
-
-def _term(
-    cat: Catalogue,
-    lin: Linearisation,
-    index: int,
-    cause: int,
-    feature: int,
-    log_share: float,
-) -> Term:
-    placed = cat.candidates[index]
-    return Term(
-        columns=tuple(lin.indices([index])),
-        cause=cause,
-        feature=feature,
-        log_share=log_share,
-        lower=tuple(c.lower / c.scale for c in placed.coefficients),
-        upper=tuple(c.upper / c.scale for c in placed.coefficients),
-        alone=cat.named(index) and not placed.effect.settings_add,
     )
 
 

@@ -1,7 +1,7 @@
 """Which parameters move between recordings, how fast, and how long an older calibration lasts.
 
-All sessions are one least-squares problem. Every parameter is common to all sessions unless the evidence asks
-for copies of its own (``movement_selection``); sizes and rates come from the joint covariance, in which what no
+All sessions are one least-squares problem. Every parameter is common to all sessions unless the posterior asks
+for copies of its own (``movement_posterior``); sizes and rates come from the joint covariance, in which what no
 recording can tell stays uncertain. See docs/topics/identifiability.md.
 """
 
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification.drift.durability import Durability, durability
-from truepose.identification.drift.movement_evidence import Stack, grid_for
-from truepose.identification.drift.movement_selection import Selection, candidates_of, select
+from truepose.identification.drift.movement_posterior import Likeliest, likeliest, movement_posterior
+from truepose.identification.drift.movement_problem import Kinds, Stack
 from truepose.identification.drift.sessions import Session, bounded, linearised, sessions_of
 from truepose.identification.drift.sizes import Movement, joint_parameters, movements
 from truepose.identification.fit.align import aligned_start
@@ -100,7 +100,8 @@ def drift(
     for session in sessions:
         progress(f"fitting {session.label}")
         fits.append(_fit(session, bounded(prior)))
-    found, stack, settled = joint_selection(machine, sessions, fits, prior, progress)
+    top, settled = joint_fit(machine, sessions, fits, prior, progress)
+    found = movement_posterior(top, Kinds.of(machine, prior))
     progress("checking older calibrations")
     timed = [s.time for s in sessions if s.time is not None]
     times = tuple(timed) if len(timed) == len(sessions) else None
@@ -109,10 +110,10 @@ def drift(
         labels=tuple(s.label for s in sessions),
         times=times,
         n_observations=tuple(fit.n_observations for fit in fits),
-        movements=movements(stack, found, prior, machine.parameter_units, times),
+        movements=movements(found, prior, machine.parameter_units, times),
         noise=found.noise,
         log_bayes_factor=found.log_bayes_factor,
-        unseen=unseen_by_all(machine, stack, prior, joint_parameters(stack, found, prior)),
+        unseen=unseen_by_all(machine, top.stack, prior, joint_parameters(found.likeliest, prior)),
         durability=durability(sessions, fits, prior, found.extrinsic, accuracy),
         settled=settled,
         notes=(*recording.notes, *notes, *_lost(sessions, fits)),
@@ -137,31 +138,32 @@ def _fit(session: Session, prior: Prior) -> Estimate:
         raise ConvergenceError(f"{session.label}: {exc}") from None
 
 
-def joint_selection(
+def joint_fit(
     machine: Machine,
     sessions: Sequence[Session],
     fits: Sequence[Estimate],
     prior: Prior,
     progress: Callable[[str], None],
-) -> tuple[Selection, Stack, bool]:
-    """Selection and sizes about parameters that agree with them.
+) -> tuple[Likeliest, bool]:
+    """The likeliest set of movements, linearised about parameters that agree with it, and whether it came to rest.
 
     The first linearisation of each session is its fit about that of the session with most readings: what a
     session hardly sees is then the same in all.
     """
     reference = max(fits, key=lambda fit: fit.n_observations)
     places = [_about(s, prior, fit.p, reference.p) for s, fit in zip(sessions, fits, strict=True)]
-    candidates = candidates_of(machine, prior)
+    kinds, known = Kinds.of(machine, prior), None
     for _ in range(ROUNDS):
+        progress("weighing what moves")
         stack = Stack.of([linearised(s, prior, p) for s, p in zip(sessions, places, strict=True)], prior)
-        found = select(stack, candidates, grid_for(stack).points, progress)
-        there = joint_parameters(stack, found, prior)
+        top = likeliest(stack, kinds, known)
+        known, there = top.state, joint_parameters(top, prior)
         steps = (there - np.array(places))[:, prior.free] / prior.scale[prior.free]
         change = np.linalg.norm(np.einsum("kij,kj->ki", stack.jacobian, steps), axis=1)
         places = list(there)
-        if np.max(change) < SETTLED * found.noise:
-            return found, stack, True
-    return found, stack, False
+        if np.max(change) < SETTLED * top.noise:
+            return top, True
+    return top, False
 
 
 def _about(session: Session, prior: Prior, start: Array, p: Array) -> Array:
@@ -180,7 +182,7 @@ def _about(session: Session, prior: Prior, start: Array, p: Array) -> Array:
 
 def unseen_by_all(machine: Machine, stack: Stack, prior: Prior, places: Array) -> Blind:
     """What no session sees, not even the one that sees most: whether it moved cannot be told."""
-    parts = [Decomposition.of(jacobian, stack.weight) for jacobian in stack.jacobian]
+    parts = [Decomposition.of(jacobian, 1.0 / stack.sigma) for jacobian in stack.jacobian]
     k = max(range(len(parts)), key=lambda k: parts[k].rank)
     known = Knowledge.at(prior, machine.parameter_units, places[k], parts[k])
     return Blind.of(known, parts[k].null_space, machine, places[k])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from truepose.identification.drift.movement_evidence import Solved, Stack, information, solve
-from truepose.identification.drift.movement_selection import Selection
+from truepose.identification.drift.movement_posterior import Likeliest, MovementPosterior
+from truepose.identification.drift.movement_problem import Stack
 from truepose.identification.fit.problem import Prior
+from truepose.identification.posterior.marginal import Marginal
 
 Array = NDArray[np.float64]
 SURE = 0.95
@@ -51,42 +52,38 @@ class Movement:
     alike: Mapping[str, float] = field(default_factory=dict)
 
 
-def joint_parameters(stack: Stack, found: Selection, prior: Prior) -> Array:
-    """(K, np) parameters of every session, posterior mean at the likeliest noise and inflation."""
-    best, n = found.best, stack.jacobian.shape[2]
-    k = stack.contrasts.shape[1]
-    tau = np.tile(best.mean[:n], (len(stack.jacobian), 1))
-    for place, (i, q) in enumerate(best.accepted):
-        tau[:, i] += q * stack.contrasts @ best.mean[n + place * k : n + (place + 1) * k]
-    out = np.tile(prior.mean, (len(tau), 1))
-    out[:, prior.free] += prior.scale[prior.free] * tau
+def joint_parameters(likeliest: Likeliest, prior: Prior) -> Array:
+    """(K, np) parameters of every session, posterior mean at the likeliest noise and tolerances."""
+    out = np.tile(prior.mean, (len(likeliest.places), 1))
+    out[:, prior.free] += prior.scale[prior.free] * likeliest.places
     return out
 
 
 def movements(
-    stack: Stack, found: Selection, prior: Prior, units: Mapping[str, str], times: tuple[float, ...] | None
+    found: MovementPosterior, prior: Prior, units: Mapping[str, str], times: tuple[float, ...] | None
 ) -> tuple[Movement, ...]:
     """Every free parameter, in order."""
     names = [prior.names[k] for k in prior.free]
-    clock = np.arange(len(stack.jacobian), dtype=float) if times is None else np.array(times)
-    probability, best = found.probability, found.best
-    here, calm = (_followed(stack, s) for s in (best, solve(stack, {}, best.point)))
-    places = {i: place for place, (i, _) in enumerate(best.accepted)}
-    out = []
+    best = found.likeliest
+    clock = np.arange(len(best.stack.jacobian), dtype=float) if times is None else np.array(times)
+    point, out = best.state.point, list[Movement]()
+    here, calm = best.spike_slab.beside(point, best.state.members), best.spike_slab.root(point)
     for i, name in enumerate(names):
-        scale, unit = float(prior.scale[prior.free[i]]), units[name]
+        scale = float(prior.scale[prior.free[i]])
         common: dict[str, Any] = {
             "name": name,
-            "unit": unit,
-            "probability": float(probability[i]),
+            "unit": units[name],
+            "probability": float(found.probability[i]),
             "log_bayes_factor": float(found.gain[i]),
             "extrinsic": bool(found.extrinsic[i]),
         }
-        if i in places:
-            out.append(_moved(stack, best, places[i], scale, clock, common, _named(found, i, names)))
+        if i in best.moved:
+            status = "moved" if found.together[i] > SURE else "perhaps"
+            alike = {names[k]: odds for k, odds in found.alike[i].items()}
+            out.append(Movement(**common, **_moved(best, i, scale, clock), status=status, alike=alike))
         else:
-            hidden = scale * _hidden(stack, *here, i)
-            status = _still(hidden, scale * _hidden(stack, *calm, i), float(probability[i]))
+            hidden, otherwise = (scale * _hidden(best.stack, there, i) for there in (here, calm))
+            status = _still(hidden, otherwise, float(found.probability[i]))
             out.append(Movement(**common, status=status, hidden=hidden))
     return tuple(out)
 
@@ -100,50 +97,27 @@ def _still(hidden: float, otherwise: float, probability: float) -> str:
     return "still" if probability < 0.5 else "perhaps"
 
 
-def _followed(stack: Stack, model: Solved) -> tuple[Solved, Array]:
-    """A model with the part of every movement that it can follow."""
-    return model, model.basis.T @ stack.movements.reshape(len(model.residual), -1)
-
-
-def _named(found: Selection, i: int, names: Sequence[str]) -> dict[str, float]:
-    return {names[k]: odds for k, odds in found.alike[i].items()}
-
-
-def _moved(
-    stack: Stack,
-    best: Solved,
-    place: int,
-    scale: float,
-    clock: Array,
-    common: Mapping[str, Any],
-    alike: Mapping[str, float],
-) -> Movement:
+def _moved(best: Likeliest, parameter: int, scale: float, clock: Array) -> dict[str, Any]:
     """Change since the first session, and a straight line through it."""
-    n, k = stack.jacobian.shape[2], stack.contrasts.shape[1]
-    at = slice(n + place * k, n + (place + 1) * k)
-    since = scale * best.accepted[place][1] * (stack.contrasts - stack.contrasts[0])
-    change = since @ best.mean[at]
-    root = since @ best.root[at]
-    line = straight_line(clock - clock[0], change, root)
-    return Movement(
-        **common,
-        status="moved" if common["probability"] > SURE else "perhaps",
-        change=tuple(change.tolist()),
-        std=tuple(np.linalg.norm(root, axis=1).tolist()),
-        rate=line and line[0],
-        rate_std=line and line[1],
-        steady=line is None or line[2] > UNSTEADY,
-        alike=alike,
-    )
+    contrasts, (mean, covariance) = best.stack.contrasts, best.contrasts(parameter)
+    since = scale * (contrasts - contrasts[0])
+    change, spread = since @ mean, since @ covariance @ since.T
+    line = straight_line(clock - clock[0], change, spread)
+    return {
+        "change": tuple(change.tolist()),
+        "std": tuple(np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()),
+        "rate": line and line[0],
+        "rate_std": line and line[1],
+        "steady": line is None or line[2] > UNSTEADY,
+    }
 
 
-def straight_line(elapsed: Array, change: Array, root: Array) -> tuple[float, float, float] | None:
+def straight_line(elapsed: Array, change: Array, covariance: Array) -> tuple[float, float, float] | None:
     """Rate, its 1-sigma and p of a straight line through the first session; None when no time passed.
 
     Where the line does not fit, the 1-sigma is widened by Birge's ratio.
     """
-    covariance = root[1:] @ root[1:].T
-    weighted = np.linalg.lstsq(covariance, np.column_stack([elapsed[1:], change[1:]]), rcond=1e-12)[0]
+    weighted = np.linalg.lstsq(covariance[1:, 1:], np.column_stack([elapsed[1:], change[1:]]), rcond=1e-12)[0]
     gain = float(elapsed[1:] @ weighted[:, 0])
     if gain <= 0.0:
         return None
@@ -155,13 +129,14 @@ def straight_line(elapsed: Array, change: Array, root: Array) -> tuple[float, fl
     return rate, gain**-0.5 * max(1.0, float(np.sqrt(chi2 / freedom))), float(stats.chi2.sf(chi2, freedom))
 
 
-def _hidden(stack: Stack, model: Solved, inside: Array, i: int) -> float:
-    """1-sigma, in steps, of a movement of parameter i from the first session to the last, if it moved alone."""
-    if not stack.visible[i]:
+def _hidden(stack: Stack, model: Marginal, parameter: int) -> float:
+    """1-sigma, in steps, of a movement of a parameter from the first session to the last, if it moved alone beside a model."""
+    if not stack.visible[parameter]:
         return float("inf")
-    values, vectors, _ = information(stack, model, inside, (i,))
+    unit = stack.unit[parameter]
+    values, vectors = np.linalg.eigh(model.among(stack.columns(parameter)) / unit**2)
     along = vectors.T @ (stack.contrasts[-1] - stack.contrasts[0])
-    seen = values > BLIND * np.max(np.linalg.norm(stack.jacobian[:, :, i], axis=1)) ** 2
+    seen = values > BLIND * np.max(np.linalg.norm(stack.jacobian[:, :, parameter], axis=1)) ** 2
     if np.any(np.abs(along[~seen]) > BLIND):
         return float("inf")
     return float(np.linalg.norm(along[seen] / np.sqrt(values[seen])))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.prior import INFLATIONS, TOLERANCE_DOUBT
+from truepose.identification.prior import INFLATIONS, NARROWER, TOLERANCE_DOUBT
 from truepose.models.parameters import like_parts
 
 Array = NDArray[np.float64]
@@ -56,6 +56,15 @@ def inflations(classes: Sequence[PartClass]) -> tuple[tuple[float, ...], ...]:
         alone = [k for k, c in enumerate(classes) if c.kind in ALONE]
         out += [tuple(factor if j == k else 1.0 for j in range(len(classes))) for k in alone]
     return tuple(dict.fromkeys(out))
+
+
+def widenings(classes: Sequence[PartClass]) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
+    """Factors of all classes to weigh, the stated ones (1) first and all too wide together among them; log prior of each."""
+    stated = (1.0,) * len(classes)
+    rows = (
+        tuple(dict.fromkeys([stated, *inflations(classes), (NARROWER,) * len(classes)])) if classes else ((),)
+    )
+    return rows, tuple(-tolerance_cost(row, classes) for row in rows)
 
 
 def tolerance_cost(inflation: Sequence[float], classes: Sequence[PartClass]) -> float:

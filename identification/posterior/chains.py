@@ -52,8 +52,7 @@ class Tally:
             self.held += own
 
     def _by_cause(self, terms: Array) -> Array:
-        found: Array = np.bincount(self._cause, weights=terms, minlength=self.number).astype(float)
-        return found
+        return np.asarray(np.bincount(self._cause, weights=terms, minlength=self.number), dtype=float)
 
     @property
     def causes(self) -> Array:

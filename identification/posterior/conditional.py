@@ -1,6 +1,8 @@
-"""Log odds of every term at every size beside what a marginal has taken in already."""
+"""Log odds of every term at every size beside what marginals have taken in already."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,38 +17,45 @@ LARGEST_COST = 50.0
 """The most that a coefficient beyond its bound costs in the log."""
 
 
-def log_gains(marginal: Marginal, sizes: Sizes, wanted: NDArray[np.bool_]) -> Array:
-    """(s, c) log Bayes factor of each term ``wanted`` (c,) at each size; bounds count."""
-    out = np.full((len(sizes.values), len(marginal.terms)), -np.inf)
-    for group in marginal.terms.by_size:
-        chosen = np.flatnonzero(wanted[group.terms])
-        if len(chosen):
-            score = marginal.score[group.columns[chosen]] * group.there[chosen]
-            part = group.of(chosen)
-            out[:, part.terms] = _gains(part, marginal.block(group, chosen), score, sizes.values**2)
+def log_gains(marginals: Sequence[Marginal], sizes: Sizes) -> Array:
+    """(p, s, c) log Bayes factor of each term at each size beside each of the marginals; bounds count."""
+    terms = marginals[0].terms
+    out = np.empty((len(marginals), len(sizes.values), len(terms)))
+    for k, group in enumerate(terms.by_size):
+        block = np.array([m.blocks[k] for m in marginals])
+        score = np.array([m.score[group.columns] * group.there for m in marginals])
+        gains = _bounded_gains if group.bounded else _gains
+        out[:, :, group.terms] = gains(group, block, score, sizes.values**2).swapaxes(0, 1)
     return out
 
 
 def _gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array:
-    """(s, c) of terms of one number of columns: blocks (c, k, k), scores (c, k), squared sizes (s,)."""
-    if score.shape[1] == 1:  # a single coefficient needs no turning
-        values, turned, vectors = np.maximum(block[:, :, 0], 0.0), score, None
-    else:
-        values, vectors = np.linalg.eigh(block)
-        values = np.maximum(values, 0.0)
-        turned = np.einsum("ckl,ck->cl", vectors, score)
-    q = squared[:, None, None]
-    damped = 1.0 + q * values
-    out: Array = 0.5 * np.sum(q * turned**2 / damped - np.log(damped), axis=2)
-    some = group.bounded
-    if some.any():
-        mean, variance = (q * turned / damped)[:, some], (q / damped)[:, some]
-        if vectors is not None:
-            own = vectors[some]
-            mean = np.einsum("ckl,scl->sck", own, mean)
-            variance = np.einsum("ckl,scl->sck", own**2, variance)
-        out[:, some] += plausibility(mean, np.sqrt(variance), group.lower[some], group.upper[some])
-    return out
+    """(s, p, c) of terms without bounds: blocks (p, c, k, k), scores (p, c, k), squared sizes (s,).
+
+    I + q^2 M = L D L', row by row for all terms and sizes at once; a last column of D L' holds the scores turned by L.
+    """
+    width, q = score.shape[2], squared[:, None, None]
+    factor = np.empty((width, width + 1, len(squared), *score.shape[:2]))
+    np.multiply(q, np.ascontiguousarray(block.transpose(2, 3, 0, 1))[:, :, None], out=factor[:, :-1])
+    np.multiply(np.sqrt(q), score.transpose(2, 0, 1)[:, None], out=factor[:, -1])
+    pivots = factor.reshape(-1, *factor.shape[2:])[:: width + 2]
+    pivots += 1.0
+    for k in range(1, width):
+        factor[k, k:] -= np.einsum("jspc,jkspc->kspc", factor[:k, k] / pivots[:k], factor[:k, k:])
+        np.maximum(pivots[k], 1.0, out=pivots[k])  # smaller by rounding only
+    return np.asarray(0.5 * np.sum(factor[:, -1] ** 2 / pivots - np.log(pivots), axis=0))
+
+
+def _bounded_gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array:
+    """(s, p, c) of terms with bounds, which need the mean and variance of each coefficient, too."""
+    values, vectors = np.linalg.eigh(block)
+    turned = np.einsum("pckl,pck->pcl", vectors, score)
+    q = squared[:, None, None, None]
+    damped = 1.0 + q * np.maximum(values, 0.0)
+    mean = np.einsum("pckl,spcl->spck", vectors, q * turned / damped)
+    variance = np.einsum("pckl,spcl->spck", vectors**2, q / damped)
+    gains = 0.5 * np.sum(q * turned**2 / damped - np.log(damped), axis=3)
+    return np.asarray(gains + plausibility(mean, np.sqrt(variance), group.lower, group.upper))
 
 
 def log_gains_together(marginal: Marginal, columns: NDArray[np.intp], sizes: Sizes) -> Array:
@@ -59,11 +68,10 @@ def log_gains_together(marginal: Marginal, columns: NDArray[np.intp], sizes: Siz
 
 
 def plausibility(mean: Array, std: Array, lower: Array, upper: Array) -> Array:
-    """(s, c) log factor of physical signs and bounds (c, k): coefficients ``mean`` +- ``std`` (s, c, k)."""
+    """(..., c) log factor of physical signs and bounds (c, k): coefficients ``mean`` +- ``std`` (..., c, k)."""
     positive = np.where(lower == 0.0, np.log(2.0) + log_ndtr(mean / np.maximum(std, 1e-300)), 0.0)
     bound = np.where(mean > 0, upper, -lower)
     least = np.abs(mean) - 3.0 * std
     with np.errstate(divide="ignore", invalid="ignore"):
         beyond = np.where((bound > 0) & (least > bound), np.log(least / bound) / BOUND_DOUBT, 0.0)
-    out: Array = np.sum(positive - np.minimum(0.5 * beyond**2, LARGEST_COST), axis=2)
-    return out
+    return np.asarray(np.sum(positive - np.minimum(0.5 * beyond**2, LARGEST_COST), axis=-1))

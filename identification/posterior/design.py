@@ -14,8 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
-from truepose.identification.prior import RATIO_DOUBT
+from truepose.identification.prior import (
+    NOISE_FROM,
+    NOISE_STEP,
+    RATIO_DOUBT,
+    REMAINDER,
+    REMAINDER_FROM,
+    REMAINDER_STEP,
+    noise_log_prior,
+)
 
 Array = NDArray[np.float64]
 UNSEEN = 1e-9
@@ -62,12 +71,12 @@ class Design:
         return part
 
     def turned(self, columns: NDArray[np.intp], turn: Array) -> Design:
-        """With combinations of some columns of terms in their place: ``turn`` (k, w) of ``columns`` (k,)."""
-        first, last = np.arange(self.n), self.n + self.width
+        """With combinations of some columns of terms in their place: ``turn`` (k, w) of ``columns`` (k,), mostly zeros."""
+        first, last, few = np.arange(self.n), self.n + self.width, csr_array(turn)
 
         def of(gram: Array) -> Array:
-            part = gram[:, self.n + columns] @ turn
-            own = turn.T @ part[self.n + columns]
+            part = np.asarray(gram[:, self.n + columns] @ few)
+            own = np.asarray(few.T @ part[self.n + columns])
             rest = np.append(first, last)
             out = np.empty((self.n + turn.shape[1] + 1,) * 2)
             here, there = np.append(first, len(out) - 1), np.arange(self.n, len(out) - 1)
@@ -127,6 +136,24 @@ class Unknowns:
     widening: tuple[tuple[float, ...], ...]
     log_widening: tuple[float, ...]
     size: Axis
+
+    @classmethod
+    def over(
+        cls,
+        kinds: int,
+        rms: float,
+        widenings: tuple[tuple[tuple[float, ...], ...], tuple[float, ...]],
+        remainder_rms: float,
+    ) -> Unknowns:
+        """Noise of so many kinds up to ``rms``, what geometry alone leaves; a remainder up to ``remainder_rms``, 0 for none."""
+        top = np.log(max(2.0, 1.3 * rms)) + NOISE_STEP
+        noise = np.exp(np.arange(np.log(NOISE_FROM), top, NOISE_STEP)).tolist()
+        axis = Axis(tuple(noise), noise_log_prior(noise))
+        count = int(np.ceil(np.log(2.0 * remainder_rms / REMAINDER_FROM + 2.0) / np.log(REMAINDER_STEP)))
+        sizes = [REMAINDER_FROM * REMAINDER_STEP**k for k in range(count)] if remainder_rms else []
+        share = np.log(REMAINDER / max(len(sizes), 1))
+        none = np.log(1.0 - REMAINDER) if sizes else 0.0
+        return cls((axis,) * kinds, *widenings, Axis((0.0, *sizes), (none, *[share] * len(sizes))))
 
     def holds(self, point: GridPoint) -> bool:
         """Whether a point is on the grid."""

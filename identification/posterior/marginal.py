@@ -19,7 +19,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg.blas import dtrsm
+from scipy.linalg.lapack import dpotrf
 
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.terms import SameSize, Terms
@@ -33,8 +34,8 @@ JITTER = 1e-13
 class Own:
     """G'G and G'e at the noise of a point, entry by entry as asked for; zero for columns that cannot be seen."""
 
-    def __init__(self, design: Design, weights: Array) -> None:
-        self._design, self._weights = design, weights
+    def __init__(self, design: Design, terms: Terms, weights: Array) -> None:
+        self._design, self._terms, self._weights = design, terms, weights
 
     @cached_property
     def score(self) -> Array:
@@ -56,10 +57,13 @@ class Own:
         seen = self._design.seen[columns]
         return self._sum(np.ix_(columns + self._design.n, columns + self._design.n)) * seen[:, None] * seen
 
-    def block(self, group: SameSize, chosen: Index) -> Array:
-        """(c, k, k) diagonal blocks of the chosen terms of a group."""
-        columns = group.columns[chosen]
-        at, seen = columns + self._design.n, self._design.seen[columns] & group.there[chosen]
+    @cached_property
+    def blocks(self) -> tuple[Array, ...]:
+        """(c, k, k) diagonal blocks of the terms of each width."""
+        return tuple(self._block(group) for group in self._terms.by_size)
+
+    def _block(self, group: SameSize) -> Array:
+        at, seen = group.columns + self._design.n, self._design.seen[group.columns] & group.there
         return self._sum((at[:, :, None], at[:, None, :])) * seen[:, :, None] * seen[:, None, :]
 
     def _sum(self, at: tuple[Index, ...]) -> Array:
@@ -79,38 +83,26 @@ class Halves:
     @cached_property
     def all(self) -> Array:
         """(r, w) of all columns."""
-        out: Array = solve_triangular(self._factor, self._rows, lower=True, check_finite=False)
-        return out
+        return _solved(self._factor, self._rows)
 
     @cached_property
-    def _turned_back(self) -> tuple[Array, Array]:
-        """(r, w) and (r,): (I + Q M Q)^-1 times the rows, and times the scores."""
-        both = np.column_stack([self.all, self.turned])
-        solved = solve_triangular(self._factor, both, lower=True, trans=1, check_finite=False)
-        return solved[:, :-1], solved[:, -1]
-
-    @cached_property
-    def _inverse(self) -> Array:
-        """(r, r) (I + Q M Q)^-1."""
-        unit = np.eye(len(self._factor))
-        root = solve_triangular(self._factor, unit, lower=True, check_finite=False)
-        return np.asarray(root.T @ root)
+    def _root(self) -> Array:
+        """(r, r) inverse of the factor."""
+        return _solved(self._factor, np.eye(len(self._factor)))
 
     def without(self, at: Index) -> tuple[Halves, float]:
         """What the rows ``at`` (k,) alone add to the others, and their log Bayes factor beside them."""
-        rows, scores = self._turned_back
-        factor = cholesky(self._inverse[np.ix_(at, at)], lower=True, check_finite=False)
-        turned = solve_triangular(factor, scores[at], lower=True, check_finite=False)
-        gain = 0.5 * float(turned @ turned) + float(np.sum(np.log(np.diag(factor))))
-        return Halves(factor, rows[at], turned), gain
+        back = self._root[:, at].T
+        factor = _cholesky(back @ back.T)
+        turned = _solved(factor, back @ self.turned)
+        gain = 0.5 * float(turned @ turned) + _half_log_det(factor)
+        return Halves(factor, back @ self.all, turned), gain
 
     def of(self, columns: Index) -> Array:
         """(r, k) of some columns."""
         if "all" in self.__dict__:
-            found: Array = self.all[:, columns]
-            return found
-        out: Array = solve_triangular(self._factor, self._rows[:, columns], lower=True, check_finite=False)
-        return out
+            return np.asarray(self.all[:, columns])
+        return _solved(self._factor, self._rows[:, columns])
 
 
 class Marginal:
@@ -126,19 +118,16 @@ class Marginal:
         self.terms, self.log_evidence = terms, log_evidence
         self._above, self._beside, self._sign = above, beside, sign
         self._rows: dict[int, Array] = {}
-        self._blocks: dict[tuple[int, bytes], Array] = {}
 
     @cached_property
     def score(self) -> Array:
         """(w,) scores t."""
-        out: Array = self._above.score + self._sign * (self._beside.all.T @ self._beside.turned)
-        return out
+        return np.asarray(self._above.score + self._sign * (self._beside.all.T @ self._beside.turned))
 
     def scores(self, columns: Index) -> Array:
         """(k,) scores of some columns."""
         half = self._beside.of(columns)
-        out: Array = self._above.scores(columns) + self._sign * (half.T @ self._beside.turned)
-        return out
+        return np.asarray(self._above.scores(columns) + self._sign * (half.T @ self._beside.turned))
 
     def rows(self, columns: Index) -> Array:
         """(k, w) rows of M."""
@@ -149,28 +138,26 @@ class Marginal:
             self._rows.update(zip(new, made, strict=True))
         return np.array([self._rows[int(c)] for c in columns])
 
-    def block(self, group: SameSize, chosen: Index) -> Array:
-        """(c, k, k) diagonal blocks of M of the chosen terms of a group."""
-        key = (group.columns.shape[1], chosen.tobytes())
-        if key not in self._blocks:
-            self._blocks[key] = self._left_of(self._above.block(group, chosen), group, chosen)
-        return self._blocks[key]
+    @cached_property
+    def blocks(self) -> tuple[Array, ...]:
+        """(c, k, k) diagonal blocks of M of the terms of each width."""
+        groups = zip(self.terms.by_size, self._above.blocks, strict=True)
+        return tuple(above + self._sign * self._product(group) for group, above in groups)
 
-    def _left_of(self, above: Array, group: SameSize, chosen: Index) -> Array:
-        columns, half = group.columns[chosen], self._beside.all
-        size = columns.shape[1]
-        part = half[:, columns.ravel()].reshape(len(half), len(columns), size)
-        if size == 1:
-            return np.asarray(above + self._sign * np.sum(part**2, axis=0)[:, :, None])
-        turned = part.transpose(1, 2, 0) * group.there[chosen][:, :, None]
-        return np.asarray(above + self._sign * (turned @ turned.transpose(0, 2, 1)))
+    def _product(self, group: SameSize) -> Array:
+        half = self._beside.all
+        part = half[:, group.columns.ravel()].reshape(len(half), *group.columns.shape)
+        turned = part.transpose(1, 2, 0) * group.there[:, :, None]
+        return np.asarray(turned @ turned.transpose(0, 2, 1))
 
     def including(self, columns: Index, sizes: Array) -> Marginal:
         """With columns (k,) taken in, N(0, size^2) each."""
-        rows = self.rows(columns) * sizes[:, None]
-        factor, turned = self._factor(columns, sizes)
-        gain = 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(factor))))
-        return Marginal(self.terms, self, Halves(factor, rows, turned), self.log_evidence + gain)
+        if not len(columns):
+            return self
+        rows = self.rows(columns)
+        factor, turned, gain = _taken(rows[:, columns], self.score[columns], sizes)
+        half = Halves(factor, rows * sizes[:, None], turned)
+        return Marginal(self.terms, self, half, self.log_evidence + gain)
 
     def without(self, at: Index) -> Marginal:
         """Without some of the columns that were taken in last: their places ``at`` (k,) among these."""
@@ -179,27 +166,18 @@ class Marginal:
 
     def gain(self, columns: Index, sizes: Array) -> float:
         """Log Bayes factor of columns (k,) together, N(0, size^2) each."""
-        factor, turned = self._factor(columns, sizes)
-        return 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(factor))))
+        return _taken(self.among(columns), self.scores(columns), sizes)[2]
 
     def posterior(self, columns: Index, sizes: Array) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the coefficients of columns taken in together."""
-        factor, turned = self._factor(columns, sizes)
-        root = solve_triangular(factor, np.diag(sizes), lower=True, check_finite=False)
+        factor, turned, _ = _taken(self.among(columns), self.scores(columns), sizes)
+        root = _solved(factor, np.diag(sizes))
         return root.T @ turned, root.T @ root
-
-    def _factor(self, columns: Index, sizes: Array) -> tuple[Array, Array]:
-        """Triangular factor of I + Q M Q, and its solution of Q t."""
-        scaled = sizes[:, None] * self.among(columns) * sizes
-        scaled[np.diag_indices(len(scaled))] += 1.0
-        factor = cholesky(scaled, lower=True, check_finite=False)
-        return factor, solve_triangular(factor, sizes * self.scores(columns), lower=True, check_finite=False)
 
     def among(self, columns: Index) -> Array:
         """(k, k) entries of M."""
         part = self._beside.of(columns)
-        out: Array = self._above.among(columns) + self._sign * (part.T @ part)
-        return out
+        return np.asarray(self._above.among(columns) + self._sign * (part.T @ part))
 
 
 def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint) -> Marginal:
@@ -212,16 +190,43 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint)
     scale = 1.0 / np.sqrt(np.maximum(rows[np.arange(len(inside)), inside] + sigma**-2.0, 1e-300))
     a = rows[:, inside] * scale[:, None] * scale
     a[np.diag_indices(len(a))] += (scale / sigma) ** 2 + JITTER
-    factor = cholesky(a, lower=True, check_finite=False)
-    turned = solve_triangular(factor, rows[:, -1] * scale, lower=True, check_finite=False)
+    factor = _cholesky(a)
+    turned = _solved(factor, rows[:, -1] * scale)
     beside = rows[:, design.n : -1] * scale[:, None] * design.seen
     square = sum(gram[-1, -1] * weight for gram, weight in zip(design.grams, weights, strict=True))
     known = np.isfinite(sigma)
-    log_det = float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)) + np.sum(np.log(sigma[known])))
+    log_det = _half_log_det(factor) + float(np.sum(np.log(sigma[known])) - np.sum(np.log(scale)))
     log_evidence = -float(np.array(design.counts) @ np.log(scales)) - log_det
     log_evidence -= 0.5 * float(square - turned @ turned)
-    own = Own(design, weights)
+    own = Own(design, terms, weights)
     return Marginal(terms, own, Halves(factor, beside, turned), log_evidence + unknowns.log_prior(point))
+
+
+def _taken(among: Array, scores: Array, sizes: Array) -> tuple[Array, Array, float]:
+    """Triangular factor of I + Q M Q of some columns, its solution of Q t, and the columns' log Bayes factor."""
+    factor = _cholesky(sizes[:, None] * among * sizes + np.eye(len(sizes)))
+    turned = _solved(factor, sizes * scores)
+    return factor, turned, 0.5 * float(turned @ turned) - _half_log_det(factor)
+
+
+def _cholesky(matrix: Array) -> Array:
+    """Lower triangular factor. Small matrices are many here: LAPACK itself, without what scipy wraps around it."""
+    factor, failed = dpotrf(matrix, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError(f"pivot {failed} is not positive")
+    return np.asarray(factor)
+
+
+def _solved(factor: Array, right: Array) -> Array:
+    """A lower triangular factor's solution of ``right`` (r,) or (r, k), row by row in memory as it came."""
+    if not right.size:
+        return right
+    rows = right.reshape(len(factor), -1)
+    return np.asarray(dtrsm(1.0, factor, rows.T, side=1, lower=1, trans_a=1).T.reshape(right.shape))
+
+
+def _half_log_det(factor: Array) -> float:
+    return float(np.sum(np.log(np.diag(factor))))
 
 
 def _sigma(design: Design, unknowns: Unknowns, point: GridPoint) -> tuple[Array, NDArray[np.bool_]]:

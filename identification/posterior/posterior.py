@@ -63,37 +63,50 @@ def sample(
     known: Sequence[State] = (),
     rounds: int = ROUNDS,
 ) -> Posterior:
-    """Two chains, from the likeliest top and the next (or from half of the one), until they agree or long enough.
+    """What two chains say that agree, or are long enough."""
+    return Sampling(spike_slab, richness, seed=seed, known=known).posterior(rounds)
+
+
+class Sampling:
+    """Two chains, from the likeliest top and the next (or from half of the one), which go on where they stopped.
 
     Terms and values of the grid that are hopeless around the tops are left out, and what nothing can replace there is given.
     """
-    every = tops(spike_slab, richness, known)
-    top, other = every[0], every[min(1, len(every) - 1)]
-    around = plausible(spike_slab, richness, every)
-    whole, index = spike_slab.restricted(around.terms)
-    number = {int(term): k for k, term in enumerate(index)}
-    part = whole.conditioned([(number[term], size) for term, size in around.certain])
 
-    def free(state: State) -> list[Member]:
-        return [(number[term], size) for term, size in state.members if (term, size) not in around.certain]
+    def __init__(
+        self, spike_slab: SpikeSlab, richness: Richness, *, seed: int = 1, known: Sequence[State] = ()
+    ) -> None:
+        every = tops(spike_slab, richness, known)
+        top, other = every[0], every[min(1, len(every) - 1)]
+        around = plausible(spike_slab, richness, every)
+        whole, self._index = spike_slab.restricted(around.terms)
+        number = {int(term): k for k, term in enumerate(self._index)}
+        self._part = whole.conditioned([(number[term], size) for term, size in around.certain])
 
-    starts = ((top.point, free(top)), (other.point, free(other) if other is not top else free(top)[::2]))
-    chains = [
-        Chain(part, richness, around.reach, point, members, seed + k)
-        for k, (point, members) in enumerate(starts)
-    ]
-    shorter = SHORTER if len(spike_slab.columns(top.members)[0]) > LONG_SET else 1
-    for chain in chains:
-        for _ in chain.sweeps(BURN // shorter):
-            pass
-    counted = Chains(part, richness, chains)
-    most = max(rounds // shorter, 1)
-    least = 1 if other is top else (most + 1) // 2  # a region is not weighed before its chain has settled
-    for done in range(1, most + 1):
-        counted.run(ROUND // shorter)
-        if done >= least and counted.disagreement <= AGREED:
-            break
-    return _gathered(part, index, counted)
+        def free(state: State) -> list[Member]:
+            return [
+                (number[term], size) for term, size in state.members if (term, size) not in around.certain
+            ]
+
+        starts = ((top.point, free(top)), (other.point, free(other) if other is not top else free(top)[::2]))
+        chains = [
+            Chain(self._part, richness, around.reach, point, members, seed + k)
+            for k, (point, members) in enumerate(starts)
+        ]
+        self._shorter = SHORTER if len(spike_slab.columns(top.members)[0]) > LONG_SET else 1
+        for chain in chains:
+            for _ in chain.sweeps(BURN // self._shorter):
+                pass
+        self._chains, self._done, self._apart = Chains(self._part, richness, chains), 0, other is not top
+
+    def posterior(self, rounds: int = ROUNDS) -> Posterior:
+        """What the chains say once they agree, or after so many rounds in all."""
+        most = max(rounds // self._shorter, 1)
+        least = (most + 1) // 2 if self._apart else 1  # a region is not weighed before its chain has settled
+        while self._done < least or (self._done < most and self._chains.disagreement > AGREED):
+            self._chains.run(ROUND // self._shorter)
+            self._done += 1
+        return _gathered(self._part, self._index, self._chains)
 
 
 def _gathered(part: SpikeSlab, index: NDArray[np.intp], chains: Chains) -> Posterior:

@@ -83,16 +83,15 @@ class Chain:
 
     def _redraw(self, member: Member | None, points: Sequence[GridPoint]) -> Visit:
         """Draw a slot together with the point, one of these; the present one is among them."""
-        rest, spike_slab = self._without(member), self._weighing
+        rest = [m for m in self.members if m != member]
         slot, leaving = self._slot(len(rest)), () if member is None else (member,)
-        found = [spike_slab.conditional(p, rest, leaving) for p in points]
-        total = np.array([c.log_total(slot) for c in found])
-        if len(points) > 1:
-            total += [spike_slab.log_evidence(p, rest) for p in points]
-        shares = softmax(total)
+        found = self._weighing.conditionals(points, rest, leaving, self.point)
+        total = np.array([c.log_total(slot) + c.log_evidence for c in found])
+        shares = np.exp(total - np.logaddexp.reduce(total))
         at = int(self._rng.choice(len(points), p=shares))
         self.point = points[at]
-        self._fill(rest, found[at].draw(slot, self._rng))
+        drawn = found[at].draw(slot, self._rng)
+        self.members = rest if drawn is None else [*rest, drawn]
         return Visit(shares @ [c.terms(slot) for c in found], member is not None)
 
     def _exchange(self) -> None:
@@ -199,12 +198,6 @@ class Chain:
             for k in range(3)
         ]
         return [p for p in around if self._weighing.unknowns.holds(p)]
-
-    def _without(self, member: Member | None) -> list[Member]:
-        return [m for m in self.members if m != member]
-
-    def _fill(self, rest: list[Member], drawn: Member | None) -> None:
-        self.members = rest if drawn is None else [*rest, drawn]
 
     def _conditional(self, members: Sequence[Member], leaving: Member | None = None) -> Conditional:
         return self._weighing.conditional(self.point, members, () if leaving is None else (leaving,))

@@ -42,33 +42,44 @@ class Memory(Generic[Value]):
 
     def get_or(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """The value of a key, made where it is not there."""
-        if key in self._values:
+        return self.get_all([key], lambda _: [make()])[0]
+
+    def get_all(
+        self, keys: Sequence[Hashable], make: Callable[[Sequence[int]], Sequence[Value]]
+    ) -> list[Value]:
+        """The values of keys; those that are not there, by their places, are made at once."""
+        new = [k for k, key in enumerate(keys) if key not in self._values]
+        made = dict(zip(new, make(new), strict=True)) if new else {}
+        found = [made[k] if k in made else self._values[key] for k, key in enumerate(keys)]
+        for key, value in zip(keys, found, strict=True):
+            self._values[key] = value
             self._values.move_to_end(key)
-            return self._values[key]
-        value = self._values[key] = make()
-        if len(self._values) > self._limit:
+        while len(self._values) > self._limit:
             self._values.popitem(last=False)
-        return value
+        return found
 
 
 @dataclass(frozen=True)
 class Conditional:
-    """What a slot may hold beside other members: log odds (s, c) of each term at each size, before those of the slot."""
+    """What a slot may hold beside other members: log odds (s, c) of each term at each size, before those of the slot.
+
+    log_evidence: of the other members.
+    """
 
     log_odds: Array
+    log_evidence: float
     log_sum: float
     sums: Array
     shares: Array
 
     @classmethod
-    def of(cls, log_odds: Array) -> Conditional:
+    def of(cls, log_odds: Array, log_evidence: float) -> Conditional:
         """From log odds (s, c)."""
         top = float(np.max(log_odds, initial=-1e300))
         weight = np.exp(log_odds - top)
         total = max(float(weight.sum()), 1e-300)  # no term may be wanted at all
-        return cls(
-            log_odds, top + float(np.log(total)), np.cumsum(weight / total), weight.sum(axis=0) / total
-        )
+        log_sum = top + float(np.log(total))
+        return cls(log_odds, log_evidence, log_sum, np.cumsum(weight / total), weight.sum(axis=0) / total)
 
     def log_total(self, slot: float) -> float:
         """Log of the sum of the odds of everything, nothing (1) included."""
@@ -98,7 +109,7 @@ class SpikeSlab:
         self._roots = Memory[Marginal](REMEMBERED // (8 * (design.n + 1) * (design.width + 1)))
         taken = len(self.columns(self.given)[0])
         self._bases = Memory[Marginal](REMEMBERED // (24 * (taken + 1) * (design.width + 1)))
-        self._taken = Memory[Marginal](8)
+        self._taken, self._priors = Memory[Marginal](8), Memory[Array](32)
         self._conditionals = Memory[Conditional](REMEMBERED // (16 * (len(terms) + 1) * len(sizes.values)))
         self._evidences = Memory[float](SETS)
 
@@ -160,9 +171,8 @@ class SpikeSlab:
         """(s, c) which terms would be noticed at which size, at the stated noise; what nobody would notice is nothing."""
         root = self.root(self._stated)
         information = np.zeros(len(self.terms))
-        for group in self.terms.by_size:
-            every = np.arange(len(group.terms))
-            information[group.terms] = np.trace(root.block(group, every), axis1=1, axis2=2)
+        for group, block in zip(self.terms.by_size, root.blocks, strict=True):
+            information[group.terms] = np.trace(block, axis1=1, axis2=2)
         return np.asarray(self.sizes.values[:, None] ** 2 * information > NOTICED)
 
     def base(self, point: GridPoint) -> Marginal:
@@ -182,29 +192,38 @@ class SpikeSlab:
     def beside(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Marginal:
         """With members taken in. ``leaving`` were there a moment ago: as long as each leaves a set in turn, that is cheap."""
         base, others = self.base(point), sorted((*members, *leaving))
-        if not others:
-            return base
         key = (point, tuple(others))
         whole = self._taken.get_or(key, lambda: base.including(*self.columns(others)))
         if not leaving:
             return whole
-        owner = np.repeat(np.arange(len(others)), [len(self.terms.columns[term]) for term, _ in others])
-        return whole.without(np.flatnonzero(np.isin(owner, [others.index(m) for m in leaving])))
+        widths = [len(self.terms.columns[term]) for term, _ in others]
+        return whole.without(np.flatnonzero(np.repeat([m in leaving for m in others], widths)))
 
     def log_odds(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Array:
         """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
-        return self.log_odds_beside(self.beside(point, members, leaving), members)
+        return self.conditional(point, members, leaving).log_odds
 
-    def log_odds_beside(self, beside: Marginal, members: Sequence[Member]) -> Array:
-        """(s, c) the same beside a marginal in which the members, or most of them, were taken in."""
-        prior = self.terms.log_prior((*self.given, *members))
-        gains = log_gains(beside, self.sizes, np.isfinite(prior[0]))
-        return np.where(self.noticeable & np.isfinite(prior), gains + prior, -np.inf)
+    def _log_prior_beside(self, members: Members) -> Array:
+        """(s, c) log prior of each further term at each size; what would not be noticed is nothing."""
+        return np.where(self.noticeable, self.terms.log_prior((*self.given, *members)), -np.inf)
 
     def conditional(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Conditional:
         """What a further slot may hold beside the members; ``leaving`` as in ``beside``."""
-        key = (point, tuple(sorted(members)))
-        return self._conditionals.get_or(key, lambda: Conditional.of(self.log_odds(point, members, leaving)))
+        return self.conditionals([point], members, leaving, point)[0]
+
+    def conditionals(
+        self, points: Sequence[GridPoint], members: Sequence[Member], leaving: Members, here: GridPoint
+    ) -> list[Conditional]:
+        """The same at several points, worked out at once; ``leaving`` were there at one of them, ``here``."""
+        rest = tuple(sorted(members))
+
+        def made(new: Sequence[int]) -> list[Conditional]:
+            prior = self._priors.get_or(rest, lambda: self._log_prior_beside(rest))
+            there = [self.beside(points[k], rest, leaving if points[k] == here else ()) for k in new]
+            odds = log_gains(there, self.sizes) + prior
+            return [Conditional.of(o, m.log_evidence) for o, m in zip(odds, there, strict=True)]
+
+        return self._conditionals.get_all([(p, rest) for p in points], made)
 
     def log_evidence(self, point: GridPoint, members: Sequence[Member]) -> float:
         """Log evidence of a point with its members, and the point's log prior, up to a constant."""

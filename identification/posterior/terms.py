@@ -33,13 +33,13 @@ class Term:
     alone: bool = True
 
 
-WIDTHS = (1, 2, 4, 6, 12)
+WIDTHS = (2, 6, 18)
 """Numbers of columns to which shorter terms are filled up, with a column that is not there."""
 
 
 @dataclass(frozen=True)
 class SameSize:
-    """Terms (c,) of one number k of columns: their columns (c, k), bounds (c, k) and which of them have any (c,).
+    """Terms (c,) of one number k of columns: their columns (c, k) and bounds (c, k), which all of them have or none.
 
     ``there`` (c, k) tells columns from fillings, which stand at column 0.
     """
@@ -48,19 +48,8 @@ class SameSize:
     columns: Index
     lower: Array
     upper: Array
-    bounded: NDArray[np.bool_]
+    bounded: bool
     there: NDArray[np.bool_]
-
-    def of(self, chosen: Index) -> SameSize:
-        """Some of these terms."""
-        return SameSize(
-            self.terms[chosen],
-            self.columns[chosen],
-            self.lower[chosen],
-            self.upper[chosen],
-            self.bounded[chosen],
-            self.there[chosen],
-        )
 
 
 class Terms:
@@ -85,22 +74,22 @@ class Terms:
 
     @cached_property
     def by_size(self) -> tuple[SameSize, ...]:
-        """Terms grouped by their number of columns, filled up to a few widths."""
-        groups: dict[int, list[int]] = {}
+        """Terms grouped by their number of columns, filled up to a few widths, and by whether they have bounds."""
+        groups: dict[tuple[int, bool], list[int]] = {}
         for k, term in enumerate(self.all):
             own = len(term.columns)
             width = next((w for w in WIDTHS if own <= w), own)
-            groups.setdefault(width, []).append(k)
-        return tuple(self._group(members, width) for width, members in groups.items())
+            bounded = bool(np.any(np.isfinite([term.lower, term.upper])))
+            groups.setdefault((width, bounded), []).append(k)
+        return tuple(self._group(members, *like) for like, members in groups.items())
 
-    def _group(self, members: Sequence[int], width: int) -> SameSize:
+    def _group(self, members: Sequence[int], width: int, bounded: bool) -> SameSize:
         def filled(rows: list[Sequence[float]], value: float) -> Array:
             return np.array([[*row, *[value] * (width - len(row))] for row in rows])
 
         lower = filled([self.all[k].lower for k in members], -np.inf)
         upper = filled([self.all[k].upper for k in members], np.inf)
         columns = filled([self.all[k].columns for k in members], -1).astype(np.intp)
-        bounded = np.any(np.isfinite(lower) | np.isfinite(upper), axis=1)
         return SameSize(np.array(members), np.maximum(columns, 0), lower, upper, bounded, columns >= 0)
 
     @cached_property
@@ -125,10 +114,9 @@ class Terms:
         beside them."""
         terms = [t for t, _ in present]
         by_kind, by_feature, by_size = self.urn.log_next(self._counts(present))
-        again = np.isin(self.cause, self.cause[terms])
+        again = np.bincount(self.cause[terms], minlength=self.n_causes)[self.cause] > 0
         own = self._share + by_feature[self.feature] + np.where(again, self._further, by_kind[self.kind])
-        if len(present):
-            own[self.excludes[terms].any(axis=0)] = -np.inf
+        own[self.excludes[terms].any(axis=0)] = -np.inf
         return np.asarray(own + by_size[:, self.kind])
 
     def log_prior_of(self, present: Sequence[tuple[int, int]]) -> float:

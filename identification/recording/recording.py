@@ -120,6 +120,11 @@ class Recording(Shown):
         """(n,) indices that put these rows in order of acquisition: by time where it is recorded, by file and row."""
         return frozen(order_in_time(self.time, self.source_file, self.source_row))
 
+    def in_time(self, rows: BoolArray) -> IntArray:
+        """Indices of the ``rows`` (n,), in order of acquisition."""
+        order = self.order
+        return order[rows[order]]
+
     def columns(self, *, smooth: bool = False) -> dict[str, FloatArray]:
         """(n,) values of all that was varied, by name: the joints' readings, then every logged driver, time last.
 

@@ -13,12 +13,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.partial_residuals import PortShift, all_port_shifts
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.drivers import Column, column_of, joint_column, reading_unit
 from truepose.identification.report.formulas import Formula, formula, terms_of
 from truepose.identification.report.numbers import finer, unit_symbol
+from truepose.identification.report.partial_residuals import PortShift, all_port_shifts
 from truepose.models.driver import Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine

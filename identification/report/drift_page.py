@@ -127,13 +127,12 @@ def _moved_blocks(found: Drift) -> list[Block]:
     ]
     if shown:
         blocks.append(Items([*moved_sentences(found), *(movement_sentence(found, m) for m in shown)]))
-        blocks.append(
-            Charts(
-                _change_charts(found, shown[:MOST_PANELS]), "Change since the first session, with 1-sigma."
-            )
-        )
-    if len(shown) > MOST_PANELS:
-        blocks.append(Text(f"{len(shown) - MOST_PANELS} more are in the table.", tone="muted"))
+    sized = [m for m in shown if m.change]
+    if sized:
+        charts = _change_charts(found, sized[:MOST_PANELS])
+        blocks.append(Charts(charts, "Change since the first session, with 1-sigma."))
+    if len(sized) > MOST_PANELS:
+        blocks.append(Text(f"{len(sized) - MOST_PANELS} more are in the table.", tone="muted"))
     said = still_sentences(found)
     return [*blocks, Items(said, title="What did not move, or cannot be told")] if said else blocks
 

@@ -73,7 +73,7 @@ def movement_sentence(found: Drift, movement: Movement) -> str:
     """``q4.beta: -160 +- 0.5 urad up to day8.csv (8 days), ...``."""
     sure = f"probability {percent(movement.probability)}"
     if not movement.change:
-        return f"{movement.name}: not enough evidence, {sure}"
+        return f"{movement.name}: not in the likeliest set, {sure}"
     text = f"{movement.name}: {_amount(found, movement)}, {_rate(found, movement)}, {sure}"
     alike = [f"{name} (odds 1:{_round(np.exp(odds))})" for name, odds in movement.alike.items()]
     more = f" or {len(alike) - ALIKE} more" if len(alike) > ALIKE else ""

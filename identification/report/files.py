@@ -9,7 +9,7 @@ from typing import Any
 
 from truepose.files import atomic_directory, atomic_write_text
 from truepose.identification.check.result import Check
-from truepose.identification.diagnosis.far_rows import far_rows
+from truepose.identification.diagnosis.outliers import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.drift.analysis import Drift
 from truepose.identification.fit.calibrate import Calibration

@@ -6,20 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from truepose.identification.diagnosis.levels import Levels
 from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import (
     Alternative,
     Diagnosis,
     Finding,
     Lead,
+    Levels,
     Quantity,
     Replication,
 )
 from truepose.identification.report.diagnosis_words import explanation, separating_experiment
 from truepose.identification.report.json_text import Json
-from truepose.identification.signatures.candidates import Untestable
-from truepose.identification.signatures.untestable import Missing
+from truepose.identification.signatures.untestable import Missing, Untestable
 from truepose.models.effects.base import effects
 from truepose.models.effects.empirical import Empirical
 

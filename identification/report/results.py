@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from truepose.identification.diagnosis.alarms import Alarm
-from truepose.identification.diagnosis.far_rows import FarRow
+from truepose.identification.diagnosis.outliers import FarRow
 from truepose.identification.diagnosis.result import Applied, Diagnosis, PoseError, Proof, Remainder
 from truepose.identification.fit.absurd import judged
 from truepose.identification.fit.calibrate import Calibration

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from truepose.identification.signatures.candidates import Untestable
-from truepose.identification.signatures.untestable import Missing
+from truepose.identification.signatures.untestable import Missing, Untestable
 from truepose.wording import joined
 
 ONE_SESSION = "the recording holds one session only"

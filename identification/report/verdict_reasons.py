@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truepose.identification.diagnosis.alone import NOTABLE
+from truepose.identification.diagnosis.findings import NOTABLE
 from truepose.identification.diagnosis.result import Diagnosis, Proof
 from truepose.identification.posterior.posterior import AGREED
 from truepose.identification.report.diagnosis_words import (
@@ -137,10 +137,10 @@ def doubts(diagnosis: Diagnosis) -> list[str]:
             f"Probabilities are known to {percent(diagnosis.disagreement)} only: so far do the chains differ that"
             " they were drawn from."
         )
-    if diagnosis.findings and diagnosis.structure.alarm.raised:
+    if diagnosis.findings and diagnosis.structure.raised:
         out.append(
-            f"Residuals still follow {_driver(diagnosis.structure.driver)} (p ="
-            f" {p_value(diagnosis.structure.alarm.p)}; {percent(diagnosis.structure.share)} of them):"
+            f"Residuals still follow {_driver(diagnosis.structure.about)} (p ="
+            f" {p_value(diagnosis.structure.p)}; {percent(diagnosis.structure.share)} of them):"
             " something smaller is left."
         )
     if proof is not None:

@@ -1,29 +1,51 @@
-"""Every (effect, place, settings) that a recording could speak of, and what it cannot speak of."""
+"""Every (effect, place, settings) that a recording could speak of, with its prior; forms without a name among them.
+
+These are the effect ``empirical`` wherever something was varied.
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
+from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.empirical_forms import empirical_forms, ranges
-from truepose.models.driver import PAYLOAD, Driver
-from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import Machine
+from truepose.identification.signatures.untestable import (
+    Untestable,
+    every_effect,
+    places_of,
+    unloaded,
+    why_untestable,
+)
+from truepose.models.driver import Driver
+from truepose.models.effects.base import PlacedEffect, Settings
+from truepose.models.effects.common import sensor_names
+from truepose.models.effects.empirical import (
+    CURVE,
+    FROM,
+    LINE,
+    LOAD,
+    LOAD_CURVE,
+    MOMENT,
+    MOUNT_CURVE,
+    TURNS,
+    WIDTH,
+    Empirical,
+    seen_over,
+)
+from truepose.models.effects.sights import XYZ, point_names
+from truepose.models.machine import FRAMES, Machine
 from truepose.models.placed import EffectAtPlace
 
-
-@dataclass(frozen=True)
-class Untestable:
-    """An effect whose driver the recording lacks, and which."""
-
-    effect: str
-    why: str
+Array = NDArray[np.float64]
+SAME = 1e-6
+"""Share of a load (N, N m) below which its changes are rounding."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +63,8 @@ class Catalogue:
     def with_more(self, added: Sequence[PlacedEffect], beside: Sequence[int]) -> Catalogue:
         """With further candidates at the end, which share the prior of those ``beside`` (their indices)."""
         log_prior = list(self.log_prior)
-        share = float(np.logaddexp.reduce([log_prior[i] for i in beside])) - float(
-            np.log(len(added) + len(beside))
-        )
+        total = float(np.logaddexp.reduce([log_prior[i] for i in beside]))
+        share = total - float(np.log(len(added) + len(beside)))
         for i in beside:
             log_prior[i] = share
         return replace(
@@ -73,15 +94,11 @@ class Catalogue:
 
 def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
-    found: list[PlacedEffect] = []
-    missing: list[Untestable] = []
-    kinds, seen = [effects.get(slug, "catalogue")() for slug in effects], ranges(recording)
-    for effect in kinds:
-        slug = effect.slug
-        places = [tuple(place) for place in effect.places(machine) if effect.screened(machine, tuple(place))]
+    found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(recording)
+    for effect in every_effect():
+        places, reasons = places_of(effect, machine), list[str]()
         if not places and effect.needs_load and not machine.loaded:
-            missing.append(Untestable(slug, _unloaded(machine)))
-        reasons: list[str] = []
+            missing.append(Untestable(effect.slug, unloaded(machine)))
         for place in places:
             variants = effect.settings(machine, place, recording)
             if not variants:
@@ -97,39 +114,14 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
                 else:
                     reasons.append(f"{'+'.join(place)}: {reason}" if len(places) > 1 else reason)
         if reasons:
-            missing.append(Untestable(slug, _summary(reasons)))
+            kinds = list(dict.fromkeys(reasons))
+            more = f"; and {len(kinds) - 4} more" if len(kinds) > 4 else ""
+            missing.append(Untestable(effect.slug, "; ".join(kinds[:4]) + more))
     found += empirical_forms(machine, recording)
     found += [placed for placed in machine.effects if placed.label not in {e.label for e in found}]
     labels = {e.label for e in machine.effects}
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
     return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated)
-
-
-def why_untestable(placed: PlacedEffect, recording: Recording) -> str | None:
-    """What the recording lacks for a candidate: a driver's column, or a driver that varies. None where nothing."""
-    for name in placed.drivers:
-        values = recording.driver(name)
-        if values is None:
-            return f"no {Driver.of(name).column} column"
-        if name != PAYLOAD and not np.any(values[~recording.validation]):
-            return f"{name} never differs from zero"
-    return None
-
-
-def _unloaded(machine: Machine) -> str:
-    """Why no effect of weight can be tested, and the line that would change it."""
-    if machine.gravity is None:
-        return (
-            "no `gravity:` in the machine file; add `gravity: [0, 0, -9.80665]` (m/s^2, in the base's frame)"
-        )
-    if not machine.masses:
-        return "no `masses:` in the machine file; state what links and tool weigh"
-    return "its own elastic legs carry the weight"
-
-
-def _summary(reasons: list[str]) -> str:
-    kinds = list(dict.fromkeys(reasons))
-    return "; ".join(kinds[:4]) + (f"; and {len(kinds) - 4} more" if len(kinds) > 4 else "")
 
 
 def _log_prior(machine: Machine, found: list[PlacedEffect]) -> tuple[float, ...]:
@@ -159,3 +151,82 @@ def _place_shares(places: Collection[tuple[str, ...]]) -> dict[tuple[str, ...], 
     return dict.fromkeys(simple, (1.0 - beside) / len(simple)) | dict.fromkeys(
         joined, beside / max(len(joined), 1)
     )
+
+
+def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffect, ...]:
+    """Every form over the ranges that the calibration rows saw, all coefficients 0.
+
+    Each joint as a line and as a curve in each source (joints, payload, time, thermometers) and as a product of two
+    joints; each mount as a curve in each source that is no joint (in a joint, six motions would be a black box for anything);
+    each joint and mount as a curve in the load that it carries (lines of it have names), where the file states weights; each
+    sensor of points with a volume that bends.
+    """
+    seen = _varied(recording)
+    joints = [name for name in seen if name in machine.mechanism.readings]
+    others = [name for name in seen if name not in joints]
+    curves: list[Settings] = [seen_over({name: seen[name]}, CURVE) for name in seen]
+    curves += [seen_over({a: seen[a], b: seen[b]}) for a, b in itertools.combinations(joints, 2)]
+    lines: list[Settings] = [seen_over({name: seen[name]}, LINE) for name in seen]
+    mounts: list[Settings] = [seen_over({name: seen[name]}, MOUNT_CURVE) for name in others]
+    effect, out, loads = Empirical(), list[PlacedEffect](), _of_load(machine, recording)
+    for (name,) in effect.places(machine):
+        if name in sensor_names(machine):
+            forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
+        else:
+            own = [line for line in lines if f"{FROM}{name}" not in line]
+            forms = [*mounts] if name in FRAMES else [*own, *curves]
+            forms += loads.get(name, [])
+        out += [PlacedEffect.at(effect, machine, (name,), settings) for settings in forms]
+    return tuple(out)
+
+
+def _varied(recording: Recording) -> dict[str, tuple[float, float]]:
+    """Ranges of all that was varied: joints, payload, time, thermometers by name, however the file has its columns."""
+    seen = {name: ends for name, ends in ranges(recording).items() if ends[1] > ends[0]}
+    own = sorted(seen.keys() - set(recording.joints), key=lambda name: (Driver.of(name).thermal, name))
+    return {name: seen[name] for name in (*(n for n in recording.joints if n in seen), *own)}
+
+
+def ranges(recording: Recording) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value of joints and of smooth drivers in the calibration rows."""
+    rows = ~recording.validation
+    columns = recording.columns(smooth=True)
+    return {name: (float(np.min(v[rows])), float(np.max(v[rows]))) for name, v in columns.items()}
+
+
+def _of_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]]:
+    """Forms of each joint and mount whose load varies, by the loads (N, N m) at the drawing's geometry."""
+    if not machine.loaded:
+        return {}
+    predictor = Predictor(machine, recording, ports=True)
+    x, assembled = predictor.assemble(predictor.model.p_home)
+    loads = predictor.loads(predictor.model.p_home, x)
+    rows = assembled & ~recording.validation
+    out: dict[str, list[Settings]] = {}
+    for name in machine.mechanism.readings:
+        own = _range(loads[machine.mechanism.actuator(name).displacement][rows])
+        if own is not None:
+            out[name] = [seen_over({LOAD: own}, LOAD_CURVE)]
+    for mount in FRAMES:
+        moment = np.array([loads[f"{mount}.motion.{axis}"][rows] for axis in TURNS])
+        each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
+        if each is not None and size is not None:
+            out[mount] = [seen_over({LOAD: each}, LOAD_CURVE), seen_over({MOMENT: size}, LOAD_CURVE)]
+    return out
+
+
+def _range(load: Array) -> tuple[float, float] | None:
+    """Smallest and largest; None where nothing is carried, or always the same."""
+    if not len(load) or np.ptp(load) <= SAME * max(float(np.max(np.abs(load))), SAME):
+        return None
+    return float(np.min(load)), float(np.max(load))
+
+
+def _reach(machine: Machine, recording: Recording) -> float:
+    """The farthest coordinate of any point, mm."""
+    columns = [
+        f"{point}{axis}" for sensor in machine.sensors for point in point_names(sensor) for axis in XYZ
+    ]
+    read = [recording.observations[name] for name in columns if name in recording.observations]
+    told = [values[np.isfinite(values)] for values in read]  # a lost reading is NaN
+    return max((float(np.max(np.abs(values))) for values in told if len(values)), default=1.0) or 1.0

@@ -1,11 +1,16 @@
 """What every candidate would do to the readings, to first order, at the present estimate.
 
 An effect shifts ports; the machine's derivative by its ports is computed once for all candidates, so a
-signature costs one small product a row. All of it is kept as one Gram matrix of [J G r].
+signature costs one small product a row. All of it is kept as one Gram matrix of [J G F r].
+
+Errors of form (F): a formula is right to some percent, so a large effect brings smooth deviations of its own. The fitted signal
+of each cause (an effect at a place, all its terms together) is modulated by the first two Chebyshev polynomials of every joint
+and driver. Without them a large effect of slightly other form needs small false names beside it.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,15 +25,66 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass, part_classes
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
+from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.forms import Forms
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
 from truepose.models.placed import EffectAtPlace
+from truepose.models.smooth import chebyshev, scaled
 from truepose.models.states import state_names
 
 Array = NDArray[np.float64]
+PAIR = 2
+"""Modulations of a source: its first two polynomials."""
+Signal = tuple[NDArray[np.intp], Array]
+"""Columns of G of one cause's terms, and their fitted coefficients."""
+
+
+@dataclass(frozen=True)
+class Forms:
+    """Modulations (n, u) of every row, the signals that are modulated, and the joints and drivers that modulate them, with
+    ``PAIR`` modulations each."""
+
+    modulations: Array
+    signals: tuple[Signal, ...]
+    sources: tuple[str, ...] = ()
+
+    @classmethod
+    def none(cls) -> Forms:
+        """No errors of form."""
+        return cls(np.zeros((0, 0)), ())
+
+    @classmethod
+    def of(cls, recording: Recording, used: NDArray[np.bool_], signals: Sequence[Signal]) -> Forms:
+        """Of the signals, over the ranges of the rows ``used`` (n,)."""
+        if not signals:
+            return cls.none()
+        columns = recording.columns(smooth=True)
+        varied = {name: values for name, values in columns.items() if np.ptp(values[used]) > 0}
+        pairs = [_chebyshev(values, used) for values in varied.values()]
+        phi = np.column_stack(pairs) if pairs else np.zeros((len(used), 0))
+        total = np.sqrt(max(float(np.mean(np.sum(phi[used] ** 2, axis=1))), 1e-300)) if pairs else 1.0
+        return cls(FORM_ERROR * phi / total, tuple(signals), tuple(varied))
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return len(self.signals) * int(self.modulations.shape[1])
+
+    def columns(self, signature: Array, rows: NDArray[np.intp]) -> Array:
+        """(k, m, width) of rows (k,) with signatures (k, m, w), each N(0, 1)."""
+        out = [
+            (signature[:, :, at] @ amplitude)[:, :, None] * self.modulations[rows][:, None, :]
+            for at, amplitude in self.signals
+        ]
+        return np.concatenate(out, axis=2) if out else np.zeros((*signature.shape[:2], 0))
+
+
+def _chebyshev(values: Array, used: NDArray[np.bool_]) -> Array:
+    """(n, PAIR) the first two polynomials over the range of the used rows."""
+    t = scaled(values, float(values[used].min()), float(values[used].max()))
+    return np.column_stack(chebyshev(np.clip(t, -1.0, 1.0), PAIR)[1:])
 
 
 @dataclass(frozen=True)
@@ -93,8 +149,12 @@ class Signatures:
 
         ``order`` (n,) gives effects the drivers of other rows (a placebo).
         """
-        geometry = self._geometry(fit)
-        n, forms = len(geometry), self._forms(fit)
+        geometry, causes = self._geometry(fit), self._causes(fit)
+        signals = [
+            (np.array(self.indices(list(own)), dtype=np.intp), np.concatenate(list(own.values())))
+            for own in causes
+        ]
+        n, forms = len(geometry), Forms.of(self.recording, fit.used, signals)
         kinds = [channel.kind for channel in self._predictor(fit.effects).channels]
         names = list(dict.fromkeys(kinds))
         which = [np.array([k == name for k in kinds]) for name in names]
@@ -109,34 +169,24 @@ class Signatures:
         counts[0] -= fit.levels
         departure = np.zeros(size - 1)
         departure[:n] = (fit.p - fit.prior.mean)[geometry] / fit.prior.scale[geometry]
-        for effect, at in self._present(fit):
-            departure[n + at.start : n + at.stop] = _amplitudes(effect)
+        for at, amplitudes in signals:
+            departure[n + at] = amplitudes
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
             tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n], parts,
-            self.candidates, tuple(tuple(own) for own in self._causes(fit).values()), forms.sources,
+            self.candidates, tuple(tuple(own) for own in causes), forms.sources,
         )  # fmt: skip
 
-    def _present(self, fit: Estimate) -> list[tuple[PlacedEffect, slice]]:
-        """The fit's effects with their columns of G."""
-        labels = {c.label: k for k, c in enumerate(self.candidates)}
-        return [(effect, self.columns[labels[effect.label]]) for effect in fit.fitted_effects()]
-
-    def _causes(self, fit: Estimate) -> dict[EffectAtPlace, list[int]]:
-        """Candidates of the fit by what they blame."""
-        out: dict[EffectAtPlace, list[int]] = {}
-        for effect, at in self._present(fit):
-            out.setdefault(effect.at_place, []).append(self.columns.index(at))
-        return out
-
-    def _forms(self, fit: Estimate) -> Forms:
-        """Errors of form of the fit's effects."""
-        amplitudes = {self.columns.index(at): _amplitudes(e) for e, at in self._present(fit)}
-        signals = [
-            (np.array(self.indices(own), dtype=np.intp), np.concatenate([amplitudes[i] for i in own]))
-            for own in self._causes(fit).values()
-        ]
-        return Forms.of(self.recording, fit.used, signals)
+    def _causes(self, fit: Estimate) -> list[dict[int, Array]]:
+        """What the fit's effects blame: of each, its candidates with their coefficients in units of scale."""
+        labels, out = (
+            {c.label: k for k, c in enumerate(self.candidates)},
+            defaultdict[EffectAtPlace, dict[int, Array]](dict),
+        )
+        for effect in fit.fitted_effects():
+            amplitudes = np.array(effect.amplitudes) / [c.scale for c in effect.coefficients]
+            out[effect.at_place][labels[effect.label]] = amplitudes
+        return list(out.values())
 
     def indices(self, chosen: Sequence[int]) -> list[int]:
         """Columns of G of the chosen candidates."""
@@ -159,23 +209,16 @@ class Signatures:
         for rows, block, signature in self.rows(fit, order=order):
             keep = np.flatnonzero(fit.used[rows])
             root = np.sqrt(fit.weights[rows])[keep, None, None]
-            jacobian = block.jacobian[keep][:, :, free] * scale
-            own = signature[keep]
-            parts = [
-                jacobian,
-                own,
-                forms.columns(own, np.arange(len(fit.used))[rows][keep]),
-                block.residual[keep][..., None],
-            ]
-            yield np.concatenate(parts, axis=2) * root
+            jacobian, own = block.jacobian[keep][:, :, free] * scale, signature[keep]
+            bent = forms.columns(own, np.arange(len(fit.used))[rows][keep])
+            yield np.concatenate([jacobian, own, bent, block.residual[keep][..., None]], axis=2) * root
 
     def rows(
         self, fit: Estimate, *, order: NDArray[np.intp] | None = None
     ) -> Iterator[tuple[slice, Block, Array]]:
         """Row ranges with their block and signatures (n, m, width)."""
-        predictor = self._predictor(fit.effects)
+        predictor, x = self._predictor(fit.effects), fit.x
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
-        x = fit.x
         shifts = self._shifts(predictor.model.names, p, predictor.loads(p, x), predictor.states(p, x))
         if order is not None:
             shifts = shifts[order]
@@ -194,18 +237,9 @@ class Signatures:
         out = np.zeros((*jacobian.shape[:2], self.width))
         for columns, (ports, at) in zip(self.columns, self._shifts.layout, strict=True):
             where = [place[port] for port in ports]
-            local = (
-                shifts[:, at]
-                .reshape(len(shifts), columns.stop - columns.start, len(ports))
-                .transpose(0, 2, 1)
-            )
-            out[:, :, columns] = jacobian[:, :, where] @ local
+            local = shifts[:, at].reshape(len(shifts), columns.stop - columns.start, len(ports))
+            out[:, :, columns] = jacobian[:, :, where] @ local.transpose(0, 2, 1)
         return out
-
-
-def _amplitudes(effect: PlacedEffect) -> Array:
-    """(k,) coefficients in units of their scale."""
-    return np.array(effect.amplitudes) / [c.scale for c in effect.coefficients]
 
 
 class _ShiftFunction:

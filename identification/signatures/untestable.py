@@ -1,19 +1,19 @@
-"""What a machine is likely to have and a recording cannot show, and the line or column that would make it testable.
+"""What could not be tested, and why; and what a machine likely has that a recording cannot show, with what would show it.
 
 Nothing is fitted: only what the machine file states and which columns were logged decides. ``catalogue`` tells of every
-effect why it could not be tested; here stand the few that most machines have.
+effect why it could not be tested; the few that most machines have are told with the line or column to add.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy.constants import g
 
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import APPROACH, TEMPERATURE, TIME
-from truepose.models.effects.base import Effect, effects
+from truepose.models.driver import APPROACH, PAYLOAD, TEMPERATURE, TIME, Driver
+from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.machine import Machine
 
 GRAVITY = (0.0, 0.0, -g)
@@ -22,6 +22,14 @@ GRAVITY_LINE = f"gravity: [0, 0, -{g}]"
 HEAT, PLAY, DRIFT = "thermal-expansion", "backlash", "mount-drift"
 RARE = frozenset({"screw-windup"})
 """Effects of weight that few machines have."""
+
+
+@dataclass(frozen=True)
+class Untestable:
+    """An effect whose driver the recording lacks, and which."""
+
+    effect: str
+    why: str
 
 
 @dataclass(frozen=True)
@@ -42,9 +50,9 @@ def _of_weight(machine: Machine) -> list[Missing]:
     """Effects of weight, where the file says too little of it."""
     file = machine.file.path.name if machine.file else "the machine file"
     heavy = replace(machine, gravity=machine.gravity or GRAVITY)
-    kinds = [effect for effect in _catalogue() if effect.needs_load and effect.slug not in RARE]
-    without = [e.slug for e in kinds if not _places(e, machine)]
-    by_gravity = [e.slug for e in kinds if e.slug in without and _places(e, heavy)]
+    kinds = [effect for effect in every_effect() if effect.needs_load and effect.slug not in RARE]
+    without = [e.slug for e in kinds if not places_of(e, machine)]
+    by_gravity = [e.slug for e in kinds if e.slug in without and places_of(e, heavy)]
     by_masses = [slug for slug in without if slug not in by_gravity and _fits(slug, machine)]
     out = []
     if machine.gravity is None and by_gravity:
@@ -67,29 +75,46 @@ def _fits(slug: str, machine: Machine) -> bool:
 def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
     """Effects whose drivers nobody logged."""
     out = []
-    heated = [place[0] for place in _places(effects.get(HEAT, "untestable")(), machine) if place]
+    heated, joints, mounts = (
+        [place[0] for place in places_of(effects.get(slug, "untestable")(), machine)]
+        for slug in (HEAT, PLAY, DRIFT)
+    )
     if heated and not any(recording.driver(f"{TEMPERATURE}.{place}") is not None for place in heated):
-        out.append(
-            Missing(
-                (HEAT,), "no temperature column", f"log `{TEMPERATURE}.air` or `{TEMPERATURE}.{heated[0]}`"
-            )
-        )
-    joints = [place[0] for place in _places(effects.get(PLAY, "untestable")(), machine) if place]
+        add = f"log `{TEMPERATURE}.air` or `{TEMPERATURE}.{heated[0]}`"
+        out.append(Missing((HEAT,), "no temperature column", add))
     if joints and all(recording.driver(f"{APPROACH}.{joint}") is None for joint in joints):
         add = f"log `{APPROACH}.{joints[0]}`, ... (+1 or -1: the direction of the joint's last motion)"
         out.append(Missing((PLAY,), f"no {APPROACH} column", add))
-    if recording.driver(TIME) is None and _places(effects.get(DRIFT, "untestable")(), machine):
+    if mounts and recording.driver(TIME) is None:
         out.append(Missing((DRIFT,), f"no {TIME} column", f"log `{TIME}` (s)"))
     return out
 
 
-def _catalogue() -> list[Effect]:
-    return [effects.get(slug, "untestable")() for slug in effects]
+def why_untestable(placed: PlacedEffect, recording: Recording) -> str | None:
+    """What the recording lacks for a candidate: a driver's column, or a driver that varies. None where nothing."""
+    for name in placed.drivers:
+        values = recording.driver(name)
+        if values is None:
+            return f"no {Driver.of(name).column} column"
+        if name != PAYLOAD and not np.any(values[~recording.validation]):
+            return f"{name} never differs from zero"
+    return None
 
 
-def _places(effect: Effect, machine: Machine) -> Sequence[tuple[str, ...]]:
-    places = [tuple(place) for place in effect.places(machine)]
-    return [place for place in places if effect.screened(machine, place)]
+def unloaded(machine: Machine) -> str:
+    """Why no effect of weight can be tested, and the line that would change it."""
+    if machine.gravity is None:
+        return f"no `gravity:` in the machine file; add `{GRAVITY_LINE}` (m/s^2, in the base's frame)"
+    if not machine.masses:
+        return "no `masses:` in the machine file; state what links and tool weigh"
+    return "its own elastic legs carry the weight"
 
 
-__all__ = ["GRAVITY", "Missing", "missing_inputs"]
+def every_effect() -> list[Effect]:
+    """All of the catalogue."""
+    return [effects.get(slug, "catalogue")() for slug in effects]
+
+
+def places_of(effect: Effect, machine: Machine) -> list[tuple[str, ...]]:
+    """Where a machine may have an effect."""
+    return [tuple(place) for place in effect.places(machine) if effect.screened(machine, tuple(place))]

@@ -88,7 +88,7 @@ def _telling(diagnosis: Diagnosis) -> list[str]:
     return [
         *out,
         diagnosis.alarms["structure"].about if "structure" in diagnosis.alarms else "",
-        diagnosis.structure.driver,
+        diagnosis.structure.about,
     ]
 
 

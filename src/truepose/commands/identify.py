@@ -80,7 +80,7 @@ def calibrate(
     Example: truepose calibrate machine.yaml day1.csv day2.csv -o fit
     """
     with reported(plugin):
-        from truepose.identification.diagnosis.far_rows import far_rows
+        from truepose.identification.diagnosis.outliers import far_rows
         from truepose.identification.fit.calibrate import calibrate as run
         from truepose.identification.fit.tool_pose import calibrated_pose
         from truepose.identification.report.check_words import caution, caution_lines, checked

@@ -14,10 +14,9 @@ from scipy.linalg import null_space
 from scipy.stats import chi2
 
 from support.examples import examples
-from truepose.identification.diagnosis.conflict import conflict_with_tolerances
+from truepose.identification.diagnosis.alarms import conflict_with_tolerances
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
-from truepose.identification.drift.scales import Grid
-from truepose.identification.fit.tolerance_classes import PartClass, inflations, part_classes
+from truepose.identification.fit.tolerance_classes import PartClass, part_classes, widenings
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Linearisation
 
@@ -138,16 +137,14 @@ def test_classes_tell_parts_of_a_leg_apart_and_keep_frames_together() -> None:
 
 def test_inflations_are_whole_kinds_and_single_classes() -> None:
     classes = (PartClass("length", "leg.a"), PartClass("length", "leg.b"), PartClass("angle", "leg.u"))
-    grid = Grid((1.0,), inflations(classes), classes)
-    assert (2.0, 2.0, 4.0) in grid.inflation
-    assert (2.0, 1.0, 1.0) in grid.inflation
-    assert len(set(grid.inflation)) == len(grid.inflation)
-    assert {c.kind for c in classes} == {"length", "angle"}
+    rows, log_prior = widenings(classes)
+    cost = dict(zip(rows, log_prior, strict=True))
+    assert {(2.0, 2.0, 4.0), (2.0, 1.0, 1.0)} <= set(rows) and len(set(rows)) == len(rows)
     # one optimist for all lengths costs what one wrong class costs
-    assert grid.log_prior(1.0, (2.0, 2.0, 1.0)) == pytest.approx(grid.log_prior(1.0, (2.0, 1.0, 1.0)))
+    assert cost[2.0, 2.0, 1.0] == pytest.approx(cost[2.0, 1.0, 1.0])
     # everything off by one factor is one doubt, two kinds by different ones are two
-    assert grid.log_prior(1.0, (2.0, 2.0, 2.0)) == pytest.approx(grid.log_prior(1.0, (2.0, 2.0, 1.0)))
-    assert grid.log_prior(1.0, (2.0, 2.0, 4.0)) < grid.log_prior(1.0, (2.0, 2.0, 2.0))
+    assert cost[2.0, 2.0, 2.0] == pytest.approx(cost[2.0, 2.0, 1.0])
+    assert cost[2.0, 2.0, 4.0] < cost[2.0, 2.0, 2.0]
 
 
 def campaign(n: int, drivers: Mapping[str, Array], validation: NDArray[np.bool_] | None = None) -> Recording:

@@ -176,8 +176,8 @@ def test_alarms_are_uniform_where_nothing_is_missing(bench: Callable[[str, int],
         free = estimate(table.machine, recording, start=before.p, widen=FREE_WIDENING)
         lin = Signatures(table.machine, recording, ()).linearise(before)
         drawn["residual"].append(alarms.residual_alarm(free, recording).p)
-        drawn["prior_conflict"].append(alarms.prior_conflict(lin, 1.0).p)
-        drawn["structure"].append(alarms.structure_alarm(before, recording).alarm.p)
+        drawn["prior_conflict"].append(alarms.conflict_with_tolerances(lin, 1.0).p)
+        drawn["structure"].append(alarms.structure_alarm(before, recording).p)
     for name in ("residual", "structure"):
         assert kstest(drawn[name], "uniform").pvalue > 1e-3, name
     for name, values in drawn.items():  # the smaller of two, doubled, is uniform at its small end only

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
-from truepose.identification.diagnosis.findings import evidence_map, finding, ranked_alternatives
-from truepose.identification.diagnosis.inclusion import Inclusion
-from truepose.identification.diagnosis.naming import Named, Rival, as_named, told_once
-from truepose.identification.diagnosis.remainder import best_shape
+from truepose.identification.diagnosis.findings import best_shape, evidence_map, finding, ranked_alternatives
+from truepose.identification.diagnosis.naming import as_named, told_once
+from truepose.identification.diagnosis.posterior_summary import Inclusion, Named, Rival
 from truepose.identification.diagnosis.result import UNNAMED, Replication
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.signatures.candidates import Catalogue

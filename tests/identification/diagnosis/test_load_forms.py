@@ -22,8 +22,7 @@ from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import form_words
-from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.empirical_forms import empirical_forms
+from truepose.identification.signatures.candidates import catalogue, empirical_forms
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

@@ -14,12 +14,11 @@ import pytest
 
 from support.effect_machines import read_machines
 from support.searched_arm import Case
-from truepose.identification.diagnosis.alarms import Alarm, Structure
-from truepose.identification.diagnosis.inclusion import inclusion
-from truepose.identification.diagnosis.judgement import Judgement
-from truepose.identification.diagnosis.naming import FAMILY, named
+from truepose.identification.diagnosis.alarms import Alarm, misfits
+from truepose.identification.diagnosis.naming import FAMILY, Summary, named
+from truepose.identification.diagnosis.posterior_summary import inclusion
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.summary import Summary, verdict
+from truepose.identification.diagnosis.verdict import verdict
 from truepose.identification.posterior.state import State
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.prior import TOGETHER
@@ -176,17 +175,16 @@ def test_three_joints_that_err_each_in_its_own_size_are_three(tmp_path: Path) ->
 QUIET = Alarm(1.0, 0.5)
 
 
-def judgement(*, residual: Alarm = QUIET, stated: float = 0.5) -> Judgement:
-    alarms = {"residual": residual, "prior_conflict": Alarm(9.0, stated), "structure": QUIET}
-    return Judgement(alarms, Structure(QUIET, "time", 0.3, 0.0))
+def raised(*, residual: Alarm = QUIET, stated: float = 0.5) -> dict[str, Alarm]:
+    return {"residual": residual, "prior_conflict": Alarm(9.0, stated), "structure": QUIET}
 
 
 def test_a_model_fails_by_what_misstated_tolerances_and_sigmas_do_not_explain() -> None:
-    assert not judgement(stated=1e-20).misfits  # tolerances may be stated too small
-    misfit = judgement(residual=Alarm(2.0, 1e-6, "stated sigma"))
-    assert not misfit.misfits  # a sigma that is wrong by less than three
-    assert judgement(residual=Alarm(2.0, 1e-6, "replicates")).misfits
-    assert judgement(residual=Alarm(10.0, 1e-6, "stated sigma")).misfits
+    assert not misfits(raised(stated=1e-20))  # tolerances may be stated too small
+    stated = raised(residual=Alarm(2.0, 1e-6, "stated sigma"))
+    assert not misfits(stated)  # a sigma that is wrong by less than three
+    assert misfits(raised(residual=Alarm(2.0, 1e-6, "replicates")))
+    assert misfits(raised(residual=Alarm(10.0, 1e-6, "stated sigma")))
 
 
 @pytest.mark.parametrize(
@@ -202,4 +200,4 @@ def test_one_rule_gives_the_verdict(named: bool, nameless: float, residual: Alar
     )
     there = nameless > 0.9 or residual.about == "replicates"
     told = "missing-physics" if named else "unknown" if there else "adequate"
-    assert verdict(said, judgement(residual=residual)) == told
+    assert verdict(said, raised(residual=residual)) == told

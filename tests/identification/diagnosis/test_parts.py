@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.alarms import residual_alarm, structure_alarm
-from truepose.identification.diagnosis.remainder import describe
+from truepose.identification.diagnosis.findings import remainder_of_residuals
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.load import load_recording
@@ -104,8 +104,8 @@ def test_what_is_left_is_described_by_its_driver_and_form(case: Case, form: tupl
     error[:, 1] += 2.0 * SHAPES[form](t)
     found = left(case, error)
     structure = structure_alarm(found, recording)
-    assert structure.driver == "q2" or form[1] > 2  # waves are looked for up to two over the range
-    told = describe(found, recording, replace(structure, driver="q2"))
+    assert structure.about == "q2" or form[1] > 2  # waves are looked for up to two over the range
+    told = remainder_of_residuals(found, recording, replace(structure, about="q2"))
     assert (told.form.kind, told.form.cycles, told.form.share) == (*form, structure.share)
     assert told.place == ("q2",) and told.driver == "q2"
     assert told.size_sigma == pytest.approx(float(np.sqrt(found.chi2_per_dof)))
@@ -119,10 +119,10 @@ def test_structure_is_seen_and_shares_what_it_explains(case: Case) -> None:
     for channel in range(plain.shape[1]):
         plain[:, channel] += 2.0 * np.sqrt(2.0) * np.sin(np.pi * t)
     found = structure_alarm(left(case, plain), recording)
-    assert found.alarm.raised and found.alarm.p < 1e-4 and found.driver == found.alarm.about == "q3"
+    assert found.raised and found.p < 1e-4 and found.about == "q3"
     assert 0.6 < found.share < 0.95  # four fifths of the variance
     one, other = (structure_alarm(left(case, scale * plain), recording) for scale in (1.0, 7.0))
-    assert one.alarm.p == pytest.approx(other.alarm.p) and one.share == pytest.approx(other.share)
+    assert one.p == pytest.approx(other.p) and one.share == pytest.approx(other.share)
 
 
 def test_neighbours_in_time_that_agree_are_structure_in_the_order_of_rows(case: Case) -> None:
@@ -132,10 +132,10 @@ def test_neighbours_in_time_that_agree_are_structure_in_the_order_of_rows(case: 
     rank = np.argsort(np.argsort(clocked.time if clocked.time is not None else []))
     slow += np.repeat(np.random.default_rng(8).standard_normal((len(rank) // 5 + 1, 3)), 5, axis=0)[rank]
     found = structure_alarm(left(case, slow), clocked)
-    assert found.alarm.raised and found.driver == "order"
-    told = describe(left(case, slow), clocked, found)
+    assert found.raised and found.about == "order"
+    told = remainder_of_residuals(left(case, slow), clocked, found)
     assert told.form.kind == "order" and told.place == ()
-    assert structure_alarm(left(case, slow), recording).driver != "order"  # in another order nothing agrees
+    assert structure_alarm(left(case, slow), recording).about != "order"  # in another order nothing agrees
 
 
 def test_a_driver_of_few_values_makes_steps(case: Case) -> None:
@@ -144,8 +144,8 @@ def test_a_driver_of_few_values_makes_steps(case: Case) -> None:
     sided = replace(recording, drivers={**recording.drivers, "approach.q1": side})
     error = noise(case, 9, 0.3) + side[:, None]
     structure = structure_alarm(left(case, error), sided)
-    assert structure.driver == "approach.q1"
-    told = describe(left(case, error), sided, structure)
+    assert structure.about == "approach.q1"
+    told = remainder_of_residuals(left(case, error), sided, structure)
     assert told.form.kind == "steps" and told.place == ("q1",)
 
 

@@ -14,9 +14,8 @@ from support.sensor_bench import Bench
 from truepose.identification.diagnosis.alarms import Alarm, replicate_noise
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.outliers import bridges, outlying_rows
-from truepose.identification.drift.scales import Grid
 from truepose.identification.fit.estimate import Estimate, estimate
-from truepose.identification.fit.tolerance_classes import PartClass
+from truepose.identification.prior import noise_log_prior
 from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -71,9 +70,10 @@ def test_the_variance_of_replicates_is_unbiased(fit: Estimate, repeats: tuple[in
     squares, dof = [], 0
     for _ in range(400):
         left_out = rng.normal(0.0, 50.0, (int(pose.max()) + 1, 2))[pose]
-        noise = replicate_noise(leaving(fit, left_out + 3.0 * rng.standard_normal(left_out.shape)), recording)
-        squares.append(noise.scale**2)
-        dof = noise.dof
+        noise, dof = replicate_noise(
+            leaving(fit, left_out + 3.0 * rng.standard_normal(left_out.shape)), recording
+        )
+        squares.append(noise**2)
     assert dof == 2 * (len(pose) - len(np.unique(pose)))
     assert np.mean(squares) == pytest.approx(9.0, abs=4.0 * 9.0 * np.sqrt(2.0 / dof / len(squares)))
 
@@ -87,8 +87,7 @@ def test_an_alarm_without_cause_is_raised_once_in_a_hundred() -> None:
 def test_stated_sigmas_are_right_to_10_per_cent_seven_times_in_ten() -> None:
     """Moments of the prior of the noise's logarithm: 0.7 of a width of 0.1, 0.3 of a width of 0.8."""
     step = np.linspace(-9.0, 9.0, 6001)
-    grid = Grid((), ((1.0,),), (PartClass("length"),))
-    density = np.exp([grid.log_prior(float(k), (1.0,)) for k in np.exp(step)]) / np.sqrt(2 * np.pi)
+    density = np.exp(noise_log_prior(np.exp(step).tolist())) / np.sqrt(2 * np.pi)
     moments = [float(np.sum(density * step**power) * (step[1] - step[0])) for power in (0, 1, 2, 4)]
     expected = (1.0, 0.0, 0.7 * 0.1**2 + 0.3 * 0.8**2, 3.0 * (0.7 * 0.1**4 + 0.3 * 0.8**4))
     np.testing.assert_allclose(moments, expected, rtol=1e-6, atol=1e-9)

@@ -18,15 +18,13 @@ from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.proof import black_box, injected_recovered, linear_test
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem
-from truepose.identification.drift.scales import noise_scales
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.state import State
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.notes import tolerance_notes
-from truepose.identification.signatures.candidates import Catalogue
-from truepose.identification.signatures.empirical_forms import empirical_forms
+from truepose.identification.signatures.candidates import Catalogue, empirical_forms
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
@@ -203,21 +201,7 @@ def test_the_interval_holds_the_ratio_of_a_large_sample() -> None:
     assert (ratio, *interval) == pytest.approx((0.3,) * 3)
 
 
-# -- scales, notes and names ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("rms", [0.2, 1.5, 2.0, 7.0, 90.0])
-@pytest.mark.parametrize("step", [0.3, 0.6, 1.1])
-def test_noise_scales_are_no_farther_apart_than_asked_and_no_closer_than_needed(
-    rms: float, step: float
-) -> None:
-    scales = noise_scales(rms, step)
-    assert scales[:2] == (0.8, 1.0)
-    assert (scales[2], scales[-1]) == pytest.approx((1.35, max(1.7, 1.2 * rms)))
-    gaps = np.diff(np.log(scales[2:]))
-    np.testing.assert_allclose(gaps, gaps[0])
-    assert gaps[0] <= step + 1e-12
-    assert len(gaps) == 1 or gaps[0] * len(gaps) / (len(gaps) - 1) > step
+# -- notes and names ---------------------------------------------------------------------------------
 
 
 def test_tolerances_that_look_too_small_are_named_or_all_at_once() -> None:

@@ -12,11 +12,11 @@ from support.searched_arm import PLAY, ROWS, SCALE, WRONG_SIGN, Case, searched
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
 from truepose.identification.diagnosis import search as searching
-from truepose.identification.diagnosis.alone import flip_inflation, weighed_alone
-from truepose.identification.diagnosis.inclusion import inclusion
-from truepose.identification.diagnosis.model import fitted
-from truepose.identification.diagnosis.naming import Named, named
-from truepose.identification.diagnosis.replication import replications
+from truepose.identification.diagnosis.findings import weighed_alone
+from truepose.identification.diagnosis.naming import named
+from truepose.identification.diagnosis.posterior_summary import Named, inclusion
+from truepose.identification.diagnosis.proof import flip_inflation, replications
+from truepose.identification.diagnosis.refit import fitted
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import Estimate
@@ -59,7 +59,7 @@ def test_what_is_there_is_found_and_nothing_else(both: tuple[Case, Found]) -> No
     assert all(said.places[place] > 0.7 for place in TRUE)
     assert all(said.places[place] + said.places.get(TWINS.get(place, place), 0.0) > 0.9 for place in TRUE)
     assert sum(said.places.get(cause, 0.0) > 0.5 for cause in said.places) == len(TRUE)
-    (likeliest, share), *_ = said.sets
+    likeliest, share = said.sets[0].effects, said.sets[0].probability
     assert set(likeliest) == TRUE and share > 0.1
 
 

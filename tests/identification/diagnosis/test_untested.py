@@ -13,18 +13,17 @@ import pytest
 
 from support.searched_arm import Case
 from truepose.identification.diagnosis.findings import finding
-from truepose.identification.diagnosis.levels import Levels
-from truepose.identification.diagnosis.naming import Named, Rival
+from truepose.identification.diagnosis.naming import summarised
+from truepose.identification.diagnosis.posterior_summary import Named, Rival
+from truepose.identification.diagnosis.result import Levels
+from truepose.identification.diagnosis.rivals import beside_untested, without_untested
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.summary import summarised
-from truepose.identification.diagnosis.untested import beside_untested, without_untested
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.level_words import driver_clauses
 from truepose.identification.report.untestable_words import untestable_lines
-from truepose.identification.signatures.candidates import Untestable
-from truepose.identification.signatures.untestable import GRAVITY
+from truepose.identification.signatures.untestable import GRAVITY, Untestable
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.placed import EffectAtPlace

@@ -16,16 +16,12 @@ import pandas as pd
 import pytest
 from drifting_arm.arm import HOUR, SIGMA, TURN_SIGMA, machine_text, tolerance, write_sequence
 from numpy.typing import NDArray
-from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
 from typer.testing import CliRunner
 
 from support import MACHINES
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.drift.analysis import Drift, drift
-from truepose.identification.drift.movement_evidence import Stack, solve, weigh
-from truepose.identification.drift.scales import Scales
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
 from truepose.models.load import load_machine
@@ -168,39 +164,6 @@ def test_noise_twice_as_large_as_stated_is_no_movement(tmp_path: Path) -> None:
     assert not moved(found)
     assert found.noise == pytest.approx(2.0, rel=0.1)
     assert all(check.holds for check in found.durability.carried if check)
-
-
-def test_evidence_is_that_of_the_dense_gaussian() -> None:
-    """Against covariances written out in full, over the same noise scales, inflations and sizes."""
-    rng = np.random.default_rng(81)
-    sessions, rows, n = 3, 6, 4
-    jacobian, offset = rng.standard_normal((sessions, rows, n)), 2.0 * rng.standard_normal((sessions, rows))
-    weight, inflated = np.array([1.0, 0.5, 1.0, 1.0]), np.array([True, False, True, True])
-    stack = Stack(jacobian, offset, sessions * rows, weight, inflated)
-    points = [Scales(noise, (inflation,), -noise) for noise in (0.8, 2.0) for inflation in (1.0, 3.0)]
-    accepted, candidates = {1: 0.3}, [(0,), (2, 3)]
-    weighed = weigh(stack, [solve(stack, accepted, point) for point in points], candidates)
-
-    between = np.eye(sessions) - 1.0 / sessions
-    stacked = jacobian.reshape(-1, n)
-
-    def dense(point: Scales, moving: Mapping[int, float]) -> float:
-        spread = np.where(inflated, point.inflation[0], 1.0) / weight
-        cov = point.noise**2 * np.eye(len(stacked)) + (stacked * spread**2) @ stacked.T
-        for i, q in moving.items():
-            shown = jacobian[:, :, i]
-            cov += q**2 * np.einsum("ka,kl,lb->kalb", shown, between, shown).reshape(cov.shape)
-        return float(multivariate_normal.logpdf(offset.ravel(), cov=cov)) + point.log_prior
-
-    null = logsumexp([dense(point, accepted) for point in points])
-    for members, gain in zip(candidates, weighed.gain, strict=True):
-        sizes, likely = stack.sizes(members)
-        whole = [
-            dense(point, accepted | dict.fromkeys(members, q)) + log
-            for point in points
-            for q, log in zip(sizes, likely, strict=True)
-        ]
-        assert gain == pytest.approx(logsumexp(whole) - null, abs=1e-8)
 
 
 def test_the_order_of_files_does_not_matter_where_there_is_a_clock(tmp_path: Path) -> None:

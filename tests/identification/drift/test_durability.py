@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,11 +17,8 @@ from scipy import stats
 from support import MACHINES
 from truepose.identification.drift import analysis
 from truepose.identification.drift.durability import Check, durability, fit_when_met, noise_of
-from truepose.identification.drift.movement_evidence import Stack, solve
-from truepose.identification.drift.movement_selection import Candidate, Selection, summed
-from truepose.identification.drift.scales import Scales
+from truepose.identification.drift.movement_posterior import Likeliest, likeliest
 from truepose.identification.drift.sessions import Session, bounded, sessions_of
-from truepose.identification.drift.sizes import movements
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.summary import rms_by_kind
@@ -187,55 +185,7 @@ def test_a_check_is_that_of_the_gaussian_of_all_readings(
             assert expected[kind] == pytest.approx(size, rel=1e-6)
 
 
-# -- movements -------------------------------------------------------------------------------------------
-
-SESSIONS, ROWS = 4, 9
-PRIOR = Prior(("a", "b"), np.zeros(2), np.ones(2), np.array([0.5, 2.0]), ("length", "length"))
-POINT = Scales(1.0, (1.0,), 0.0)
-
-
-def stack(unseen: tuple[int, ...] = ()) -> Stack:
-    """Sessions seen at random, ``unseen`` of which say nothing of the first parameter."""
-    rng = np.random.default_rng(5)
-    jacobian = rng.standard_normal((SESSIONS, ROWS, 2))
-    jacobian[list(unseen), :, 0] = 0.0
-    offset = rng.standard_normal((SESSIONS, ROWS)) - 5.0 * jacobian[:, :, 1] * np.arange(SESSIONS)[:, None]
-    return Stack(jacobian, offset, SESSIONS * ROWS, np.ones(2), np.zeros(2, dtype=bool))
-
-
-@pytest.mark.parametrize(("unseen", "hidden"), [((1, 2), False), ((2, 3), True), ((0, 1), True)])
-def test_a_movement_is_hidden_where_first_or_last_cannot_be_told(
-    unseen: tuple[int, ...], hidden: bool
-) -> None:
-    """What sessions between do not see of a parameter hides nothing of its way from the first to the last."""
-    seen = stack(unseen)
-    found = Selection(
-        {1: 3.0},
-        np.zeros(2),
-        np.array([-3.0, 9.0]),
-        {1: {}},
-        (solve(seen, {1: 3.0}, POINT),),
-        0.0,
-        np.zeros(2, dtype=bool),
-    )
-    still, moved = movements(seen, found, PRIOR, {"a": "mm", "b": "mm"}, None)
-    assert bool(np.isinf(still.hidden)) is hidden
-    assert still.status == ("unseen" if hidden else "still")
-    assert moved.status == "moved" and moved.hidden == 0.0
-    if not hidden:
-        assert 0.05 < still.hidden < 1.0  # of its step of half a mm
-
-
-def test_a_movement_pays_for_being_one_of_many_unless_its_group_moves() -> None:
-    """Prior odds are one over all candidates; a member whose frame has another that moves is as likely as not."""
-    candidates = [Candidate("frame", (0, 1), True), Candidate("a", (0,), True), Candidate("b", (1,), True)]
-    seen, odds = stack(), -np.log(3.0)
-    for accepted, expected in (({1: 3.0}, (odds, odds)), ({0: 3.0, 1: 3.0}, (0.0, 0.0))):
-        found = summed(seen, accepted, candidates, [POINT])
-        np.testing.assert_allclose(found.log_odds - found.gain, expected, atol=1e-9)
-        assert found.accepted == accepted and set(found.alike) == set(accepted)
-    apart = summed(seen, {0: 3.0, 1: 3.0}, candidates[1:], [POINT])
-    np.testing.assert_allclose(apart.log_odds - apart.gain, -np.log(2.0), atol=1e-9)
+# -- the joint fit ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("noise", [0.5, 10.0])
@@ -244,25 +194,25 @@ def test_the_joint_fit_rests_when_no_sessions_readings_change_by_a_tenth_of_thei
     moved: Met, monkeypatch: pytest.MonkeyPatch, noise: float, share: float
 ) -> None:
     """Of the noise that was found, not of the stated one. Parameters start far away, then one session's walk on."""
-    n = len(moved.prior.free)
     places = np.tile(moved.prior.mean, (2, 1))
     rounds: list[float] = []
+    found = likeliest
 
-    def chosen(stack: Stack, *_: object) -> Selection:
-        none = np.zeros(n)
-        states = (solve(stack, {}, Scales(noise, (1.0,), 0.0)),)
-        return Selection({}, none, none, {}, states, 0.0, np.zeros(n, dtype=bool))
-
-    def walk(stack: Stack, found: Selection, prior: Prior) -> Array:
+    def walk(top: Likeliest, prior: Prior) -> Array:
         if rounds:
-            shown = float(np.linalg.norm(stack.jacobian[1, :, 0]))
+            shown = float(np.linalg.norm(top.stack.jacobian[1, :, 0]))
             places[1, prior.free[0]] += share * noise / shown * prior.scale[prior.free[0]]
-        rounds.append(found.noise)
+        rounds.append(top.noise)
         return places.copy()
 
-    monkeypatch.setattr(analysis, "select", chosen)
+    def said(*given: Any) -> Likeliest:
+        top = found(*given)
+        top.__dict__["noise"] = noise
+        return top
+
+    monkeypatch.setattr(analysis, "likeliest", said)
     monkeypatch.setattr(analysis, "joint_parameters", walk)
     machine = moved.sessions[0].predictor.machine
-    _, _, settled = analysis.joint_selection(machine, moved.sessions, moved.fits, moved.prior, lambda _: None)
+    _, settled = analysis.joint_fit(machine, moved.sessions, moved.fits, moved.prior, lambda _: None)
     assert settled is (share < 0.1)
     assert rounds == pytest.approx([noise] * (2 if settled else analysis.ROUNDS))

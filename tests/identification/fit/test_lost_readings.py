@@ -178,9 +178,9 @@ def test_replicates_count_what_was_read(tmp_path: Path) -> None:
     rows = _rows(machine, 12)
     rows = pd.concat([rows] * 2, ignore_index=True).assign(pose=[*range(12)] * 2)
     fit = estimate(machine, lost := truepose.load_recording(machine, _without(rows, [(0, "x"), (13, "y")])))
-    noise = replicate_noise(fit, lost)
-    assert noise.dof == 12 * 3 - 2
-    assert noise.scale == 0.0  # the same readings twice
+    noise, dof = replicate_noise(fit, lost)
+    assert dof == 12 * 3 - 2
+    assert noise == 0.0  # the same readings twice
 
 
 def test_a_frame_nobody_measured_is_found_without_them(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def test_what_is_left_out_again_was_never_there(point: GridPoint, seed: int) -> 
     for one, other in zip(every(dense, found), every(dense, exact), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-6)
     assert found.log_evidence == pytest.approx(exact.log_evidence, abs=1e-6)
-    gains = [log_gains(m, SIZES, np.ones(len(TERMS), dtype=bool)) for m in (found, exact)]
+    gains = [log_gains([m], SIZES)[0] for m in (found, exact)]
     np.testing.assert_allclose(gains[0], gains[1], atol=1e-5)
     more = [m.including(columns[out], sizes[out]).log_evidence for m in (found, exact)]
     assert more[0] == pytest.approx(more[1], abs=1e-6)
@@ -151,7 +151,7 @@ def test_what_has_no_prior_may_be_anything(point: GridPoint, add: float) -> None
     one, other = start(dense, point), start(moved, point)
     np.testing.assert_allclose(other.score, one.score, atol=1e-9 * abs(add) + 1e-8)
     assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-10 * add**2 + 1e-6)
-    gains = [log_gains(m, SIZES, np.ones(len(TERMS), dtype=bool)) for m in (one, other)]
+    gains = [log_gains([m], SIZES)[0] for m in (one, other)]
     np.testing.assert_allclose(gains[1], gains[0], atol=1e-8 * abs(add) + 1e-7)
 
 
@@ -162,7 +162,7 @@ def test_a_term_that_is_a_column_without_a_prior_is_never_seen() -> None:
     g[:, 0] = 7.0 * dense.a[:, flat]
     hidden = replace(dense, g=g)
     assert hidden.design.seen.tolist() == [False] + [True] * (WIDTH - 1)
-    found = log_gains(start(hidden, POINTS[0]), SIZES, np.ones(len(TERMS), dtype=bool))
+    found = log_gains([start(hidden, POINTS[0])], SIZES)[0]
     np.testing.assert_allclose(found[:, 0], 0.0, atol=1e-9)  # as likely with it as without
 
 
@@ -175,7 +175,7 @@ def test_a_term_that_is_a_column_without_a_prior_is_never_seen() -> None:
 def test_gains_are_the_log_bayes_factors_of_terms_of_any_width(point: GridPoint, seed: int) -> None:
     """Columns that fill a term up to a common width count for nothing."""
     dense = random_problem(seed)
-    found = log_gains(start(dense, point), SIZES, np.ones(len(TERMS), dtype=bool))
+    found = log_gains([start(dense, point)], SIZES)[0]
     null = dense.log_evidence(point)
     for k, own in enumerate(TERMS.columns):
         for s, size in enumerate(SIZES.values):
@@ -183,14 +183,14 @@ def test_gains_are_the_log_bayes_factors_of_terms_of_any_width(point: GridPoint,
             assert found[s, k] == pytest.approx(gain, abs=1e-6)
 
 
-def test_terms_that_are_not_asked_for_weigh_nothing() -> None:
+def test_points_weighed_at_once_are_weighed_as_one_by_one() -> None:
+    """A root, and what is left beside columns that were taken in."""
     dense = random_problem(1)
-    root = start(dense, POINTS[0])
-    whole = log_gains(root, SIZES, np.ones(len(TERMS), dtype=bool))
-    wanted = np.array([True, False, False, True])
-    some = log_gains(start(dense, POINTS[0]), SIZES, wanted)
-    np.testing.assert_allclose(some[:, wanted], whole[:, wanted])
-    assert np.all(some[:, ~wanted] == -np.inf)
+    every = [start(dense, point) for point in POINTS]
+    every.append(every[0].including(np.array([1, 2]), np.array([0.7, 2.0])))
+    found = log_gains(every, SIZES)
+    for one, own in zip(every, found, strict=True):
+        np.testing.assert_allclose(log_gains([one], SIZES)[0], own, rtol=1e-12)
 
 
 @seeds
@@ -202,7 +202,7 @@ def test_a_sign_is_worth_its_chance_and_at_most_a_factor_of_two(seed: int) -> No
     terms = Terms([free, *bounded], single(1, 1, 1).urn)
     sizes = Sizes(np.array([0.3, 1.0]), np.log([0.5, 0.5]))
     root = start(dense, POINTS[0], terms)
-    found = log_gains(root, sizes, np.ones(3, dtype=bool))
+    found = log_gains([root], sizes)[0]
     worth = found[:, 1] - found[:, 0]
     assert np.all(worth <= np.log(2.0) + 1e-9)
     for s, size in enumerate(sizes.values):

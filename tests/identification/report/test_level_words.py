@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from truepose.identification.diagnosis.levels import Levels
-from truepose.identification.diagnosis.result import Alternative, Finding, Lead
+from truepose.identification.diagnosis.result import Alternative, Finding, Lead, Levels
 from truepose.identification.report.level_words import (
     driver_clauses,
     known_words,
@@ -36,7 +35,6 @@ def finding(
         equivalents=equivalents,
         parameters={},
         settings=({},),
-        prior_dependent=False,
         flip_lambda=None,
         explanation="",
         experiment="",

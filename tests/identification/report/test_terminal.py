@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from support.examples import examples
 from support.told_diagnoses import diagnosis, finding
-from truepose.identification.diagnosis.levels import Levels
 from truepose.identification.diagnosis.result import (
     Alternative,
     Applied,
@@ -21,6 +20,7 @@ from truepose.identification.diagnosis.result import (
     Finding,
     Form,
     Lead,
+    Levels,
     PoseError,
     Quantity,
     Remainder,
@@ -57,7 +57,6 @@ def findings(draw: st.DrawFn) -> Finding:
         equivalents=tuple(rivals),
         parameters={f"{'ab'[k % 2]}{k // 2 + 1}": Quantity(1e-4 * k, 1e-5, "rad") for k in range(count)},
         settings=({},),
-        prior_dependent=False,
         flip_lambda=None,
         explanation=draw(WORDS),
         experiment=draw(WORDS),

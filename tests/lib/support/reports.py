@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from truepose.identification.diagnosis.alarms import Alarm, Structure
+from truepose.identification.diagnosis.alarms import Alarm
 from truepose.identification.diagnosis.result import (
     Alternative,
     BlockProof,
@@ -25,7 +25,7 @@ from truepose.identification.fit.estimate import Estimate, prior_of
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.candidates import Untestable
+from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -117,7 +117,6 @@ def gear_finding() -> Finding:
         equivalents=(Alternative("encoder-eccentricity", ("q1",), 0.06, 117.5, "turn the disc"),),
         parameters={"a": Quantity(3e-4, 1e-5, "rad"), "b": Quantity(-1e-4, NAN, "rad")},
         settings=({"order": 2.0},),
-        prior_dependent=True,
         flip_lambda=3.0,
         explanation="The gear of joint q1 turns unevenly.",
         experiment="sweep q1 alone",
@@ -133,7 +132,7 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
     recording = recorded(machine)
     term = gear(machine)
     before = fitted(machine, recording, away=4.0)
-    structure = Structure(Alarm(0.4, 0.5, "q2"), "q2", 0.4, 0.1)
+    structure = Alarm(0.4, 0.5, "q2", share=0.1)
     found = Diagnosis(
         machine=machine,
         recording=recording,
@@ -142,10 +141,9 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
         alarms={
             "residual": Alarm(1.02, 0.4, "replicates"),
             "prior_conflict": Alarm(214.0, 1e-9, "tolerances"),
-            "structure": structure.alarm,
+            "structure": structure,
         },
-        alarms_after={"residual": Alarm(1.0, 0.5, "replicates")},
-        structure=structure,
+        alarms_after={"residual": Alarm(1.0, 0.5, "replicates"), "structure": structure},
         findings=(gear_finding(),),
         remainder=None,
         candidates=(

@@ -25,7 +25,6 @@ def finding(probability: float, parameters: int) -> Finding:
         ),
         parameters={f"a{k}": Quantity(1.5 * k, 0.01, "mm" if k else "1") for k in range(parameters)},
         settings=({},),
-        prior_dependent=False,
         flip_lambda=None,
         explanation="They have play.",
         experiment="",
@@ -47,7 +46,7 @@ def diagnosis(verdict: str, *findings: Finding, **others: object) -> Diagnosis:
         "proof": None,
         "disagreement": 0.0,
         "noise": 1.0,
-        "structure": SimpleNamespace(alarm=Alarm(0.1, 0.5)),
+        "structure": Alarm(0.1, 0.5),
     }
     quiet |= {
         "missing": (),

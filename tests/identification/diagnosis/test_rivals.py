@@ -12,8 +12,8 @@ import pytest
 
 from support.searched_arm import PLAY, SCALE, Case, searched
 from truepose.identification import prior
-from truepose.identification.diagnosis import likeness
-from truepose.identification.diagnosis.likeness import forms_hold
+from truepose.identification.diagnosis import rivals
+from truepose.identification.diagnosis.rivals import forms_hold
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
@@ -82,7 +82,7 @@ def modulated(folder: Path, share: float, along: str = "q1", reach: float = 160.
 def test_the_more_a_formula_is_bent_the_less_its_name_holds() -> None:
     """A mild bend is what formulas err by anyway; one that carries half of the signal speaks for another thing."""
     nothing = np.full((12, 3), -3.0)
-    said = [likeness.held_probability(nothing, 0.5, bent) for bent in (0.0, 0.1, 0.2, 0.4, 0.8)]
+    said = [rivals.held_probability(nothing, 0.5, bent) for bent in (0.0, 0.1, 0.2, 0.4, 0.8)]
     assert said[0] > 0.9 and said[1] > 0.9
     assert all(more > less for more, less in pairwise(said[1:]))
     assert said[3] < 0.5

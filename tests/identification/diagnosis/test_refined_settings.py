@@ -13,13 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.search import PARTS, refined
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.identification.signatures.linearisation import Signatures
-from truepose.identification.signatures.refine import BETWEEN, refined
 from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -124,7 +124,9 @@ def test_values_between_a_setting_and_its_neighbours_become_candidates(searched:
             for v in (grid[max(grid.index(own) - 1, 0)], grid[min(grid.index(own) + 1, len(grid) - 1)])
             if v != own
         ]
-        expected = [float(f"{own + share * (v - own):.3g}") for v in near for share in BETWEEN]
+        expected = [
+            float(f"{own + share * (v - own):.3g}") for v in near for share in np.arange(1, PARTS) / PARTS
+        ]
         assert searched.lags(new, len(old.candidates)) == pytest.approx(expected)
         assert {c.place for c in new.candidates[len(old.candidates) :]} == {("link2",)}
         again = refined(searched.machine, new, [searched.index(own)])

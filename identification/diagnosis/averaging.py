@@ -18,6 +18,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.diagnosis.posterior_summary import LEADING
+from truepose.identification.diagnosis.refit import FEW
 from truepose.identification.diagnosis.search import Found, chosen, start_from
 from truepose.identification.fit.bounded import coefficient_bounds
 from truepose.identification.fit.estimate import Estimate, result
@@ -29,16 +31,12 @@ from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]
-OPEN = 0.1
-"""Probability from which on a candidate outside the likeliest set has a part in predictions."""
-FEW = 40
-"""Most of these."""
 ENOUGH = 0.1
 """Share of the states without anything rare from which on these alone speak."""
 STATES, STATES_OF_LONG = 100, 12
 """States that the mixture is made of, and so many where a set has many columns."""
-PARTS = (1.0, 0.5, 0.25, 0.125, 0.0)
-"""Of the way to the mean, tried one after another."""
+HALVINGS = 3
+"""How often the way to the mean is halved before it is not gone at all."""
 WORSE = 0.1
 """Share by which chi2 of the fitted rows may rise at the mean over sets; beyond it the linear mean is too far away."""
 
@@ -79,7 +77,7 @@ def _open(found: Found, held: Collection[int]) -> dict[int, float]:
             share[i] += weight
             spread[i] = max(spread[i], size)
     named = [i for i in share if found.catalogue.named(i) and i not in gone]
-    wanted = sorted((i for i in named if i not in held and share[i] >= OPEN), key=lambda i: -share[i])
+    wanted = sorted((i for i in named if i not in held and share[i] >= LEADING), key=lambda i: -share[i])
     return {i: spread[i] for i in wanted[:FEW]}
 
 
@@ -131,15 +129,13 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
 
     What is rare may stand in for what is not: a state is better left out than robbed of it.
     """
-    candidates = found.problem.candidates
+    every = [(_kept(found, state, kept), share) for state, share in found.posterior.states]
     whole = [
-        (_kept(found, state, kept), share)
-        for state, share in found.posterior.states
-        if all(candidates[term] in kept for term, _ in state.members)
+        one
+        for one, (state, _) in zip(every, found.posterior.states, strict=True)
+        if len(one[0].members) == len(state.members)
     ]
-    if sum(share for _, share in whole) >= ENOUGH:
-        return whole
-    return [(_kept(found, state, kept), share) for state, share in found.posterior.states]
+    return whole if sum(share for _, share in whole) >= ENOUGH else every
 
 
 def _kept(found: Found, state: State, kept: Collection[int]) -> State:
@@ -157,9 +153,8 @@ def _turn(found: Found, kept: Sequence[int]) -> Array:
     out = np.zeros((lin.free + len(columns), design.n + design.width))
     out[: lin.free, : lin.free] = np.eye(lin.free)
     stated = {column: lin.free + k for k, column in enumerate(lin.indices(found.catalogue.stated))}
-    forms = (
-        {int(column): k for k, column in enumerate(problem.nameless)} if found.mode.point.remainder else {}
-    )
+    columns_of_forms = problem.nameless.tolist() if found.mode.point.remainder else []
+    forms = {column: k for k, column in enumerate(columns_of_forms)}
     for row, column in enumerate(columns, start=lin.free):
         out[row, stated.get(column, design.n + column)] = 1.0
         if column in forms:
@@ -182,7 +177,7 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
     prior, unit = _prior(likeliest, terms), prior_of(machine, terms).scale
     at, start = prior.free, start_from(likeliest, terms)
     mixture = mixture.of(_free(prior, len(machine.parameters)))
-    for part in PARTS:
+    for part in (*0.5 ** np.arange(HALVINGS + 1), 0.0):
         p = start.copy()
         p[at] += unit[at] * part * mixture.shift
         p = np.clip(p, *coefficient_bounds(machine, terms))

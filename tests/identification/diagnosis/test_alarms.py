@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from support.sensor_bench import Bench
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import alarms, engine
-from truepose.identification.diagnosis.conflict import conflict_with_tolerances
+from truepose.identification.diagnosis.alarms import alarms_of, conflict_with_tolerances, misfits
 from truepose.identification.diagnosis.holdout import ratio_interval
-from truepose.identification.diagnosis.judgement import judged
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.candidates import why_untestable
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.untestable import why_untestable
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]
@@ -52,9 +51,9 @@ def test_tolerances_are_judged_at_the_noise_of_the_ordinary_fit_and_never_below_
     case: Case, noise: float
 ) -> None:
     fit, recording, lin = case
-    found = judged(leaving(fit, noise**2), fit, lin, recording)
+    found = alarms_of(leaving(fit, noise**2), fit, lin, recording)
     expected = conflict_with_tolerances(lin, max(noise, 1.0))
-    conflict = found.alarms["prior_conflict"]
+    conflict = found["prior_conflict"]
     assert (conflict.statistic, conflict.p) == pytest.approx((expected.statistic, expected.p))
     # the noise tells: at another one the statistic is another
     other = conflict_with_tolerances(lin, 1.1 * max(noise, 1.0))
@@ -64,16 +63,16 @@ def test_tolerances_are_judged_at_the_noise_of_the_ordinary_fit_and_never_below_
 def test_a_conflict_with_tolerances_alone_is_no_misfit(case: Case) -> None:
     fit, recording, lin = case
     far = replace(lin, departure=30.0 * np.ones(len(lin.departure)))
-    found = judged(fit, fit, far, recording)
-    assert found.alarms["prior_conflict"].p < 1e-3
-    assert not found.misfits
+    found = alarms_of(fit, fit, far, recording)
+    assert found["prior_conflict"].p < 1e-3
+    assert not misfits(found)
 
 
 def test_a_misfit_of_the_ordinary_fit_counts_beyond_what_a_misstated_sigma_would_make(case: Case) -> None:
     fit, recording, lin = case
     for chi2, seen, failed in ((1.0, False, False), (2.0, True, False), (16.0, True, True)):
-        found = judged(leaving(fit, chi2), leaving(fit, 1.0), lin, recording)
-        assert (found.alarms["residual"].p < 1e-3, found.misfits) == (seen, failed)
+        found = alarms_of(leaving(fit, chi2), leaving(fit, 1.0), lin, recording)
+        assert (found["residual"].p < 1e-3, misfits(found)) == (seen, failed)
 
 
 def test_a_conflict_with_tolerances_does_not_hang_on_where_the_fit_stands() -> None:

@@ -1,4 +1,4 @@
-"""Laws of a search by steps, and of how tolerances may be misstated: their classes, their widenings, what each costs."""
+"""Laws of how tolerances may be misstated: their classes, their widenings, what each costs."""
 
 from __future__ import annotations
 
@@ -7,50 +7,14 @@ import itertools
 import numpy as np
 import pytest
 
-from truepose.identification.drift.forward import MAX_TERMS, Accepted, select_forward
-from truepose.identification.drift.scales import Grid
-from truepose.identification.fit.tolerance_classes import FEW, PartClass, inflations, part_classes
-
-# -- steps ---------------------------------------------------------------------------------------------------
-
-
-def test_a_search_adds_until_nothing_is_worth_it_and_reviews_each_step() -> None:
-    """The review hears of every step whether something was added; the last one, without an addition, is the end."""
-    heard: list[tuple[list[int], bool]] = []
-
-    def add(current: Accepted) -> Accepted:
-        worth = [k for k in (3, 1, 4) if k not in current]
-        return {**current, worth[0]: 1.0} if worth else current
-
-    def review(current: Accepted, added: bool) -> Accepted:
-        heard.append((list(current), added))
-        assert len(heard) < 20
-        return current
-
-    assert list(select_forward({9: 2.0}, add, review)) == [9, 3, 1, 4]
-    assert heard == [([9, 3], True), ([9, 3, 1], True), ([9, 3, 1, 4], True), ([9, 3, 1, 4], False)]
-
-
-def test_a_search_that_goes_in_a_circle_ends_where_it_was_before() -> None:
-    """One step puts in what the next takes out again."""
-    steps: list[int] = []
-
-    def turn(current: Accepted) -> Accepted:
-        steps.append(1)
-        assert len(steps) < 20
-        return {(next(iter(current)) + 1) % 3: 1.0}
-
-    assert select_forward({0: 1.0}, turn, lambda current, _: current) == {0: 1.0}
-    assert len(steps) == 3
-
-
-def test_a_search_for_ever_more_ends_at_the_most_terms() -> None:
-    found = select_forward({}, lambda current: {**current, len(current): 1.0}, lambda current, _: current)
-    assert len(found) == MAX_TERMS
-    assert select_forward(found, lambda _: {}, lambda _, __: {}) == found
-
-
-# -- grids and their prior -----------------------------------------------------------------------------------
+from truepose.identification.fit.tolerance_classes import (
+    FEW,
+    PartClass,
+    inflations,
+    part_classes,
+    tolerance_cost,
+    widenings,
+)
 
 LENGTHS = tuple(PartClass("length", f"leg.{part}") for part in ("a", "b", "r"))
 CLASSES = (
@@ -80,14 +44,12 @@ def test_misstated_tolerances_cost_the_shortest_story_of_who_was_wrong(
     doubt: tuple[int, ...], cost: float
 ) -> None:
     """In steps of 0.6 of the log: (steps)^2 / 2 for all parts, for a kind beside them, for a class beside its kind."""
-    grid = Grid((), (), CLASSES)
     wrong = np.exp(0.6 * np.array(doubt)).tolist()
-    found = grid.log_prior(1.0, (1.0,) * 6) - grid.log_prior(1.0, wrong)
-    assert found == pytest.approx(cost, abs=1e-12)
+    assert tolerance_cost((1.0,) * 6, CLASSES) == 0.0
+    assert tolerance_cost(wrong, CLASSES) == pytest.approx(cost, abs=1e-12)
     for order in ((5, 4, 3, 2, 1, 0), (3, 0, 5, 1, 4, 2), (1, 5, 0, 4, 2, 3)):
-        turned = Grid((), (), tuple(CLASSES[k] for k in order))
-        again = turned.log_prior(1.0, [wrong[k] for k in order])
-        assert again == pytest.approx(grid.log_prior(1.0, wrong), abs=1e-12)
+        again = tolerance_cost([wrong[k] for k in order], [CLASSES[k] for k in order])
+        assert again == pytest.approx(cost, abs=1e-12)
 
 
 KINDS = ("length", "angle", "frame", "gain")
@@ -114,6 +76,9 @@ def test_tolerances_are_widened_by_kind_all_at_once_and_class_by_class(present: 
     found = inflations(classes)
     assert found[0] == (1.0,) * len(classes)
     assert len(found) == len(set(found)) and set(found) == expected
+    rows, log_prior = widenings(classes)
+    assert rows[0] == found[0] and set(rows) == expected | {(0.5,) * len(classes)}  # or all too cautious
+    assert log_prior == pytest.approx([-tolerance_cost(row, classes) for row in rows])
 
 
 @pytest.mark.parametrize("count", [FEW - 1, FEW])

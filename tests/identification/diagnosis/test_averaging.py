@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from support.linear_problems import SIZES, random_problem, single
 from support.searched_arm import PLAY, SCALE, searched
-from truepose.identification.diagnosis import average
-from truepose.identification.diagnosis.average import OPEN, WORSE, averaged
-from truepose.identification.diagnosis.model import fitted
+from truepose.identification.diagnosis import averaging
+from truepose.identification.diagnosis.averaging import WORSE, averaged
+from truepose.identification.diagnosis.posterior_summary import LEADING
+from truepose.identification.diagnosis.refit import fitted
 from truepose.identification.diagnosis.search import Found, chosen
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import GridPoint
@@ -109,7 +110,7 @@ def test_what_is_open_has_its_share_of_the_amplitude_and_the_rest_in_its_sigma(
     label = found.catalogue.candidates[found.problem.candidates[term]].label
     p = 0.7
     monkeypatch.setattr(
-        average, "WORSE", np.inf
+        averaging, "WORSE", np.inf
     )  # readings would contradict the mean: both states are far apart
     sure = averaged(holding(found, (found.mode, 1.0)), likeliest)
     mixed = averaged(holding(found, (found.mode, p), (without(found.mode, term), 1.0 - p)), likeliest)
@@ -120,13 +121,13 @@ def test_what_is_open_has_its_share_of_the_amplitude_and_the_rest_in_its_sigma(
 
 
 def test_rare_ones_have_no_part(found: Found, likeliest: Estimate) -> None:
-    """Below ``OPEN`` a candidate beside the likeliest set is left out, and geometry does not move for it."""
+    """Below ``LEADING`` a candidate beside the likeliest set is left out, and geometry does not move for it."""
     used = {term for term, _ in found.mode.members}
     term = next(k for k in range(len(found.problem.candidates)) if k not in used)
     more = replace(found.mode, members=(*found.mode.members, (term, 0)))
-    rare = averaged(holding(found, (found.mode, 1.0 - OPEN / 2), (more, OPEN / 2)), likeliest)
+    rare = averaged(holding(found, (found.mode, 1.0 - LEADING / 2), (more, LEADING / 2)), likeliest)
     np.testing.assert_allclose(rare.p, likeliest.p, rtol=0, atol=1e-12)
-    often = averaged(holding(found, (found.mode, 1.0 - 2 * OPEN), (more, 2 * OPEN)), likeliest)
+    often = averaged(holding(found, (found.mode, 1.0 - 2 * LEADING), (more, 2 * LEADING)), likeliest)
     assert len(often.effects) > len(rare.effects) == len(likeliest.effects)
 
 
@@ -161,5 +162,5 @@ def test_in_a_diagnosis_sure_things_stay(found: Found, likeliest: Estimate) -> N
             for state, share in found.posterior.states
             if any(found.catalogue.candidates[i].place == place for i in chosen(found.problem, state))
         ]
-        assert sum(held) >= OPEN
+        assert sum(held) >= LEADING
     assert after.chi2 <= (1.0 + WORSE) * likeliest.chi2

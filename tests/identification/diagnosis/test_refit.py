@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from support.searched_arm import ARM, PLAY, SCALE, WRONG_SIGN, Case, searched
 from truepose.errors import InputError
-from truepose.identification.diagnosis.applied import Choice, Model, chosen_model, refit
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.holdout import Comparison, held_out_blocks
+from truepose.identification.diagnosis.holdout import Comparison
+from truepose.identification.diagnosis.refit import Choice, Model, chosen_model, refit
 from truepose.identification.diagnosis.result import WHOLE, Applied, BlockProof, PoseError
 from truepose.identification.fit.bounded import beyond, coefficient_bounds, within_bounds
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -132,7 +132,7 @@ def test_a_volume_warps_by_no_more_than_its_makers_sigma(tmp_path: Path) -> None
 
 def comparison(ratio: float, pose: float) -> Comparison:
     ones = np.ones(10)
-    return Comparison("role", ones, ratio**2 * ones, (), (1.0, pose))
+    return Comparison("role", ones, ratio**2 * ones, (), PoseError(1.0, pose))
 
 
 @pytest.mark.parametrize(
@@ -178,8 +178,7 @@ def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
     everything = refit(found, dict.fromkeys((play, line, warp), 1.0), (), case.exclude)
     names = refit(found, {play: 1.0}, (), case.exclude)
     assert everything is not None and names is not None
-    split = held_out_blocks(case.signatures.recording, case.null.used)
-    choice = Choice.of(found, case.null, case.exclude, split, ())
+    choice = Choice.of(found, case.null, case.exclude, ())
     monkeypatch.setattr(Choice, "strays", lambda *_: False)
     good, bad = comparison(0.5, 0.5), comparison(0.5, 2.0)
 

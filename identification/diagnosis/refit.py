@@ -1,0 +1,263 @@
+"""The likeliest set, what has no name included, fitted without linearisation; and what of it may be applied.
+
+A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
+models are tried in turn: all that was found, less what the sensor is said to do and may not, names alone, sure names
+alone. The first whose held-out readings and tool's position are no worse than plain calibration's is applied; without
+one, plain calibration is. Forms without a name must make nothing worse at the ends of what was seen either (outermost poses,
+heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import accumulate
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import ConvergenceError
+from truepose.identification.diagnosis.holdout import (
+    VALIDATION,
+    Block,
+    Comparison,
+    Trial,
+    held_out_blocks,
+    trial,
+)
+from truepose.identification.diagnosis.result import WHOLE
+from truepose.identification.diagnosis.search import Found, start_from
+from truepose.identification.fit.bounded import within_bounds
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.fit.summary import worst_allowed
+from truepose.identification.fit.tolerance_classes import part_classes
+from truepose.identification.posterior.moments import moments
+from truepose.models.effects.base import PlacedEffect
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Split = tuple[str, list[Block]]
+WORTH = 0.95
+"""Share of the remainder's signal that the forms which are carried hold; the others are left to the noise."""
+FEW = 40
+"""Most forms of the remainder that are carried, and most candidates that a mean over sets has beside the likeliest one."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A form of the remainder: index of its candidate, prior 1-sigma of each coefficient in its scale, share of the signal."""
+
+    candidate: int
+    sigma: Array
+    share: float
+
+
+def remainder_shapes(found: Found) -> tuple[Shape, ...]:
+    """The forms that make most of the remainder of the mode, the largest first; none where it has none."""
+    problem, mode = found.problem, found.mode
+    tau = problem.spike_slab.unknowns.size.values[mode.point.remainder]
+    if tau == 0.0 or not problem.remainder.size:
+        return ()
+    known, always = moments(problem.spike_slab, mode), problem.spike_slab.design.always
+    coefficients = problem.remainder @ known.mean[: len(always.sigma)][always.remainder]
+    sigma = tau * np.sqrt(np.sum(problem.remainder**2, axis=1))
+    lin, cat, at, shapes = found.linearisation, found.catalogue, 0, list[Shape]()
+    for i in cat.smooth:
+        part = slice(at, at := at + len(cat.candidates[i].coefficients))
+        columns = lin.free + problem.nameless[part]
+        signal = float(coefficients[part] @ lin.gram[np.ix_(columns, columns)] @ coefficients[part])
+        shapes.append(Shape(i, sigma[part], signal))
+    total = sum(s.share for s in shapes)
+    if total <= 0.0:
+        return ()
+    ranked = sorted((replace(s, share=s.share / total) for s in shapes), key=lambda s: -s.share)[:FEW]
+    before = accumulate((s.share for s in ranked), initial=0.0)
+    return tuple(shape for shape, carried in zip(ranked, before, strict=False) if carried <= WORTH)
+
+
+def fitted(
+    found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask
+) -> Estimate | None:
+    """The nonlinear fit with candidates (index to spread) and forms of the remainder, tolerances as wide as the mode's.
+
+    Where no minimum is found with both, the candidates alone are tried; None where they have none either.
+    """
+    for forms in (shapes, ()) if shapes else ((),):
+        try:
+            return _fitted(found, accepted, forms, exclude)
+        except ConvergenceError:
+            continue
+    return None
+
+
+def _fitted(
+    found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask
+) -> Estimate:
+    machine, recording, cat = found.signatures.machine, found.signatures.recording, found.catalogue
+    terms = [replace(cat.candidates[i], spread=spread) for i, spread in accepted.items()]
+    extra = [s for s in shapes if s.candidate not in accepted]
+    terms += [cat.candidates[s.candidate] for s in extra]
+    prior = _prior(found, terms, len(accepted), extra)
+    start = start_from(found.fit, terms)
+    return estimate(machine, recording, terms, start=start, exclude=exclude, prior=prior)
+
+
+def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shape]) -> Prior:
+    """Tolerances widened as the mode has them, and each coefficient of the remainder with its own 1-sigma."""
+    machine, problem = found.signatures.machine, found.problem
+    prior = prior_of(machine, terms)
+    sigma, count = prior.sigma.copy(), len(machine.parameters)
+    factors = dict(
+        zip(problem.classes, problem.spike_slab.unknowns.widening[found.mode.point.widening], strict=True)
+    )
+    free = [k for k in range(count) if sigma[k] > 0.0]
+    classes = part_classes([prior.names[k] for k in free], [prior.parts[k] for k in free])
+    for k, one in zip(free, classes, strict=True):
+        sigma[k] *= factors.get(one, 1.0)
+    at = count + sum(len(t.coefficients) for t in terms[:first])
+    for shape in extra:
+        sigma[at : at + len(shape.sigma)] = shape.sigma * prior.scale[at : at + len(shape.sigma)]
+        at += len(shape.sigma)
+    # steps of amplitudes in their own 1-sigma: sizes apart by orders of magnitude must not pass for rounding
+    scale = np.where((np.arange(len(sigma)) >= count) & (sigma > 0.0), sigma, prior.scale)
+    return replace(prior, sigma=sigma, scale=scale)
+
+
+@dataclass(frozen=True)
+class Model:
+    """Candidates with their spreads, forms of the remainder, and the fit with both."""
+
+    accepted: Mapping[int, float]
+    shapes: tuple[Shape, ...]
+    fit: Estimate
+
+    def nameless(self, found: Found) -> tuple[int, ...]:
+        """What has no name and is in the fit."""
+        cat, held = found.catalogue, {e.label for e in self.fit.effects}
+        every = (*(i for i in self.accepted if not cat.named(i)), *(s.candidate for s in self.shapes))
+        return tuple(i for i in every if cat.candidates[i].label in held)
+
+
+def refit(
+    found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask
+) -> Model | None:
+    """The model of these candidates and forms, with physical bounds kept; None where no minimum is found.
+
+    What bounds leave nothing of (a compliance that would be negative) is no part of it.
+    """
+    recording = found.signatures.recording
+    fit = fitted(found, accepted, shapes, exclude)
+    if fit is None:
+        return None
+    try:
+        fit = within_bounds(fit, recording, exclude)
+    except ConvergenceError:
+        return None
+    nothing = {e.label for e in fit.fitted_effects() if not any(e.amplitudes)}
+    left = {i: s for i, s in accepted.items() if found.catalogue.candidates[i].label not in nothing}
+    if len(left) < len(accepted):
+        return refit(found, left, shapes, exclude)
+    return Model(accepted, shapes, fit)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Held-out trials of plain calibration and of models beside it.
+
+    before: plain calibration; known: labels of terms that are known: where the sensor's are, readings are what is wrong.
+    """
+
+    found: Found
+    before: Estimate
+    outliers: Mask
+    split: Split
+    plain: Trial
+    known: frozenset[str]
+
+    @classmethod
+    def of(cls, found: Found, before: Estimate, outliers: Mask, sure: Collection[int]) -> Choice:
+        """With plain calibration tried; ``sure``: candidates that are known beside what the file states."""
+        recording = found.signatures.recording
+        split = held_out_blocks(recording, before.used)
+        known = {e.label for e in (*before.effects, *(found.catalogue.candidates[i] for i in sure))}
+        plain = trial(before, recording, outliers, split)
+        return cls(found, before, outliers, split, plain, frozenset(known))
+
+    def compared(self, fit: Estimate) -> Comparison:
+        """A model held out beside plain calibration."""
+        return self._tried(fit, self.split[1])
+
+    def as_it_is(self, fit: Estimate) -> Comparison | None:
+        """A model on validation rows, never fitted, beside plain calibration; None where there are none."""
+        own = [block for block in self.split[1] if block.name == VALIDATION]
+        return self._tried(fit, own) if own else None
+
+    def _tried(self, fit: Estimate, blocks: list[Block]) -> Comparison:
+        recording, split = self.found.signatures.recording, (self.split[0], blocks)
+        return trial(fit, recording, self.outliers, split, self._silent(fit)).against(self.plain)
+
+    def judged(self, fit: Estimate) -> Comparison:
+        """On validation rows where there are any, else on blocks held out in turn."""
+        return self.as_it_is(fit) or self.compared(fit)
+
+    def _silent(self, fit: Estimate) -> set[str]:
+        return {e.label for e in fit.effects if e.kind == "sensor" and e.label not in self.known}
+
+    def may_be_applied(self, model: Model, names: Model | None, held: Comparison) -> bool:
+        """Whether a model is no worse than plain calibration where it was not fitted.
+
+        Physics holds everywhere; forms without a name must make nothing worse at the ends of what was seen either. What is
+        worse there with names alone is not their doing.
+        """
+        if held.worse:
+            return False
+        return not (model.nameless(self.found) and (self._harms(held, names) or self.strays(model, names)))
+
+    def _harms(self, held: Comparison, names: Model | None) -> bool:
+        """Whether what stands beside names makes the ends of what was seen worse."""
+        if names is None or not held.worse_beyond():
+            return held.worse_beyond()
+        return held.worse_beyond(self.compared(names.fit))
+
+    def strays(self, model: Model, names: Model | None) -> bool:
+        """Whether forms without a name move a constant out of its tolerance, as far as a true model never leaves one."""
+        without = self.before if names is None else names.fit
+        count, most = len(self.before.machine.parameters), worst_allowed(model.fit)
+        own, other = model.fit.in_tolerances[:count], without.in_tolerances[:count]
+        return bool(np.any((np.abs(own) > most) & (np.abs(own - other) > most)))
+
+    def smaller(
+        self, model: Model, names: Model | None, sure: Collection[int]
+    ) -> Iterator[tuple[str, Model]]:
+        """What else may be applied, largest first; ``sure``: candidates whose place and driver are known."""
+        cat = self.found.catalogue
+        silent = self._silent(model.fit)
+        robot = {i: s for i, s in model.accepted.items() if cat.candidates[i].label not in silent}
+        if len(robot) < len(model.accepted):
+            less = refit(self.found, robot, model.shapes, self.outliers)
+            if less is not None:
+                yield "robot", less
+        if names is not None and model.nameless(self.found):
+            yield "names", names
+        known = {i: s for i, s in model.accepted.items() if i in sure or i in cat.stated}
+        if known and len(known) < len(model.accepted):
+            certain = refit(self.found, known, (), self.outliers)
+            if certain is not None:
+                yield "sure-names", certain
+
+
+def chosen_model(
+    choice: Choice, model: Model, names: Model | None, sure: Collection[int], whole: Comparison
+) -> tuple[str, Model | None, Comparison]:
+    """The label of what may be applied, its model (None: plain calibration), and how it was held out.
+
+    ``whole``: all that was found (``model``), held out.
+    """
+    if choice.may_be_applied(model, names, whole):
+        return WHOLE, model, whole
+    for label, less in choice.smaller(model, names, sure):
+        held = choice.compared(less.fit)
+        if choice.may_be_applied(less, names, held):
+            return label, less, held
+    return "plain", None, choice.plain.against(choice.plain)

@@ -1,0 +1,231 @@
+"""The verdict, and what stands behind it: from a posterior to names, to the model that is applied, to the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truepose.identification.diagnosis.alarms import Alarm, alarms_of, misfits
+from truepose.identification.diagnosis.averaging import averaged
+from truepose.identification.diagnosis.findings import (
+    evidence_map,
+    finding,
+    ranked_alternatives,
+    remainder_of_form,
+    remainder_of_residuals,
+    weighed_alone,
+)
+from truepose.identification.diagnosis.holdout import Comparison
+from truepose.identification.diagnosis.naming import Summary, summarised
+from truepose.identification.diagnosis.posterior_summary import NAMED
+from truepose.identification.diagnosis.proof import flip_inflation, prove, replications
+from truepose.identification.diagnosis.refit import Choice, Model, chosen_model, refit, remainder_shapes
+from truepose.identification.diagnosis.result import (
+    WHOLE,
+    Alternative,
+    Applied,
+    Diagnosis,
+    Finding,
+    Lead,
+    Remainder,
+)
+from truepose.identification.diagnosis.search import Found, chosen
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.summary import FitSummary, summarise
+from truepose.identification.posterior.design import GridPoint
+from truepose.identification.prior import STATED
+from truepose.identification.signatures.untestable import missing_inputs
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+SURE = 0.9
+"""Probability from which on something without a name is said to be there, and a driver is known."""
+CONCEALED = 1.3
+"""Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
+
+
+@dataclass(frozen=True)
+class Fits:
+    """The ordinary fit, the one under tolerances, both without effects, and the rows (n,) that both leave out."""
+
+    free: Estimate
+    before: Estimate
+    outliers: Mask
+
+    @property
+    def rms(self) -> float:
+        """Of the whitened residual of the worse of both."""
+        return float(np.sqrt(max(self.before.chi2_per_dof, self.free.chi2_per_dof)))
+
+
+def verdict(summary: Summary, raised: Mapping[str, Alarm]) -> str:
+    """``missing-physics`` where a place with its driver, or a class of names, is known; ``unknown`` where neither is and
+    something is surely there, or noise alone cannot make the misfit."""
+    if summary.names:
+        return "missing-physics"
+    return "unknown" if summary.inclusion.nameless > SURE or misfits(raised) else "adequate"
+
+
+def concluded(fits: Fits, found: Found) -> Diagnosis:
+    """What is said, and what is applied."""
+    recording = found.signatures.recording
+    model = _likeliest(fits, found)
+    there = _there(found, model)
+    summary, nameless = summarised(there, model.fit), model.nameless(there)
+    choice = Choice.of(there, fits.before, fits.outliers, _sure(summary, NAMED))
+    quiet = _quiet(fits, found, summary, choice)
+    if quiet.verdict == "adequate":
+        return quiet
+    whole, names = choice.compared(model.fit), _names(fits, there, model)
+    after, applied = _applied(choice, model, names, summary, whole)
+    gain = _gain(choice, names, whole) if nameless else {}
+    left = alarms_of(after, after, there.linearisation, recording)
+    main = next((i for n in summary.laws for i in n.candidates), None)
+    return replace(
+        quiet,
+        concealed=fits.free.chi2_per_dof < CONCEALED,
+        alarms_after=left,
+        findings=_findings(found, summary, model.fit, fits.rms),
+        remainder=_remainder(there, quiet.verdict, nameless, after, left, gain),
+        after=after,
+        fits=_summaries(fits, after, recording.validation),
+        proof=None if main is None else prove(fits.before, model.fit, whole, there, main, fits.outliers),
+        terms=after.fitted_effects(),
+        applied=applied,
+    )
+
+
+def _quiet(fits: Fits, found: Found, summary: Summary, choice: Choice) -> Diagnosis:
+    """What the posterior says, with plain calibration applied: where nothing is missing, this is all."""
+    cat, machine, recording = found.catalogue, found.signatures.machine, found.signatures.recording
+    raised = alarms_of(fits.free, fits.before, found.linearisation_before, recording)
+    alone, unknowns = weighed_alone(found.first, len(cat.candidates)), found.problem.spike_slab.unknowns
+    wider = _typical(found, lambda point: unknowns.widening[point.widening]).tolist()
+    plain = choice.plain.against(choice.plain)
+    return Diagnosis(
+        machine=machine,
+        recording=recording,
+        verdict=verdict(summary, raised),
+        concealed=False,
+        alarms=raised,
+        alarms_after=raised,
+        findings=(),
+        remainder=None,
+        candidates=ranked_alternatives(cat, alone),
+        evidence_map=evidence_map(cat, alone),
+        untestable=cat.untestable,
+        missing=missing_inputs(machine, recording),
+        free=fits.free,
+        before=fits.before,
+        after=fits.before,
+        fits=_summaries(fits, fits.before, recording.validation),
+        proof=None,
+        terms=fits.before.fitted_effects(),
+        outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
+        noise=float(_typical(found, lambda point: unknowns.noise[0].values[point.noise[0]])),
+        inflation=dict(zip(found.problem.classes, wider, strict=True)),
+        sets=summary.inclusion.sets,
+        inclusion=tuple(Alternative(*place, p, 0.0) for place, p in summary.inclusion.places.items()),
+        leading=tuple(Lead(*one.cause, one.levels, one.probability) for one in summary.leading),
+        disagreement=found.posterior.disagreement,
+        applied=_told("plain", plain, plain),
+    )
+
+
+def _typical(found: Found, value: Callable[[GridPoint], ArrayLike]) -> Array:
+    """Geometric mean over the posterior of what a point of the grid stands for."""
+    logs = [share * np.log(value(point)) for point, share in found.posterior.points]
+    return np.asarray(np.exp(sum(logs[1:], logs[0])))
+
+
+def _summaries(fits: Fits, after: Estimate, held_out: Mask) -> dict[str, FitSummary]:
+    stages = {"free": fits.free, "before": fits.before, "after": after}
+    return {name: summarise(fit, held_out) for name, fit in stages.items()}
+
+
+def _findings(found: Found, summary: Summary, likeliest: Estimate, rms: float) -> tuple[Finding, ...]:
+    """Names with what the fit of the likeliest set says of their size."""
+    machine, cat, halves = found.signatures.machine, found.catalogue, replications(found, summary.names, rms)
+    return tuple(
+        finding(machine, cat, likeliest, one, flip_inflation(found, one), half)
+        for one, half in zip(summary.names, halves, strict=True)
+    )
+
+
+def _remainder(
+    found: Found,
+    said: str,
+    nameless: Sequence[int],
+    after: Estimate,
+    left: Mapping[str, Alarm],
+    gain: Mapping[str, float],
+) -> Remainder | None:
+    """What has no name: the form that carries most of it; else what the structure tests say of the residuals."""
+    if nameless:
+        return replace(remainder_of_form(found.catalogue, nameless[0], after), gain=gain)
+    if said == "unknown" or left["structure"].raised:
+        return remainder_of_residuals(after, found.signatures.recording, left["structure"])
+    return None
+
+
+def _there(found: Found, model: Model) -> Found:
+    """Linear at the likeliest model's own fit, so that the form of everything it holds is tested."""
+    held = {effect.label for effect in model.fit.effects}
+    if held == {effect.label for effect in found.fit.effects}:
+        return found
+    return replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
+
+
+def _sure(summary: Summary, probability: float = 0.0) -> tuple[int, ...]:
+    """Candidates that act at their place by their driver for sure, of names as probable as that."""
+    sure = [n for n in summary.laws if n.levels.driver >= SURE and n.probability >= probability]
+    return tuple(i for n in sure for i in n.candidates)
+
+
+def _likeliest(fits: Fits, found: Found) -> Model:
+    """Where no minimum is found with the likeliest set, the fit of the last expansion point stands, and what it holds."""
+    accepted = dict.fromkeys(found.catalogue.stated, STATED) | chosen(found.problem, found.mode)
+    shapes = remainder_shapes(found)
+    if not accepted and not shapes:
+        return Model(accepted, (), fits.before)
+    model = refit(found, accepted, shapes, fits.outliers)
+    return Model(dict(found.accepted), (), found.fit) if model is None else model
+
+
+def _names(fits: Fits, found: Found, model: Model) -> Model | None:
+    """The model with names alone; itself where it has nothing else, None where it has no names."""
+    own = {i: s for i, s in model.accepted.items() if found.catalogue.named(i)}
+    if not own:
+        return None
+    return refit(found, own, (), fits.outliers) if model.nameless(found) else model
+
+
+def _applied(
+    choice: Choice, model: Model, names: Model | None, summary: Summary, whole: Comparison
+) -> tuple[Estimate, Applied]:
+    """What is applied: averaged over explanations where all that was found may be, else the largest model that may."""
+    label, less, held = chosen_model(choice, model, names, _sure(summary), whole)
+    if less is None or label != WHOLE:
+        return choice.before if less is None else less.fit, _told(label, held, whole)
+    after = averaged(choice.found, model.fit)
+    seen = choice.as_it_is(after)
+    if seen is None or seen.worse:
+        return after if seen is None else model.fit, _told(label, held, whole)
+    return after, _told(label, seen, seen)
+
+
+def _told(label: str, held: Comparison, whole: Comparison) -> Applied:
+    return Applied(label, held.split, held.pose, held.ratio, whole.pose, whole.ratio)
+
+
+def _gain(choice: Choice, names: Model | None, whole: Comparison) -> Mapping[str, float]:
+    """By how much forms without a name lower the rms of held-out rows beside the names, by kind of reading (mm, rad)."""
+    without = 1.0 if names is None else choice.judged(names.fit).ratio
+    if whole.ratio >= without:
+        return {}
+    summary = summarise(choice.before, choice.found.signatures.recording.validation)
+    rms = summary.validation_rms or summary.rms
+    return {kind: (without - whole.ratio) * value for kind, value in rms.items()}
