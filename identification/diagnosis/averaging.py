@@ -24,9 +24,8 @@ from truepose.identification.diagnosis.search import Found, chosen, start_from
 from truepose.identification.fit.bounded import coefficient_bounds
 from truepose.identification.fit.estimate import Estimate, result
 from truepose.identification.fit.problem import Prior, Problem, prior_of
-from truepose.identification.posterior.moments import moments, typical
 from truepose.identification.posterior.posterior import LONG_SET
-from truepose.identification.posterior.state import State
+from truepose.identification.posterior.state import State, moments, typical
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.models.effects.base import PlacedEffect
 

@@ -40,7 +40,7 @@ EVERY = 4
 """Steps of the noise between the points at which candidates are weighed alone."""
 NOTABLE = 3.0
 """Log Bayes factor below which there is nothing to speak of: of a candidate alone, and between explanations as good."""
-CYCLES = (1, 2, 3, 4, 6, 8)
+CYCLES = range(1, 9)
 """Cycles over a driver's range that a periodic form may have."""
 
 

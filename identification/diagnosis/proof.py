@@ -34,7 +34,7 @@ from truepose.identification.signatures.linearisation import Signatures
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-WIDENINGS = (1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 100.0)
+WIDENINGS = tuple(np.round(np.geomspace(1.5, 100.0, 10), 1).tolist())
 """How many times wider than stated tolerances are tried for a name to fall."""
 LIFT = 1e-9
 """Added to a unit diagonal: columns may depend on each other."""

@@ -32,7 +32,7 @@ from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.tolerance_classes import part_classes
-from truepose.identification.posterior.moments import moments
+from truepose.identification.posterior.state import moments
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]

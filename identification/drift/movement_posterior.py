@@ -13,10 +13,9 @@ from scipy.special import expit
 from truepose.identification.drift.movement_problem import Kinds, Stack, movement_problem
 from truepose.identification.posterior.conditional import log_gains
 from truepose.identification.posterior.mode import climbed, nearest_top
-from truepose.identification.posterior.moments import Moments, moments
 from truepose.identification.posterior.posterior import class_probability, mode, sample
 from truepose.identification.posterior.spike_slab import Member, SpikeSlab
-from truepose.identification.posterior.state import LOUDER, State, best_point, slot_odds
+from truepose.identification.posterior.state import LOUDER, Moments, State, best_point, moments, slot_odds
 from truepose.identification.prior import RICHNESS
 
 Array = NDArray[np.float64]

@@ -27,8 +27,9 @@ from truepose.identification.posterior.terms import SameSize, Terms
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-JITTER = 1e-13
-"""Added to a unit diagonal: columns without a prior may depend on each other."""
+ROUNDING = 1e-13
+"""Of columns scaled to one length. Added to their diagonal, for columns without a prior may depend on each other; a share of
+the largest eigenvalue below which nothing determines a direction."""
 
 
 class Own:
@@ -189,7 +190,7 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint)
     rows = sum(gram[inside] * weight for gram, weight in zip(design.grams, weights, strict=True))
     scale = 1.0 / np.sqrt(np.maximum(rows[np.arange(len(inside)), inside] + sigma**-2.0, 1e-300))
     a = rows[:, inside] * scale[:, None] * scale
-    a[np.diag_indices(len(a))] += (scale / sigma) ** 2 + JITTER
+    a[np.diag_indices(len(a))] += (scale / sigma) ** 2 + ROUNDING
     factor = _cholesky(a)
     turned = _solved(factor, rows[:, -1] * scale)
     beside = rows[:, design.n : -1] * scale[:, None] * design.seen

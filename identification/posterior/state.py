@@ -1,4 +1,4 @@
-"""A state of the posterior: a set of terms with their sizes at a point of the grid, and what its posterior is."""
+"""A state of the posterior: a set of terms with their sizes at a point of the grid; its posterior, and its coefficients."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.marginal import ROUNDING
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.prior import Richness
 
-LOUDER = (-8, -4, -2, -1, 0, 1, 2, 4, 8, 14)
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+_STEPS = (2 ** np.arange(5)).tolist()
+LOUDER = (*(-step for step in _STEPS[::-1]), 0, *_STEPS)
 """Steps of the noise at which a state is looked at without some of its members."""
 
 
@@ -62,3 +66,40 @@ def best_point(spike_slab: SpikeSlab) -> GridPoint:
     return max(
         (spike_slab.unknowns.all_at(k) for k in range(count)), key=lambda p: spike_slab.root(p).log_evidence
     )
+
+
+@dataclass(frozen=True)
+class Moments:
+    """at (k,) columns of the design [A G]; mean (k,); covariance (k, k), zero along what nothing determines."""
+
+    at: Index
+    mean: Array
+    covariance: Array
+
+
+def moments(spike_slab: SpikeSlab, state: State) -> Moments:
+    """Given the state's members, their sizes, and its noise, tolerances and remainder."""
+    design, unknowns = spike_slab.design, spike_slab.unknowns
+    columns, sizes = spike_slab.columns(state.members)
+    tau = unknowns.size.values[state.point.remainder]
+    own = np.flatnonzero(~design.always.remainder | (tau > 0.0))
+    at = np.concatenate([own, design.n + columns]).astype(np.intp)
+    factors = np.array([*unknowns.widening[state.point.widening], 1.0])
+    sigma = design.always.sigma * np.where(design.always.remainder, tau, factors[design.always.part])
+    gram, right = np.diag(np.concatenate([sigma[own], sizes]) ** -2.0), np.zeros(len(at))
+    for part, scale in zip(design.grams, unknowns.scales(state.point), strict=True):
+        gram += part[np.ix_(at, at)] / scale**2
+        right += part[at, -1] / scale**2
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    covariance = unit[:, None] * np.linalg.pinv(
+        gram * unit[:, None] * unit, rcond=ROUNDING, hermitian=True
+    ) * unit  # fmt: skip
+    return Moments(at, covariance @ right, covariance)
+
+
+def typical(states: Sequence[tuple[State, float]], number: int) -> list[tuple[State, float]]:
+    """``number`` of the states (each with its share), evenly along their cumulated shares; equal ones together."""
+    ends = np.cumsum([share for _, share in states])
+    picked = np.searchsorted(ends, ends[-1] * (np.arange(number) + 0.5) / number)
+    which, counts = np.unique(np.minimum(picked, len(states) - 1), return_counts=True)
+    return [(states[k][0], float(count) / number) for k, count in zip(which, counts, strict=True)]

@@ -20,9 +20,8 @@ from truepose.identification.diagnosis.refit import fitted
 from truepose.identification.diagnosis.search import Found, chosen
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.moments import moments, typical
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.state import State
+from truepose.identification.posterior.state import State, moments, typical
 
 Array = NDArray[np.float64]
 

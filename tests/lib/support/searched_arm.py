@@ -77,7 +77,7 @@ class Case:
 
     def found(self, exclude: NDArray[np.bool_] | None = None) -> Found:
         left_out = self.exclude if exclude is None else exclude
-        return search(self.signatures, self.cat, self.null, left_out, self.rms)
+        return search(self.signatures, self.cat, self.null, left_out, self.rms).found()
 
 
 @cache
