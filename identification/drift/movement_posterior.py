@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from scipy.special import expit
 from truepose.identification.drift.movement_problem import Kinds, Stack, movement_problem
 from truepose.identification.posterior.conditional import log_gains
 from truepose.identification.posterior.mode import climbed, nearest_top
-from truepose.identification.posterior.posterior import class_probability, mode, sample
+from truepose.identification.posterior.posterior import Posterior, class_probability, mode, sample
 from truepose.identification.posterior.spike_slab import Member, SpikeSlab
 from truepose.identification.posterior.state import LOUDER, Moments, State, best_point, moments, slot_odds
 from truepose.identification.prior import RICHNESS
@@ -95,26 +95,34 @@ def movement_posterior(top: Likeliest, kinds: Kinds) -> MovementPosterior:
     spike_slab, stack = top.spike_slab, top.stack
     found = sample(spike_slab, RICHNESS, known=[top.state])
     best = Likeliest(stack, spike_slab, mode(found, spike_slab))
-    gain, alike = _gains(best), dict[int, dict[int, float]]()
-    own = gain.copy()
-    for i in best.moved:
-        there = _gains(best, without=i)
-        own[i] = there[i]
-        away = {k: float(there[i] - g) for k, g in enumerate(there) if k not in best.moved and g > ENOUGH}
-        alike[i] = dict(sorted(((k, a) for k, a in away.items() if a < NEARLY), key=lambda item: item[1]))
-    logs = np.log([spike_slab.unknowns.scales(point)[0] for point, _ in found.points])
-    share = np.array([share for _, share in found.points])
-    prior_of_one = expit(slot_odds(RICHNESS, 0) + spike_slab.terms.log_first)
+    gain, instead = _gains(best), {i: _gains(best, without=i) for i in best.moved}
+    unseen = expit(
+        slot_odds(RICHNESS, 0) + spike_slab.terms.log_first
+    )  # what no reading speaks of keeps its prior
+    classes = np.array([class_probability(found, k) for k in range(len(gain))])
     return MovementPosterior(
         best,
-        np.where(stack.visible, found.causes, prior_of_one),
-        np.array([max(class_probability(found, k), found.causes[k]) for k in range(len(gain))]),
-        own,
-        alike,
-        _against_nothing(spike_slab, best.state),
-        float(np.exp(share @ logs / share.sum())),
-        kinds.extrinsic,
+        probability=np.where(stack.visible, found.causes, unseen),
+        together=np.maximum(classes, found.causes),
+        gain=np.array([instead[k][k] if k in instead else gain[k] for k in range(len(gain))]),
+        alike={i: _alike(i, there, best.moved) for i, there in instead.items()},
+        log_bayes_factor=_against_nothing(spike_slab, best.state),
+        noise=_noise(spike_slab, found),
+        extrinsic=kinds.extrinsic,
     )
+
+
+def _alike(moved: int, gains: Array, taken: Sequence[int]) -> dict[int, float]:
+    """What would do nearly as well in the place of a movement, the likeliest first: log odds against it."""
+    away = {k: float(gains[moved] - g) for k, g in enumerate(gains) if k not in taken and g > ENOUGH}
+    return dict(sorted(((k, a) for k, a in away.items() if a < NEARLY), key=lambda item: item[1]))
+
+
+def _noise(spike_slab: SpikeSlab, found: Posterior) -> float:
+    """In stated sigmas: the mean of its logarithm."""
+    logs = np.log([spike_slab.unknowns.scales(point)[0] for point, _ in found.points])
+    share = np.array([share for _, share in found.points])
+    return float(np.exp(share @ logs / share.sum()))
 
 
 def _gains(best: Likeliest, without: int | None = None) -> Array:

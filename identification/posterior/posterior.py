@@ -26,7 +26,7 @@ BURN, ROUND, ROUNDS = 25, 40, 8
 """Sweeps of a chain before it counts, sweeps of each round, and most rounds."""
 ALIKE = 0.05
 """Share of a slot from which on two causes stand in for each other."""
-RARE = 0.2
+RARE = 0.1
 """Probability up to which a cause is mostly not there."""
 CLASS, CLEAR = 5, 0.8
 """Most causes of a class, and probability that these hold a slot together for it to be one."""
@@ -183,4 +183,4 @@ def _with_classes(posterior: Posterior) -> Array:
 def class_probability(posterior: Posterior, cause: int) -> float:
     """Probability that a slot of a cause holds it or one of a few that stand in for it; 0 where it may be anything."""
     row = np.sort(posterior.beside[cause])[::-1][:CLASS]
-    return float(row.sum()) if row.sum() > CLEAR and posterior.causes[cause] > RARE / 2 else 0.0
+    return float(row.sum()) if row.sum() > CLEAR and posterior.causes[cause] > RARE else 0.0

@@ -103,7 +103,7 @@ def tree(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 def _install(python: Path, *what: str, cwd: Path) -> None:
-    options = ("--no-build-isolation", "--no-deps", "-q")
+    options = ("--no-build-isolation", "--no-deps", "--ignore-installed", "-q")
     _run(sys.executable, "-m", "pip", "--python", str(python), "install", *options, *what, cwd=cwd)
 
 
