@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
-from support.effect_machines import read_machines
-from support.linear_models import LENGTH, READINGS, catalogue_of, shifts_of, unit
+from support.linear_models import LENGTH, READINGS, catalogue_of, unit
 from truepose.identification import prior
 from truepose.identification.diagnosis.posterior_summary import Named
 from truepose.identification.diagnosis.proof import WIDENINGS, flip_inflation
@@ -21,20 +18,8 @@ from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.posterior.state import State, slot_odds
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    folder: Path = tmp_path_factory.getbasetemp() / "test_flip_inflation"
-    return read_machines(folder)["arm"]
-
-
-@pytest.fixture(scope="module")
-def shifts(arm: Machine) -> tuple[PlacedEffect, ...]:
-    return shifts_of(arm)
 
 
 def test_a_name_falls_where_tolerances_are_wide_enough_to_stand_in_for_it(

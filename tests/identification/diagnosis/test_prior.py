@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.effect_machines import read_machines
-from support.linear_models import catalogue_of, linear, shifts_of
-from support.sensor_bench import Bench
+from support.linear_models import catalogue_of, linear
 from truepose.identification import prior
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import estimate
@@ -23,23 +20,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    folder: Path = tmp_path_factory.getbasetemp() / "test_prior"
-    return read_machines(folder)["arm"]
-
-
-@pytest.fixture(scope="module")
-def shifts(arm: Machine) -> tuple[PlacedEffect, ...]:
-    return shifts_of(arm)
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Recording]:
-    bench = Bench(tmp_path_factory.mktemp("bench"), "arm")
-    return bench.machine, bench.recording()
 
 
 @pytest.fixture(scope="module")

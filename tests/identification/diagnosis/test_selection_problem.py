@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
@@ -12,10 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
-from support.effect_machines import read_machines
 from support.effects import with_effect
-from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, shifts_of, unit
-from support.sensor_bench import Bench
+from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, unit
 from truepose.identification import prior
 from truepose.identification.diagnosis.findings import weighed_alone
 from truepose.identification.diagnosis.refit import FEW, WORTH, remainder_shapes
@@ -31,23 +28,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    folder: Path = tmp_path_factory.getbasetemp() / "selection_laws"
-    return read_machines(folder)["arm"]
-
-
-@pytest.fixture(scope="module")
-def shifts(arm: Machine) -> tuple[PlacedEffect, ...]:
-    return shifts_of(arm)
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Recording]:
-    bench = Bench(tmp_path_factory.mktemp("bench"), "arm")
-    return bench.machine, bench.recording()
 
 
 # -- evidence -----------------------------------------------------------------------------------------------
