@@ -134,7 +134,7 @@ def _rounded(pose: Array) -> Array:
 
 def _longest(machine: Machine) -> float:
     """Largest length (mm) among the parameters of mechanism and tool; 1 where all are zero."""
-    inside = [*machine.mechanism.parameters, *(p for p in machine.frames if FRAME_OF[p.name] == "tool")]
+    inside = [*machine.mechanism.parameters, *(p for p in machine.frames if FRAME_OF.get(p.name) == "tool")]
     longest = max((abs(p.nominal) for p in inside if p.unit == "mm"), default=0.0)
     ranges = [
         max(map(abs, a.range))

@@ -13,6 +13,7 @@ from truepose.models import flexure, lie
 from truepose.models.driver import PAYLOAD
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Rod
+from truepose.models.view import TOOL, WORLD, View
 
 MM_PER_M = 1000.0
 _TURNS = {"rx": lie.rot_x, "ry": lie.rot_y, "rz": lie.rot_z}
@@ -20,13 +21,29 @@ _TURNS = {"rx": lie.rot_x, "ry": lie.rot_y, "rz": lie.rot_z}
 
 @dataclass(frozen=True)
 class Assembly:
-    """Bodies placed for given port values: poses, closure residual, potential energy of load cases (N mm)."""
+    """Bodies placed for given port values: poses, closure residual, potential energy of load cases (N mm).
+
+    ``carried`` are the frames that the machine carries, by name: the tool, and the further ones of its file.
+    """
 
     bodies: Mapping[str, ca.SX]
     closure: ca.SX
     gap: ca.SX
     tool: ca.SX
     energies: Mapping[str, ca.SX]
+    carried: Mapping[str, ca.SX]
+
+    def seen(self, view: View, values: Mapping[str, ca.SX]) -> ca.SX:
+        """Pose (4, 4) of the tip of a view in the frame that its readings are in."""
+        if view.frame in self.carried and view.tip in self.carried:  # where the base stands plays no part
+            return lie.inverse(self.carried[view.frame]) @ self.carried[view.tip]
+        tip = self._in_world(view.tip, values)
+        return lie.inverse(self._in_world(view.frame, values)) @ tip if view.relative else tip
+
+    def _in_world(self, name: str, values: Mapping[str, ca.SX]) -> ca.SX:
+        if name in self.carried:
+            return frame_of(values, BASE) @ self.carried[name]
+        return _motion(values, name) @ frame_of(values, name)
 
 
 def assemble(
@@ -60,7 +77,21 @@ def assemble(
     tool = ca.mtimes([bodies[mechanism.flange], _motion(values, "tool"), frame_of(values, "tool")])
     gap = ca.vertcat(*closure) if closure else ca.SX(0, 1)
     square = _least_squares(gap, x) if gap.numel() > x.numel() else gap
-    return Assembly(bodies, square, gap, tool, _energies(machine, bodies, tool, z))
+    carried = _carried(machine, bodies, tool, values)
+    return Assembly(bodies, square, gap, tool, _energies(machine, bodies, carried, z), carried)
+
+
+def _carried(
+    machine: Machine, bodies: Mapping[str, ca.SX], tool: ca.SX, values: Mapping[str, ca.SX]
+) -> dict[str, ca.SX]:
+    """Pose (4, 4), in the nominal base frame, of the tool and of every further frame that a body carries."""
+    out = {TOOL: tool}
+    for mount in machine.mounts:
+        if mount.body == WORLD:
+            continue
+        body = tool if mount.body == TOOL else bodies[mount.body]
+        out[mount.name] = ca.mtimes([body, _motion(values, mount.name), frame_of(values, mount.name)])
+    return out
 
 
 def tool_on_flange(values: Mapping[str, ca.SX]) -> ca.SX:
@@ -103,13 +134,13 @@ def displacement_of(
 
 
 def _energies(
-    machine: Machine, bodies: Mapping[str, ca.SX], tool: ca.SX, z: Mapping[str, ca.SX]
+    machine: Machine, bodies: Mapping[str, ca.SX], carried: Mapping[str, ca.SX], z: Mapping[str, ca.SX]
 ) -> dict[str, ca.SX]:
     """Potential energy of gravity for each load case and of all stated masses, N mm (only differences matter)."""
     if machine.gravity is None:
         return {}
     gravity = ca.DM(machine.gravity)
-    out, frames = {}, {**bodies, "tool": tool}
+    out, frames = {}, {**bodies, **carried}
     probes = {f"{body}|": frame for body, frame in frames.items()}
     for case in ("",) if machine.weighs else machine.load_cases:
         if case:  # 1 kg at the origin of a body
@@ -234,7 +265,7 @@ def _motion(values: Mapping[str, ca.SX], frame: str) -> ca.SX:
 
 
 def frame_of(values: Mapping[str, ca.SX], frame: str) -> ca.SX:
-    """Pose of ``base`` or ``tool`` in the frame it stands in (rpy angles)."""
+    """Pose of ``base``, ``tool`` or a further frame in what it stands in (rpy angles)."""
     return lie.rpy_transform(
         [values[f"{frame}.{a}"] for a in AXES[:3]], [values[f"{frame}.{a}"] for a in AXES[3:]]
     )

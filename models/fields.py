@@ -198,7 +198,7 @@ class Section(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _refuse_unknown_fields(cls, data: Any) -> Any:
-        if not isinstance(data, Mapping):
+        if not isinstance(data, Mapping) or cls.model_config.get("extra") == "allow":
             return data
         known = [field.alias or name for name, field in cls.model_fields.items()]
         for key in data:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.models.assembly import assemble, frame_of, symbols
+from truepose.models.assembly import assemble, symbols
 from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effect import Site
 from truepose.models.home import closed_home, coordinate_scale, home_readings
@@ -34,6 +34,7 @@ from truepose.models.states import (
     state_names,
 )
 from truepose.models.statics import Statics
+from truepose.models.view import TOOL_IN_WORLD, View
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class SymbolicModel:
     q_home (nq,)            readings at home
     pose (4, 4)             nominal base frame to tool
     world (4, 4)            sensor frame to tool
+    worlds                  the same of each of the machine's views: what its sensors read, and from where
     reading_shift (k,)      what effects add to the columns of all sensors, mm or rad
     states                  by name, what effects may ask of the present state (``truepose.models.states``)
     values                  of all parameters and ports by name, with the shifts of effects
@@ -71,6 +73,7 @@ class SymbolicModel:
     gap: ca.SX
     pose: ca.SX
     world: ca.SX
+    worlds: Mapping[View, ca.SX]
     energies: Mapping[str, ca.SX]
     reading_shift: ca.SX
     states: Mapping[str, ca.SX]
@@ -116,8 +119,8 @@ def symbolic_model(
     stance = Stance(shifted, q, passive)
     assembly = near_home(machine, stance, x_home, z) if x_home.numel() else stance.assembled(machine, z)
     names, p_home = _constants(machine, effects, tuple(bare))
-    world = frame_of(shifted, "base") @ assembly.tool
-    shift, seen = reading_shifts(machine, world, values, shifted)
+    worlds = {view: assembly.seen(view, shifted) for view in machine.views}
+    shift, seen = reading_shifts(machine, worlds, values, shifted)
     model = SymbolicModel(
         machine=machine,
         readings=machine.mechanism.readings,
@@ -134,7 +137,8 @@ def symbolic_model(
         closure=ca.vertcat(assembly.closure, statics.balance(shifted)) if statics else assembly.closure,
         gap=assembly.gap,
         pose=assembly.tool,
-        world=world,
+        world=worlds[TOOL_IN_WORLD],
+        worlds=worlds,
         energies=assembly.energies,
         reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), marks, seen)) if seen else shift,
         states=(present.directions() if ports else {}) | seen,

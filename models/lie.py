@@ -80,6 +80,12 @@ def _last_row() -> ca.SX:
     return ca.SX(ca.horzcat(0, 0, 0, 1))
 
 
+def inverse(pose: ca.SX) -> ca.SX:
+    """The inverse of a pose (4, 4)."""
+    turn = pose[:3, :3].T
+    return transform(turn, -turn @ pose[:3, 3])
+
+
 def rpy_transform(xyz: Sequence[ca.SX], rpy: Sequence[ca.SX]) -> ca.SX:
     """Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll), rpy = (roll, pitch, yaw)."""
     return _repeated(_rpy_transform, 6, ca.vertcat(*xyz, *rpy))

@@ -12,16 +12,9 @@ from truepose.models.builder import builders
 from truepose.models.context import BuildContext
 from truepose.models.effect import effects
 from truepose.models.home_directions import home_directions
-from truepose.models.machine import FRAMES, Machine
-from truepose.models.machine_file import (
-    EffectSpec,
-    FrameSpec,
-    FrameTolerance,
-    MachineFile,
-    read_machine,
-)
-from truepose.models.mechanism import AXIS_UNITS, Mechanism
-from truepose.models.parameters import Parameter
+from truepose.models.machine import Machine
+from truepose.models.machine_file import EffectSpec, MachineFile, read_machine
+from truepose.models.mounts import frame_parameters, mounts
 from truepose.models.placed import Place, PlacedEffect
 from truepose.models.sensor import Sensor, sensors
 from truepose.models.weights import weights
@@ -41,10 +34,11 @@ def build_machine(file: MachineFile) -> Machine:
     machine = Machine(
         name=file.name,
         mechanism=mechanism,
-        frames=_frames(file, mechanism),
+        frames=frame_parameters(file, mechanism),
         sensors=_sensors(file),
         gravity=gravity,
         masses=masses,
+        mounts=mounts(file, mechanism),
         drivers=file.drivers,
         file=file,
         notes=notes,
@@ -99,27 +93,6 @@ def _fits(place: Place, known: Sequence[Place]) -> bool:
     return bool(place) and alone and any(set(place) <= set(each) for each in known)
 
 
-def _frames(file: MachineFile, mechanism: Mechanism) -> tuple[Parameter, ...]:
-    out = []
-    for frame in FRAMES:
-        spec = file.frames.base if frame == "base" else file.frames.tool
-        if frame == "tool" and not spec.present and mechanism.tool_length:
-            spec = _own_tool(file, mechanism.tool_length)
-        values, tolerances = (*spec.xyz, *spec.rpy), (*spec.tolerance.xyz, *spec.tolerance.rpy)
-        for k, (axis, unit) in enumerate(AXIS_UNITS.items()):
-            name, field = f"{frame}.{axis}", ("frames", frame, "xyz" if k < 3 else "rpy", k % 3)
-            override = file.override_for(name, unit)
-            tolerance = tolerances[k] if override is None else override
-            out.append(Parameter(name, unit, values[k], tolerance, "frame", field))
-    return tuple(out)
-
-
-def _own_tool(file: MachineFile, length: float) -> FrameSpec:
-    """The tool frame that a mechanism's form implies: as well known as its other lengths and angles."""
-    tolerance = FrameTolerance((file.tolerances.length,) * 3, (file.tolerances.angle,) * 3)
-    return FrameSpec("flange", (0.0, 0.0, length), tolerance=tolerance)
-
-
 def _sensors(file: MachineFile) -> tuple[Sensor, ...]:
     several = isinstance(file.raw.get("sensor"), list)
     out = []
@@ -133,7 +106,20 @@ def _sensors(file: MachineFile) -> tuple[Sensor, ...]:
                     "expected a finite number > 0"
                 )
         out.append(sensor)
+    _check_columns(out, file)
     return tuple(out)
+
+
+def _check_columns(made: Sequence[Sensor], file: MachineFile) -> None:
+    """Sensors that read different things need different columns."""
+    reading: dict[str, Sensor] = {}
+    for sensor in made:
+        for column in sensor.columns:
+            if reading.setdefault(column, sensor).view != sensor.view:
+                raise InputError(
+                    f"{file.path}: sensor: found two sensors of different frames that read the column {column!r}, "
+                    "expected columns of their own: give each a `name`, which opens them (`NAME.x`)"
+                )
 
 
 def _check_names(machine: Machine, file: MachineFile) -> None:

@@ -16,6 +16,7 @@ from truepose.models.parameters import Parameter
 from truepose.models.placed import PlacedEffect
 from truepose.models.sensor import Channel, Sensor
 from truepose.models.units import UnitSystem
+from truepose.models.view import TOOL, TOOL_IN_WORLD, View
 from truepose.shown.result import Shown, frame_of
 
 if TYPE_CHECKING:
@@ -49,12 +50,20 @@ class Mass:
     body: str
 
 
+@dataclass(frozen=True)
+class Mount:
+    """A further frame of the machine file, a tip or where a sensor rides: on ``body`` (or ``tool``, ``base``, ``world``)."""
+
+    name: str
+    body: str
+
+
 @dataclass(frozen=True, repr=False)
 class Machine(Shown):
     """Everything the machine file says, in internal units (mm, rad).
 
-    ``frames`` holds the twelve parameters base.x ... tool.rz (rpy angles). ``gravity`` is m/s^2 in the base
-    frame. ``notes`` say what was taken from elsewhere than the file.
+    ``frames`` holds the twelve parameters base.x ... tool.rz (rpy angles), then six of each of ``mounts``, the file's
+    further frames. ``gravity`` is m/s^2 in the base frame. ``notes`` say what was taken from elsewhere than the file.
     """
 
     shown_by: ClassVar[str] = "truepose.models.machine_view"
@@ -65,6 +74,7 @@ class Machine(Shown):
     sensors: tuple[Sensor, ...]
     gravity: tuple[float, float, float] | None = None
     masses: tuple[Mass, ...] = ()
+    mounts: tuple[Mount, ...] = ()
     effects: tuple[PlacedEffect, ...] = ()
     drivers: tuple[str, ...] = ()
     file: MachineFile | None = None
@@ -75,6 +85,11 @@ class Machine(Shown):
         """Geometry, frames and sensors, in one fixed order."""
         sensor = tuple(p for s in self.sensors for p in s.parameters)
         return (*self.mechanism.parameters, *self.frames, *sensor)
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """What the sensors read and from where, each once; first the tool seen from the world."""
+        return tuple(dict.fromkeys((TOOL_IN_WORLD, *(sensor.view for sensor in self.sensors))))
 
     @property
     def units(self) -> UnitSystem:
@@ -109,7 +124,8 @@ class Machine(Shown):
         """Ports by name: displacements, error motions of joints and of mounts, readings."""
         out = {a.displacement: Port(a.reading, "displacement", a.unit) for a in self.mechanism.actuators}
         driven = {actuator.drives for actuator in self.mechanism.actuators}
-        for part in (*(j.name for j in self.mechanism.tree if j.name in driven), *FRAMES):
+        standing = (*FRAMES, *(mount.name for mount in self.mounts))
+        for part in (*(j.name for j in self.mechanism.tree if j.name in driven), *standing):
             out |= {f"{part}.motion.{axis}": Port(part, "motion", unit) for axis, unit in AXIS_UNITS.items()}
         for sensor in self.sensors:
             out |= {f"{c}.reading": Port(c, "reading", sensor.columns[c]) for c in sensor.shiftable}
@@ -162,7 +178,7 @@ class Machine(Shown):
 
 
 def body_of(mechanism: Mechanism, name: str) -> str | None:
-    """Body that a mass's ``in`` means: a body, ``flange``, ``platform``, ``tool`` (kept) or ``base``."""
-    if name in ("tool", BASE) or name in mechanism.bodies:
+    """Body that the ``in`` of a mass or frame means: a body, ``flange``, ``platform``, ``tool`` (kept) or ``base``."""
+    if name in (TOOL, BASE) or name in mechanism.bodies:
         return name
     return {"flange": mechanism.flange, "platform": mechanism.platform}.get(name)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, WithJsonSchema
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
@@ -40,6 +40,7 @@ from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.tolerances import Tolerances
 from truepose.models.units import UnitSystem, parse_unit
 from truepose.models.yaml_document import document_text, read_document
+from truepose.wording import close_matches
 
 __all__ = [
     "NO_WORSE",
@@ -91,10 +92,11 @@ class FrameSpec:
 
 @dataclass(frozen=True)
 class Frames:
-    """The frames at both ends: sensor <- base, and flange <- tool."""
+    """The frames at both ends: sensor <- base, and flange <- tool; ``further`` ones of the file's own names."""
 
     base: FrameSpec = FrameSpec("world")
     tool: FrameSpec = FrameSpec("flange")
+    further: Mapping[str, FrameSpec] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ class _FrameTolerance(Section):
 
 class _Frame(Section):
     in_: str | None = Field(default=None, alias="in")
-    """Frame that it is given in: `world` (the sensor's frame) for the base, `flange` for the tool."""
+    """Frame that it is given in: `world` (the sensor's frame) for the base, `flange` for the tool, a body for others."""
     xyz: LengthVector = _ZERO
     """Where its origin stands."""
     rpy: AngleVector = _ZERO
@@ -183,6 +185,9 @@ class _Frame(Section):
 
 
 class _Frames(Section):
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, _Frame] = Field(init=False)
+    """A frame of your own name: a further tip, or where a sensor rides. `in`: a body, `tool`, `base` or `world`."""
     base: _Frame | None = None
     """Where the machine's base stands in the sensor's frame; left out: the identity, exactly known."""
     tool: _Frame | None = None
@@ -345,7 +350,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         units=units,
         gravity=document.gravity,
         mechanism=document.mechanism,
-        frames=_frames(document.frames),
+        frames=_frames(document.frames, path),
         sensors=tuple(document.sensor),
         tolerances=Tolerances(default.length, default.angle, overrides, units, str(path)),
         masses=tuple(MassSpec(name, m.kg, m.com, m.in_) for name, m in document.masses.items()),
@@ -378,11 +383,22 @@ def write_machine(path: Path | str, document: Mapping[str, Any], comment: str = 
     atomic_write_text(path, f"{head}{SCHEMA_LINE}\n{document_text(document)}")
 
 
-def _frames(frames: _Frames) -> Frames:
-    left_out = Frames()
+def _frames(frames: _Frames, path: Path) -> Frames:
+    left_out, further = Frames(), frames.__pydantic_extra__ or {}
+    for name, frame in further.items():
+        if not frame.in_:
+            hint = close_matches(name, ("base", "tool"))
+            raise InputError(
+                f"{path}: frames.{name}: unknown field; {hint}; a further frame needs `in`: the body that carries it"
+            )
+        if "." in name or name in ("world", "flange", "platform"):
+            raise InputError(
+                f"{path}: frames: found a frame {name!r}, expected a name without a dot that is no body's"
+            )
     return Frames(
         base=frames.base.spec(left_out.base.in_) if frames.base else left_out.base,
         tool=frames.tool.spec(left_out.tool.in_) if frames.tool else left_out.tool,
+        further={name: frame.spec("") for name, frame in further.items()},
     )
 
 

@@ -20,6 +20,7 @@ from truepose.models.context import BuildContext
 from truepose.models.mechanism import AXES
 from truepose.models.parameters import Parameter
 from truepose.models.registry import Registry
+from truepose.models.view import TOOL_IN_WORLD, View
 
 Array = NDArray[np.float64]
 
@@ -84,9 +85,13 @@ class Difference(Comparison):
 
 
 class Sensor(ABC):
-    """An instrument. ``world`` is the 4x4 sensor-frame pose of the tool, ``s`` its parameters in order."""
+    """An instrument. ``world`` is the 4x4 sensor-frame pose of the tip that it reads, ``s`` its parameters in order.
+
+    ``view`` says which tip that is, and what the sensor stands on; a sensor that states none reads the tool from the world.
+    """
 
     type: ClassVar[str]
+    view: View = TOOL_IN_WORLD
     differs_from_row: ClassVar[bool] = False
     """Whether a reading is the change since the row that ``from`` names."""
     label_columns: ClassVar[tuple[str, ...]] = ()

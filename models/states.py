@@ -17,6 +17,7 @@ from truepose.errors import InputError
 from truepose.models.assembly import placed_frame, rod_ends
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Direction, Joint
+from truepose.models.view import View
 
 _XYZ = ("x", "y", "z")
 SEEN = "seen."
@@ -94,16 +95,16 @@ def _components(name: str, vector: ca.SX) -> dict[str, ca.SX]:
 
 
 def reading_shifts(
-    machine: Machine, world: ca.SX, plain: Mapping[str, ca.SX], shifted: Mapping[str, ca.SX]
+    machine: Machine, worlds: Mapping[View, ca.SX], plain: Mapping[str, ca.SX], shifted: Mapping[str, ca.SX]
 ) -> tuple[ca.SX, dict[str, ca.SX]]:
     """(k,) what effects add to the columns of all sensors, in order; and the states ``seen.*``.
 
-    ``plain`` and ``shifted`` are values of parameters and ports without and with the effects' shifts. Effects
-    at a sensor's own parameters act through what it would read with them.
+    ``worlds`` are poses (4, 4) by view. ``plain`` and ``shifted`` are values of parameters and ports without and with the
+    effects' shifts. Effects at a sensor's own parameters act through what it would read with them.
     """
     parts, seen = [], {}
     for sensor in machine.sensors:
-        own = [*(p.name for p in sensor.parameters), *sensor.reads]
+        own, world = [*(p.name for p in sensor.parameters), *sensor.reads], worlds[sensor.view]
         now = sensor.predict(world, {name: shifted[name] for name in own})
         moved = any(shifted[name] is not plain[name] for name in own)
         without = sensor.predict(world, {name: plain[name] for name in own}) if moved else now

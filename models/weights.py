@@ -45,9 +45,9 @@ def _note(file: MachineFile, read: tuple[Mass, ...], gravity: Triple | None) -> 
 
 
 def _mass(mechanism: Mechanism, mass: MassSpec, file: MachineFile) -> Mass:
-    body = body_of(mechanism, mass.in_)
+    body = mass.in_ if mass.in_ in file.frames.further else body_of(mechanism, mass.in_)
     if body is None:
-        hint = close_matches(mass.in_, (*mechanism.bodies, "flange", "tool"))
+        hint = close_matches(mass.in_, (*mechanism.bodies, "flange", "tool", *file.frames.further))
         raise InputError(f"{file.path}: masses.{mass.name}.in: found {mass.in_!r}, expected a body; {hint}")
     return Mass(mass.name, mass.kg, _in_body(mechanism, body, mass.com), body)
 

@@ -22,6 +22,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
+from truepose.models.view import TOOL_IN_WORLD
 
 _ORDER = {"wrong": 0, "suspect": 1, "ok": 2}
 
@@ -66,6 +67,11 @@ def unbounded(machine: Machine) -> Machine:
     return replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))
 
 
+def of_the_tool(machine: Machine) -> Machine:
+    """The machine with those of its sensors only that see the tool from the world."""
+    return replace(machine, sensors=tuple(s for s in machine.sensors if s.view == TOOL_IN_WORLD))
+
+
 def check_loaded(machine: Machine, recording: Recording) -> Check:
     """What may be wrong between a machine and a recording of it, both as they were loaded."""
     if recording.validation.all():
@@ -74,6 +80,9 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
         )
     found: list[Found] = list(bare(machine, recording))
     if any(f.verdict == "wrong" for f in found):
+        return Check(tuple(found), len(recording), None)
+    machine = of_the_tool(machine)
+    if not machine.sensors:  # slips are told by how base and tool fit
         return Check(tuple(found), len(recording), None)
     rig = Rig(machine, recording)
     result = search(rig)

@@ -26,7 +26,7 @@ from truepose.identification.posterior.design import Always, Design, Unknowns
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.urn import Urn
-from truepose.models.machine import FRAME_OF, Machine
+from truepose.models.machine import Machine
 from truepose.models.parameters import like_parts, vector_of
 
 Array = NDArray[np.float64]
@@ -88,7 +88,8 @@ class Kinds:
     @classmethod
     def of(cls, machine: Machine, prior: Prior) -> Kinds:
         """A frame is set up as a whole, and like parts of a mechanism wear alike."""
-        outside = {*FRAME_OF, *(p.name for sensor in machine.sensors for p in sensor.parameters)}
+        standing = {parameter.name for parameter in machine.frames}
+        outside = standing | {p.name for sensor in machine.sensors for p in sensor.parameters}
         names = [prior.names[k] for k in prior.free]
         kinds = tuple(vector_of(name) if name in outside else like_parts(name) for name in names)
         return cls(kinds, np.array([name in outside for name in names], dtype=bool))

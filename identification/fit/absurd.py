@@ -15,7 +15,6 @@ import numpy as np
 
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import rms_by_kind
-from truepose.models.machine import FRAME_OF
 from truepose.wording import joined
 
 GROSS = 100.0
@@ -88,7 +87,8 @@ def _departures(fit: Estimate) -> tuple[tuple[str, float], ...]:
     tolerances = {p.name: p.tolerance for p in fit.machine.parameters}
     for name, value in _constants(fit).items():
         away[name] += value / tolerances[name]
-    gross = [(name, abs(v)) for name, v in away.items() if abs(v) > GROSS and name not in FRAME_OF]
+    standing = {parameter.name for parameter in fit.machine.frames}
+    gross = [(name, abs(v)) for name, v in away.items() if abs(v) > GROSS and name not in standing]
     return tuple(sorted(gross, key=lambda item: -item[1]))
 
 
@@ -119,7 +119,7 @@ def _allowed(fit: Estimate) -> float:
     for column, k in enumerate(fit.prior.free):
         if (
             k < len(parameters)
-            and parameters[k].name not in FRAME_OF
+            and parameters[k] not in fit.machine.frames
             and np.isfinite(parameters[k].tolerance)
         ):
             size = parameters[k].tolerance / fit.prior.scale[k]

@@ -82,7 +82,9 @@ def _sums(predictor: Predictor, free: NDArray[np.intp]) -> GramFunction:
         first = columns.stop
         # what an effect adds to a reading is taken off the reading, as in ``readings``
         seen = y[columns] - model.reading_shift[columns]
-        residual = sensor.residual(model.world, {name: model.p[places[name]] for name in own}, seen)
+        residual = sensor.residual(
+            model.worlds[sensor.view], {name: model.p[places[name]] for name in own}, seen
+        )
         residuals.append(residual / ca.DM([channel.sigma for channel in sensor.channels]))
     residual = ca.vertcat(*residuals)
     jacobian = ca.jacobian(residual, model.p)[:, free.tolist()]

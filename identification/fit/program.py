@@ -15,7 +15,7 @@ from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.bounds import directions
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Problem
-from truepose.identification.prediction.predictor import twist_rows
+from truepose.identification.prediction.predictor import twists_by
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined
 from truepose.models.home import coordinate_scale
 
@@ -35,10 +35,11 @@ class Program:
         self.problem, self.n = problem, len(problem.prior.free)
         model, machine = problem.predictor.model, problem.predictor.machine
         self.nx = len(model.home)
-        flat, turn = ca.vec(model.world[:3, :]), twist_rows(model.world)
-        outputs = [model.world, turn @ ca.jacobian(flat, model.p), turn @ ca.jacobian(flat, model.x)]
-        for value in (model.reading_shift, model.closure):
+        outputs = []
+        for value in (model.closure, model.reading_shift):
             outputs += [value, ca.jacobian(value, model.p), ca.jacobian(value, model.x)]
+        for world in model.worlds.values():
+            outputs += [world, *twists_by(world, model.p, model.x)]
         rows = problem.predictor.evaluations
         self._model = BatchFunction("simultaneous", [model.x, model.q, model.z, model.p], outputs, rows=rows)
         self._comparisons = problem.predictor.comparisons(problem.used * problem.weights)
@@ -138,15 +139,18 @@ class Program:
     def _observations(self, v: Array) -> Block:
         """Residuals of all rows, with derivatives by p and by each row's own coordinates side by side."""
         predictor, p = self.problem.predictor, self.problem.at(self.steps(v))
-        pose, by_p, by_x, shift, shift_by_p, shift_by_x = self._evaluated(v)[:6]
-        twist = np.concatenate([by_p, by_x], axis=2)
-        sight = Sight(pose, twist, shift[..., 0], np.concatenate([shift_by_p, shift_by_x], axis=2))
-        every = slice(0, len(pose))
+        shift, shift_by_p, shift_by_x, *seen = self._evaluated(v)[3:]
+        poses = {
+            view: (seen[3 * k], np.concatenate(seen[3 * k + 1 : 3 * k + 3], axis=2))
+            for k, view in enumerate(predictor.model.worlds)
+        }
+        sight = Sight(poses, shift[..., 0], np.concatenate([shift_by_p, shift_by_x], axis=2))
+        every = slice(0, len(shift))
         return joined(every, predictor.seen(sight, p, every, self._comparisons))
 
     def _closures(self, v: Array) -> tuple[Array, Array, Array]:
         """Of each row in play: closure (k, nx), and by steps (k, nx, n_free) and coordinates (k, nx, nx)."""
-        gap, by_p, by_x = (part[self._rows] for part in self._evaluated(v)[6:])
+        gap, by_p, by_x = (part[self._rows] for part in self._evaluated(v)[:3])
         return gap[..., 0], by_p[:, :, self.problem.prior.free] * self._by_step, by_x * self._stride
 
     def _evaluated(self, v: Array) -> tuple[Array, ...]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.identifiability.observability import Direction, Knowledge, unseen
 from truepose.models.machine import FRAME_OF, FRAMES, Machine
+from truepose.models.view import TOOL
 
 Array = NDArray[np.float64]
 HOLDS = 1e-5
@@ -119,7 +120,8 @@ def point_frames(machine: Machine) -> dict[str, str]:
     for rod in mechanism.rods:
         ends = ((rod.point_a, rod.body_a), (rod.point_b, rod.body_b))
         out |= {point[0][:-2]: body for point, body in ends if point is not None}
-    targets = {p.name[:-2] for sensor in machine.sensors for p in sensor.parameters if _POINT.match(p.name)}
+    on_tool = [sensor for sensor in machine.sensors if sensor.view.tip == TOOL]
+    targets = {p.name[:-2] for sensor in on_tool for p in sensor.parameters if _POINT.match(p.name)}
     return out | {name: mechanism.flange for name in targets if _DIGITS.search(name)}
 
 

@@ -27,6 +27,7 @@ from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.pose import Pose
+from truepose.models.view import View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -168,9 +169,9 @@ class PoseInformation:
         spread = np.zeros((len(model.names), len(self._free)))
         spread[self._free, np.arange(len(self._free))] = self._scale
         p = ca.DM(model.p_home) + ca.sparsify(ca.DM(spread)) @ t
-        world, closure, values = _with(model, p)
-        by_t = ca.vertcat(*(_by(s, world, values, t) for s in model.machine.sensors))
-        by_x = ca.vertcat(*(_by(s, world, values, model.x) for s in model.machine.sensors))
+        worlds, closure, values = _with(model, p)
+        by_t = ca.vertcat(*(_by(s, worlds[s.view], values, t) for s in model.machine.sensors))
+        by_x = ca.vertcat(*(_by(s, worlds[s.view], values, model.x) for s in model.machine.sensors))
         gx, gq = ca.jacobian(closure, model.x), ca.jacobian(closure, model.q)
         here = [by_t, by_x, gx, ca.jacobian(closure, t), gq]
         here = [ca.substitute(e, t, ca.SX.zeros(t.numel())) for e in here]
@@ -189,14 +190,15 @@ def _dot(a: ca.SX, b: ca.SX) -> ca.SX:
     return ca.dot(a, ca.densify(b))
 
 
-def _with(model: SymbolicModel, p: ca.SX) -> tuple[ca.SX, ca.SX, dict[str, ca.SX]]:
-    """World pose and closure with constants ``p`` and drivers at their defaults; constants by name."""
+def _with(model: SymbolicModel, p: ca.SX) -> tuple[dict[View, ca.SX], ca.SX, dict[str, ca.SX]]:
+    """What sensors see, by view, and closure with constants ``p`` and drivers at their defaults; constants by name."""
     home = ca.DM(model.z_home) if len(model.z_home) else ca.DM(0, 1)
-    world, closure = (
+    *seen, closure = (
         ca.substitute(ca.substitute(e, model.z, ca.SX(home)), model.p, p)
-        for e in (model.world, model.closure)
+        for e in (*model.worlds.values(), model.closure)
     )
-    return world, closure, {name: p[k] for k, name in enumerate(model.names)}
+    worlds = dict(zip(model.worlds, seen, strict=True))
+    return worlds, closure, {name: p[k] for k, name in enumerate(model.names)}
 
 
 def _by(sensor: Sensor, world: ca.SX, values: Mapping[str, ca.SX], variables: ca.SX) -> ca.SX:

@@ -27,6 +27,7 @@ from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel, Comparison, Rows
 from truepose.models.statics import load_scale
+from truepose.models.view import TOOL_IN_WORLD
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,16 +56,17 @@ class Predictor:
         self.model = symbolic_model(machine, effects, ports=ports)
         self._read(recording)
         m = self.model
-        inputs, flat, twist = [m.x, m.q, m.z, m.p], ca.vec(m.world[:3, :]), twist_rows(m.world)
+        inputs = [m.x, m.q, m.z, m.p]
         self.evaluations = visits * len(self.q)
         self.sums: dict[tuple[int, ...], GramFunction] = {}
         """Normal equations by free entries of p, where a fit has asked for them."""
         n = self.evaluations
         self._loops = Loops(m, n)
         self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
-        outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
-        outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
+        outputs = [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
         outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
+        for world in m.worlds.values():
+            outputs += [world, *twists_by(world, m.x, m.p)]
         self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
         self._sensors = sights(machine, m.names, n)
 
@@ -165,12 +167,11 @@ class Predictor:
         pairs = zip(self._sensors, self.comparisons(), strict=True)
         parts = [f.prediction(sight, p, c) for f, c in pairs]
         values, slopes = np.hstack([v for v, _ in parts]), np.concatenate([j for _, j in parts], axis=1)
-        return names, values, slopes, sight.pose
+        return names, values, slopes, sight.poses[TOOL_IN_WORLD][0]
 
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""
-        sight = self._sight(slice(0, len(self.q)), p, x)
-        return sight.pose, sight.twist
+        return self._sight(slice(0, len(self.q)), p, x).poses[TOOL_IN_WORLD]
 
     def states(self, p: Array, x: Array) -> dict[str, Array]:
         """(n,) values of what effects may ask of the present state, by name."""
@@ -195,7 +196,7 @@ class Predictor:
             vx, vp = gradient(x, self.q, self.z, p)
             force = -vp[:, 0, :]
             if x.shape[1]:
-                gx, gp = self._kinematics(x, self.q, self.z, p)[3:5]
+                gx, gp = self._kinematics(x, self.q, self.z, p)[:2]
                 multipliers = solved(gx.transpose(0, 2, 1), vx.transpose(0, 2, 1))[..., 0]
                 force += np.einsum("nk,nkp->np", multipliers, gp)
             out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
@@ -203,11 +204,13 @@ class Predictor:
 
     def _sight(self, rows: slice, p: Array, x: Array) -> Sight:
         """What the sensors have before them, with total derivatives by p."""
-        pose, tx, tp, gx, gp, shift, sx, sp = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
-        if x.shape[1]:
-            by_p = solved(gx, gp)
-            tp, sp = tp - tx @ by_p, sp - sx @ by_p
-        return Sight(pose, tp, shift[..., 0], sp)
+        gx, gp, shift, sx, sp, *seen = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
+        by_p = solved(gx, gp) if x.shape[1] else None
+        poses = {}
+        for k, view in enumerate(self.model.worlds):
+            pose, tx, tp = seen[3 * k : 3 * k + 3]
+            poses[view] = (pose, tp if by_p is None else tp - tx @ by_p)
+        return Sight(poses, shift[..., 0], sp if by_p is None else sp - sx @ by_p)
 
 
 def _origin(recording: Recording) -> NDArray[np.intp]:
@@ -224,6 +227,12 @@ def _origin(recording: Recording) -> NDArray[np.intp]:
             f"{lost}: column 'from': found a row that was left out, expected it among the rows used"
         )
     return origin
+
+
+def twists_by(world: ca.SX, *variables: ca.SX) -> list[ca.SX]:
+    """(6, v) derivatives of a pose (4, 4), as twists, by each vector of variables."""
+    flat, turn = ca.vec(world[:3, :]), twist_rows(world)
+    return [turn @ ca.jacobian(flat, by) for by in variables]
 
 
 def twist_rows(world: ca.SX) -> ca.SX:

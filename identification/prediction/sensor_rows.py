@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Comparison, Sensor
+from truepose.models.view import View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -71,12 +72,11 @@ def joined(rows: slice, parts: Sequence[Block]) -> Block:
 class Sight:
     """What sensors have before them in some rows, with derivatives by w unknowns.
 
-    pose (n, 4, 4) of the tool, twist (n, 6, w) its derivative; shift (n, k) of all sensors' columns by effects,
-    shift_by (n, k, w) its derivative.
+    poses: of each view, the pose (n, 4, 4) of its tip where its readings are, and the pose's derivative (n, 6, w), a twist;
+    shift (n, k) of all sensors' columns by effects, shift_by (n, k, w) its derivative.
     """
 
-    pose: Array
-    twist: Array
+    poses: Mapping[View, tuple[Array, Array]]
     shift: Array
     shift_by: Array
 
@@ -91,7 +91,7 @@ def sights(machine: Machine, names: Sequence[str], rows: int) -> list[SensorFunc
 
 
 class SensorFunctions:
-    """One sensor as functions of the pose of the tool; ``names`` are the entries of p.
+    """One sensor as functions of the pose of its tip; ``names`` are the entries of p.
 
     ``columns`` are its own among those of all sensors; ``functions`` are for ``rows`` rows.
     """
@@ -177,22 +177,24 @@ class SensorFunctions:
 
     def prediction(self, sight: Sight, p: Array, comparison: Comparison | None) -> tuple[Array, Array]:
         """(n, k) values of the sensor's columns and their (n, k, np) Jacobian."""
-        y = np.zeros((len(sight.pose), len(self.sensor.columns)))
+        pose = sight.poses[self.sensor.view][0]
+        y = np.zeros((len(pose), len(self.sensor.columns)))
         value, jacobian = self._evaluate(self._predict, sight, p, y, 1.0)
         if not self.sensor.columns:
-            return y, np.zeros((len(sight.pose), 0, len(p)))
+            return y, np.zeros((len(pose), 0, len(p)))
         if comparison is not None:
             return comparison.values(value), comparison.changes(value, jacobian)
         shift = sight.shift[:, self._columns]
-        return self.sensor.values(sight.pose, value - shift) + shift, jacobian
+        return self.sensor.values(pose, value - shift) + shift, jacobian
 
     def _evaluate(
         self, function: BatchFunction, sight: Sight, p: Array, y: Array, sign: float
     ) -> tuple[Array, Array]:
         """Values and derivatives at ``y`` plus ``sign`` times what effects add to the columns."""
         y = y + sign * sight.shift[:, self._columns]
-        value, by_twist, by_own, by_y = function(_flat(sight.pose), p[self._own], y)
-        jacobian = by_twist @ sight.twist
+        pose, twist = sight.poses[self.sensor.view]
+        value, by_twist, by_own, by_y = function(_flat(pose), p[self._own], y)
+        jacobian = by_twist @ twist
         jacobian[:, :, self._own] += by_own
         jacobian += sign * (by_y @ sight.shift_by[:, self._columns])
         return value[..., 0], jacobian

@@ -1,4 +1,4 @@
-"""An arm read from a URDF: the chain of joints between two of its links, as a graph.
+"""A machine read from a URDF: the chain of joints between two of its links, or the tree to several, as a graph.
 
 A URDF is a tree, so that it holds no closed loops; those are described as ``type: graph``. Its lengths are m and
 its angles rad; the graph's are in the units of the machine file. Fixed joints stay: what their frames err by is
@@ -8,9 +8,10 @@ redundant with their neighbours', and the tolerances decide how they share it. W
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
+from xml.etree.ElementTree import Element
 
 from pydantic import Field
 
@@ -35,15 +36,17 @@ class Urdf(Section):
     """The URDF, found from the folder of the machine file."""
     base_link: str
     """Link where the chain starts: the base."""
-    tip_link: str
-    """Link where it ends: the flange."""
+    tip_link: str | tuple[str, ...] = Field(min_length=1)
+    """Link where it ends: the flange. Several, `[l_hand, r_hand]`: all that leads to them; the first is the flange."""
     joints: dict[str, str] = Field(default_factory=dict)
     """Other names for joints, `name in the URDF: name in the recording`."""
 
 
 @builders.add("urdf")
 def urdf(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
-    """The mechanism of the chain from ``base_link`` to ``tip_link``, which is the flange; bodies keep their names.
+    """The mechanism of the chain from ``base_link`` to ``tip_link``, which is the flange, or of the chains to several.
+
+    Bodies keep their names, and the first of several tips is the flange.
 
     Raises InputError naming the URDF and its element, or the field of the machine file.
     """
@@ -57,8 +60,9 @@ def urdf(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
 
 
 def expanded(section: Urdf, robot: Robot, units: UnitSystem, where: str) -> dict[str, Any]:
-    """The section of the chain as a graph, in the file's units; ``where`` opens messages."""
-    chain = robot.chain(section.base_link, section.tip_link, where)
+    """The section of the chains as a graph, in the file's units; ``where`` opens messages."""
+    tips = (section.tip_link,) if isinstance(section.tip_link, str) else section.tip_link
+    chain = _united([robot.chain(section.base_link, tip, where) for tip in tips])
     links = [section.base_link, *(robot.end(joint, "child") for joint in chain)]
     if BASE in links[1:]:
         raise InputError(
@@ -75,7 +79,12 @@ def expanded(section: Urdf, robot: Robot, units: UnitSystem, where: str) -> dict
         }
         for joint, name in zip(chain, names, strict=True)
     ]
-    return {"type": "graph", "bodies": links, "flange": section.tip_link, "joints": joints}
+    return {"type": "graph", "bodies": links, "flange": tips[0], "joints": joints}
+
+
+def _united(chains: Sequence[list[Element]]) -> list[Element]:
+    """The joints of several chains, each once, parents first."""
+    return list({id(joint): joint for chain in chains for joint in chain}.values())
 
 
 def _names(section: Urdf, chain: list[str], where: str) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from truepose.models.assembly import assemble, frame_of
+from truepose.models.assembly import assemble
 from truepose.models.effects.base import Site
 from truepose.models.home import home_readings
 from truepose.models.mechanism import AXES
@@ -48,7 +48,7 @@ def from_home(site: Site, sensor: Sensor, column: str) -> ca.SX:
     q = dict(zip(mechanism.readings, map(ca.SX, home_readings(mechanism)), strict=True))
     placed = assemble(site.machine, values, q, site.z, ca.SX(0, 1))
     own = {name: values[name] for name in (*(p.name for p in sensor.parameters), *sensor.reads)}
-    home = sensor.predict(frame_of(values, "base") @ placed.tool, own)
+    home = sensor.predict(placed.seen(sensor.view, values), own)
     return site.seen(column) - home[list(sensor.columns).index(column)]
 
 

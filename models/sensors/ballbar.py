@@ -12,6 +12,8 @@ from truepose.models.context import BuildContext
 from truepose.models.fields import LengthSigma, LengthToleranceVector, LengthVector, Section
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.view import TOOL_IN_WORLD, View, ViewSection
+from truepose.models.view import prefix as opening
 
 _XYZ = ("x", "y", "z")
 _NOWHERE = (0.0, 0.0, 0.0)
@@ -29,7 +31,7 @@ class _Tolerance(Section):
     """1-sigma of the tool ball's place."""
 
 
-class _BallBarSection(Section):
+class _BallBarSection(ViewSection):
     type: Literal["ballbar"]
     """Distance between a ball on the base and a ball on the tool: column `length`."""
     name: str | None = None
@@ -55,13 +57,14 @@ class BallBar(Sensor):
     own: tuple[Parameter, ...]
     sigma: float
     prefix: str = ""
+    view: View = TOOL_IN_WORLD
     type = "ballbar"
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> BallBar:
-        """From ``centre``, ``ball``, ``sigma: {distance}``, ``tolerance: {centre, ball}`` and an optional ``name``."""
+        """From ``centre``, ``ball``, ``sigma: {distance}``, ``tolerance: {centre, ball}``, ``tip``, ``in`` and ``name``."""
         parsed = context.parse(_BallBarSection, section)
-        prefix = f"{parsed.name}." if parsed.name else ""
+        prefix = opening(parsed.name)
         ends = (
             ("centre", parsed.centre, parsed.tolerance.centre),
             ("ball", parsed.ball, parsed.tolerance.ball),
@@ -71,7 +74,7 @@ class BallBar(Sensor):
             for end, at, tolerance in ends
             for k, axis in enumerate(_XYZ)
         )
-        return cls(own, parsed.sigma.distance, prefix)
+        return cls(own, parsed.sigma.distance, prefix, parsed.view(context))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -14,6 +14,7 @@ from truepose.models.context import BuildContext
 from truepose.models.fields import AngleSigma, LengthSigma, Section
 from truepose.models.mechanism import AXES, AXIS_UNITS
 from truepose.models.sensors.base import Array, Channel, Sensor, sensors
+from truepose.models.view import TOOL_IN_WORLD, View, ViewSection, prefix
 
 _XYZ, _ROT = AXES[:3], AXES[3:]
 
@@ -25,9 +26,11 @@ class _Sigma(Section):
     """1-sigma of each component of the small rotation between the reading and the truth."""
 
 
-class _PoseSection(Section):
+class _PoseSection(ViewSection):
     type: Literal["pose"]
     """Position and orientation of the tool frame: columns `x y z rx ry rz`, the last three a rotation vector."""
+    name: str | None = None
+    """Tells several sensors apart: the columns are then `NAME.x` ..."""
     sigma: _Sigma
     """How noisy a reading is; replicates tell whether it is right."""
 
@@ -37,9 +40,11 @@ class _PositionSigma(Section):
     """1-sigma of x, y and z each."""
 
 
-class _PositionSection(Section):
+class _PositionSection(ViewSection):
     type: Literal["position"]
     """Position of the tool frame's origin: columns `x y z`."""
+    name: str | None = None
+    """Tells several sensors apart: the columns are then `NAME.x` ..."""
     sigma: _PositionSigma
     """How noisy a reading is; replicates tell whether it is right."""
 
@@ -51,25 +56,28 @@ class Pose(Sensor):
 
     sigma_xyz: float
     sigma_rot: float
+    view: View = TOOL_IN_WORLD
+    prefix: str = ""
     type = "pose"
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Pose:
-        """From ``sigma: {xyz, rot}``."""
+        """From ``sigma: {xyz, rot}``, ``tip``, ``in`` and an optional ``name``."""
         parsed = context.parse(_PoseSection, section)
-        return cls(parsed.sigma.xyz, parsed.sigma.rot)
+        return cls(parsed.sigma.xyz, parsed.sigma.rot, parsed.view(context), prefix(parsed.name))
 
     @property
     def columns(self) -> Mapping[str, str]:
         """x y z mm, rx ry rz rad."""
-        return AXIS_UNITS
+        return {f"{self.prefix}{axis}": unit for axis, unit in AXIS_UNITS.items()}
 
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Three lengths, three small angles."""
+        own, tip = self.prefix, f"{self.prefix}{self.view.tip}"
         return (
-            *(Channel(name, "mm", self.sigma_xyz, "position", "tool") for name in _XYZ),
-            *(Channel(name, "rad", self.sigma_rot, "rotation", "tool") for name in _ROT),
+            *(Channel(f"{own}{name}", "mm", self.sigma_xyz, "position", tip) for name in _XYZ),
+            *(Channel(f"{own}{name}", "rad", self.sigma_rot, "rotation", tip) for name in _ROT),
         )
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
@@ -99,22 +107,26 @@ class Position(Sensor):
     """x y z of the tool frame's origin."""
 
     sigma_xyz: float
+    view: View = TOOL_IN_WORLD
+    prefix: str = ""
     type = "position"
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Position:
-        """From ``sigma: {xyz}``."""
-        return cls(context.parse(_PositionSection, section).sigma.xyz)
+        """From ``sigma: {xyz}``, ``tip``, ``in`` and an optional ``name``."""
+        parsed = context.parse(_PositionSection, section)
+        return cls(parsed.sigma.xyz, parsed.view(context), prefix(parsed.name))
 
     @property
     def columns(self) -> Mapping[str, str]:
         """x y z, mm."""
-        return dict.fromkeys(_XYZ, "mm")
+        return {f"{self.prefix}{axis}": "mm" for axis in _XYZ}
 
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Three lengths of one point."""
-        return tuple(Channel(name, "mm", self.sigma_xyz, "position", "tool") for name in _XYZ)
+        tip = f"{self.prefix}{self.view.tip}"
+        return tuple(Channel(f"{self.prefix}{n}", "mm", self.sigma_xyz, "position", tip) for n in _XYZ)
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """The tool frame's origin, mm."""

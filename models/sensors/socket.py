@@ -17,6 +17,8 @@ from truepose.models.context import BuildContext
 from truepose.models.fields import Length, LengthSigma, LengthToleranceVector, LengthVector, Section
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Array, Channel, Comparison, Rows, Sensor, sensors
+from truepose.models.view import TOOL_IN_WORLD, View, ViewSection
+from truepose.models.view import prefix as opening
 
 _XYZ = ("x", "y", "z")
 SET, PLACEMENT, SOCKET = "set", "placement", "socket"
@@ -32,7 +34,7 @@ class _Tolerance(Section):
     """1-sigma of the ball's place."""
 
 
-class _SocketSection(Section):
+class _SocketSection(ViewSection):
     type: Literal["socket"]
     """A ball on the tool sits in fixed sockets: no readings, but columns `placement`, `socket` and perhaps `set`."""
     name: str | None = None
@@ -62,25 +64,26 @@ class Socket(Sensor):
     sigma: float
     spacing: float | None = None
     sets: tuple[str, ...] = ()
+    view: View = TOOL_IN_WORLD
     type = "socket"
     label_columns: ClassVar[tuple[str, ...]] = (PLACEMENT, SOCKET)
     optional_labels: ClassVar[tuple[str, ...]] = (SET,)
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Socket:
-        """From ``ball``, ``spacing``, ``sigma: {xyz}``, ``tolerance: {ball}``, ``sets`` and ``name``.
+        """From ``ball``, ``spacing``, ``sigma: {xyz}``, ``tolerance: {ball}``, ``sets``, ``tip``, ``in`` and ``name``.
 
         The name opens those of the parameters, where another sensor has a ball too.
         """
         parsed = context.parse(_SocketSection, section)
-        prefix = f"{parsed.name}." if parsed.name else ""
+        prefix = opening(parsed.name)
         ball = tuple(
             context.parameter(
                 f"{prefix}ball.{axis}", "mm", parsed.ball[k], ("ball", k), "sensor", parsed.tolerance.ball[k]
             )
             for k, axis in enumerate(_XYZ)
         )
-        return cls(ball, parsed.sigma.xyz, parsed.spacing, parsed.sets)
+        return cls(ball, parsed.sigma.xyz, parsed.spacing, parsed.sets, parsed.view(context))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

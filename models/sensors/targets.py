@@ -13,6 +13,7 @@ from truepose.models.context import BuildContext
 from truepose.models.fields import LengthSigma, LengthTolerance, LengthVector, Section
 from truepose.models.parameters import Parameter, vector_of
 from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.view import TOOL_IN_WORLD, View, ViewSection
 
 _XYZ = ("x", "y", "z")
 
@@ -27,7 +28,7 @@ class _Tolerance(Section):
     """1-sigma of every coordinate of the points in the tool frame."""
 
 
-class _TargetsSection(Section):
+class _TargetsSection(ViewSection):
     type: Literal["targets"]
     """Several points on the tool: columns `P1.x P1.y P1.z P2.x ...` in the sensor's frame."""
     points: dict[str, LengthVector]
@@ -45,11 +46,12 @@ class Targets(Sensor):
 
     points: tuple[Parameter, ...]
     sigma_xyz: float
+    view: View = TOOL_IN_WORLD
     type = "targets"
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Targets:
-        """From ``points``, ``sigma: {xyz}`` and ``tolerance: {points}``."""
+        """From ``points``, ``sigma: {xyz}``, ``tolerance: {points}``, ``tip`` and ``in``."""
         parsed = context.parse(_TargetsSection, section)
         if not parsed.points:
             raise InputError(f"{context.where}.points: found no point, expected at least one")
@@ -60,7 +62,7 @@ class Targets(Sensor):
             for name, point in parsed.points.items()
             for k, axis in enumerate(_XYZ)
         )
-        return cls(points, parsed.sigma.xyz)
+        return cls(points, parsed.sigma.xyz, parsed.view(context))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -92,7 +92,7 @@ def _points(rig: Rig) -> list[tuple[str, str, str]]:
     for sensor in rig.machine.sensors:
         names = list(sensor.columns)
         if isinstance(sensor, (Pose, Position)):
-            out.append(("x", "y", "z"))
+            out.append((names[0], names[1], names[2]))
         elif isinstance(sensor, Targets):
             out += [(names[k], names[k + 1], names[k + 2]) for k in range(0, len(names), 3)]
     return out

@@ -106,7 +106,7 @@ def _monotone(values: Array) -> bool:
 def _points(rig: Rig, scene: Scene) -> Array | None:
     for sensor in rig.machine.sensors:
         if isinstance(sensor, (Pose, Position)):
-            return np.column_stack([scene.rows.observations[n] for n in ("x", "y", "z")])
+            return np.column_stack([scene.rows.observations[n] for n in [*sensor.columns][:3]])
         if isinstance(sensor, Targets):
             names = list(sensor.columns)
             return np.column_stack([scene.rows.observations[n] for n in names[:3]])

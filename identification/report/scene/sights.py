@@ -19,6 +19,7 @@ from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
 from truepose.models.sensor import Sensor
+from truepose.models.view import TOOL_IN_WORLD
 
 Array = NDArray[np.float64]
 FLAT = 1e-9
@@ -46,6 +47,8 @@ def sights(fit: Estimate, recording: Recording) -> Sights:
         missed = -fit.residual[:, own] * [channel.sigma for channel in sensor.channels]
         if fit.lost is not None:
             missed = np.where(fit.lost[:, own], np.nan, missed)
+        if sensor.view.relative:  # its readings are in a frame that moves
+            continue
         for place, arrow in _of_sensor(sensor, machine, fit, recording, tool, missed):
             points.append((place - base[:3, 3]) @ base[:3, :3])
             arrows.append(arrow @ base[:3, :3])
@@ -74,7 +77,7 @@ def _of_sensor(
             out.append((read, np.where(lost, np.nan, missed[:, at])))
         else:
             spare += at
-    if spare:
+    if spare and sensor.view == TOOL_IN_WORLD:
         slopes = _slopes(sensor, machine, fit, tool)
         if slopes is not None and slopes.shape[1] == len(names):
             out.append((tool[:, :3, 3], _shortest(slopes[:, spare], missed[:, spare])))
