@@ -38,6 +38,7 @@ class ChainExpressions:
                      after column and p of the tool's placement. Empty for other chains
     frames           of such a chain, for every move but the first: its own frame (3, 4), before it became a tilt
     own (nv,)        and the offset of every move before that
+    reaching         how many of the readings move the tool: those of another arm do not
     kept             (16 + n,) stands for the steps in the other expressions, in its places behind the first 16
     """
 
@@ -56,11 +57,12 @@ class ChainExpressions:
     own: ca.SX
     kept: ca.SX
     readings: int
+    reaching: int
 
     @property
     def six(self) -> bool:
         """Whether six readings make a square Jacobian, which has a solver of its own."""
-        return self.readings == 6
+        return self.readings == self.reaching == 6
 
     def written_out(self, expression: ca.SX) -> ca.SX:
         """An expression with the steps in the places of what is kept."""
@@ -99,6 +101,7 @@ class ChainExpressions:
             own=ca.substitute(ca.vertcat(*(move.value for move in plain)), model.q, 0 * model.q),
             kept=kept,
             readings=len(model.readings),
+            reaching=len(set(slopes.sparsity().get_triplet()[1])),
         )
 
 

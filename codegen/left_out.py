@@ -15,12 +15,14 @@ from truepose.wording import joined
 @dataclass(frozen=True)
 class LeftOut:
     """calibrated: whether the file came from a fit; stated: whether it has effects; sensor: labels of effects that move no
-    tool; memory: labels of effects that depend on what was before; drivers: value and unit where the controller gives none."""
+    tool; memory: labels of effects that depend on what was before; frames: further ones of the machine; drivers: value and
+    unit where the controller gives none."""
 
     calibrated: bool
     stated: bool
     sensor: tuple[str, ...]
     memory: tuple[str, ...]
+    frames: tuple[str, ...]
     drivers: Mapping[str, tuple[float, str]]
 
 
@@ -32,7 +34,8 @@ def left_out(machine: Machine) -> LeftOut:
     names = driver_names(machine, machine.effects)
     drivers = {name: (driver_default(machine, name), Driver.of(name).unit(units) or "1") for name in names}
     calibrated = machine.file is not None and bool(machine.file.nominal)
-    return LeftOut(calibrated, bool(machine.effects), tuple(sensor), tuple(memory), drivers)
+    frames = tuple(mount.name for mount in machine.mounts)
+    return LeftOut(calibrated, bool(machine.effects), tuple(sensor), tuple(memory), frames, drivers)
 
 
 def left_out_words(found: LeftOut) -> list[str]:
@@ -48,6 +51,10 @@ def left_out_words(found: LeftOut) -> list[str]:
         said.append(
             f"Memory is left out: {joined(found.memory)} depends on what was before, which the code does not follow; the"
             " controller gives its state in z, else it rests."
+        )
+    if found.frames:
+        said.append(
+            f"Poses are those of the tool on the flange; the code has no other frame ({joined(found.frames)})."
         )
     if found.drivers:
         held = [_held(name, *value) for name, value in found.drivers.items()]
@@ -66,7 +73,12 @@ def _remembers(effect: PlacedEffect) -> bool:
 def left_out_json(found: LeftOut) -> dict[str, object]:
     """The same as data."""
     drivers = {name: {"value": value, "unit": unit} for name, (value, unit) in found.drivers.items()}
-    return {"sensor": list(found.sensor), "memory": list(found.memory), "drivers": drivers}
+    return {
+        "sensor": list(found.sensor),
+        "memory": list(found.memory),
+        "frames": list(found.frames),
+        "drivers": drivers,
+    }
 
 
 __all__ = ["LeftOut", "left_out", "left_out_json", "left_out_words"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from truepose.models import flexure, lie
 from truepose.models.driver import PAYLOAD
-from truepose.models.machine import Machine
+from truepose.models.machine import Machine, Mass
 from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Rod
 from truepose.models.view import TOOL, WORLD, View
 
@@ -60,7 +60,7 @@ def assemble(
     """
     given = poses or {}
     mechanism = machine.mechanism
-    displacement = {a.drives: displacement_of(machine, a.reading, values, q) for a in mechanism.actuators}
+    displacement = displacements(machine, values, q)
     passive, offset = {}, 0
     for joint in mechanism.passive:
         size = COORDINATES[joint.kind]
@@ -78,7 +78,7 @@ def assemble(
     gap = ca.vertcat(*closure) if closure else ca.SX(0, 1)
     square = _least_squares(gap, x) if gap.numel() > x.numel() else gap
     carried = _carried(machine, bodies, tool, values)
-    return Assembly(bodies, square, gap, tool, _energies(machine, bodies, carried, z), carried)
+    return Assembly(bodies, square, gap, tool, _energies(machine, bodies, carried, z, values), carried)
 
 
 def _carried(
@@ -133,8 +133,23 @@ def displacement_of(
     return offset + gain * q[reading] + values[actuator.displacement]
 
 
+def displacements(machine: Machine, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """Displacement of every joint and rod that readings move, mm or rad, by its name."""
+    mechanism = machine.mechanism
+    own = {a.reading: displacement_of(machine, a.reading, values, q) for a in mechanism.actuators}
+    out = {a.drives: own[a.reading] for a in mechanism.actuators}
+    for follower in mechanism.followers:
+        carried = (values[ratio] * own[reading] for reading, ratio in follower.terms)
+        out[follower.joint] = sum(carried, values[follower.offset])
+    return out
+
+
 def _energies(
-    machine: Machine, bodies: Mapping[str, ca.SX], carried: Mapping[str, ca.SX], z: Mapping[str, ca.SX]
+    machine: Machine,
+    bodies: Mapping[str, ca.SX],
+    carried: Mapping[str, ca.SX],
+    z: Mapping[str, ca.SX],
+    values: Mapping[str, ca.SX],
 ) -> dict[str, ca.SX]:
     """Potential energy of gravity for each load case and of all stated masses, N mm (only differences matter)."""
     if machine.gravity is None:
@@ -148,10 +163,22 @@ def _energies(
             continue
         out[case] = ca.SX(0)
         for mass in machine.masses:
-            frame = frames[mass.body]
-            kg = z[PAYLOAD] if mass.name == PAYLOAD and PAYLOAD in z else mass.kg
-            out[case] -= kg * ca.dot(gravity, _point(frame, list(mass.com)))
+            kg, com = _mass(mass, z, values)
+            out[case] -= kg * ca.dot(gravity, _point(frames[mass.body], com))
     return out
+
+
+def _mass(
+    mass: Mass, z: Mapping[str, ca.SX], values: Mapping[str, ca.SX]
+) -> tuple[ca.SX | float, Sequence[ca.SX | float]]:
+    """kg and centre (3,), mm: a payload's kg is the recorded one and what an unknown one differs from its nominal by."""
+    kg: ca.SX | float = mass.kg
+    com: Sequence[ca.SX | float] = mass.com
+    if mass.parameters:
+        kg, *com = (values[parameter.name] for parameter in mass.parameters)
+    if mass.name == PAYLOAD and PAYLOAD in z:
+        kg = z[PAYLOAD] + (kg - mass.kg) if mass.parameters else z[PAYLOAD]
+    return kg, com
 
 
 def _joint(

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.models import lie
-from truepose.models.assembly import displacement_of
+from truepose.models.assembly import displacements
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.mechanism import AXES, BASE, Direction, Joint
 
@@ -105,11 +105,10 @@ def _motions(model: SymbolicModel) -> list[_Motion]:
 
 
 def _joint(model: SymbolicModel, joint: Joint) -> list[_Motion]:
-    driven = [a for a in model.machine.mechanism.actuators if a.drives == joint.name]
-    if not driven:
+    if joint.name not in model.machine.mechanism.driven:
         return []
     q = dict(zip(model.readings, ca.vertsplit(model.q), strict=True))
-    value = displacement_of(model.machine, driven[0].reading, model.values, q)
+    value = displacements(model.machine, model.values, q)[joint.name]
     assert not isinstance(joint.axis, Direction)  # parameterised directions belong to rails of closed chains
     return [_Motion(joint.kind == "revolute", joint.axis, value)]
 

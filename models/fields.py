@@ -185,6 +185,7 @@ LengthSigma = Annotated[float, _scalar("length", _SIGMA), _SIGMA_SCHEMA, _LENGTH
 AngleSigma = Annotated[float, _scalar("angle", _SIGMA), _SIGMA_SCHEMA, _ANGLE]
 NumberTolerance = Annotated[float, _scalar("number", _TOLERANCE), _ONE]
 LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE), _ONE, _LENGTH]
+MassTolerance = Annotated[float, _scalar("mass", _TOLERANCE), _ONE, In("kg", stated=True)]
 AngleTolerance = Annotated[float, _scalar("angle", _TOLERANCE), _ONE, _ANGLE]
 LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE), _ONE_OR_THREE, _LENGTH]
 AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE), _ONE_OR_THREE, _ANGLE]

@@ -92,9 +92,11 @@ class SymbolicModel:
 
 
 def symbolic_model(
-    machine: Machine, effects: Sequence[PlacedEffect] = (), *, ports: bool = False
+    machine: Machine, effects: Sequence[PlacedEffect] = (), *, ports: bool = False, weighed: bool = False
 ) -> SymbolicModel:
     """Expressions of ``machine`` with ``effects``; with ``ports`` every port is a variable too.
+
+    ``weighed``: the payload's mass is recorded row by row, so that a constant of it plays no part.
 
     Raises InputError when an effect asks for a port or a load that this machine has not.
     """
@@ -106,6 +108,8 @@ def symbolic_model(
     bare = symbols("", [*machine.ports]) if ports else dict[str, ca.SX]()
     c = [symbols(f"c{k}_", list(effect.values)) for k, effect in enumerate(effects)]
     values = {**theta, **{name: bare.get(name, ca.SX(0)) for name in machine.ports}}
+    if weighed and f"{PAYLOAD}.kg" in values:
+        values[f"{PAYLOAD}.kg"] = ca.SX(machine.geometry[f"{PAYLOAD}.kg"].nominal)
     passive, x_home = _now_and_home(machine, x)
     statics = _statics(machine, effects, values, q, z, passive)
     loads = statics.loads(values) if statics else {}

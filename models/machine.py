@@ -41,13 +41,15 @@ class Port:
 class Mass:
     """A point mass in a body's frame (``tool`` for the tool frame): kg and centre, mm.
 
-    The mass called ``payload`` takes its kg from the recording's column where there is one.
+    The mass called ``payload`` takes its kg from the recording's column where there is one. ``parameters`` are
+    NAME.kg, NAME.x, NAME.y and NAME.z where not all of them are exactly known; then ``kg`` and ``com`` are nominal.
     """
 
     name: str
     kg: float
     com: tuple[float, float, float]
     body: str
+    parameters: tuple[Parameter, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,9 +84,10 @@ class Machine(Shown):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Geometry, frames and sensors, in one fixed order."""
+        """Geometry, frames, sensors, and masses that are not exactly known, in one fixed order."""
         sensor = tuple(p for s in self.sensors for p in s.parameters)
-        return (*self.mechanism.parameters, *self.frames, *sensor)
+        weighing = tuple(p for mass in self.masses for p in mass.parameters)
+        return (*self.mechanism.parameters, *self.frames, *sensor, *weighing)
 
     @property
     def views(self) -> tuple[View, ...]:
@@ -123,7 +126,7 @@ class Machine(Shown):
     def ports(self) -> Mapping[str, Port]:
         """Ports by name: displacements, error motions of joints and of mounts, readings."""
         out = {a.displacement: Port(a.reading, "displacement", a.unit) for a in self.mechanism.actuators}
-        driven = {actuator.drives for actuator in self.mechanism.actuators}
+        driven = self.mechanism.driven
         standing = (*FRAMES, *(mount.name for mount in self.mounts))
         for part in (*(j.name for j in self.mechanism.tree if j.name in driven), *standing):
             out |= {f"{part}.motion.{axis}": Port(part, "motion", unit) for axis, unit in AXIS_UNITS.items()}

@@ -29,6 +29,7 @@ from truepose.models.fields import (
     LengthToleranceVector,
     LengthVector,
     Mass,
+    MassTolerance,
     Number,
     Section,
     Vector,
@@ -101,12 +102,19 @@ class Frames:
 
 @dataclass(frozen=True)
 class MassSpec:
-    """A mass in kg with its centre `com` (mm) in the frame of the body `in_`."""
+    """A mass in kg with its centre `com` (mm) in the frame of the body `in_`, and 1-sigma of both: 0 exactly known."""
 
     name: str
     kg: float
     com: Triple
     in_: str
+    kg_tolerance: float = 0.0
+    com_tolerance: Triple = _ZERO
+
+    @property
+    def known(self) -> bool:
+        """Whether nothing of it is to be estimated."""
+        return not any((self.kg_tolerance, *self.com_tolerance))
 
 
 @dataclass(frozen=True)
@@ -214,6 +222,13 @@ class _Judgement(Section):
     """Why not, in words."""
 
 
+class _MassTolerance(Section):
+    kg: MassTolerance = 0.0
+    """1-sigma of the mass; .inf where it is unknown."""
+    com: LengthToleranceVector = _ZERO
+    """1-sigma of its centre."""
+
+
 class _Mass(Section):
     kg: Mass = Field(ge=0.0)
     """Mass. That of the mass called `payload` is replaced by the recording's column `payload`."""
@@ -221,6 +236,8 @@ class _Mass(Section):
     """Centre of mass in the frame of `in`."""
     in_: str = Field(alias="in")
     """Body that carries it: linkK of a serial arm, `platform`, a body of the graph or URDF, `flange`, `tool` or `base`."""
+    tolerance: _MassTolerance = _MassTolerance()
+    """How well both are known; left out: exactly. Otherwise `NAME.kg`, `NAME.x` ... are estimated where effects read loads."""
 
 
 def _typed_mapping(value: object) -> object:
@@ -353,7 +370,10 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         frames=_frames(document.frames, path),
         sensors=tuple(document.sensor),
         tolerances=Tolerances(default.length, default.angle, overrides, units, str(path)),
-        masses=tuple(MassSpec(name, m.kg, m.com, m.in_) for name, m in document.masses.items()),
+        masses=tuple(
+            MassSpec(name, m.kg, m.com, m.in_, m.tolerance.kg, m.tolerance.com)
+            for name, m in document.masses.items()
+        ),
         drivers=document.drivers,
         effects=read_effects(document.effects, path),
         covariance=document.covariance,

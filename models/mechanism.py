@@ -142,6 +142,19 @@ class Actuator:
 
 
 @dataclass(frozen=True)
+class Follower:
+    """A joint without a reading that driven ones carry along: displacement = offset + sum of ratio * their displacements.
+
+    ``terms`` are (reading of the driven joint, parameter of the ratio); ``unit`` is that of the displacement (mm or rad).
+    """
+
+    joint: str
+    unit: str
+    offset: str
+    terms: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
 class Limb:
     """A leg of a parallel machine as effects see it: the ports of its ends and of its length."""
 
@@ -195,6 +208,7 @@ class Mechanism:
     gravity: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
     table_frames: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    followers: tuple[Follower, ...] = ()
 
     @property
     def tree(self) -> tuple[Joint, ...]:
@@ -234,9 +248,13 @@ class Mechanism:
 
     @property
     def passive(self) -> tuple[Joint, ...]:
-        """Joints of the tree that no actuator drives and that can move."""
-        driven = {actuator.drives for actuator in self.actuators}
-        return tuple(j for j in self.tree if j.name not in driven and COORDINATES[j.kind])
+        """Joints of the tree that no reading moves and that can move."""
+        return tuple(j for j in self.tree if j.name not in self.driven and COORDINATES[j.kind])
+
+    @property
+    def driven(self) -> frozenset[str]:
+        """What readings move: joints and rods of actuators, and the joints that follow."""
+        return frozenset((*(a.drives for a in self.actuators), *(f.joint for f in self.followers)))
 
     @property
     def unknown(self) -> tuple[Joint, ...]:

@@ -72,7 +72,7 @@ def _check_tool(file: MachineFile, mechanism: Mechanism) -> None:
     while body in above and above[body].kind == "fixed":
         body = above[body].parent
         fixed.add(body)
-    if said not in mechanism.table_frames and body_of(mechanism, said) not in fixed:
+    if said not in ("flange", *mechanism.table_frames) and body_of(mechanism, said) not in fixed:
         raise InputError(
             f"{file.path}: frames.tool.in: found {said!r}, expected flange, which is {mechanism.flange!r}; a frame of "
             "your own name may stand in any body (a sensor reads it with `tip`)"

@@ -36,7 +36,9 @@ class Parameter:
 
     def written_in(self, units: UnitSystem) -> str:
         """Its unit in a file of such units."""
-        return units.of("gain") if self.part == "gain" else units.written(self.unit)
+        if self.part == "gain":
+            return units.of("gain")
+        return "/".join(units.written(part) for part in self.unit.split("/"))
 
     @property
     def scale(self) -> float:

@@ -46,7 +46,7 @@ def joint_ends(machine: Machine) -> tuple[str, ...]:
 
 def hinges(machine: Machine) -> tuple[Joint, ...]:
     """Passive revolute joints about a constant axis."""
-    driven = {actuator.drives for actuator in machine.mechanism.actuators}
+    driven = machine.mechanism.driven
     turning = (j for j in machine.mechanism.joints if j.kind == "revolute" and j.name not in driven)
     return tuple(j for j in turning if not isinstance(j.axis, Direction))
 

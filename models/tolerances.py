@@ -73,7 +73,8 @@ class Tolerances:
         for dimension in dimensions:
             if compatible(self.units.of(dimension), unit):
                 return convert(value, self.units.of(dimension), unit, where)
-        return value
+        own = "/".join(self.units.written(part) for part in unit.split("/"))  # of a ratio
+        return convert(value, own, unit, where)
 
 
 def _is_direction(parameter: str) -> bool:

@@ -18,7 +18,7 @@ from truepose.models.assembly import (
     across_of,
     assemble,
     axis_of,
-    displacement_of,
+    displacements,
     moved_by,
     placed_frame,
     rod_ends,
@@ -76,9 +76,7 @@ class _Velocities:
         z = dict(zip(model.drivers, ca.vertsplit(model.z), strict=True)) if model.drivers else {}
         self.model, self.mechanism, self.values = model, machine.mechanism, model.values
         self.bodies = assemble(machine, model.values, q, z, model.x).bodies
-        self.displacement = {
-            a.drives: displacement_of(machine, a.reading, model.values, q) for a in self.mechanism.actuators
-        }
+        self.displacement = displacements(machine, model.values, q)
         self.passive: dict[str, int] = {}
         at = 0
         for joint in self.mechanism.passive:
@@ -87,7 +85,7 @@ class _Velocities:
         self.screws: dict[str, Screws] = {BASE: {}}
         for joint in self.mechanism.tree:
             own = self._own(joint, placed_frame(joint, self.bodies, self.values))
-            self.screws[joint.child] = {**self.screws[joint.parent], **own}
+            self.screws[joint.child] = _together(self.screws[joint.parent], own)
 
     def derivative(self) -> ca.SX:
         tool = self.model.pose[:3, 3]
@@ -143,9 +141,9 @@ class _Velocities:
     def _closing(self, joint: Joint) -> ca.SX:
         """Rows of a joint that closes a loop, in the order of ``truepose.models.assembly``."""
         frame = placed_frame(joint, self.bodies, self.values)
-        screws = dict(self.screws[joint.parent])
+        screws = self.screws[joint.parent]
         if joint.name in self.displacement:
-            screws |= self._own(joint, frame)
+            screws = _together(screws, self._own(joint, frame))
             frame = frame @ moved_by(joint, self.displacement[joint.name], self.values)
         child = self.bodies[joint.child]
         columns = {
@@ -182,6 +180,12 @@ class _Velocities:
             shorter = (ca.sumsqr(d) + length**2) / (2 * length**2) * rate
             columns[k] = columns.get(k, ca.SX(0)) - shorter
         return self._columns(columns, 1)
+
+
+def _together(below: Screws, own: Screws) -> Screws:
+    """Of a body: what moves its parent, and its own joint; one coordinate may do both."""
+    both = {k: Screw(below[k].w + own[k].w, below[k].v + own[k].v) for k in below.keys() & own.keys()}
+    return {**below, **own, **both}
 
 
 def _screw(turn: bool, axis: ca.SX, origin: ca.SX) -> Screw:

@@ -9,6 +9,7 @@ from truepose.models.driver import PAYLOAD
 from truepose.models.machine import Mass, body_of
 from truepose.models.machine_file import MachineFile, MassSpec
 from truepose.models.mechanism import Mechanism
+from truepose.models.parameters import Parameter
 from truepose.wording import close_matches
 
 Triple = tuple[float, float, float]
@@ -49,7 +50,32 @@ def _mass(mechanism: Mechanism, mass: MassSpec, file: MachineFile) -> Mass:
     if body is None:
         hint = close_matches(mass.in_, (*mechanism.bodies, "flange", "tool", *file.frames.further))
         raise InputError(f"{file.path}: masses.{mass.name}.in: found {mass.in_!r}, expected a body; {hint}")
-    return Mass(mass.name, mass.kg, _in_body(mechanism, body, mass.com), body)
+    com = _in_body(mechanism, body, mass.com)
+    return Mass(mass.name, mass.kg, com, body, () if mass.known else _parameters(mass, com, mechanism, file))
+
+
+def _parameters(
+    mass: MassSpec, com: Triple, mechanism: Mechanism, file: MachineFile
+) -> tuple[Parameter, ...]:
+    """kg, then the centre in the body's frame, mm."""
+    if mass.in_ in mechanism.table_frames and any(mass.com_tolerance):
+        raise InputError(
+            f"{file.path}: masses.{mass.name}.tolerance.com: found one of a mass on a link of a standard table, expected "
+            "the table in the modified convention, whose links have the frames of their joints"
+        )
+
+    def parameter(
+        name: str, unit: str, value: float, tolerance: float, kind: str, field: tuple[str | int, ...]
+    ) -> Parameter:
+        stated = file.override_for(f"{mass.name}.{name}", unit)
+        known = tolerance if stated is None else stated
+        return Parameter(f"{mass.name}.{name}", unit, value, known, kind, ("masses", mass.name, *field))
+
+    centre = (
+        parameter(axis, "mm", com[k], mass.com_tolerance[k], "centre", ("com", k))
+        for k, axis in enumerate("xyz")
+    )
+    return (parameter("kg", "kg", mass.kg, mass.kg_tolerance, "mass", ("kg",)), *centre)
 
 
 def _in_body(mechanism: Mechanism, body: str, com: Triple) -> Triple:

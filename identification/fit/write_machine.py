@@ -24,7 +24,7 @@ from truepose.identification.fit.noise import unexplained
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine import Machine, Mass
 from truepose.models.machine_file import ExpectedPose, write_machine
 from truepose.models.mechanism import AXES, Direction
 from truepose.models.parameters import Parameter
@@ -140,11 +140,15 @@ def _write_weights(document: dict[str, Any], machine: Machine) -> None:
     if machine.gravity is not None:
         document["gravity"] = list(machine.gravity)
     if machine.masses:
-        com = [[float(machine.units.from_internal(v, "length")) for v in mass.com] for mass in machine.masses]
-        document["masses"] = {
-            mass.name: {"kg": mass.kg, "com": at, "in": mass.body}
-            for mass, at in zip(machine.masses, com, strict=True)
-        }
+        stated = document.get("masses") or {}
+        document["masses"] = {mass.name: _weight(mass, stated.get(mass.name, {}), machine) for mass in machine.masses}
+
+
+def _weight(mass: Mass, stated: Mapping[str, Any], machine: Machine) -> dict[str, Any]:
+    """A mass in its body's frame, with the tolerance that the file states of it."""
+    com = [float(machine.units.from_internal(value, "length")) for value in mass.com]
+    kept = {"tolerance": stated["tolerance"]} if "tolerance" in stated else {}
+    return {"kg": mass.kg, "com": com, "in": mass.body, **kept}
 
 
 def in_file_units(parameter: Parameter, value: float, units: UnitSystem) -> float:

@@ -22,6 +22,7 @@ from truepose.identification.prediction.sensor_rows import Block, Sight, joined,
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.closure import solved
+from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
@@ -53,7 +54,8 @@ class Predictor:
         visits: int = 1,
     ) -> None:
         self.machine = machine
-        self.model = symbolic_model(machine, effects, ports=ports)
+        weighed = recording.driver(PAYLOAD) is not None
+        self.model = symbolic_model(machine, effects, ports=ports, weighed=weighed)
         self._read(recording)
         m = self.model
         inputs = [m.x, m.q, m.z, m.p]

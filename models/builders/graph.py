@@ -27,8 +27,9 @@ from truepose.models.fields import (
     Vector,
     bad_value,
 )
-from truepose.models.mechanism import BASE, COORDINATES, Actuator, Joint, Mechanism, Step
+from truepose.models.mechanism import BASE, COORDINATES, Actuator, Follower, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
+from truepose.models.units import UnitSystem, convert
 from truepose.wording import close_matches
 
 _PLACEMENT = (("tx", "x"), ("ty", "y"), ("tz", "z"), ("rz", "rz"), ("ry", "ry"), ("rx", "rx"))
@@ -38,6 +39,15 @@ FLANGE = "flange"
 PLATFORM = "platform"
 
 Home = Annotated[float | tuple[float, ...], Field()]
+
+
+class Mimic(Section):
+    """Another joint that carries this one along."""
+
+    joint: str
+    """A joint of the graph that is `actuated`."""
+    ratio: Number = 1.0
+    """Displacement of this joint for a unit of the other's, in the file's units (mm/deg of a slide that a turn moves)."""
 
 
 class GraphJoint(Section):
@@ -59,8 +69,10 @@ class GraphJoint(Section):
     """Axis of a revolute or prismatic joint, in the joint's frame; its length does not count."""
     actuated: bool = False
     """Whether it is driven and its reading recorded; revolute and prismatic joints only."""
+    mimic: Mimic | tuple[Mimic, ...] = ()
+    """It has no reading: `{joint: q2, ratio: -1}` moves it with that joint; several in a list add up."""
     offset: Annotated[Number, In("reading")] = 0.0
-    """Added to the reading."""
+    """Added to the reading, or to what `mimic` says."""
     range: Range | None = None
     """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Number | None = None
@@ -74,6 +86,8 @@ class GraphJoint(Section):
             raise bad_value("range: [low, high] with low < high", self.range)
         if self.actuated and self.kind not in _ONE_AXIS:
             raise bad_value("actuated: true on a revolute or prismatic joint only", self.kind)
+        if self.follows and (self.actuated or self.kind not in _ONE_AXIS):
+            raise bad_value("mimic on a revolute or prismatic joint that is not actuated", self.kind)
         if not any(self.axis):
             raise bad_value("axis: a direction", self.axis)
         return self
@@ -82,6 +96,16 @@ class GraphJoint(Section):
     def dimension(self) -> str:
         """Dimension of the displacement: ``length`` or ``angle``."""
         return "length" if self.kind == "prismatic" else "angle"
+
+    @property
+    def unit(self) -> str:
+        """Internal unit of the displacement."""
+        return "mm" if self.kind == "prismatic" else "rad"
+
+    @property
+    def follows(self) -> tuple[Mimic, ...]:
+        """The joints that carry it along."""
+        return (self.mimic,) if isinstance(self.mimic, Mimic) else self.mimic
 
 
 class Graph(Section):
@@ -118,11 +142,11 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
     home = _homes(parsed, context)
     parameters, joints, actuators = [], [], []
     for k, joint in enumerate(parsed.joints):
-        parameters += _parameters(k, joint, context)
+        parameters += _parameters(k, joint, {other.name: other for other in parsed.joints}, context)
         placement = tuple(Step(kind, f"{joint.name}.{axis}") for kind, axis in _PLACEMENT)
         parent, child = (BASE if end == base else end for end in (joint.parent, joint.child))
         axis = (np.array(joint.axis) / np.linalg.norm(joint.axis)).tolist()
-        start = () if joint.actuated else home.get(joint.name, ())
+        start = () if joint.actuated or joint.follows else home.get(joint.name, ())
         joints.append(Joint(joint.name, joint.kind, parent, child, placement, tuple(axis), start))
         if joint.actuated:
             actuators.append(_actuator(joint, home.get(joint.name), context))
@@ -132,35 +156,58 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
         tuple(actuators),
         parsed.flange or (FLANGE if FLANGE in parsed.bodies else parsed.bodies[-1]),
         platform=PLATFORM if PLATFORM in parsed.bodies else None,
+        followers=tuple(_follower(joint) for joint in parsed.joints if joint.follows),
     )
     _check_reach(mechanism, parsed, context)
     named = {joint: limb for limb, joint in parsed.limbs.items()}
     return thermal_lengths(limbs_of(mechanism, named), named)
 
 
-def _parameters(place: int, joint: GraphJoint, context: BuildContext) -> list[Parameter]:
+def _parameters(
+    place: int, joint: GraphJoint, others: Mapping[str, GraphJoint], context: BuildContext
+) -> list[Parameter]:
     values = (*joint.xyz, *joint.rpy)
     out = []
     for k, axis in enumerate(("x", "y", "z", "rx", "ry", "rz")):
         unit, part = ("mm", "xyz") if k < 3 else ("rad", "rpy")
         field = ("joints", place, part, k % 3)
         out.append(context.parameter(f"{joint.name}.{axis}", unit, values[k], field))
-    if joint.actuated:
-        unit = "mm" if joint.dimension == "length" else "rad"
+    if joint.actuated or joint.follows:
         offset = context.file.units.to_internal(joint.offset, joint.dimension)
-        out.append(context.parameter(f"{joint.name}.offset", unit, offset, ("joints", place, "offset")))
+        out.append(context.parameter(f"{joint.name}.offset", joint.unit, offset, ("joints", place, "offset")))
+    for k, mimic in enumerate(joint.follows):
+        unit, own = ratio_unit(joint.unit, others[mimic.joint].unit, context.file.units)
+        at = () if isinstance(joint.mimic, Mimic) else (k,)
+        value, field = convert(mimic.ratio, own, unit), ("joints", place, "mimic", *at, "ratio")
+        name = ratio_name(joint.name, mimic.joint)
+        out.append(context.parameter(name, unit, value, field, "ratio", default=0.0))
     return out
+
+
+def ratio_name(joint: str, other: str) -> str:
+    """The parameter of how far ``joint`` moves for a unit of another."""
+    return f"{joint}.ratio.{other}"
+
+
+def ratio_unit(unit: str, other: str, units: UnitSystem) -> tuple[str, str]:
+    """Unit of a ratio of displacements inside, and in the file."""
+    written = (units.written(unit), units.written(other))
+    return ("1", "1") if unit == other else (f"{unit}/{other}", "/".join(written))
+
+
+def _follower(joint: GraphJoint) -> Follower:
+    terms = tuple((mimic.joint, ratio_name(joint.name, mimic.joint)) for mimic in joint.follows)
+    return Follower(joint.name, joint.unit, f"{joint.name}.offset", terms)
 
 
 def _actuator(joint: GraphJoint, home: tuple[float, ...] | None, context: BuildContext) -> Actuator:
     units = context.file.units
-    unit = "mm" if joint.dimension == "length" else "rad"
     low_high = joint.range and tuple(units.to_internal(v, joint.dimension) for v in joint.range)
     return Actuator(
         joint.name,
         joint.name,
-        unit,
-        unit,
+        joint.unit,
+        joint.unit,
         offset=f"{joint.name}.offset",
         range=(low_high[0], low_high[1]) if low_high else None,
         gear_ratio=joint.gear_ratio,
@@ -212,11 +259,27 @@ def _check(parsed: Graph, context: BuildContext) -> None:
             if body not in parsed.bodies:
                 hint = close_matches(body, parsed.bodies)
                 raise InputError(f"{where}.joints[{k}].{end}: found {body!r}, expected a body; {hint}")
+        _check_mimic(k, joint, parsed, where)
         if joint.parent == joint.child:
             raise InputError(f"{where}.joints[{k}]: found {joint.name!r} between {joint.parent!r} and itself")
     for limb, joint_name in parsed.limbs.items():
         if joint_name not in {j.name for j in parsed.joints if j.actuated}:
             raise InputError(f"{where}.limbs.{limb}: found {joint_name!r}, expected an actuated joint")
+
+
+def _check_mimic(place: int, joint: GraphJoint, parsed: Graph, where: str) -> None:
+    """What a joint follows must have a reading, and be named once."""
+    driven = [other.name for other in parsed.joints if other.actuated]
+    for k, mimic in enumerate(joint.follows):
+        at = "" if isinstance(joint.mimic, Mimic) else f"[{k}]"
+        field = f"{where}.joints[{place}].mimic{at}.joint"
+        if mimic.joint not in driven:
+            hint = close_matches(mimic.joint, driven)
+            raise InputError(
+                f"{field}: found {mimic.joint!r}, expected a joint with `actuated: true`; {hint}"
+            )
+        if mimic.joint in [other.joint for other in joint.follows[:k]]:
+            raise InputError(f"{field}: found {mimic.joint!r} a second time, expected one ratio a joint")
 
 
 def _check_reach(mechanism: Mechanism, parsed: Graph, context: BuildContext) -> None:

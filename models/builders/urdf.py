@@ -17,13 +17,13 @@ from pydantic import Field
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
-from truepose.models.builders.graph import Graph, mechanism_of
+from truepose.models.builders.graph import Graph, mechanism_of, ratio_unit
 from truepose.models.builders.urdf_file import Robot
 from truepose.models.builders.urdf_inertials import gravity_in, inertials_of
 from truepose.models.context import BuildContext
 from truepose.models.fields import Section
 from truepose.models.mechanism import BASE, Mechanism
-from truepose.models.units import UnitSystem
+from truepose.models.units import UnitSystem, convert
 from truepose.wording import close_matches
 
 
@@ -70,12 +70,14 @@ def expanded(section: Urdf, robot: Robot, units: UnitSystem, where: str) -> dict
             f"{BASE!r} itself (where it stands belongs in frames.base)"
         )
     names = _names(section, [robot.joint_name(joint) for joint in chain], where)
+    called = dict(zip(map(robot.joint_name, chain), names, strict=True))
     joints = [
         {
             "name": name,
             "parent": robot.end(joint, "parent"),
             "child": robot.end(joint, "child"),
             **robot.joint(joint, units),
+            **_followed(robot, joint, called, units),
         }
         for joint, name in zip(chain, names, strict=True)
     ]
@@ -85,6 +87,31 @@ def expanded(section: Urdf, robot: Robot, units: UnitSystem, where: str) -> dict
 def _united(chains: Sequence[list[Element]]) -> list[Element]:
     """The joints of several chains, each once, parents first."""
     return list({id(joint): joint for chain in chains for joint in chain}.values())
+
+
+def _followed(robot: Robot, joint: Element, called: Mapping[str, str], units: UnitSystem) -> dict[str, Any]:
+    """``mimic`` and ``offset`` of a joint that follows another, in the file's units; nothing for others."""
+    found = robot.mimic(joint)
+    if found is None:
+        return {}
+    other, ratio, offset = found
+    if other not in called:
+        raise robot.wrong(
+            joint,
+            "mimic",
+            f"found {other!r}, which lies on no way to a tip",
+            "a joint of the machine: name a link beyond it in tip_link, too",
+        )
+    own, theirs = (_slides(robot, name) for name in (robot.joint_name(joint), other))
+    inside, written = ratio_unit(own, theirs, units)
+    moved = float(units.from_internal(offset, "length" if own == "mm" else "angle"))
+    return {"mimic": {"joint": called[other], "ratio": convert(ratio, inside, written)}, "offset": moved}
+
+
+def _slides(robot: Robot, name: str) -> str:
+    """Unit of a joint's displacement."""
+    joint = next(j for j in robot.above.values() if robot.joint_name(j) == name)
+    return "mm" if joint.get("type") == "prismatic" else "rad"
 
 
 def _names(section: Urdf, chain: list[str], where: str) -> list[str]:

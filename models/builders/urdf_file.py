@@ -101,11 +101,6 @@ class Robot:
         if kind not in KINDS:
             expected = f"{', '.join(KINDS)} (describe the machine as type: graph)"
             raise self.wrong(joint, "type", f"found {kind!r}", expected)
-        mimic = joint.find("mimic")
-        if mimic is not None:
-            raise self.wrong(
-                joint, "mimic", f"found one, of {mimic.get('joint')!r}", "joints with readings of their own"
-            )
         xyz, rpy = self.numbers(joint, "origin", "xyz"), self.numbers(joint, "origin", "rpy")
         out: dict[str, Any] = {"kind": KINDS[kind]}
         out["xyz"] = [float(units.from_internal(MM_PER_M * v, "length")) for v in xyz]
@@ -115,13 +110,41 @@ class Robot:
         axis = self.numbers(joint, "axis", "xyz", _AXIS)
         if not any(axis):
             raise self.wrong(joint, "axis", "found 0 0 0", "a direction")
-        out |= {"axis": list(axis), "actuated": True}
+        out["axis"] = list(axis)
+        if joint.find("mimic") is not None:
+            return out
+        out["actuated"] = True
         limits = self._range(joint, kind)
         if limits is not None:
             slides = kind == "prismatic"
             dimension, factor = ("length", MM_PER_M) if slides else ("angle", 1.0)
             out["range"] = [float(units.from_internal(factor * v, dimension)) for v in limits]
         return out
+
+    def mimic(self, joint: ElementTree.Element) -> tuple[str, float, float] | None:
+        """What a joint follows: the other's name, multiplier (1, mm/rad or rad/mm) and offset (mm or rad); None if nothing.
+
+        Raises InputError where that joint has no reading of its own, or the same one twice.
+        """
+        element = joint.find("mimic")
+        if element is None or joint.get("type") == "fixed":
+            return None
+        found = element.get("joint", "")
+        other = next((j for j in self.above.values() if self.joint_name(j) == found), None)
+        if (
+            other is None
+            or other.find("mimic") is not None
+            or KINDS.get(other.get("type", ""), "fixed") == "fixed"
+        ):
+            raise self.wrong(
+                joint, "mimic", f"found {found!r}", "a joint that moves and has a reading of its own"
+            )
+        factor, offset = (
+            self.number(joint, "mimic", element.get(key, usual))
+            for key, usual in (("multiplier", "1"), ("offset", "0"))
+        )
+        own, theirs = (MM_PER_M if j.get("type") == "prismatic" else 1.0 for j in (joint, other))
+        return found, factor * own / theirs, offset * own
 
     def _range(self, joint: ElementTree.Element, kind: str) -> tuple[float, float] | None:
         """Lower and upper limit; None for a joint that turns without end or states none."""

@@ -55,20 +55,20 @@ class JointCompliance(Effect):
         """With unknown masses, one candidate for each body beyond the joint that may carry them."""
         if machine.loaded:
             return ({}, {"bend": 2.0}, {"bend": 3.0})
-        return [{"carries": float(k)} for k in range(_position(machine, place), len(machine.load_cases))]
+        return [{"carries": float(k)} for k in _pulling(machine, place)]
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         unit, scale = ("rad/(N*m)", 1e-4) if joint_unit(machine, place) == "rad" else ("mm/N", 1e-2)
         if "bend" in settings:
             return (Coefficient("d", unit, scale=scale),)
-        if _case(machine, settings):
+        if _case(machine, place, settings):
             return (Coefficient("c_kg", f"{unit}*kg", scale=20.0 * scale, lower=0.0),)
         return (Coefficient("c", unit, scale=scale, lower=0.0),)
 
     def shifts(self, site: Site) -> Shifts:
         port = actuator_at(site.machine, site.place[0]).displacement
         (c,) = site.c.values()
-        load = site.load(port, _case(site.machine, site.settings))
+        load = site.load(port, _case(site.machine, site.place, site.settings))
         share = load / BENT_AT
         bent = {2.0: ca.fabs(share), 3.0: share**2}.get(site.settings.get("bend", 0.0), 1)
         return {port: c * load * bent}
@@ -81,19 +81,24 @@ class JointCompliance(Effect):
         return f"Joint {place[0]} gives way under the weight it carries, in proportion to the load{unknown}."
 
 
-def _position(machine: Machine, place: Place) -> int:
-    """First load case that pulls at the joint: the origin of the body it moves lies on its own axis."""
-    drives = actuator_at(machine, place[0]).drives
-    names = [joint.name for joint in machine.mechanism.tree]
-    return names.index(drives)
+def _pulling(machine: Machine, place: Place) -> list[int]:
+    """Load cases that pull at the joint: bodies beyond the one that it moves, whose origin lies on its own axis."""
+    mechanism, drives = machine.mechanism, actuator_at(machine, place[0]).drives
+    moved = next(joint.child for joint in mechanism.tree if joint.name == drives)
+    beyond: set[str] = set()
+    for joint in mechanism.tree:  # parents come first
+        if joint.parent == moved or joint.parent in beyond:
+            beyond.add(joint.child)
+    on_tool = {"tool"} if mechanism.flange in {moved, *beyond} else set()
+    return [k for k, case in enumerate(machine.load_cases) if case.removesuffix("|") in beyond | on_tool]
 
 
-def _case(machine: Machine, settings: Settings) -> str:
+def _case(machine: Machine, place: Place, settings: Settings) -> str:
     """The load case: all stated masses, or else 1 kg at the origin of one body."""
     if machine.loaded or not machine.load_cases:
         return ""
     last = len(machine.load_cases) - 1
-    chosen = settings.get("carries", float(last))
+    chosen = settings.get("carries", float(max(_pulling(machine, place), default=last)))
     if chosen not in range(last + 1):
         raise InputError(f"{JointCompliance.slug}: found carries = {chosen:g}, expected 0 to {last}")
     return machine.load_cases[round(chosen)]

@@ -116,6 +116,7 @@ def _links(machine: Machine) -> dict[str, _Link]:
         way.insert(0, above[body])
         body = above[body].parent
     driven = {a.drives for a in mechanism.actuators if drives_joint(machine, a)}
+    driven |= {follower.joint for follower in mechanism.followers}
     nominal = {p.name: ca.SX(p.nominal) for p in machine.parameters}
     out = {}
     for k, joint in enumerate(way):

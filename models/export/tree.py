@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.assembly import frame_of, placed_frame
+from truepose.models.assembly import displacements, frame_of, placed_frame
 from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES, BASE, COORDINATES, Actuator, Direction, Joint
+from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 class TreeJoint:
     """A joint from link to link: ``origin`` (4, 4) mm, then the motion by its reading about or along ``axis`` (3,).
 
-    ``kind`` is revolute, prismatic or fixed; ``range`` in mm or rad, None where the machine file states none.
+    ``kind`` is revolute, prismatic or fixed; ``range`` in mm or rad, None where the machine file states none. ``follows`` is
+    the joint whose reading moves it, with the ratio (1, mm/rad or rad/mm), where it has none of its own.
     """
 
     name: str
@@ -32,6 +33,7 @@ class TreeJoint:
     origin: Array
     axis: Array
     range: tuple[float, float] | None = None
+    follows: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,10 @@ class Tree:
         links = {BASE: np.eye(4)}
         for joint in self.joints:
             reached = links[joint.parent] @ joint.origin
-            links[joint.child] = reached @ motion(joint, readings.get(joint.name, 0.0))
+            moved = readings.get(joint.name, 0.0)
+            if joint.follows is not None:
+                moved = joint.follows[1] * readings.get(joint.follows[0], 0.0)
+            links[joint.child] = reached @ motion(joint, moved)
         out: Array = links[self.flange] @ self.tool
         return out
 
@@ -78,6 +83,9 @@ def tree_of(machine: Machine, values: Mapping[str, float], what: str) -> Tree:
     mechanism = machine.mechanism
     symbols = {name: ca.SX(value) for name, value in values.items()}
     drives = {actuator.drives: actuator for actuator in mechanism.actuators}
+    still = dict.fromkeys(mechanism.readings, ca.SX(0))
+    zero = {name: float(value) for name, value in displacements(machine, symbols, still).items()}
+    follows = {f.joint: (f.terms[0][0], values[f.terms[0][1]]) for f in mechanism.followers}
     offsets = {BASE: _motion(symbols, BASE)}
     joints = []
     for joint in mechanism.tree:
@@ -85,13 +93,15 @@ def tree_of(machine: Machine, values: Mapping[str, float], what: str) -> Tree:
         origin = offsets[joint.parent] @ placement
         offsets[joint.child] = np.eye(4)
         axis, limits, name, kind = np.array([0.0, 0.0, 1.0]), None, joint.name, "fixed"
-        if joint.name in drives:
-            actuator = drives[joint.name]
-            axis, limits, name, kind = _axis(joint, values), actuator.range, actuator.reading, joint.kind
-            zero = TreeJoint(name, kind, joint.parent, joint.child, origin, axis)
-            origin = origin @ motion(zero, _zero(actuator, values))
+        if joint.name in zero:
+            axis, kind = _axis(joint, values), joint.kind
+            if joint.name in drives:
+                limits, name = drives[joint.name].range, drives[joint.name].reading
+            start = TreeJoint(name, kind, joint.parent, joint.child, origin, axis)
+            origin = origin @ motion(start, zero[joint.name])
             offsets[joint.child] = _motion(symbols, joint.name)
-        joints.append(TreeJoint(name, kind, joint.parent, joint.child, origin, axis, limits))
+        led = follows.get(joint.name)
+        joints.append(TreeJoint(name, kind, joint.parent, joint.child, origin, axis, limits, led))
     at_flange = offsets[mechanism.flange] @ _motion(symbols, "tool") @ _number(frame_of(symbols, "tool"))
     world = _number(frame_of(symbols, "base"))
     return Tree(machine.name, tuple(joints), offsets, mechanism.flange, at_flange, world)
@@ -126,6 +136,17 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
             f"{machine.name}: joint {passive[0].name!r}: found a {passive[0].kind} joint that nothing drives, "
             f"expected revolute and prismatic joints with `actuated: true` for {what}"
         )
+    several = [follower.joint for follower in mechanism.followers if len(follower.terms) > 1]
+    if several:
+        raise InputError(
+            f"{machine.name}: joint {several[0]!r}: found a joint that follows several others, expected one for {what}"
+        )
+    held = {mount.name for mount in machine.mounts}
+    hung = [mass.name for mass in machine.masses if mass.body in held]
+    if hung:
+        raise InputError(
+            f"{machine.name}: masses.{hung[0]}: found a mass in a further frame, expected one in a body for {what}"
+        )
     for actuator in mechanism.actuators:
         gain = values[actuator.gain] if actuator.gain else 1.0
         if gain != 1.0 or actuator.reading_unit != actuator.unit:
@@ -133,11 +154,6 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
                 f"{machine.name}: joint {actuator.reading!r}: found a gain of {gain:g} {actuator.unit} per "
                 f"{actuator.reading_unit}, expected readings in mm and rad with gain 1 for {what}"
             )
-
-
-def _zero(actuator: Actuator, values: Mapping[str, float]) -> float:
-    """Displacement at reading 0, mm or rad."""
-    return (values[actuator.offset] if actuator.offset else 0.0) + values[actuator.displacement]
 
 
 def _axis(joint: Joint, values: Mapping[str, float]) -> Array:

@@ -6,7 +6,7 @@ Link ``base`` is the nominal frame of the base, ``linkK`` (or the body's name in
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
@@ -47,8 +47,9 @@ def urdf_text(machine: Machine, tree: Tree, notes: Sequence[str]) -> str:
     chain = [*standing, *tree.joints, *fixed]
     for name in (chain[0].parent, *(joint.child for joint in chain)):
         robot.append(_link(name, masses.get(name, ())))
+    slides = {joint.name: joint.kind == "prismatic" for joint in chain}
     for joint in chain:
-        robot.append(_joint(joint))
+        robot.append(_joint(joint, slides))
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
@@ -96,7 +97,8 @@ def _link(name: str, masses: Iterable[tuple[float, Array]]) -> ElementTree.Eleme
     return link
 
 
-def _joint(joint: TreeJoint) -> ElementTree.Element:
+def _joint(joint: TreeJoint, slides: Mapping[str, bool]) -> ElementTree.Element:
+    """``slides``: of each joint by name, whether it is prismatic."""
     kind = "continuous" if joint.kind == "revolute" and joint.range is None else joint.kind
     out = ElementTree.Element("joint", name=joint.name, type=kind)
     xyz, rpy = xyz_rpy(joint.origin)
@@ -111,6 +113,11 @@ def _joint(joint: TreeJoint) -> ElementTree.Element:
         unit = MM_PER_M if kind == "prismatic" else 1.0
         limits = {"lower": text(low / unit), "upper": text(high / unit)}
         ElementTree.SubElement(out, "limit", {**limits, "effort": "0", "velocity": "0"})
+    if joint.follows is not None:
+        other, ratio = joint.follows
+        unit = MM_PER_M if slides[joint.name] else 1.0
+        factor = ratio / unit * (MM_PER_M if slides[other] else 1.0)
+        ElementTree.SubElement(out, "mimic", joint=other, multiplier=text(factor), offset="0")
     return out
 
 

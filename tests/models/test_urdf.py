@@ -164,7 +164,7 @@ def test_a_calibrated_chain_is_a_graph_that_needs_no_urdf(tmp_path: Path) -> Non
         ("robot", "model", r"arm\.urdf: found <model>, expected <robot>"),
         ('"revolute"', '"planar"', r"arm\.urdf: joint 'lift': type: found 'planar', expected revolute"),
         ('"revolute"', '"floating"', r"joint 'lift': type: found 'floating'.*type: graph"),
-        ('<axis xyz="0 0.6 -0.8"/>', '<mimic joint="pan"/>', r"joint 'lift': mimic: found one, of 'pan'"),
+        ('<axis xyz="0 0.6 -0.8"/>', '<mimic joint="foot"/>', r"joint 'lift': mimic: found 'foot'"),
         ("0 0.6 -0.8", "0 0 0", r"joint 'lift': axis: found 0 0 0, expected a direction"),
         ("0 0.6 -0.8", "0 1", r"joint 'lift': axis\.xyz: found '0 1', expected 3 numbers"),
         ("-1.2 0.4 0.1", "${pi} 0 0", r"joint 'lift': origin: found '\$\{pi\}', expected finite numbers"),
@@ -215,7 +215,11 @@ def test_a_urdf_that_is_wrong_is_told(tmp_path: Path, old: str, new: str, messag
             r"mechanism\.tip_link: found 'tip', which no joint",
         ),
         ("tip_link: tip", "tip_link: world", r"mechanism\.tip_link: found 'world'"),
-        ("tip_link: tip", "tip_link: finger", r"joint 'grip': mimic: found one"),
+        (
+            "world, tip_link: tip",
+            "hand, tip_link: finger",
+            r"joint 'grip': mimic: found 'reach', which lies on no way to a tip",
+        ),
         ("tip_link: tip", "tip_link: other", r"joint 'loose': type: found 'floating'"),
         (
             "tip}",

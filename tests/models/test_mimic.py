@@ -1,0 +1,219 @@
+"""Joints that follow others: poses against numpy, derivatives by ratios, loops, the fit of a ratio, C and URDF."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from support import two_arms
+from support.generated_c import COMPILER, needs_compiler
+from support.two_arms import pose
+from truepose.codegen.c import generate
+from truepose.codegen.loops import twists
+from truepose.errors import InputError
+from truepose.identification.fit.calibrate import calibrate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.models.export.write import export
+from truepose.models.kinematics import symbolic_model
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+from truepose.models.velocities import gap_derivative
+
+Array = NDArray[np.float64]
+GRIP = """<robot name="grip">
+  <link name="palm"/> <link name="arm"/> <link name="slide"/> <link name="finger"/>
+  <joint name="a" type="revolute"> <parent link="palm"/> <child link="arm"/> <origin xyz="0 0 0.1" rpy="0.2 0 0"/>
+    <axis xyz="0 1 0"/> <limit lower="-1" upper="1"/> </joint>
+  <joint name="s" type="prismatic"> <parent link="arm"/> <child link="slide"/> <origin xyz="0.2 0 0"/>
+    <axis xyz="0 0 1"/> <mimic joint="a" multiplier="0.05" offset="0.01"/> </joint>
+  <joint name="f" type="revolute"> <parent link="slide"/> <child link="finger"/> <origin xyz="0 0.05 0"/>
+    <axis xyz="1 0 0"/> <mimic joint="a" multiplier="-2"/> </joint>
+</robot>"""
+SENSOR = "sensor: {type: pose, sigma: {xyz: 0.01, rot: 0.01}}\n"
+
+
+def grip(folder: Path, more: str = "", head: str = "") -> Machine:
+    (folder / "grip.urdf").write_text(GRIP, encoding="utf-8")
+    path = folder / "grip.yaml"
+    mechanism = "mechanism: {type: urdf, file: grip.urdf, base_link: palm, tip_link: finger}\n"
+    path.write_text(
+        f"schema: truepose/machine/1\nname: grip\n{head}{mechanism}{SENSOR}{more}", encoding="utf-8"
+    )
+    return load_machine(path)
+
+
+def turned(axis: int, angle: float) -> Array:
+    return pose((0, 0, 0), angle * np.eye(3)[axis])
+
+
+def expected(a: float, ratio: float = -2.0) -> Array:
+    """(4, 4) of the finger: mm; a in rad."""
+    slide = pose((200, 0, 10 + 50 * a), (0, 0, 0))
+    return (
+        pose((0, 0, 100), (0.2, 0, 0))
+        @ turned(1, a)
+        @ slide
+        @ pose((0, 50, 0), (0, 0, 0))
+        @ turned(0, ratio * a)
+    )
+
+
+@pytest.mark.parametrize(
+    "head", ["", "units: {length: m, angle: rad}\n", "units: {length: in, angle: arcmin}\n"]
+)
+def test_a_urdf_s_mimic_joints_follow(tmp_path: Path, head: str) -> None:
+    machine = grip(tmp_path, head=head)
+    assert machine.mechanism.readings == ("a",)
+    assert not machine.mechanism.passive
+    model = symbolic_model(machine)
+    at = ca.Function("at", [model.q, model.p], [model.pose])
+    for a in (-0.9, 0.0, 0.4):
+        np.testing.assert_allclose(np.array(at(a, model.p_home)), expected(a), atol=1e-9)
+
+
+def test_a_ratio_is_found_and_written_back(tmp_path: Path) -> None:
+    """A finger that turns 2.02 times as far as the arm."""
+    machine = grip(tmp_path, "tolerances: {f.ratio.a: 0.05, s.ratio.a: 0.01}\n")
+    rows = []
+    for k, a in enumerate(np.linspace(-0.9, 0.9, 15)):
+        at = expected(a, -2.02)
+        turn = two_arms.Rotation.from_matrix(at[:3, :3]).as_rotvec(degrees=True)
+        noise = 0.001 * np.sin(np.arange(6) + 7.0 * k)
+        values = np.concatenate([at[:3, 3], turn]) + noise
+        rows.append({"a": np.degrees(a), **dict(zip(("x", "y", "z", "rx", "ry", "rz"), values, strict=True))})
+    done = calibrate(machine, pd.DataFrame(rows))
+    found = dict(zip(done.fit.prior.names, done.fit.p, strict=True))
+    assert found["f.ratio.a"] == pytest.approx(-2.02, abs=1e-3)
+    assert found["s.ratio.a"] == pytest.approx(50.0, abs=0.05)  # mm/rad
+    write_calibrated(tmp_path / "out.yaml", done.fit, done.recording)
+    again = {p.name: p.nominal for p in load_machine(tmp_path / "out.yaml").parameters}
+    for name in ("f.ratio.a", "s.ratio.a", "f.offset"):
+        assert again[name] == pytest.approx(found[name], rel=1e-12)
+
+
+LOOP = """schema: truepose/machine/1
+name: loop
+mechanism:
+  type: graph
+  bodies: [base, a, b, c, d]
+  joints:
+    - {name: q1, kind: revolute, parent: base, child: a, axis: [0, 0, 1], actuated: true}
+    - {name: q2, kind: revolute, parent: a, child: b, xyz: [100, 0, 0], rpy: [20, 0, 0], axis: [0, 0, 1], actuated: true}
+    - {name: m, kind: prismatic, parent: b, child: c, xyz: [50, 0, 10], axis: [1, 0, 0],
+       mimic: [{joint: q1, ratio: 0.4}, {joint: q2, ratio: -0.2}], offset: 3}
+    - {name: e, kind: revolute, parent: c, child: d, xyz: [40, 0, 0], mimic: {joint: q2, ratio: 0.5}}
+    - {name: p, kind: universal, parent: base, child: w, xyz: [150, 200, 20]}
+    - {name: r, kind: prismatic, parent: w, child: v, axis: [0, 0, 1]}
+    - {name: close, kind: spherical, parent: d, child: v, xyz: [30, 0, 0]}
+  home: {p: [90, 20], r: 210}
+  flange: d
+"""
+
+
+def test_a_sum_of_several_joints(tmp_path: Path) -> None:
+    """In the file's mm/deg; the derivative by each ratio is the other's displacement along the slide."""
+    text = LOOP.replace(", c, d]", ", c]").split("    - {name: e,")[0] + "  flange: c\n"
+    (tmp_path / "loop.yaml").write_text(text, encoding="utf-8")
+    model = symbolic_model(load_machine(tmp_path / "loop.yaml"))
+    at = ca.Function("at", [model.q, model.p], [model.pose])
+    q1, q2 = 0.3, -0.7
+    slide = 50 + 3 + 0.4 * np.degrees(q1) - 0.2 * np.degrees(q2)
+    wanted = (
+        turned(2, q1)
+        @ pose((100, 0, 0), np.radians([20, 0, 0]))
+        @ turned(2, q2)
+        @ pose((slide, 0, 10), (0, 0, 0))
+    )
+    np.testing.assert_allclose(np.array(at([q1, q2], model.p_home)), wanted, atol=1e-9)
+    slope = ca.Function("slope", [model.q, model.p], [ca.jacobian(model.pose[:3, 3], model.p)])
+    along = np.array(slope([q1, q2], model.p_home))[:, model.names.index("m.ratio.q1")]
+    np.testing.assert_allclose(along, q1 * wanted[:3, 0], atol=1e-9)
+
+
+def test_loops_know_that_one_reading_moves_several_joints(tmp_path: Path) -> None:
+    """Derivatives by screws against those of the expressions."""
+    (tmp_path / "loop.yaml").write_text(LOOP.replace("c, d]", "c, d, w, v]"), encoding="utf-8")
+    model = symbolic_model(load_machine(tmp_path / "loop.yaml"))
+    told, y = gap_derivative(model), ca.vertcat(model.q, model.x)
+    assert told is not None
+    plain = ca.vertcat(twists(model.pose, y), ca.jacobian(model.gap, y))
+    both = ca.Function("both", [model.q, model.x, model.p], [ca.densify(told), ca.densify(plain)])
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        x = model.home + 0.2 * rng.standard_normal(len(model.home))
+        screws, slopes = (np.array(v) for v in both(rng.uniform(-1, 1, 2), x, model.p_home))
+        np.testing.assert_allclose(screws, slopes, rtol=0, atol=1e-12 * np.abs(slopes).max())
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["grip", "pair"])
+def test_the_c_has_the_same_poses(tmp_path: Path, name: str) -> None:
+    """Followers move with their readings, and the other arm's joints stay where the guess has them."""
+    text = two_arms.MECHANISM + two_arms.FRAMES + two_arms.TARGETS
+    machine = grip(tmp_path) if name == "grip" else load_machine(two_arms.write(tmp_path, text))
+    generate(machine, tmp_path / "c", "double")
+    library = tmp_path / "lib.so"
+    arguments = [
+        str(COMPILER),
+        "-O1",
+        "-shared",
+        "-fPIC",
+        str(tmp_path / f"c/{name}_kin.c"),
+        "-lm",
+        "-o",
+        str(library),
+    ]
+    subprocess.run(arguments, check=True)
+    code, model = ctypes.CDLL(str(library)), symbolic_model(machine)
+    at = ca.Function("at", [model.q, model.p], [model.pose])
+    q = np.linspace(0.2, 0.7, len(model.readings))
+    moved, out, again = np.zeros(12), np.full(len(q), np.nan), q + 0.02
+    places = [a.ctypes.data_as(ctypes.c_void_p) for a in (q, moved, again, out)]
+    assert getattr(code, f"{name}_fk")(None, None, places[0], places[1]) == 0
+    np.testing.assert_allclose(moved.reshape(3, 4), np.array(at(q, model.p_home))[:3], atol=1e-9)
+    assert getattr(code, f"{name}_ik")(None, None, places[1], places[2], places[3]) == 0
+    tips = [k for k, joint in enumerate(model.readings) if not joint.startswith("r")]
+    np.testing.assert_allclose(out[tips], q[tips], atol=1e-8)
+    others = [k for k in range(len(q)) if k not in tips]
+    np.testing.assert_allclose(out[others], again[others], atol=1e-12)
+
+
+def test_a_urdf_that_is_written_has_them_again(tmp_path: Path) -> None:
+    machine = grip(tmp_path)
+    export(machine, tmp_path / "grip.urdf")
+    (tmp_path / "grip.yaml").write_text(
+        "schema: truepose/machine/1\nname: grip\nmechanism: {type: urdf, file: grip.urdf, base_link: base, tip_link: finger}\n"
+    )
+    model = symbolic_model(load_machine(tmp_path / "grip.yaml"))
+    at = ca.Function("at", [model.q, model.p], [model.pose])
+    np.testing.assert_allclose(np.array(at(0.6, model.p_home)), expected(0.6), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [
+        ("mimic: {joint: q2, ratio: 0.5}", "mimic: {joint: m}", "joints[3].mimic.joint: found 'm'"),
+        ("{joint: q2, ratio: -0.2}", "{joint: q1}", "joints[2].mimic[1].joint: found 'q1' a second time"),
+        (
+            "offset: 3}",
+            "offset: 3, actuated: true}",
+            "mimic on a revolute or prismatic joint that is not actuated",
+        ),
+        ("{joint: q2, ratio: 0.5}", "{joints: q2}", "joints[3].mimic"),
+    ],
+)
+def test_what_cannot_follow_is_refused(tmp_path: Path, old: str, new: str, found: str) -> None:
+    assert old in LOOP
+    (tmp_path / "loop.yaml").write_text(
+        LOOP.replace("c, d]", "c, d, w, v]").replace(old, new), encoding="utf-8"
+    )
+    with pytest.raises(InputError) as told:
+        load_machine(tmp_path / "loop.yaml")
+    assert found in str(told.value)
