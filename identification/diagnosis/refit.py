@@ -31,7 +31,7 @@ from truepose.identification.fit.bounded import within_bounds
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.summary import worst_allowed
-from truepose.identification.fit.tolerance_classes import part_classes
+from truepose.identification.fit.tolerance_classes import WEIGHED, part_classes
 from truepose.identification.posterior.state import moments
 from truepose.models.effects.base import PlacedEffect
 
@@ -114,7 +114,7 @@ def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shap
     free = [k for k in range(count) if sigma[k] > 0.0]
     classes = part_classes([prior.names[k] for k in free], [prior.parts[k] for k in free])
     for k, one in zip(free, classes, strict=True):
-        sigma[k] *= factors.get(one, 1.0)
+        sigma[k] *= 1.0 if one.kind in WEIGHED else factors.get(one, 1.0)
     at = count + sum(len(t.coefficients) for t in terms[:first])
     for shape in extra:
         sigma[at : at + len(shape.sigma)] = shape.sigma * prior.scale[at : at + len(shape.sigma)]

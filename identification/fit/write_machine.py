@@ -141,7 +141,9 @@ def _write_weights(document: dict[str, Any], machine: Machine) -> None:
         document["gravity"] = list(machine.gravity)
     if machine.masses:
         stated = document.get("masses") or {}
-        document["masses"] = {mass.name: _weight(mass, stated.get(mass.name, {}), machine) for mass in machine.masses}
+        document["masses"] = {
+            mass.name: _weight(mass, stated.get(mass.name, {}), machine) for mass in machine.masses
+        }
 
 
 def _weight(mass: Mass, stated: Mapping[str, Any], machine: Machine) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.weighed import blocks_of_every_set
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
@@ -223,7 +224,7 @@ class Signatures:
         if order is not None:
             shifts = shifts[order]
         place = {name: k for k, name in enumerate(predictor.model.names)}
-        for block in predictor.blocks(p, x, fit.used * fit.weights):
+        for block in blocks_of_every_set(predictor, fit, p):
             yield block.rows, block, block.changes(self._apply(block.here, shifts[block.rows], place))
 
     def _predictor(self, effects: Sequence[PlacedEffect]) -> Predictor:

@@ -1,0 +1,45 @@
+"""Constants of masses in a linearised problem: seen only through effects of loads, they must not stand for one.
+
+The derivative by a payload's kg is compliance times the change of the load. At a fit that has the compliance it looks
+like the compliance itself, so that a set without it could buy the whole signal with a payload a tolerance or two heavier.
+But a set without it has no such derivative. So the columns are those of the effects that every set has; the others
+are weighed with masses as fitted, and what masses leave open shows in the 1-sigma of the fit that follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.sensor_rows import Block
+
+Array = NDArray[np.float64]
+
+
+def blocks_of_every_set(predictor: Predictor, fit: Estimate, p: Array) -> Iterator[Block]:
+    """Blocks at parameters p (np,) of the fit; by constants of masses, the derivatives are those of what the file states."""
+    counts = fit.used * fit.weights
+    names = [
+        parameter.name for mass in predictor.machine.masses for parameter in mass.parameters if parameter.free
+    ]
+    at = [predictor.model.names.index(name) for name in names]
+    stated = {effect.label for effect in predictor.machine.effects}
+    own = {name for effect in fit.effects if effect.label not in stated for name in effect.parameter_names}
+    found = [name in own for name in predictor.model.names]
+    if not at or not any(found):
+        yield from predictor.blocks(p, fit.x, counts)
+        return
+    without = np.where(found, 0.0, p)
+    pairs = zip(predictor.blocks(p, fit.x, counts), predictor.blocks(without, fit.x, counts), strict=True)
+    for block, plain in pairs:
+        here = block.here.copy()
+        here[:, :, at] = plain.here[:, :, at]
+        yield replace(block, here=here)
+
+
+__all__ = ["blocks_of_every_set"]
