@@ -10,9 +10,9 @@ import casadi as ca
 import numpy as np
 
 from truepose.models import flexure, lie
-from truepose.models.driver import PAYLOAD
-from truepose.models.machine import Machine, Mass
+from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Rod
+from truepose.models.potential import energies, in_base
 from truepose.models.view import TOOL, WORLD, View
 
 MM_PER_M = 1000.0
@@ -78,7 +78,7 @@ def assemble(
     gap = ca.vertcat(*closure) if closure else ca.SX(0, 1)
     square = _least_squares(gap, x) if gap.numel() > x.numel() else gap
     carried = _carried(machine, bodies, tool, values)
-    return Assembly(bodies, square, gap, tool, _energies(machine, bodies, carried, z, values), carried)
+    return Assembly(bodies, square, gap, tool, energies(machine, {**bodies, **carried}, z, values), carried)
 
 
 def _carried(
@@ -142,43 +142,6 @@ def displacements(machine: Machine, values: Mapping[str, ca.SX], q: Mapping[str,
         carried = (values[ratio] * own[reading] for reading, ratio in follower.terms)
         out[follower.joint] = sum(carried, values[follower.offset])
     return out
-
-
-def _energies(
-    machine: Machine,
-    bodies: Mapping[str, ca.SX],
-    carried: Mapping[str, ca.SX],
-    z: Mapping[str, ca.SX],
-    values: Mapping[str, ca.SX],
-) -> dict[str, ca.SX]:
-    """Potential energy of gravity for each load case and of all stated masses, N mm (only differences matter)."""
-    if machine.gravity is None:
-        return {}
-    gravity = ca.DM(machine.gravity)
-    out, frames = {}, {**bodies, **carried}
-    probes = {f"{body}|": frame for body, frame in frames.items()}
-    for case in ("",) if machine.weighs else machine.load_cases:
-        if case:  # 1 kg at the origin of a body
-            out[case] = -ca.dot(gravity, probes[case][:3, 3])
-            continue
-        out[case] = ca.SX(0)
-        for mass in machine.masses:
-            kg, com = _mass(mass, z, values)
-            out[case] -= kg * ca.dot(gravity, _point(frames[mass.body], com))
-    return out
-
-
-def _mass(
-    mass: Mass, z: Mapping[str, ca.SX], values: Mapping[str, ca.SX]
-) -> tuple[ca.SX | float, Sequence[ca.SX | float]]:
-    """kg and centre (3,), mm: a payload's kg is the recorded one and what an unknown one differs from its nominal by."""
-    kg: ca.SX | float = mass.kg
-    com: Sequence[ca.SX | float] = mass.com
-    if mass.parameters:
-        kg, *com = (values[parameter.name] for parameter in mass.parameters)
-    if mass.name == PAYLOAD and PAYLOAD in z:
-        kg = z[PAYLOAD] + (kg - mass.kg) if mass.parameters else z[PAYLOAD]
-    return kg, com
 
 
 def _joint(
@@ -298,12 +261,8 @@ def frame_of(values: Mapping[str, ca.SX], frame: str) -> ca.SX:
     )
 
 
-def _point(frame: ca.SX, point: Sequence[ca.SX | float]) -> ca.SX:
-    return frame[:3, :3] @ ca.vertcat(*(ca.SX(v) for v in point)) + frame[:3, 3]
-
-
 def _end(frame: ca.SX, point: tuple[str, str, str] | None, values: Mapping[str, ca.SX]) -> ca.SX:
-    return frame[:3, 3] if point is None else _point(frame, [values[name] for name in point])
+    return frame[:3, 3] if point is None else in_base(frame, [values[name] for name in point])
 
 
 def symbols(prefix: str, names: Sequence[str]) -> dict[str, ca.SX]:

@@ -17,6 +17,7 @@ from truepose.models.machine_file import EffectSpec, MachineFile, read_machine
 from truepose.models.mounts import frame_parameters, mounts
 from truepose.models.placed import Place, PlacedEffect
 from truepose.models.sensor import Sensor, sensors
+from truepose.models.springs import springs
 from truepose.models.weights import weights
 
 
@@ -39,6 +40,7 @@ def build_machine(file: MachineFile) -> Machine:
         gravity=gravity,
         masses=masses,
         mounts=mounts(file, mechanism),
+        springs=springs(file, mechanism),
         drivers=file.drivers,
         file=file,
         notes=notes,

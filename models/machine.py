@@ -53,6 +53,20 @@ class Mass:
 
 
 @dataclass(frozen=True)
+class Spring:
+    """A spring or balancer between two points, each of a body's frame (mm): it pulls its ends together.
+
+    ``constants`` are force (N), stiffness (N/mm) and free_length (mm), in this order; ``parameters`` the same as unknowns,
+    where not all of them are exactly known.
+    """
+
+    name: str
+    ends: tuple[tuple[str, tuple[float, float, float]], tuple[str, tuple[float, float, float]]]
+    constants: Mapping[str, float]
+    parameters: tuple[Parameter, ...] = ()
+
+
+@dataclass(frozen=True)
 class Mount:
     """A further frame of the machine file, a tip or where a sensor rides: on ``body`` (or ``tool``, ``base``, ``world``)."""
 
@@ -77,6 +91,7 @@ class Machine(Shown):
     gravity: tuple[float, float, float] | None = None
     masses: tuple[Mass, ...] = ()
     mounts: tuple[Mount, ...] = ()
+    springs: tuple[Spring, ...] = ()
     effects: tuple[PlacedEffect, ...] = ()
     drivers: tuple[str, ...] = ()
     file: MachineFile | None = None
@@ -86,8 +101,12 @@ class Machine(Shown):
     def parameters(self) -> tuple[Parameter, ...]:
         """Geometry, frames, sensors, and masses that are not exactly known, in one fixed order."""
         sensor = tuple(p for s in self.sensors for p in s.parameters)
-        weighing = tuple(p for mass in self.masses for p in mass.parameters)
-        return (*self.mechanism.parameters, *self.frames, *sensor, *weighing)
+        return (*self.mechanism.parameters, *self.frames, *sensor, *self.pulling)
+
+    @property
+    def pulling(self) -> tuple[Parameter, ...]:
+        """Constants of masses and springs that are not exactly known: only effects of loads show them."""
+        return tuple(p for part in (*self.masses, *self.springs) for p in part.parameters)
 
     @property
     def views(self) -> tuple[View, ...]:
@@ -148,13 +167,18 @@ class Machine(Shown):
         return self.gravity is not None and any(self.gravity) and bool(self.masses)
 
     @property
+    def stated_loads(self) -> bool:
+        """Whether anything is known to pull: masses in gravity, or springs."""
+        return self.weighs or bool(self.springs)
+
+    @property
     def loaded(self) -> bool:
-        """Whether effects may ask for gravity loads: elastic legs balance the weight themselves."""
-        return self.weighs and self.mechanism.loops != "elastic"
+        """Whether effects may ask for loads: elastic legs balance the weight themselves."""
+        return self.stated_loads and self.mechanism.loops != "elastic"
 
     @property
     def load_cases(self) -> tuple[str, ...]:
-        """What gravity pulls at: ``""`` for all stated masses; without any, 1 kg at each far body's origin.
+        """What pulls: ``""`` for all stated masses and springs; without any, 1 kg at each far body's origin.
 
         A compliance can then be seen although nobody weighed the arm: its product with the mass is found.
         """

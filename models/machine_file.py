@@ -38,6 +38,7 @@ from truepose.models.fields import (
     with_texts,
 )
 from truepose.models.schema_line import SCHEMA_LINE
+from truepose.models.spring_section import SpringSection
 from truepose.models.tolerances import Tolerances
 from truepose.models.units import UnitSystem, parse_unit
 from truepose.models.yaml_document import document_text, read_document
@@ -154,6 +155,7 @@ class MachineFile:
     sessions: tuple[int, ...] = ()  # session numbers seen in its fit
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # as written, in the file's units
     pose_error: ExpectedPose | None = None  # what its fit was worth to the tool; None where nobody judged it
+    loads: Mapping[str, SpringSection] = field(default_factory=dict)
     refused: tuple[str, ...] = ()  # why its fit may not be called a calibration
 
     def override_for(self, parameter: str, unit: str) -> float | None:
@@ -318,6 +320,8 @@ class MachineDocument(Section):
     """What has weight, by a name of your own; used together with `gravity`."""
     drivers: tuple[str, ...] = ()
     """What recordings log beyond the joints (`payload` ...). A note: recordings are read without it, too."""
+    loads: dict[str, SpringSection] = Field(default_factory=dict)
+    """Springs, hoses and balancers between two bodies, by a name of your own; their energy counts with that of the masses."""
     effects: list[dict[str, Any]] = Field(default_factory=list)
     """Physics beyond ideal geometry, one entry an effect at its place."""
     covariance: dict[str, Any] | None = None
@@ -382,6 +386,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         sessions=document.sessions,
         bounds=document.bounds,
         pose_error=_expected_pose(document.pose_error),
+        loads=document.loads,
         refused=_refused(document.judgement),
     )
 

@@ -45,7 +45,7 @@ def mounts(file: MachineFile, mechanism: Mechanism) -> tuple[Mount, ...]:
             hint = close_matches(name, FRAMES)
             raise InputError(
                 f"{where}: found a frame that no sensor reads (`tip: {name}`), none stands in (`in: {name}`) and no mass "
-                f"hangs in, expected one that does; {hint}"
+                f"or spring hangs in, expected one that does; {hint}"
             )
         if spec.in_ in mechanism.table_frames:
             raise InputError(
@@ -92,7 +92,8 @@ def _used(file: MachineFile) -> set[object]:
         for key in ("tip", "in")
         if isinstance(sensor.get(key), str)
     }
-    return {*read, *(mass.in_ for mass in file.masses)}
+    hooked = (end.in_ for spring in file.loads.values() for end in (spring.from_, spring.to))
+    return {*read, *hooked, *(mass.in_ for mass in file.masses)}
 
 
 __all__ = ["frame_parameters", "mounts"]

@@ -36,9 +36,7 @@ class Parameter:
 
     def written_in(self, units: UnitSystem) -> str:
         """Its unit in a file of such units."""
-        if self.part == "gain":
-            return units.of("gain")
-        return "/".join(units.written(part) for part in self.unit.split("/"))
+        return units.of("gain") if self.part == "gain" else units.written(self.unit)
 
     @property
     def scale(self) -> float:

@@ -73,8 +73,7 @@ class Tolerances:
         for dimension in dimensions:
             if compatible(self.units.of(dimension), unit):
                 return convert(value, self.units.of(dimension), unit, where)
-        own = "/".join(self.units.written(part) for part in unit.split("/"))  # of a ratio
-        return convert(value, own, unit, where)
+        return convert(value, self.units.written(unit), unit, where)
 
 
 def _is_direction(parameter: str) -> bool:

@@ -33,6 +33,7 @@ INTERNAL: Final[Mapping[str, str]] = {
     "mass": "kg",
     "force": "N",
     "torque": "N*m",
+    "stiffness": "N/mm",
     "pressure": "hPa",
     "number": "1",
 }
@@ -174,8 +175,9 @@ class UnitSystem:
         return INTERNAL[dimension]
 
     def written(self, unit: str) -> str:
-        """The file's unit for what is in ``unit`` inside: lengths and angles; all else stays as it is."""
-        return {"mm": self.length, "rad": self.angle}.get(unit, unit)
+        """The file's unit for what is in ``unit`` inside: lengths, angles and their ratios; all else stays as it is."""
+        ratios = {"mm/rad": f"{self.length}/({self.angle})", "rad/mm": f"{self.angle}/({self.length})"}
+        return {"mm": self.length, "rad": self.angle, **ratios}.get(unit, unit)
 
     def of_joint(self, unit: str) -> str:
         """The unit of the column of a joint that is read in ``unit`` inside, unless its header says otherwise."""

@@ -50,7 +50,7 @@ def _mass(mechanism: Mechanism, mass: MassSpec, file: MachineFile) -> Mass:
     if body is None:
         hint = close_matches(mass.in_, (*mechanism.bodies, "flange", "tool", *file.frames.further))
         raise InputError(f"{file.path}: masses.{mass.name}.in: found {mass.in_!r}, expected a body; {hint}")
-    com = _in_body(mechanism, body, mass.com)
+    com = in_body(mechanism, body, mass.com)
     return Mass(mass.name, mass.kg, com, body, () if mass.known else _parameters(mass, com, mechanism, file))
 
 
@@ -78,7 +78,7 @@ def _parameters(
     return (parameter("kg", "kg", mass.kg, mass.kg_tolerance, "mass", ("kg",)), *centre)
 
 
-def _in_body(mechanism: Mechanism, body: str, com: Triple) -> Triple:
+def in_body(mechanism: Mechanism, body: str, com: Triple) -> Triple:
     """A centre in the frame that the file means by a body's name, in the body's own frame; mm."""
     if body not in mechanism.table_frames:
         return com
@@ -88,4 +88,4 @@ def _in_body(mechanism: Mechanism, body: str, com: Triple) -> Triple:
     return (a + x, c * y - s * z, s * y + c * z)
 
 
-__all__ = ["weights"]
+__all__ = ["in_body", "weights"]

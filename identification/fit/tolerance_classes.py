@@ -22,8 +22,9 @@ INFLATED = ("length", "angle")
 """Kinds whose classes are told apart; all others (frames, sensors, targets) are one class each."""
 ALONE = (*INFLATED, "frame")
 """Kinds that may be misstated alone; gains, sensors and targets come with instruments, each with a paper of its own."""
-WEIGHED = ("mass", "centre")
-"""Kinds of what a user says of weights. Hardly a reading tells of them, so that what else is too wide says nothing of them."""
+WEIGHED = ("mass", "centre", "spring")
+"""Kinds of what a user says of weights and springs. Hardly a reading tells of them: that other tolerances are too wide says
+nothing of theirs."""
 FEW = 4
 """Parameters that a class needs to stand on its own; smaller ones share the rest of their kind."""
 

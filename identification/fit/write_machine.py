@@ -121,6 +121,7 @@ def _expand(document: dict[str, Any], machine: Machine) -> None:
     document["mechanism"] = _unshared(machine.mechanism.expanded)
     if machine.mechanism.inertials or machine.mechanism.table_frames:
         _write_weights(document, machine)
+        _write_springs(document, machine)
     if machine.file.frames.tool.present or not machine.mechanism.tool_length:
         return
     frames = document.setdefault("frames", {})
@@ -144,6 +145,14 @@ def _write_weights(document: dict[str, Any], machine: Machine) -> None:
         document["masses"] = {
             mass.name: _weight(mass, stated.get(mass.name, {}), machine) for mass in machine.masses
         }
+
+
+def _write_springs(document: dict[str, Any], machine: Machine) -> None:
+    """Ends of springs in their bodies' own frames, as masses are."""
+    for spring in machine.springs:
+        for key, (body, at) in zip(("from", "to"), spring.ends, strict=True):
+            point = [float(machine.units.from_internal(value, "length")) for value in at]
+            document["loads"][spring.name][key] = {"in": body, "at": point}
 
 
 def _weight(mass: Mass, stated: Mapping[str, Any], machine: Machine) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Constants of masses in a linearised problem: seen only through effects of loads, they must not stand for one.
+"""Constants of masses and springs in a linearised problem: seen only through effects of loads, they must not stand for one.
 
 The derivative by a payload's kg is compliance times the change of the load. At a fit that has the compliance it looks
 like the compliance itself, so that a set without it could buy the whole signal with a payload a tolerance or two heavier.
@@ -24,9 +24,7 @@ Array = NDArray[np.float64]
 def blocks_of_every_set(predictor: Predictor, fit: Estimate, p: Array) -> Iterator[Block]:
     """Blocks at parameters p (np,) of the fit; by constants of masses, the derivatives are those of what the file states."""
     counts = fit.used * fit.weights
-    names = [
-        parameter.name for mass in predictor.machine.masses for parameter in mass.parameters if parameter.free
-    ]
+    names = [parameter.name for parameter in predictor.machine.pulling if parameter.free]
     at = [predictor.model.names.index(name) for name in names]
     stated = {effect.label for effect in predictor.machine.effects}
     own = {name for effect in fit.effects if effect.label not in stated for name in effect.parameter_names}

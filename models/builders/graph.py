@@ -29,7 +29,7 @@ from truepose.models.fields import (
 )
 from truepose.models.mechanism import BASE, COORDINATES, Actuator, Follower, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
-from truepose.models.units import UnitSystem, convert
+from truepose.models.units import convert
 from truepose.wording import close_matches
 
 _PLACEMENT = (("tx", "x"), ("ty", "y"), ("tz", "z"), ("rz", "rz"), ("ry", "ry"), ("rx", "rx"))
@@ -176,7 +176,8 @@ def _parameters(
         offset = context.file.units.to_internal(joint.offset, joint.dimension)
         out.append(context.parameter(f"{joint.name}.offset", joint.unit, offset, ("joints", place, "offset")))
     for k, mimic in enumerate(joint.follows):
-        unit, own = ratio_unit(joint.unit, others[mimic.joint].unit, context.file.units)
+        unit = ratio_unit(joint.unit, others[mimic.joint].unit)
+        own = context.file.units.written(unit)
         at = () if isinstance(joint.mimic, Mimic) else (k,)
         value, field = convert(mimic.ratio, own, unit), ("joints", place, "mimic", *at, "ratio")
         name = ratio_name(joint.name, mimic.joint)
@@ -189,10 +190,9 @@ def ratio_name(joint: str, other: str) -> str:
     return f"{joint}.ratio.{other}"
 
 
-def ratio_unit(unit: str, other: str, units: UnitSystem) -> tuple[str, str]:
-    """Unit of a ratio of displacements inside, and in the file."""
-    written = (units.written(unit), units.written(other))
-    return ("1", "1") if unit == other else (f"{unit}/{other}", "/".join(written))
+def ratio_unit(unit: str, other: str) -> str:
+    """Unit of a ratio of displacements."""
+    return "1" if unit == other else f"{unit}/{other}"
 
 
 def _follower(joint: GraphJoint) -> Follower:

@@ -103,7 +103,8 @@ def _followed(robot: Robot, joint: Element, called: Mapping[str, str], units: Un
             "a joint of the machine: name a link beyond it in tip_link, too",
         )
     own, theirs = (_slides(robot, name) for name in (robot.joint_name(joint), other))
-    inside, written = ratio_unit(own, theirs, units)
+    inside = ratio_unit(own, theirs)
+    written = units.written(inside)
     moved = float(units.from_internal(offset, "length" if own == "mm" else "angle"))
     return {"mimic": {"joint": called[other], "ratio": convert(ratio, inside, written)}, "offset": moved}
 

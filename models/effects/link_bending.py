@@ -14,8 +14,9 @@ from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import drives_joint, own_offset, singly
 from truepose.models.loops import looped
-from truepose.models.machine import Machine, Mass
+from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, Joint
+from truepose.models.potential import Number, in_base, of_mass
 from truepose.models.statics import load_scale
 
 SHORTEST = 1.0
@@ -50,7 +51,8 @@ class LinkBending(Effect):
     commonness = 0.3  # of an industrial arm's compliance 10 to 30 % are its links', the rest its joints'
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        return singly(_links(machine)) if machine.loaded else []
+        # what a spring pulls at points elsewhere than down, and no link's share of it is known
+        return singly(_links(machine)) if machine.loaded and not machine.springs else []
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         return ({}, {"twist": 1.0})
@@ -145,8 +147,8 @@ def _bent(site: Site, link: _Link) -> tuple[ca.SX, ca.SX, ca.SX]:
     turn, move = ca.SX.zeros(3), ca.SX.zeros(3)
     twisting = (1.0 + POISSON) * site.settings.get("twist", 0.0)
     down = float(np.linalg.norm(site.machine.gravity or (0.0,))) * force / ca.norm_2(force)
-    for mass, at in _own(site.machine, link, frames):
-        weight, lever = mass.kg * down, at - root
+    for kg, at in _own(site, link, frames):
+        weight, lever = kg * down, at - root
         a = ca.fmax(ca.dot(lever, along), 0.0)
         across = weight - ca.dot(weight, along) * along
         inner = ca.fmin(a, length)
@@ -173,11 +175,11 @@ def _loads(site: Site, joint: str) -> tuple[ca.SX, ca.SX]:
     return ca.vertcat(*values[:3]), ca.vertcat(*values[3:])
 
 
-def _own(machine: Machine, link: _Link, frames: dict[str, ca.SX]) -> list[tuple[Mass, ca.SX]]:
-    """Masses fixed to the link itself with their centres (3,); what is on the tool, or a payload, lies beyond."""
+def _own(site: Site, link: _Link, frames: dict[str, ca.SX]) -> list[tuple[Number, ca.SX]]:
+    """Masses (kg) fixed to the link itself with their centres (3,); what is on the tool, or a payload, lies beyond."""
     out = []
-    for mass in machine.masses:
-        if mass.body in frames and mass.kg and mass.name != PAYLOAD:
-            frame = frames[mass.body]
-            out.append((mass, frame[:3, :3] @ ca.DM(mass.com) + frame[:3, 3]))
+    for mass in site.machine.masses:
+        if mass.body in frames and (mass.kg or mass.parameters) and mass.name != PAYLOAD:
+            kg, com = of_mass(mass, site.values)
+            out.append((kg, in_base(frames[mass.body], com)))
     return out
