@@ -52,7 +52,7 @@ _AS_IN: Final = {
     "mechanism.graph": "mechanism.serial",
 }
 """Parts many of whose keys are those of another: what both have stands once, with the other."""
-_TWINS: Final = {"frames.tool.": "frames.base."}
+_TWINS: Final = {"frames.tool.": "frames.base.", "frames.NAME.": "frames.base."}
 """Keys of one part that mean the same, the first as the second."""
 
 

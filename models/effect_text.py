@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.models.effect import Effect, effects
 from truepose.models.load import place_effect, resolve_place
-from truepose.models.machine import FRAMES, Machine
+from truepose.models.machine import Machine
 from truepose.models.machine_file import EffectSpec
 from truepose.models.placed import PlacedEffect
 from truepose.models.units import parse_unit
@@ -96,7 +96,7 @@ def _known_place(effect: Effect, machine: Machine, place: tuple[str, ...], where
 def _named_parts(machine: Machine, place: tuple[str, ...], where: str) -> tuple[str, ...]:
     """The place, if every name in it means a part of the machine."""
     mechanism = machine.mechanism
-    parts = {*mechanism.readings, *mechanism.lengths, *mechanism.bodies, *FRAMES, *machine.geometry}
+    parts = {*mechanism.readings, *mechanism.lengths, *mechanism.bodies, *machine.standing, *machine.geometry}
     parts |= {limb.name for limb in mechanism.limbs} | {joint.name for joint in mechanism.joints}
     for name in place:
         if name not in parts:

@@ -109,6 +109,11 @@ class Machine(Shown):
         return tuple(p for part in (*self.masses, *self.springs) for p in part.parameters)
 
     @property
+    def standing(self) -> tuple[str, ...]:
+        """Frames that something stands in: base, tool, and the file's further ones."""
+        return (*FRAMES, *(mount.name for mount in self.mounts))
+
+    @property
     def views(self) -> tuple[View, ...]:
         """What the sensors read and from where, each once; first the tool seen from the world."""
         return tuple(dict.fromkeys((TOOL_IN_WORLD, *(sensor.view for sensor in self.sensors))))
@@ -146,8 +151,7 @@ class Machine(Shown):
         """Ports by name: displacements, error motions of joints and of mounts, readings."""
         out = {a.displacement: Port(a.reading, "displacement", a.unit) for a in self.mechanism.actuators}
         driven = self.mechanism.driven
-        standing = (*FRAMES, *(mount.name for mount in self.mounts))
-        for part in (*(j.name for j in self.mechanism.tree if j.name in driven), *standing):
+        for part in (*(j.name for j in self.mechanism.tree if j.name in driven), *self.standing):
             out |= {f"{part}.motion.{axis}": Port(part, "motion", unit) for axis, unit in AXIS_UNITS.items()}
         for sensor in self.sensors:
             out |= {f"{c}.reading": Port(c, "reading", sensor.columns[c]) for c in sensor.shiftable}

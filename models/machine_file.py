@@ -194,9 +194,13 @@ class _Frame(Section):
         return FrameSpec(self.in_ or default_in, self.xyz, self.rpy, tolerance, present=True)
 
 
+class _FurtherFrame(_Frame):
+    model_config = ConfigDict(json_schema_extra={"required": ["in"]})  # the reader says so with more words
+
+
 class _Frames(Section):
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, _Frame] = Field(init=False)
+    __pydantic_extra__: dict[str, _FurtherFrame] = Field(init=False)
     """A frame of your own name: a further tip, or where a sensor rides. `in`: a body, `tool`, `base` or `world`."""
     base: _Frame | None = None
     """Where the machine's base stands in the sensor's frame; left out: the identity, exactly known."""

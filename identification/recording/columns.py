@@ -76,10 +76,20 @@ READINGS: Final = (
             f"<target>.{axis}",
             "number",
             "length",
-            f"{axis} of a target, by its name in `points`.",
-            sensor=("targets",),
+            f"{axis} of a target, by its name in `points`; of the frame that a sensor with a `name` reads.",
+            sensor=("targets", "pose", "position"),
         )
         for axis in "xyz"
+    ),
+    *(
+        KnownColumn(
+            f"<sensor>.{axis}",
+            "number",
+            "angle",
+            f"{axis[1]} of the rotation vector of a sensor that has a `name`.",
+            sensor=("pose",),
+        )
+        for axis in ("rx", "ry", "rz")
     ),
     KnownColumn(
         "dL",

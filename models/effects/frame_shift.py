@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import after_session, boundaries, singly, twist_coefficients
-from truepose.models.machine import FRAMES, Machine
+from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
 
 
@@ -25,7 +25,7 @@ class FrameShift(Effect):
     settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        return singly(FRAMES)
+        return singly(machine.standing)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         return twist_coefficients(mm=10.0, rad=0.05)
@@ -41,5 +41,6 @@ class FrameShift(Effect):
         return boundaries(recording)
 
     def explain(self, machine: Machine, place: Place) -> str:
-        what = "The robot's base, or the instrument that looks at it," if place == ("base",) else "The tool"
+        said = {"base": "The robot's base, or the instrument that looks at it,", "tool": "The tool"}
+        what = said.get(place[0], f"The frame {place[0]}")
         return f"{what} was moved between two sessions."

@@ -34,11 +34,11 @@ class GravitySag(Effect):
     def places(self, machine: Machine) -> Sequence[Place]:
         if not machine.loaded:
             return []
-        on_tool = any(m.body == "tool" or m.name == PAYLOAD for m in machine.masses)
-        return singly(("base", "tool") if on_tool else ("base",))
+        heavy = {"tool" if m.name == PAYLOAD else m.body for m in machine.masses} & {*machine.standing}
+        return singly(name for name in machine.standing if name == "base" or name in heavy)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        return (Coefficient("c", "rad/(N*m)", scale=LARGEST[place[0]], lower=0.0),)
+        return (Coefficient("c", "rad/(N*m)", scale=LARGEST.get(place[0], LARGEST["tool"]), lower=0.0),)
 
     def shifts(self, site: Site) -> Shifts:
         ports = [f"{site.place[0]}.motion.{axis}" for axis in ("rx", "ry", "rz")]

@@ -8,7 +8,7 @@ import casadi as ca
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import SECONDS_PER_HOUR, clock, singly, twist_coefficients
-from truepose.models.machine import FRAMES, Machine
+from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
 
 FRACTIONS = (0.08, 0.15, 0.3, 0.6, 1.2)
@@ -32,7 +32,7 @@ class MountDrift(Effect):
     source = "repeated reference poses, the usual drift check of laser tracker and photogrammetry campaigns"
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        return singly(FRAMES)
+        return singly(machine.standing)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         return twist_coefficients(mm=1.0, rad=5e-3, per="" if settings.get("tau", 0.0) else "/h")
@@ -56,5 +56,6 @@ class MountDrift(Effect):
         return [{"tau": tau, "start": start} for tau in taus]
 
     def explain(self, machine: Machine, place: Place) -> str:
-        what = "The base creeps under the robot" if place == ("base",) else "The tool creeps in its mount"
+        said = {"base": "The base creeps under the robot", "tool": "The tool creeps in its mount"}
+        what = said.get(place[0], f"The frame {place[0]} creeps on what carries it")
         return f"{what} in the course of the campaign."

@@ -14,7 +14,8 @@ from truepose.models.units import UnitSystem
 
 
 def urdf_start(path: Path, output: Path, base: str, tip: str, *, written_out: bool) -> Start:
-    """The start of a URDF. Empty ``base``: the root link; empty ``tip``: the end of the chain with the most joints.
+    """The start of a URDF. Empty ``base``: the root link; empty ``tip``: the end of the chain with the most joints; several
+    tips have commas between them.
 
     The file is named as seen from ``output``, unless its chain is ``written_out`` with its masses and gravity.
     Raises InputError for a URDF that cannot be read, or where several chains are as long.
@@ -23,7 +24,9 @@ def urdf_start(path: Path, output: Path, base: str, tip: str, *, written_out: bo
     base = base or root_of(robot)
     tip = tip or _longest(robot, base)
     shown = os.path.relpath(path.resolve(), output.resolve().parent)
-    section = Urdf(type="urdf", file=shown, base_link=base, tip_link=tip)
+    tips = [name.strip() for name in tip.split(",")]
+    several = len(tips) > 1 and tip not in robot.links
+    section = Urdf(type="urdf", file=shown, base_link=base, tip_link=tuple(tips) if several else tip)
     graph = expanded(section, robot, UnitSystem(), "--urdf")
     about = (f"Source: {path.name}, from the link {base} to the link {tip}.",)
     if not written_out:
@@ -31,7 +34,7 @@ def urdf_start(path: Path, output: Path, base: str, tip: str, *, written_out: bo
         return Start(
             path.stem,
             f"The URDF {path.name}",
-            section.model_dump(exclude_defaults=True),
+            {**section.model_dump(exclude_defaults=True), "tip_link": tips if several else tip},
             about,
             described_in=path.name if weighs else "",
             readings=readings_of(graph),

@@ -39,7 +39,12 @@ BaseLinkOption = Annotated[
     str, typer.Option(metavar="LINK", help="First link of the URDF's chain.", show_default=False)
 ]
 TipLinkOption = Annotated[
-    str, typer.Option(metavar="LINK", help="Last link of the URDF's chain.", show_default=False)
+    str,
+    typer.Option(
+        metavar="LINK",
+        help="Last link of the URDF's chain; several, with commas between them, make a tree.",
+        show_default=False,
+    ),
 ]
 ExpandOption = Annotated[
     bool, typer.Option("--expand", help="Write the URDF's chain out instead of naming the file.")
