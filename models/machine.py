@@ -106,7 +106,8 @@ class Machine(Shown):
     @property
     def pulling(self) -> tuple[Parameter, ...]:
         """Constants of masses and springs that are not exactly known: only effects of loads show them."""
-        return tuple(p for part in (*self.masses, *self.springs) for p in part.parameters)
+        weighing = (p for mass in self.masses for p in mass.parameters)
+        return (*weighing, *(p for spring in self.springs for p in spring.parameters))
 
     @property
     def standing(self) -> tuple[str, ...]:

@@ -20,14 +20,15 @@ def energies(
     ``frames`` (4, 4) are bodies and carried frames in the base; ``z`` drivers, ``values`` parameters by name.
     """
     out = {}
+    down = ca.DM(machine.gravity or (0.0, 0.0, 0.0))
     for case in ("",) if machine.stated_loads else machine.load_cases:
         if case:  # 1 kg at the origin of a body
-            out[case] = -ca.dot(ca.DM(machine.gravity), frames[case.removesuffix("|")][:3, 3])
+            out[case] = -ca.dot(down, frames[case.removesuffix("|")][:3, 3])
             continue
         out[case] = ca.SX(0)
         for mass in machine.masses if machine.weighs else ():
             kg, com = _mass(mass, z, values)
-            out[case] -= kg * ca.dot(ca.DM(machine.gravity), in_base(frames[mass.body], com))
+            out[case] -= kg * ca.dot(down, in_base(frames[mass.body], com))
         for spring in machine.springs:
             out[case] += _spring(spring, frames, values)
     return out

@@ -14,7 +14,6 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import SensorFunctions, Sight, joined
 from truepose.models import lie
 from truepose.models.machine import FRAME_OF, Machine
-from truepose.models.view import TOOL_IN_WORLD
 
 KEPT = 0.8
 """Share of the rows, those that fit best, that a misfit is taken over: gross readings must not hide a slip."""
@@ -130,7 +129,7 @@ class FrameFit:
         carried = base[:3, :3] @ self.flange[:, :3, :3]
         twist[:, :3, 6:9] = carried
         twist[:, 3:, 9:12] = carried @ _turning(t[9:12])
-        sight, rows = Sight({TOOL_IN_WORLD: (pose, twist)}, self.shift, self.shift_by), slice(0, len(pose))
+        sight, rows = Sight(pose, twist, self.shift, self.shift_by), slice(0, len(pose))
         every = zip(self.ends.sensors, self.comparisons, self.lost, strict=True)
         block = joined(rows, [f.block(sight, t, self.rows, rows, c, gone) for f, c, gone in every])
         residual = np.nan_to_num(block.residual, nan=1e12)

@@ -144,7 +144,7 @@ class Program:
             view: (seen[3 * k], np.concatenate(seen[3 * k + 1 : 3 * k + 3], axis=2))
             for k, view in enumerate(predictor.model.worlds)
         }
-        sight = Sight(poses, shift[..., 0], np.concatenate([shift_by_p, shift_by_x], axis=2))
+        sight = Sight.over(poses, shift[..., 0], np.concatenate([shift_by_p, shift_by_x], axis=2))
         every = slice(0, len(shift))
         return joined(every, predictor.seen(sight, p, every, self._comparisons))
 

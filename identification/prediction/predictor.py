@@ -169,11 +169,11 @@ class Predictor:
         pairs = zip(self._sensors, self.comparisons(), strict=True)
         parts = [f.prediction(sight, p, c) for f, c in pairs]
         values, slopes = np.hstack([v for v, _ in parts]), np.concatenate([j for _, j in parts], axis=1)
-        return names, values, slopes, sight.poses[TOOL_IN_WORLD][0]
+        return names, values, slopes, sight.pose
 
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""
-        return self._sight(slice(0, len(self.q)), p, x).poses[TOOL_IN_WORLD]
+        return self._sight(slice(0, len(self.q)), p, x).of(TOOL_IN_WORLD)
 
     def states(self, p: Array, x: Array) -> dict[str, Array]:
         """(n,) values of what effects may ask of the present state, by name."""
@@ -212,7 +212,7 @@ class Predictor:
         for k, view in enumerate(self.model.worlds):
             pose, tx, tp = seen[3 * k : 3 * k + 3]
             poses[view] = (pose, tp if by_p is None else tp - tx @ by_p)
-        return Sight(poses, shift[..., 0], sp if by_p is None else sp - sx @ by_p)
+        return Sight.over(poses, shift[..., 0], sp if by_p is None else sp - sx @ by_p)
 
 
 def _origin(recording: Recording) -> NDArray[np.intp]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
@@ -16,7 +16,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Comparison, Sensor
-from truepose.models.view import View
+from truepose.models.view import TOOL_IN_WORLD, View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -72,13 +72,24 @@ def joined(rows: slice, parts: Sequence[Block]) -> Block:
 class Sight:
     """What sensors have before them in some rows, with derivatives by w unknowns.
 
-    poses: of each view, the pose (n, 4, 4) of its tip where its readings are, and the pose's derivative (n, 6, w), a twist;
-    shift (n, k) of all sensors' columns by effects, shift_by (n, k, w) its derivative.
+    pose (n, 4, 4) of the tool, twist (n, 6, w) its derivative; shift (n, k) of all sensors' columns by effects,
+    shift_by (n, k, w) its derivative; further: pose and twist of other tips and sensors that ride on the machine.
     """
 
-    poses: Mapping[View, tuple[Array, Array]]
+    pose: Array
+    twist: Array
     shift: Array
     shift_by: Array
+    further: Mapping[View, tuple[Array, Array]] = field(default_factory=dict)
+
+    def of(self, view: View) -> tuple[Array, Array]:
+        """Pose (n, 4, 4) of a view's tip in the frame of its readings, and its derivative (n, 6, w)."""
+        return (self.pose, self.twist) if view == TOOL_IN_WORLD else self.further[view]
+
+    @classmethod
+    def over(cls, poses: Mapping[View, tuple[Array, Array]], shift: Array, shift_by: Array) -> Sight:
+        """Of all views, the tool's among them."""
+        return cls(*poses[TOOL_IN_WORLD], shift, shift_by, poses)
 
 
 def sights(machine: Machine, names: Sequence[str], rows: int) -> list[SensorFunctions]:
@@ -177,7 +188,7 @@ class SensorFunctions:
 
     def prediction(self, sight: Sight, p: Array, comparison: Comparison | None) -> tuple[Array, Array]:
         """(n, k) values of the sensor's columns and their (n, k, np) Jacobian."""
-        pose = sight.poses[self.sensor.view][0]
+        pose = sight.of(self.sensor.view)[0]
         y = np.zeros((len(pose), len(self.sensor.columns)))
         value, jacobian = self._evaluate(self._predict, sight, p, y, 1.0)
         if not self.sensor.columns:
@@ -192,7 +203,7 @@ class SensorFunctions:
     ) -> tuple[Array, Array]:
         """Values and derivatives at ``y`` plus ``sign`` times what effects add to the columns."""
         y = y + sign * sight.shift[:, self._columns]
-        pose, twist = sight.poses[self.sensor.view]
+        pose, twist = sight.of(self.sensor.view)
         value, by_twist, by_own, by_y = function(_flat(pose), p[self._own], y)
         jacobian = by_twist @ twist
         jacobian[:, :, self._own] += by_own

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from support import two_arms
 from support.generated_c import COMPILER, needs_compiler
@@ -84,7 +85,7 @@ def test_a_ratio_is_found_and_written_back(tmp_path: Path) -> None:
     rows = []
     for k, a in enumerate(np.linspace(-0.9, 0.9, 15)):
         at = expected(a, -2.02)
-        turn = two_arms.Rotation.from_matrix(at[:3, :3]).as_rotvec(degrees=True)
+        turn = Rotation.from_matrix(at[:3, :3]).as_rotvec(degrees=True)
         noise = 0.001 * np.sin(np.arange(6) + 7.0 * k)
         values = np.concatenate([at[:3, 3], turn]) + noise
         rows.append({"a": np.degrees(a), **dict(zip(("x", "y", "z", "rx", "ry", "rz"), values, strict=True))})

@@ -138,7 +138,7 @@ def test_a_recorded_payload_leaves_the_centre_alone(tmp_path: Path) -> None:
     table["payload"] = kg
     fit = calibrate(machine_of(tmp_path, TEXT + EFFECTS), table).fit
     found = constants(fit)
-    assert found["payload.kg"] == (2.0, pytest.approx(1.0))
+    assert found["payload.kg"] == pytest.approx((2.0, 1.0))
     for name, value in (("payload.x", COM[0]), ("payload.z", COM[2])):
         assert abs(found[name][0] - value) < 4 * found[name][1]
         assert found[name][1] < 10

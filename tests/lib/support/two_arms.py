@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ def write(folder: Path, text: str, joints: dict[str, str] | None = None) -> Path
     return path
 
 
-def pose(xyz: object, rpy: object) -> Array:
+def pose(xyz: ArrayLike, rpy: ArrayLike) -> Array:
     """(4, 4) Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll)."""
     out = np.eye(4)
     out[:3, 3], out[:3, :3] = xyz, Rotation.from_euler("xyz", np.asarray(rpy, dtype=float)).as_matrix()
