@@ -6,6 +6,7 @@ implicit function theorem, dx/dp = -(dg/dx)^-1 dg/dp, never from differentiating
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from copy import copy
 
@@ -65,10 +66,10 @@ class Predictor:
         n = self.evaluations
         self._loops = Loops(m, n)
         self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
-        outputs = [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
+        tool, *further = ([world, *twists_by(world, m.x, m.p)] for world in m.worlds.values())
+        outputs = [*tool, ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
         outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
-        for world in m.worlds.values():
-            outputs += [world, *twists_by(world, m.x, m.p)]
+        outputs += itertools.chain.from_iterable(further)
         self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
         self._sensors = sights(machine, m.names, n)
 
@@ -198,7 +199,7 @@ class Predictor:
             vx, vp = gradient(x, self.q, self.z, p)
             force = -vp[:, 0, :]
             if x.shape[1]:
-                gx, gp = self._kinematics(x, self.q, self.z, p)[:2]
+                gx, gp = self._kinematics(x, self.q, self.z, p)[3:5]
                 multipliers = solved(gx.transpose(0, 2, 1), vx.transpose(0, 2, 1))[..., 0]
                 force += np.einsum("nk,nkp->np", multipliers, gp)
             out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
@@ -206,7 +207,8 @@ class Predictor:
 
     def _sight(self, rows: slice, p: Array, x: Array) -> Sight:
         """What the sensors have before them, with total derivatives by p."""
-        gx, gp, shift, sx, sp, *seen = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
+        every = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
+        (gx, gp, shift, sx, sp), seen = every[3:8], (*every[:3], *every[8:])
         by_p = solved(gx, gp) if x.shape[1] else None
         poses = {}
         for k, view in enumerate(self.model.worlds):
