@@ -48,6 +48,7 @@ def build_machine(file: MachineFile) -> Machine:
         drivers=file.drivers,
         file=file,
         notes=notes,
+        set_up=tuple(name for name in FRAMES if getattr(file.frames, name).per_session),
     )
     _check_names(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]

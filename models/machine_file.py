@@ -79,7 +79,8 @@ class FrameTolerance:
 class FrameSpec:
     """Where a frame stands in the frame `in_`: `xyz` mm, then Rz(yaw) Ry(pitch) Rx(roll) of `rpy` rad.
 
-    `present` tells a frame the file gives from one it leaves out (the identity, exactly known).
+    `present` tells a frame the file gives from one it leaves out (the identity, exactly known); `per_session`: it is set up
+    anew for each session.
     """
 
     in_: str
@@ -87,6 +88,7 @@ class FrameSpec:
     rpy: Triple = _ZERO
     tolerance: FrameTolerance = FrameTolerance()
     present: bool = False
+    per_session: bool = False
 
 
 @dataclass(frozen=True)
@@ -176,10 +178,15 @@ class _Frame(Section):
     """How it is turned: Rz(yaw) Ry(pitch) Rx(roll)."""
     tolerance: _FrameTolerance = _FrameTolerance()
     """How well it is known before any measurement; left out: exactly."""
+    per: Literal["session"] | None = None
+    """`session`: it is set up anew for each session, within its tolerance; left out: it stays where it is."""
 
     def spec(self, default_in: str) -> FrameSpec:
         tolerance = FrameTolerance(self.tolerance.xyz, self.tolerance.rpy)
-        return FrameSpec(self.in_ or default_in, self.xyz, self.rpy, tolerance, present=True)
+        again = self.per == "session"
+        return FrameSpec(
+            self.in_ or default_in, self.xyz, self.rpy, tolerance, present=True, per_session=again
+        )
 
 
 class _Frames(Section):

@@ -23,6 +23,7 @@ from truepose.models.driver import Driver
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXIS_UNITS
 from truepose.models.units import convert
+from truepose.wording import joined
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -109,6 +110,22 @@ def unheard(machine: Machine, recording: Recording) -> list[str]:
     return [f"no column {name!r}: effects that depend on it see its default" for name in columns]
 
 
+def unknown_frames(machine: Machine, recording: Recording) -> list[str]:
+    """A note for each session that the fit has not seen, where the machine's frames are set up anew for each session."""
+    known = machine.file.sessions if machine.file else ()
+    if not machine.set_up or not known:
+        return []
+    whose, out = joined(machine.set_up), list[str]()
+    unseen = ~recording.session_recorded | ~np.isin(recording.session, known)
+    for number in np.unique(recording.session[unseen]).tolist():
+        row = int(np.flatnonzero(unseen & (recording.session == number))[0])
+        out.append(
+            f"{recording.where(row)}: session {number} was not in the fit, so where its {whose} stood is not known: "
+            f"predicted as in session {max(known)}; truepose calibrate --only {','.join(machine.set_up)} finds it"
+        )
+    return out
+
+
 def _complete(machine: Machine, recording: Recording, good: Mask) -> Mask:
     """A change is known only when the row it counts from is known too."""
     if recording.from_row is not None and any(sensor.differs_from_row for sensor in machine.sensors):
@@ -124,4 +141,5 @@ __all__ = [
     "predictor_for",
     "unassembled",
     "unheard",
+    "unknown_frames",
 ]

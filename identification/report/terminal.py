@@ -166,7 +166,9 @@ def calibration_lines(
         *_before_after(figures, pose),
         f"  chi2 per degree of freedom {fit.chi2_per_dof:.4g}",
         f"  {fit.rank} of {len(fit.prior.free)} directions are seen by the readings{decided}",
-        f"  furthest from the drawing: {worst}",
+        f"  held as the machine file has it: all but {result.only}"
+        if result.only
+        else f"  furthest from the drawing: {worst}",
     ]
     worst_allowed = figures["worst_parameter_allowed"] or float("inf")
     doubtful = fit.chi2_per_dof > SUSPICIOUS or fit.worst_parameter_sigma > worst_allowed
