@@ -23,6 +23,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import ROW
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 from truepose.models.machine_file import ExpectedPose, write_machine
@@ -107,7 +108,10 @@ def covariance_of(estimate: Estimate) -> Covariance:
 
 
 def _seen(estimate: Estimate, recording: Recording) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value in the fitted rows of joints and of what effects depend on; none without effects."""
+    """Lowest and highest value in the fitted rows of joints and of what effects depend on; none without effects.
+
+    Of the order of rows that of all rows: it tells the recording from others.
+    """
     if not estimate.effects:
         return {}
     columns = dict(zip(recording.joints, recording.q.T, strict=True))
@@ -115,7 +119,7 @@ def _seen(estimate: Estimate, recording: Recording) -> dict[str, tuple[float, fl
         values = recording.driver(name)
         if values is not None:
             columns[name] = values
-    used = {name: values[estimate.used] for name, values in columns.items()}
+    used = {name: values if name == ROW else values[estimate.used] for name, values in columns.items()}
     return {name: (float(np.min(values)), float(np.max(values))) for name, values in used.items()}
 
 
