@@ -204,13 +204,13 @@ class _Work:
     def fitted(self, solver: str | None = None, **options: Any) -> tuple[Estimate, list[str]]:
         """By the solver asked for; of gn and lm by the other where that one finds no minimum."""
         solver = solver or self.solver
-        common = {
+        common: dict[str, Any] = {
             "start": self.start,
             "predictor": self.predictor,
             "prior": self.tolerances,
             "tolerance": TIGHT,
+            **options,
         }
-        common |= options
         fitting = partial(estimate, self.machine, self.recording, self.machine.effects, **common)
         if solver == "ipopt":
             return fitting(solver=partial(simultaneous, bounds=self.bounds)), []

@@ -106,10 +106,9 @@ def test_a_zero_that_drifts_is_known_by_joint_and_driver(tmp_path: Path) -> None
     assert found.remainder.driver == "row"
 
 
-@pytest.mark.parametrize("moves", [scaled, uneven])
-def test_physics_of_a_joint_swept_once_is_no_drift(tmp_path: Path, moves: Moves) -> None:
+@pytest.mark.parametrize(("moves", "effect"), [(scaled, "actuator-scale"), (uneven, "transmission-error")])
+def test_physics_of_a_joint_swept_once_is_no_drift(tmp_path: Path, moves: Moves, effect: str) -> None:
     """The joint's reading and the order of rows go together; base, tool and other joints are what tell them apart."""
-    effect = {scaled: "actuator-scale", uneven: "transmission-error"}[moves]
     found = diagnose(arm(tmp_path), recorded(moves, "raster"))
     assert named(found) == {(effect, ("q2",))}
     assert found.findings[0].levels.driver > 0.9
