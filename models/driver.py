@@ -13,6 +13,8 @@ from typing import Final, Literal
 
 SESSION, TIME, TEMPERATURE, VELOCITY, APPROACH = "session", "time", "temperature", "velocity", "approach"
 PAYLOAD = "payload"
+ROW = "row"
+"""Place in the order of acquisition, where no clock was recorded: 0 at the end of the longest session, rows before it below."""
 AIR = f"{TEMPERATURE}.air"
 DriverKind = Literal[
     "load",
@@ -38,6 +40,7 @@ _AFTER: Final = re.compile(r"after\.(\d+)")
 _KINDS: Final[Mapping[str, tuple[str, float]]] = {
     SESSION: ("1", 1.0),
     TIME: ("s", 0.0),
+    ROW: ("1", 0.0),
     "pressure": ("hPa", 1013.25),
     "humidity": ("%", 50.0),
     TEMPERATURE: ("degC", 20.0),
@@ -52,6 +55,7 @@ _KINDS: Final[Mapping[str, tuple[str, float]]] = {
 _DRIVES: Final[Mapping[str, DriverKind]] = {
     SESSION: "session",
     TIME: "time",
+    ROW: "time",
     "creep": "time",
     TEMPERATURE: "temperature",
     PAYLOAD: "load",
@@ -132,11 +136,11 @@ class Driver:
 
     @property
     def smooth(self) -> bool:
-        """Whether a part may err as a smooth function of it: of weight, time and heat.
+        """Whether a part may err as a smooth function of it: of weight, time (or the order of rows) and heat.
 
         Not of the way that a joint came, which jumps, nor of air's pressure, which acts on sensors alone.
         """
-        return self.name in (PAYLOAD, TIME) or self.thermal
+        return self.name in (PAYLOAD, TIME, ROW) or self.thermal
 
 
 __all__ = [
@@ -144,6 +148,7 @@ __all__ = [
     "APPROACH",
     "OF_THE_WAY",
     "PAYLOAD",
+    "ROW",
     "SESSION",
     "TEMPERATURE",
     "TIME",

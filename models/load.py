@@ -12,7 +12,7 @@ from truepose.models.builder import builders
 from truepose.models.context import BuildContext
 from truepose.models.effect import effects
 from truepose.models.home_directions import home_directions
-from truepose.models.machine import Machine
+from truepose.models.machine import FRAMES, Machine
 from truepose.models.machine_file import EffectSpec, MachineFile, read_machine
 from truepose.models.mounts import frame_parameters, mounts
 from truepose.models.placed import Place, PlacedEffect
@@ -44,6 +44,7 @@ def build_machine(file: MachineFile) -> Machine:
         drivers=file.drivers,
         file=file,
         notes=notes,
+        set_up=tuple(name for name in FRAMES if getattr(file.frames, name).per_session),
     )
     _check_names(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]

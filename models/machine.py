@@ -79,7 +79,8 @@ class Machine(Shown):
     """Everything the machine file says, in internal units (mm, rad).
 
     ``frames`` holds the twelve parameters base.x ... tool.rz (rpy angles), then six of each of ``mounts``, the file's
-    further frames. ``gravity`` is m/s^2 in the base frame. ``notes`` say what was taken from elsewhere than the file.
+    further frames. ``set_up``: frames that are set up anew for each session. ``gravity`` is m/s^2 in the base frame.
+    ``notes`` say what was taken from elsewhere than the file.
     """
 
     shown_by: ClassVar[str] = "truepose.models.machine_view"
@@ -96,6 +97,7 @@ class Machine(Shown):
     drivers: tuple[str, ...] = ()
     file: MachineFile | None = None
     notes: tuple[str, ...] = ()
+    set_up: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -82,7 +82,8 @@ class FrameTolerance:
 class FrameSpec:
     """Where a frame stands in the frame `in_`: `xyz` mm, then Rz(yaw) Ry(pitch) Rx(roll) of `rpy` rad.
 
-    `present` tells a frame the file gives from one it leaves out (the identity, exactly known).
+    `present` tells a frame the file gives from one it leaves out (the identity, exactly known); `per_session`: it is set up
+    anew for each session.
     """
 
     in_: str
@@ -90,6 +91,7 @@ class FrameSpec:
     rpy: Triple = _ZERO
     tolerance: FrameTolerance = FrameTolerance()
     present: bool = False
+    per_session: bool = False
 
 
 @dataclass(frozen=True)
@@ -189,9 +191,17 @@ class _Frame(Section):
     tolerance: _FrameTolerance = _FrameTolerance()
     """How well it is known before any measurement; left out: exactly."""
 
-    def spec(self, default_in: str) -> FrameSpec:
+    def spec(self, default_in: str, per: str | None = None) -> FrameSpec:
         tolerance = FrameTolerance(self.tolerance.xyz, self.tolerance.rpy)
-        return FrameSpec(self.in_ or default_in, self.xyz, self.rpy, tolerance, present=True)
+        again = per == "session"
+        return FrameSpec(
+            self.in_ or default_in, self.xyz, self.rpy, tolerance, present=True, per_session=again
+        )
+
+
+class _EndFrame(_Frame):
+    per: Literal["session"] | None = None
+    """`session`: it is set up anew for each session, within its tolerance; left out: it stays where it is."""
 
 
 class _FurtherFrame(_Frame):
@@ -202,9 +212,9 @@ class _Frames(Section):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, _FurtherFrame] = Field(init=False)
     """A frame of your own name: a further tip, or where a sensor rides. `in`: a body, `tool`, `base` or `world`."""
-    base: _Frame | None = None
+    base: _EndFrame | None = None
     """Where the machine's base stands in the sensor's frame; left out: the identity, exactly known."""
-    tool: _Frame | None = None
+    tool: _EndFrame | None = None
     """Where the tool frame stands on the flange; left out: the identity, exactly known (a 3ups-up-3r has its own)."""
 
 
@@ -425,8 +435,8 @@ def _frames(frames: _Frames, path: Path) -> Frames:
                 f"{path}: frames: found a frame {name!r}, expected a name without a dot that is no body's"
             )
     return Frames(
-        base=frames.base.spec(left_out.base.in_) if frames.base else left_out.base,
-        tool=frames.tool.spec(left_out.tool.in_) if frames.tool else left_out.tool,
+        base=frames.base.spec(left_out.base.in_, frames.base.per) if frames.base else left_out.base,
+        tool=frames.tool.spec(left_out.tool.in_, frames.tool.per) if frames.tool else left_out.tool,
         further={name: frame.spec("") for name, frame in further.items()},
     )
 

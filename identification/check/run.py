@@ -12,10 +12,11 @@ from truepose.identification.check.judging import shown
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
-from truepose.identification.check.search import search
+from truepose.identification.check.search import Search, search
 from truepose.identification.check.sensorless import without_sensor
 from truepose.identification.check.sigma import sigmas
 from truepose.identification.check.unread import unnamed_table
+from truepose.identification.fit.set_ups import without_set_ups
 from truepose.identification.load import load_recording
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
@@ -84,8 +85,7 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     machine = of_the_tool(machine)
     if not machine.sensors:  # slips are told by how base and tool fit
         return Check(tuple(found), len(recording), None)
-    rig = Rig(machine, recording)
-    result = search(rig)
+    rig, result = _searched(machine, recording)
     if any(f.kind == "joint-never-moves" for f in result.found):
         found = [f for f in found if f.kind != "joint-never-moves"]
     found += result.found
@@ -96,6 +96,22 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     ordered = sorted(found, key=lambda f: _ORDER[f.verdict])
     missing = missing_inputs(machine, recording)
     return Check(tuple(ordered), len(recording), left, unit, missing)
+
+
+def _searched(machine: Machine, recording: Recording) -> tuple[Rig, Search]:
+    """What a search over slips finds; of a machine whose frames are set up anew, in the session that looks worst."""
+    parts = [recording]
+    if machine.set_up:
+        machine = machine.with_effects(without_set_ups(machine.effects))
+        each = [recording.subset(recording.session == number) for number in recording.sessions]
+        parts = [part for part in each if not part.validation.all()]
+    found = [(rig, search(rig)) for rig in (Rig(machine, part) for part in parts)]
+
+    def looks(one: tuple[Rig, Search]) -> tuple[int, float]:
+        verdicts = [_ORDER[f.verdict] for f in one[1].found]
+        return min(verdicts, default=len(_ORDER)), -one[1].stand.misfit
+
+    return min(found, key=looks)
 
 
 __all__ = ["check", "check_files", "check_loaded", "unbounded"]

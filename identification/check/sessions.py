@@ -15,6 +15,8 @@ from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
 
 Array = NDArray[np.float64]
 _PARTS = 8
+_TELL = "give each set-up its own number in a column 'session', or calibrate them one by one"
+_STATE = "if base or tool were set up anew, say so in the machine file: 'per: session' in frames.base, or in frames.tool"
 _FEWEST = 8
 _TIMES = 3.0
 
@@ -61,7 +63,7 @@ def _two_setups(scene: Scene, cut: int, verdict: Verdict, before: float | None, 
         "sessions-mixed",
         ("session",),
         f"two set-ups in one recording, the second from about {row} on",
-        "give each set-up its own number in a column 'session', or calibrate them one by one",
+        _STATE if verdict == "suspect" else _TELL,
         verdict,
         before,
         after,

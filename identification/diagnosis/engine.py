@@ -19,6 +19,7 @@ from truepose.identification.diagnosis.search import search
 from truepose.identification.diagnosis.verdict import Fits, concluded
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
+from truepose.identification.fit.set_ups import with_set_ups
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
@@ -39,6 +40,7 @@ def diagnose(
     ConvergenceError when the fit without effects finds no minimum.
     """
     recording = as_recording(machine, recording)
+    machine = with_set_ups(machine, recording)
     progress("fitting without effects")
     fits = _null_fits(machine, recording)
     cat = catalogue(machine, recording)

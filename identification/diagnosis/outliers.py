@@ -180,7 +180,8 @@ def _robust(found: Calibration) -> Estimate | None:
     fit = found.fit
     if found.method["estimator"] == "huber":
         return fit
+    held = fit.prior if found.only else None
     try:
-        return estimate(fit.machine, found.recording, fit.effects, start=fit.p, loss="huber")
+        return estimate(fit.machine, found.recording, fit.effects, prior=held, start=fit.p, loss="huber")
     except ConvergenceError:
         return None

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import get_args
 
-from truepose.identification.diagnosis.result import UNKNOWN, Levels, SetOfEffects
+from truepose.identification.diagnosis.result import UNKNOWN, Levels, SetOfEffects, Together
 from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.signatures.candidates import Catalogue
@@ -22,6 +23,8 @@ from truepose.models.placed import EffectAtPlace
 
 NAMED = 0.5
 """Probability that a place with its driver, or a class, needs to be said."""
+SURE = 0.9
+"""Probability from which on something is spoken of as known."""
 LEADING = 0.1
 """Probability from which on what is less probable than not is shown as leading, and has a part in predictions."""
 SHOWN = 0.02
@@ -103,6 +106,20 @@ class Presence:
         parts = parts_of(self._machine, slug, place)
         driver = max(self.at(parts, kind), law)
         return Levels(max(self.at(parts), driver), kind, driver)
+
+    def together(self) -> tuple[Together, ...]:
+        """Of each driver the places that are not sure one by one, where it is sure that it acts at one of them at least."""
+        keys = sorted({key for _, keys in self._states for key in keys if key[1] != ANY})
+        out = list[Together]()
+        for driver in [kind for kind in get_args(DriverKind) if kind in {own for _, own in keys}]:
+            alone = {part: self.at((part,), driver) for part, own in keys if own == driver}
+            open_ = {part: p for part, p in alone.items() if SHOWN < p < SURE}
+            group = {(part, driver) for part in open_}
+            total = min(sum(share for share, state in self._states if group & state), 1.0)
+            if len(open_) > 1 and total >= SURE:
+                ranked = tuple(sorted(open_, key=lambda part: (-open_[part], part)))
+                out.append(Together(driver, ranked, total))
+        return tuple(out)
 
     def _of(self, candidate: int) -> Iterator[Key]:
         """What a candidate says."""

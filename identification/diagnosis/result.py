@@ -161,6 +161,15 @@ class SetOfEffects:
 
 
 @dataclass(frozen=True)
+class Together:
+    """A driver that surely acts at one of some places at least, likeliest first, although none of them is sure by itself."""
+
+    driver: DriverKind
+    places: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
 class BlockProof:
     """Rms of readings after over before on rows held out together, how many they are, and the same of the tool's position;
     extrapolates: whether they lie at the end of what was seen."""
@@ -228,7 +237,8 @@ class Diagnosis(Written):
     both in the posterior. sets: the likeliest sets of effects; inclusion: every effect at every place with its probability;
     leading: what is less probable than not, but leads; disagreement: largest difference of a probability between the
     posterior's chains; applied: what ``after`` holds, and why; missing: what this machine likely has and the recording cannot
-    show. ``truepose.identification.report.results`` writes it down.
+    show; together: drivers that surely act although no place of theirs is sure. ``truepose.identification.report.results``
+    writes it down.
 
     ``report(path)`` writes the report, ``write(directory)`` ``diagnosis.json``, ``improved.yaml`` and ``report.html``; the
     constants are in ``after.to_frame()``.
@@ -260,6 +270,7 @@ class Diagnosis(Written):
     disagreement: float = 0.0
     applied: Applied | None = None
     missing: tuple[Missing, ...] = ()
+    together: tuple[Together, ...] = ()
 
     @property
     def structure(self) -> Alarm:

@@ -20,7 +20,7 @@ from truepose.identification.diagnosis.findings import (
 )
 from truepose.identification.diagnosis.holdout import Comparison
 from truepose.identification.diagnosis.naming import Summary, summarised
-from truepose.identification.diagnosis.posterior_summary import NAMED
+from truepose.identification.diagnosis.posterior_summary import NAMED, Presence
 from truepose.identification.diagnosis.proof import flip_inflation, prove, replications
 from truepose.identification.diagnosis.refit import Choice, Model, chosen_model, refit, remainder_shapes
 from truepose.identification.diagnosis.result import (
@@ -132,6 +132,7 @@ def _quiet(fits: Fits, found: Found, summary: Summary, choice: Choice) -> Diagno
         leading=tuple(Lead(*one.cause, one.levels, one.probability) for one in summary.leading),
         disagreement=found.posterior.disagreement,
         applied=_told("plain", plain, plain),
+        together=Presence(machine, cat, found.problem, found.posterior).together(),
     )
 
 

@@ -24,6 +24,7 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.fit.set_ups import without_set_ups
 from truepose.identification.identifiability.note import Note
 from truepose.identification.identifiability.observability import Knowledge
 from truepose.identification.identifiability.patterns import Blind
@@ -94,6 +95,7 @@ def drift(
     Raises InputError for fewer than two sessions and without a free parameter, ConvergenceError naming the
     parameters responsible.
     """
+    machine = machine.with_effects(without_set_ups(machine.effects))
     prior = prior_of(machine, machine.effects)
     sessions, notes = sessions_of(machine, recording)
     fits = []
@@ -114,7 +116,7 @@ def drift(
         noise=found.noise,
         log_bayes_factor=found.log_bayes_factor,
         unseen=unseen_by_all(machine, top.stack, prior, joint_parameters(found.likeliest, prior)),
-        durability=durability(sessions, fits, prior, found.extrinsic, accuracy),
+        durability=durability(sessions, fits, prior, found.extrinsic, accuracy, top.stack.renewed),
         settled=settled,
         notes=(*recording.notes, *notes, *_lost(sessions, fits)),
         recording=recording,
@@ -155,7 +157,9 @@ def joint_fit(
     kinds, known = Kinds.of(machine, prior), None
     for _ in range(ROUNDS):
         progress("weighing what moves")
-        stack = Stack.of([linearised(s, prior, p) for s, p in zip(sessions, places, strict=True)], prior)
+        stack = Stack.of(
+            [linearised(s, prior, p) for s, p in zip(sessions, places, strict=True)], prior, machine.set_up
+        )
         top = likeliest(stack, kinds, known)
         known, there = top.state, joint_parameters(top, prior)
         steps = (there - np.array(places))[:, prior.free] / prior.scale[prior.free]

@@ -79,9 +79,14 @@ def durability(
     prior: Prior,
     extrinsic: NDArray[np.bool_],
     accuracy: Mapping[str, float] | None = None,
+    renewed: NDArray[np.bool_] | None = None,
 ) -> Durability:
-    """Check the calibration of the first session on every later one. ``extrinsic`` (n_free,) are frames and
-    sensors; ``accuracy``: rms by kind (mm, rad) that is good enough anyway."""
+    """Check the calibration of the first session on every later one.
+
+    ``extrinsic`` (n_free,) are frames and sensors; ``accuracy``: rms by kind (mm, rad) that is good enough anyway; ``renewed``
+    (n_free,) what is set up anew for each session and never carried over.
+    """
+    renewed = np.zeros_like(extrinsic) if renewed is None else renewed
     noise, freedom = noise_of(fits)
     known = Decomposition.of(fits[0].factor[:, :-1] / noise, fits[0].prior_weight)
     root = np.hstack([known.root, OPEN * known.unknown.T])
@@ -90,7 +95,7 @@ def durability(
     for session, own in zip(sessions[1:], fits[1:], strict=True):
         level = LEVEL / (2 * (len(sessions) - 1))
         setting = _Setting(session, own, noise, freedom, root, level, accuracy or {})
-        for checks, anew in ((carried, np.zeros_like(extrinsic)), (frames, extrinsic)):
+        for checks, anew in ((carried, renewed), (frames, extrinsic | renewed)):
             checks.append(setting.check(fit_when_met(session, prior, fits[0].p, anew), ~anew))
     return Durability(tuple(carried), tuple(frames), tuple(_own(fit) for fit in fits[1:]), noise)
 

@@ -43,10 +43,12 @@ class Likeliest:
         return moments(self.spike_slab, self.state)
 
     def contrasts(self, parameter: int) -> tuple[Array, Array]:
-        """Mean (K - 1,) and covariance of a moved parameter's contrasts, in steps."""
-        own = self.spike_slab.design.n + self.stack.columns(parameter)
+        """Mean (K - 1,) and covariance of the contrasts, in steps, of a parameter that moved or is set up anew."""
+        renewed = parameter in self.stack.anew
+        moved = self.spike_slab.design.n + self.stack.columns(parameter)
+        own = self.stack.always(parameter) if renewed else moved
         at = np.flatnonzero(np.isin(self.moments.at, own))
-        unit = self.stack.unit[parameter]
+        unit = 1.0 if renewed else float(self.stack.unit[parameter])
         return unit * self.moments.mean[at], unit**2 * self.moments.covariance[np.ix_(at, at)]
 
     @cached_property
@@ -57,9 +59,9 @@ class Likeliest:
     @cached_property
     def places(self) -> Array:
         """(K, n) mean of the parameters of every session, in steps less the prior's mean."""
-        n = self.spike_slab.design.n
+        n = len(self.stack.sigma)
         out = np.tile(self.moments.mean[:n], (len(self.stack.jacobian), 1))
-        for i in self.moved:
+        for i in (*self.moved, *self.stack.anew):
             out[:, i] += self.stack.contrasts @ self.contrasts(i)[0]
         return out
 

@@ -3,8 +3,9 @@
 With r_k + A_k tau_k the whitened residual of session k, tau_k in steps less the prior's mean,
     tau_k = tau + sum_i (C z_i)_k,   tau ~ N(0, tolerance^2),   z_i = 0 or z_i ~ N(0, q_i^2),
 where the columns of C (K, K - 1) are orthonormal contrasts between sessions: a common departure from the drawing is
-no movement, and no session is the reference. Each free parameter is a term of K - 1 columns. Noise and tolerances may be
-other than stated, as in every posterior.
+no movement, and no session is the reference. Each free parameter is a term of K - 1 columns. What the machine file says is
+set up anew for each session has its z_i in every model, of the size of its tolerance, and is no term. Noise and tolerances may
+be other than stated, as in every posterior.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from truepose.identification.posterior.design import Always, Design, Unknowns
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.urn import Urn
-from truepose.models.machine import Machine
+from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.parameters import like_parts, vector_of
 
 Array = NDArray[np.float64]
@@ -35,17 +36,18 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Stack:
     """All sessions in one least-squares problem: jacobian (K, n + 1, n), offset (K, n + 1), n_observations; sigma (n,):
-    tolerances in steps (inf: none), and the class of parts (n,) of each."""
+    tolerances in steps (inf: none), and the class of parts (n,) of each; anew: which are set up anew for each session."""
 
     jacobian: Array
     offset: Array
     n_observations: int
     sigma: Array
     classes: tuple[PartClass, ...]
+    anew: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, sessions: Sequence[Linear], prior: Prior) -> Stack:
-        """From the linearised sessions."""
+    def of(cls, sessions: Sequence[Linear], prior: Prior, set_up: Sequence[str] = ()) -> Stack:
+        """From the linearised sessions; ``set_up``: the frames that are set up anew."""
         free = prior.free
         classes = part_classes([prior.names[k] for k in free], [prior.parts[k] for k in free])
         return cls(
@@ -54,6 +56,7 @@ class Stack:
             sum(s.n_observations for s in sessions),
             prior.sigma[free] / prior.scale[free],
             classes,
+            tuple(i for i, k in enumerate(free) if FRAME_OF.get(prior.names[k]) in set_up),
         )
 
     @cached_property
@@ -71,6 +74,17 @@ class Stack:
         """(n,) parameters that some session sees."""
         sharpest = np.max(np.linalg.norm(self.jacobian, axis=1), axis=0)
         return np.asarray(sharpest > ROUNDING * np.max(sharpest, initial=0.0))
+
+    @property
+    def renewed(self) -> NDArray[np.bool_]:
+        """(n,) what is set up anew for each session."""
+        return np.isin(np.arange(len(self.sigma)), self.anew)
+
+    def always(self, parameter: int) -> NDArray[np.intp]:
+        """(K - 1,) contrasts of what is set up anew, among the columns of every model."""
+        k = self.contrasts.shape[1]
+        first = len(self.sigma) + self.anew.index(parameter) * k
+        return np.arange(first, first + k)
 
     def columns(self, parameter: int) -> NDArray[np.intp]:
         """(K - 1,) its contrasts among those of all parameters."""
@@ -98,28 +112,33 @@ class Kinds:
 def movement_problem(stack: Stack, kinds: Kinds) -> SpikeSlab:
     """The posterior's problem: term i is the movement of free parameter i, a size of 1 the usual largest one."""
     sessions, rows, n = stack.jacobian.shape
-    shown = stack.jacobian[:, :, :, None] * (stack.unit[:, None] * stack.contrasts[:, None, None, :])
+    apart = stack.jacobian[:, :, :, None] * stack.contrasts[:, None, None, :]
+    shown = apart * np.where(stack.renewed, 0.0, stack.unit)[:, None]
     whole = np.column_stack(
         [
             stack.jacobian.reshape(sessions * rows, n),
+            apart[:, :, list(stack.anew)].reshape(sessions * rows, -1),
             shown.reshape(sessions * rows, -1),
             -stack.offset.ravel(),
         ]
     )
     classes = tuple(dict.fromkeys(stack.classes))
     part = np.array([classes.index(c) for c in stack.classes], dtype=np.intp)
-    always = Always(stack.sigma, part, np.zeros(n, dtype=bool))
+    own = np.concatenate([np.arange(n), np.repeat(stack.anew, sessions - 1)]).astype(np.intp)
+    always = Always(stack.sigma[own], part[own], np.zeros(len(own), dtype=bool))
     design = Design((whole.T @ whole,), (stack.n_observations,), always)
-    unknowns = Unknowns.over(1, _still_rms(whole, stack), widenings(classes), remainder_rms=0.0)
+    unknowns = Unknowns.over(
+        1, _still_rms(whole, always.sigma, stack.n_observations), widenings(classes), remainder_rms=0.0
+    )
     return SpikeSlab(design, unknowns, _terms(stack, kinds), prior.MOVEMENT_SIZES)
 
 
-def _still_rms(whole: Array, stack: Stack) -> float:
-    """Rms residual, in stated sigmas, when nothing moves."""
-    jacobian = np.vstack([whole[:, : len(stack.sigma)], np.diag(1.0 / stack.sigma)])
-    right = np.append(whole[:, -1], np.zeros(len(stack.sigma)))
+def _still_rms(whole: Array, sigma: Array, count: int) -> float:
+    """Rms residual of ``count`` readings, in stated sigmas, when nothing moves."""
+    jacobian = np.vstack([whole[:, : len(sigma)], np.diag(1.0 / sigma)])
+    right = np.append(whole[:, -1], np.zeros(len(sigma)))
     left = right - jacobian @ np.linalg.lstsq(jacobian, right, rcond=None)[0]
-    return float(np.linalg.norm(left) / np.sqrt(stack.n_observations))
+    return float(np.linalg.norm(left) / np.sqrt(count))
 
 
 def _terms(stack: Stack, kinds: Kinds) -> Terms:

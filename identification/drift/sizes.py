@@ -34,7 +34,8 @@ class Movement:
     straight line fits. hidden: 1-sigma of a movement from the first to the last session, if it moved alone
     (inf: no reading sees it). alike: parameters whose movement would show nearly the same, with the log odds
     against them. extrinsic: of a frame or a sensor.
-    status: ``moved``, ``perhaps``, ``still``, ``unseen`` or ``masked`` (what moved would hide it).
+    status: ``moved``, ``perhaps``, ``still``, ``unseen``, ``masked`` (what moved would hide it) or ``anew`` (of a frame that
+    is set up anew for each session, as the machine file says: ``change`` says where it stood).
     """
 
     name: str
@@ -77,7 +78,12 @@ def movements(
             "log_bayes_factor": float(found.gain[i]),
             "extrinsic": bool(found.extrinsic[i]),
         }
-        if i in best.moved:
+        if i in best.stack.anew:
+            own = {**_moved(best, i, scale, clock), "rate": None, "rate_std": None, "steady": True}
+            out.append(
+                Movement(**{**common, "probability": 1.0, "log_bayes_factor": 0.0}, **own, status="anew")
+            )
+        elif i in best.moved:
             status = "moved" if found.together[i] > SURE else "perhaps"
             alike = {names[k]: odds for k, odds in found.alike[i].items()}
             out.append(Movement(**common, **_moved(best, i, scale, clock), status=status, alike=alike))

@@ -8,9 +8,12 @@ follow in the same ways: one that a sensor rides on as the base, a tip as the to
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.fit.set_ups import set_up_label
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.machine import Machine
@@ -23,7 +26,10 @@ WIDE_LENGTH = 50.0
 
 
 def aligned_start(predictor: Predictor) -> Array:
-    """(np,) parameters with base (and tool rotation) and further frames where readings put them, as far as they may move."""
+    """(np,) parameters with base (and tool rotation) and further frames where readings put them, as far as they may move.
+
+    A base or tool that is set up anew for each session is put there session by session.
+    """
     p = predictor.model.p_home.copy()
     if _wide(predictor.machine, "base"):
         _align_ends(predictor, p)
@@ -35,18 +41,35 @@ def aligned_start(predictor: Predictor) -> Array:
 
 def _align_ends(predictor: Predictor, p: Array) -> None:
     """Base and tool, in place."""
-    machine = predictor.machine
+    machine, recording = predictor.machine, predictor.recording
+    rank, last = recording.session_rank(), recording.n_sessions - 1
+    if not any(name.startswith(f"{set_up_label('base', 1)}:") for name in predictor.model.names):
+        rank, last = np.zeros_like(rank), 0
+    for k in range(last + 1):
+        turning = _wide(machine, "tool") and (k == 0 or "tool" in machine.set_up)
+        _align_session(predictor, p, k, ~recording.validation & (rank == k), turning)
+
+
+def _align_session(
+    predictor: Predictor, p: Array, session: int, wanted: NDArray[np.bool_], turning: bool
+) -> None:
+    """Moves base and tool of one session in ``p`` (np,) to where its rows ``wanted`` (n,) put them."""
+    base, tool = (_Frame(predictor.model.names, frame, session) for frame in ("base", "tool"))
     for _ in range(3):
         x, good = predictor.assemble(p)
         names, values, _, poses = predictor.columns(p, x)
-        rows = good & ~predictor.recording.validation
+        rows = good & wanted
         predicted, measured = seen_points(predictor, names, values, rows)
         if len(predicted) < 3:
             return
         rotation, shift = rigid_motion(predicted, measured)
-        _move_base(predictor, p, rotation, shift)
-        if not _wide(machine, "tool") or not _turn_tool(predictor, p, rows, rotation @ poses[rows, :3, :3]):
+        at = base.value(p)
+        base.put(p, np.concatenate([rotation @ at[:3] + shift, _rpy(rotation @ lie.rpy_matrix(at[3:]))]))
+        turn = _turn(predictor, rows, rotation @ poses[rows, :3, :3]) if turning else None
+        if turn is None:
             return
+        at = tool.value(p)
+        tool.put(p, np.concatenate([at[:3], _rpy(lie.rpy_matrix(at[3:]) @ turn)]))
 
 
 def _align_mount(predictor: Predictor, p: Array, name: str) -> None:
@@ -69,6 +92,34 @@ def _align_mount(predictor: Predictor, p: Array, name: str) -> None:
             turn = _left_over(predictor, channels, rows, drawn)
             p[at[3:]] = p[at[3:]] if turn is None else lie.rpy_of(turned @ turn)
             return
+
+
+class _Frame:
+    """One frame in one session: its six parameters, and what they have changed by since the first session."""
+
+    def __init__(self, names: Sequence[str], frame: str, session: int) -> None:
+        self._own = [names.index(f"{frame}.{axis}") for axis in AXES]
+        place = {name: k for k, name in enumerate(names)}
+        self._steps = [
+            [place.get(f"{set_up_label(frame, k)}:{axis}") for axis in AXES] for k in range(1, session + 1)
+        ]
+
+    def value(self, p: Array) -> Array:
+        """(6,) x y z (mm) and roll pitch yaw (rad) in this session."""
+        added = [[0.0 if k is None else p[k] for k in step] for step in self._steps]
+        return np.asarray(p[self._own] + np.sum(added, axis=0)) if added else np.asarray(p[self._own])
+
+    def put(self, p: Array, value: Array) -> None:
+        """Changes ``p`` so that the frame stands there; an axis that is exactly known stays."""
+        change = value - self.value(p)
+        change[3:] = (change[3:] + np.pi) % (2.0 * np.pi) - np.pi
+        for k, at in enumerate(self._steps[-1] if self._steps else self._own):
+            if at is not None:
+                p[at] += change[k]
+
+
+def _rpy(rotation: Array) -> Array:
+    return np.asarray(lie.rpy_of(rotation), dtype=float)
 
 
 def _wide(machine: Machine, frame: str) -> bool:
@@ -103,21 +154,11 @@ def rigid_motion(source: Array, target: Array) -> tuple[Array, Array]:
     return rotation, b - rotation @ a
 
 
-def _move_base(predictor: Predictor, p: Array, rotation: Array, shift: Array) -> None:
-    at = [predictor.model.names.index(f"base.{a}") for a in AXES]
-    p[at[:3]] = rotation @ p[at[:3]] + shift
-    p[at[3:]] = lie.rpy_of(rotation @ lie.rpy_matrix(p[at[3:]]))
-
-
-def _turn_tool(predictor: Predictor, p: Array, rows: NDArray[np.bool_], predicted: Array) -> bool:
+def _turn(predictor: Predictor, rows: NDArray[np.bool_], predicted: Array) -> Array | None:
+    """(3, 3) turn of the tool that the rows' rotations show; None where nothing reads any."""
     of_tool = [sensor for sensor in predictor.machine.sensors if sensor.view == TOOL_IN_WORLD]
     channels = [c.name for sensor in of_tool for c in sensor.channels if c.kind == "rotation"]
-    turn = _left_over(predictor, channels, rows, predicted) if len(channels) == 3 else None
-    if turn is None:
-        return False
-    at = [predictor.model.names.index(f"tool.{a}") for a in AXES]
-    p[at[3:]] = lie.rpy_of(lie.rpy_matrix(p[at[3:]]) @ turn)
-    return True
+    return _left_over(predictor, channels, rows, predicted) if len(channels) == 3 else None
 
 
 def _left_over(

@@ -25,10 +25,13 @@ from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, blame, estimate, result
+from truepose.identification.fit.only import held_but, kept_covariance, prior_but
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.relinearised import TUNING, Scaling, relinearised
+from truepose.identification.fit.set_ups import with_set_ups
 from truepose.identification.fit.simultaneous import simultaneous
 from truepose.identification.fit.widening import untied
+from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
@@ -54,6 +57,8 @@ BIAS = "std is the estimator's 1-sigma with {} taken as known; its bias towards 
 class Calibration(Written):
     """The fit, the free fit (None when it found no minimum), and what was fitted how.
 
+    kept: what the machine file knows of what was held, where some constants alone were fitted.
+
     ``report(path)`` writes the report, ``write(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
     """
 
@@ -62,11 +67,22 @@ class Calibration(Written):
     recording: Recording
     notes: tuple[str, ...]
     method: dict[str, str]
+    kept: Covariance | None = None
 
     @property
     def judgement(self) -> Judgement:
         """Whether it may be called a calibration."""
         return judged(self.fit)
+
+    @property
+    def only(self) -> str:
+        """What alone was fitted, in words; empty where everything was that is not exactly known."""
+        return self.method.get("only", "")
+
+    @property
+    def began(self) -> str:
+        """What the fit is compared with: what stood in the machine file."""
+        return "the machine file" if self.only else "the drawing"
 
     def to_frame(self) -> pd.DataFrame:
         """The constants of the fit, with the columns of ``Estimate.to_frame``."""
@@ -81,9 +97,13 @@ def calibrate(
     solver: str = "gn",
     scaling: Scaling = "tolerance",
     tuning: float | None = None,
+    only: Sequence[str] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
     """Fit the machine with the effects of its file; a path, a DataFrame or a dict of columns is a recording, too.
+
+    ``only``: frames, parts or constants (``base``, ``q4``, ``q4.theta``) that alone are fitted; all else, effects included,
+    is held as the file has it (``truepose.identification.fit.only``).
 
     ``scaling`` is the unit of the columns of ``liu``, ``ridge`` and ``pcr``, on which their bias depends, and
     ``tuning`` Liu's d, ridge's k or the number of components where it is not to be chosen by rule (see
@@ -93,9 +113,10 @@ def calibrate(
     """
     biased = _checked(estimator, solver, scaling)
     recording = as_recording(machine, recording)
-    work = _Work(machine, recording, solver, bounds_of(machine, machine.effects))
+    machine = with_set_ups(held_but(machine, only) if only else machine, recording)
+    work = _Work(machine, recording, solver, bounds_of(machine, machine.effects), tuple(only))
     progress("fitting")
-    method = {"estimator": estimator, "solver": solver}
+    method = {"estimator": estimator, "solver": solver, **({"only": ", ".join(only)} if only else {})}
     fit, notes = work.linear(estimator, scaling, tuning) if biased else work.unbiased(estimator)
     if biased and fit.shrunk is not None:
         method |= {"scaling": scaling, TUNING[estimator]: f"{fit.shrunk.tuning:.6g}"}
@@ -109,7 +130,8 @@ def calibrate(
         *work.at_bounds(fit),
         *more,
     ]
-    return Calibration(fit, free, recording, tuple(notes), method)
+    kept = kept_covariance(machine, work.tolerances) if only else None
+    return Calibration(fit, free, recording, tuple(notes), method, kept)
 
 
 def _checked(estimator: str, solver: str, scaling: str) -> bool:
@@ -134,6 +156,7 @@ class _Work:
     recording: Recording
     solver: str
     bounds: Bounds
+    only: tuple[str, ...] = ()
 
     @cached_property
     def predictor(self) -> Predictor:
@@ -145,7 +168,8 @@ class _Work:
 
     @cached_property
     def tolerances(self) -> Prior:
-        return prior_of(self.machine, self.machine.effects)
+        prior = prior_of(self.machine, self.machine.effects)
+        return prior_but(prior, self.machine, self.only) if self.only else prior
 
     @cached_property
     def flat(self) -> Prior:
@@ -180,7 +204,13 @@ class _Work:
     def fitted(self, solver: str | None = None, **options: Any) -> tuple[Estimate, list[str]]:
         """By the solver asked for; of gn and lm by the other where that one finds no minimum."""
         solver = solver or self.solver
-        common = {"start": self.start, "predictor": self.predictor, "tolerance": TIGHT, **options}
+        common: dict[str, Any] = {
+            "start": self.start,
+            "predictor": self.predictor,
+            "prior": self.tolerances,
+            "tolerance": TIGHT,
+            **options,
+        }
         fitting = partial(estimate, self.machine, self.recording, self.machine.effects, **common)
         if solver == "ipopt":
             return fitting(solver=partial(simultaneous, bounds=self.bounds)), []

@@ -42,7 +42,7 @@ class Prior:
 
 
 def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
-    """Tolerances for geometry; for effects their spread, by default 100 times their largest size.
+    """Tolerances for geometry; for effects their spread, by default 100 times their largest size; 0 holds them at their values.
 
     Raises InputError where everything is exactly known, as in a file that states no tolerance: nothing to fit.
     """
@@ -52,8 +52,8 @@ def prior_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Prior:
     scale, parts = [p.scale for p in parameters], [p.part for p in parameters]
     for effect in effects:
         names += effect.parameter_names
-        for c in effect.coefficients:
-            mean.append(0.0)
+        for c, value in zip(effect.coefficients, effect.amplitudes, strict=True):
+            mean.append(0.0 if effect.spread > 0.0 else value)
             sigma.append(effect.spread * c.scale)
             scale.append(c.scale)
             parts.append("effect")

@@ -76,8 +76,9 @@ def tool_points(predictor: Predictor, p: Array, x: Array, silent: Collection[str
     return ToolPoints(predicted, np.column_stack(read).reshape(shape) if count else np.zeros(shape))
 
 
-def calibrated_pose(fit: Estimate, recording: Recording) -> ExpectedPose | None:
-    """The drawing's error and a fit's, on validation rows where there are enough, else on the fitted ones.
+def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawing") -> ExpectedPose | None:
+    """The error of what the fit began with, called ``than``, and the fit's, on validation rows where there are enough, else on
+    the fitted ones.
 
     None where no sensor reads points of the tool.
     """
@@ -85,7 +86,7 @@ def calibrated_pose(fit: Estimate, recording: Recording) -> ExpectedPose | None:
     p = fit.p.copy()
     count = len(fit.machine.parameters)
     p[:count] = predictor.model.p_home[:count]
-    p[count:] = 0.0
+    p[count:] = np.where(fit.prior.sigma[count:] > 0.0, 0.0, fit.p[count:])  # what is held was there before
     x, good = predictor.assemble(p, fit.x)
     seen = good & np.isfinite(fit.residual).all(axis=1)
     fitted, held = fit.used & seen, recording.validation & seen
@@ -96,7 +97,7 @@ def calibrated_pose(fit: Estimate, recording: Recording) -> ExpectedPose | None:
     if any(not len(squares) for squares in both):
         return None
     before, after = (float(np.sqrt(np.mean(squares))) for squares in both)
-    return ExpectedPose("the drawing", before, after, rows)
+    return ExpectedPose(than, before, after, rows)
 
 
 __all__ = ["ToolPoints", "calibrated_pose", "tool_points"]

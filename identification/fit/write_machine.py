@@ -23,6 +23,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
+from truepose.models.driver import ROW
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine, Mass
 from truepose.models.machine_file import ExpectedPose, write_machine
@@ -39,13 +40,14 @@ def write_calibrated(
     recording: Recording,
     pose: ExpectedPose | None = None,
     judgement: Judgement | None = None,
+    kept: Covariance | None = None,
 ) -> None:
     """Write the calibrated machine, whole or not at all; one that may not be called so says it first.
 
-    ``judgement``: of the whole work where there is more than this fit.
+    ``judgement``: of the whole work where there is more than this fit; ``kept``: what was known before of what it held.
     """
     found = judged(estimate) if judgement is None else judgement
-    write_machine(path, calibrated_document(estimate, recording, pose, found.why), found.refusal)
+    write_machine(path, calibrated_document(estimate, recording, pose, found.why, kept), found.refusal)
 
 
 def calibrated_document(
@@ -53,10 +55,12 @@ def calibrated_document(
     recording: Recording,
     pose: ExpectedPose | None = None,
     refused: Sequence[str] = (),
+    kept: Covariance | None = None,
 ) -> dict[str, Any]:
     """The machine file of a fit, as a document of its own: nothing is shared with the machine's.
 
-    ``pose``: what the fit is worth to the tool, where that was judged; ``refused``: why it may not be called a calibration.
+    ``pose``: what the fit is worth to the tool, where that was judged; ``refused``: why it may not be called a calibration;
+    ``kept``: what was known before of what it held.
     Raises InputError when the machine has no file or a parameter stands nowhere in it.
     """
     machine = estimate.machine
@@ -74,8 +78,9 @@ def calibrated_document(
     for key in ("effects", "covariance", "nominal", "sessions", "pose_error", "judgement"):
         document.pop(key, None)
     if estimate.effects:
-        document["effects"] = _effect_entries(estimate)
-    document["covariance"] = replace(covariance_of(estimate), seen=_seen(estimate, recording)).document()
+        document["effects"] = _effect_entries(estimate, kept)
+    known = replace(covariance_of(estimate), seen=_seen(estimate, recording))
+    document["covariance"] = (known if kept is None else known.beside(kept)).document()
     drawing = machine.file.nominal
     document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
     document["sessions"] = list(recording.sessions)
@@ -103,7 +108,10 @@ def covariance_of(estimate: Estimate) -> Covariance:
 
 
 def _seen(estimate: Estimate, recording: Recording) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value in the fitted rows of joints and of what effects depend on; none without effects."""
+    """Lowest and highest value in the fitted rows of joints and of what effects depend on; none without effects.
+
+    Of the order of rows that of all rows: it tells the recording from others.
+    """
     if not estimate.effects:
         return {}
     columns = dict(zip(recording.joints, recording.q.T, strict=True))
@@ -111,7 +119,7 @@ def _seen(estimate: Estimate, recording: Recording) -> dict[str, tuple[float, fl
         values = recording.driver(name)
         if values is not None:
             columns[name] = values
-    used = {name: values[estimate.used] for name, values in columns.items()}
+    used = {name: values if name == ROW else values[estimate.used] for name, values in columns.items()}
     return {name: (float(np.min(values)), float(np.max(values))) for name, values in used.items()}
 
 
@@ -204,8 +212,10 @@ def _put(document: Any, path: FieldPath, value: float) -> None:
     here[path[-1]] = value
 
 
-def _effect_entries(estimate: Estimate) -> list[dict[str, Any]]:
+def _effect_entries(estimate: Estimate, kept: Covariance | None) -> list[dict[str, Any]]:
     std = dict(zip(estimate.prior.names, estimate.std.tolist(), strict=True))
+    if kept is not None:
+        std |= dict(zip(kept.names, np.linalg.norm(kept.factor, axis=1).tolist(), strict=True))
     return [effect_entry(effect, std) for effect in estimate.fitted_effects()]
 
 

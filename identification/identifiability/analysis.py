@@ -18,6 +18,7 @@ from truepose.errors import InputError
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.decomposition import Decomposition, Observability
 from truepose.identification.fit.problem import Prior, prior_of
+from truepose.identification.fit.set_ups import with_set_ups
 from truepose.identification.identifiability.note import Note
 from truepose.identification.identifiability.observability import (
     Direction,
@@ -120,6 +121,7 @@ def identifiability(
     and when no row can be assembled.
     """
     rows = drawn_poses(machine, poses, seed) if recording is None else recording
+    machine = with_set_ups(machine, rows)
     predictor = with_observations(machine, rows)
     prior = prior_of(machine, machine.effects)
     home = aligned_start(predictor) if measured(machine, rows) else predictor.model.p_home.copy()

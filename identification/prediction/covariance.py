@@ -8,7 +8,7 @@ rad and each effect's own.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,22 @@ class Covariance:
         """Independent entries of 1-sigma ``sigma`` (n,); where it is infinite, an entry is unknown."""
         finite = np.isfinite(sigma)
         return cls(tuple(names), np.diag(np.where(finite, sigma, 0.0)), np.eye(len(sigma))[~finite])
+
+    def of_names(self, names: Sequence[str]) -> Covariance:
+        """What it says of some of its names, the others being anything."""
+        at = [self.names.index(name) for name in names]
+        unknown = self.unknown[:, at]
+        unknown = unknown[np.any(unknown != 0.0, axis=1)]
+        own = Covariance.of(names, np.ones(len(at)), self.factor[at], unknown)
+        return replace(own, unexplained=self.unexplained, seen=self.seen)
+
+    def beside(self, other: Covariance) -> Covariance:
+        """Both, as independent of each other; what is unexplained is this one's, what was seen is the other's."""
+        n, m = len(self.names), len(other.names)
+        factor, unknown = np.zeros((n + m, n + m)), np.zeros((len(self.unknown) + len(other.unknown), n + m))
+        factor[:n, :n], factor[n:, n:] = self.factor, other.factor
+        unknown[: len(self.unknown), :n], unknown[len(self.unknown) :, n:] = self.unknown, other.unknown
+        return Covariance((*self.names, *other.names), factor, unknown, self.unexplained, other.seen)
 
     @classmethod
     def read(cls, section: Mapping[str, Any], where: str) -> Covariance:

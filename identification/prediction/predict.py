@@ -14,15 +14,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.spread import column_std
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.driver import Driver
+from truepose.models.driver import ROW, Driver
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXIS_UNITS
 from truepose.models.units import convert
+from truepose.wording import joined
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -67,7 +69,9 @@ def predictor_for(machine: Machine, recording: Recording) -> Predictor:
     known = machine.file.sessions if machine.file else ()
     predictor = Predictor(machine, recording, machine.effects)
     for k, name in enumerate(predictor.model.drivers):
-        recorded = recording.driver(name, known) if known else None
+        if name == ROW and not _is_the_fitted(machine, recording):
+            predictor.z[:, k] = predictor.model.z_home[k]
+        recorded = recording.driver(name, known) if known and name != ROW else None
         if recorded is not None:
             predictor.z[:, k] = recorded
     return predictor
@@ -104,9 +108,38 @@ def unassembled(recording: Recording, frame: pd.DataFrame) -> list[str]:
 
 def unheard(machine: Machine, recording: Recording) -> list[str]:
     """A note for each driver that the effects read and the rows do not log: it stands at its default."""
+    late = any(ROW in effect.drivers for effect in machine.effects) and not _is_the_fitted(machine, recording)
+    ended = (
+        ["what drifted in the order of the fitted rows is predicted as it was at their end"] if late else []
+    )
     missing = [n for effect in machine.effects for n in effect.drivers if recording.driver(n) is None]
-    columns = dict.fromkeys(Driver.of(name).column for name in missing)
-    return [f"no column {name!r}: effects that depend on it see its default" for name in columns]
+    columns = dict.fromkeys(Driver.of(name).column for name in missing if name != ROW)
+    return ended + [f"no column {name!r}: effects that depend on it see its default" for name in columns]
+
+
+def _is_the_fitted(machine: Machine, recording: Recording) -> bool:
+    """Whether rows without a clock may be those that the file was fitted to: there are as many. Others come later."""
+    if machine.file is None or machine.file.covariance is None:
+        return True
+    seen = Covariance.read(machine.file.covariance, f"{machine.file.path}: covariance").seen.get(ROW)
+    place = recording.whole.driver(ROW)
+    return place is not None and (seen is None or float(np.min(place)) == seen[0])
+
+
+def unknown_frames(machine: Machine, recording: Recording) -> list[str]:
+    """A note for each session that the fit has not seen, where the machine's frames are set up anew for each session."""
+    known = machine.file.sessions if machine.file else ()
+    if not machine.set_up or not known:
+        return []
+    whose, out = joined(machine.set_up), list[str]()
+    unseen = ~recording.session_recorded | ~np.isin(recording.session, known)
+    for number in np.unique(recording.session[unseen]).tolist():
+        row = int(np.flatnonzero(unseen & (recording.session == number))[0])
+        out.append(
+            f"{recording.where(row)}: session {number} was not in the fit, so where its {whose} stood is not known: "
+            f"predicted as in session {max(known)}; truepose calibrate --only {','.join(machine.set_up)} finds it"
+        )
+    return out
 
 
 def _complete(machine: Machine, recording: Recording, good: Mask) -> Mask:
@@ -124,4 +157,5 @@ __all__ = [
     "predictor_for",
     "unassembled",
     "unheard",
+    "unknown_frames",
 ]

@@ -115,7 +115,8 @@ ORDER: Final = (
         "time",
         "number",
         "s",
-        "When the row was measured, on one clock. Drift, creep, slow heat and latency need it.",
+        "When the row was measured, on one clock. Creep, slow heat and latency need it; drift is told in hours by it, and in "
+        "rows without it.",
         "the order of the rows",
     ),
     KnownColumn(

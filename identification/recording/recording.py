@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.memory import remembered
-from truepose.models.driver import TIME, Driver
+from truepose.models.driver import ROW, TIME, Driver
 from truepose.models.units import FloatArray
 from truepose.shown.result import Shown, frame_of
 
@@ -120,6 +120,23 @@ class Recording(Shown):
         """(n,) indices that put these rows in order of acquisition: by time where it is recorded, by file and row."""
         return frozen(order_in_time(self.time, self.source_file, self.source_row))
 
+    @property
+    def place_in_order(self) -> FloatArray | None:
+        """(n,) place of each row in its session's order of acquisition: from minus so many as follow the first to 0 in the
+        longest session.
+
+        Each session begins anew: nobody knows how long it was after the one before. None where a clock was recorded, which
+        tells more.
+        """
+        if self.time is not None:
+            return None
+        whole = self.whole
+        session, place = whole.session[whole.order], np.empty(len(whole))
+        for number in np.unique(session):
+            own = whole.order[session == number]
+            place[own] = np.arange(len(own))
+        return frozen((place - np.max(place, initial=0.0))[self.rows])
+
     def in_time(self, rows: BoolArray) -> IntArray:
         """Indices of the ``rows`` (n,), in order of acquisition."""
         order = self.order
@@ -141,7 +158,8 @@ class Recording(Shown):
 
         Units are in `truepose.models.driver`. `temperature.air` stands in for places without a column; names with
         numbers are of drivers that remember (`truepose.identification.recording.memory`); `session.after.K` is 1
-        from the K-th session change on, 0 before, sessions ranked among `sessions` (see `session_rank`).
+        from the K-th session change on, 0 before, sessions ranked among `sessions` (see `session_rank`); `row` is the place in
+        the order of acquisition where no clock was recorded (`place_in_order`).
         """
         driver = Driver.of(name)
         if driver.after is not None:
@@ -149,6 +167,8 @@ class Recording(Shown):
         if driver.numbers:
             values = remembered(self.whole, driver)
             return None if values is None else frozen(values[self.rows])
+        if name == ROW and ROW not in self.drivers:
+            return self.place_in_order
         return self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
 
     def replicates(self) -> IntArray:

@@ -66,7 +66,13 @@ def moved_sentences(found: Drift) -> list[str]:
     for extrinsic, whose in ((True, "frames and sensors"), (False, "the mechanism")):
         moved = [m.name for m in found.moved if m.extrinsic is extrinsic]
         out.append(f"of {whose}: {', '.join(grouped(moved)) if moved else 'nothing'}")
-    return out if found.moved else []
+    anew = [m.name for m in found.movements if m.status == "anew"]
+    stated = (
+        [f"set up anew for each session, as the machine file says: {', '.join(grouped(anew))}"]
+        if anew
+        else []
+    )
+    return [*stated, *(out if found.moved else [])]
 
 
 def movement_sentence(found: Drift, movement: Movement) -> str:

@@ -49,7 +49,9 @@ def _html(result: object) -> str:
 @_html.register
 def _(result: Calibration) -> str:
     far = far_row_words(calibration_json(result, far_rows(result))["rows_that_do_not_fit"])
-    return pages.calibration_html(result, far, pose=calibrated_pose(result.fit, result.recording))
+    return pages.calibration_html(
+        result, far, pose=calibrated_pose(result.fit, result.recording, result.began)
+    )
 
 
 @_html.register
@@ -69,7 +71,7 @@ def _written(result: object, output: Path) -> list[str]:
 
 @_written.register
 def _(result: Calibration, output: Path) -> list[str]:
-    pose = calibrated_pose(result.fit, result.recording)
+    pose = calibrated_pose(result.fit, result.recording, result.began)
     return write_calibration(result, calibration_json(result, far_rows(result)), output, pose)
 
 
@@ -96,7 +98,7 @@ def write_calibration(
     """
     far = far_row_words(document["rows_that_do_not_fit"])
     with atomic_directory(output) as partial:
-        write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose)
+        write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose, kept=result.kept)
         atomic_write_text(partial / "fit.json", json_text(document))
         page = pages.calibration_html(result, far, cautions, pose)
         atomic_write_text(partial / REPORT, page)

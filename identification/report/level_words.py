@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from truepose.identification.diagnosis.result import Finding, Lead
+from truepose.identification.diagnosis.result import Finding, Lead, Together
 from truepose.identification.report.numbers import percent
 from truepose.models.driver import DriverKind
 from truepose.models.effects.base import effects
@@ -93,6 +93,14 @@ def known_words(finding: Finding) -> tuple[str, str]:
     sure = percent(finding.levels.driver)
     law = "" if finding.nameless else f"; this law {percent(finding.probability)}"
     return f"{where} {_ONE[finding.levels.kind]}", f"{sure}{law}"
+
+
+def together_words(one: Together) -> str:
+    """``q2, link2 or base gives way under the weight that it carries (over 99.9 %), which of them is not known``."""
+    places = shortened(list(one.places), PLACES) if len(one.places) > PLACES else joined(one.places, "or")
+    return (
+        f"{places} {_ONE[one.driver]} ({percent(one.probability)} that at least one does), which is not known"
+    )
 
 
 def _untested(finding: Finding) -> bool:
@@ -195,5 +203,6 @@ __all__ = [
     "levels_words",
     "spanned",
     "title",
+    "together_words",
     "with_article",
 ]

@@ -57,6 +57,10 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
             {"effects": [[slug, list(place)] for slug, place in s.effects], "probability": s.probability}
             for s in diagnosis.sets
         ],
+        "together": [
+            {"driver": one.driver, "places": list(one.places), "probability": one.probability}
+            for one in diagnosis.together
+        ],
         "inclusion": [
             {"effect": i.effect, "place": list(i.place), "probability": i.probability}
             for i in diagnosis.inclusion

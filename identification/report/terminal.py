@@ -17,7 +17,13 @@ from truepose.identification.report.before_after import HELD_OUT, before_after_w
 from truepose.identification.report.coefficient_words import coefficient_words
 from truepose.identification.report.diagnosis_words import LEADS, form_words, set_words
 from truepose.identification.report.judgement_words import diagnosis_judgement
-from truepose.identification.report.level_words import NAMES, driver_clauses, lead_words, level_of
+from truepose.identification.report.level_words import (
+    NAMES,
+    driver_clauses,
+    lead_words,
+    level_of,
+    together_words,
+)
 from truepose.identification.report.lines import LINES, listed, several_lines, wrapped
 from truepose.identification.report.misfit_words import HIGH as SUSPICIOUS
 from truepose.identification.report.misfit_words import misfit_clause
@@ -99,6 +105,7 @@ def _found(result: Diagnosis, tight: bool) -> list[list[str]]:
     items += [wrapped(f"without a name: {said}") for said in driver_clauses(nameless)]
     if result.leading and not result.findings:
         items += [wrapped(f"leading: {lead_words(one)}", most=1) for one in result.leading[:LEADS]]
+    items += [wrapped(f"together: {together_words(one)}", most=2) for one in result.together]
     left = result.remainder
     if left is not None:
         items.append(wrapped(f"remainder follows {left.driver}: {form_words(left)}"))
@@ -166,7 +173,9 @@ def calibration_lines(
         *_before_after(figures, pose),
         f"  chi2 per degree of freedom {fit.chi2_per_dof:.4g}",
         f"  {fit.rank} of {len(fit.prior.free)} directions are seen by the readings{decided}",
-        f"  furthest from the drawing: {worst}",
+        f"  held as the machine file has it: all but {result.only}"
+        if result.only
+        else f"  furthest from the drawing: {worst}",
     ]
     worst_allowed = figures["worst_parameter_allowed"] or float("inf")
     doubtful = fit.chi2_per_dof > SUSPICIOUS or fit.worst_parameter_sigma > worst_allowed

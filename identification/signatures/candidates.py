@@ -23,7 +23,7 @@ from truepose.identification.signatures.untestable import (
     unloaded,
     why_untestable,
 )
-from truepose.models.driver import Driver
+from truepose.models.driver import ROW, Driver
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import (
@@ -188,9 +188,12 @@ def _varied(recording: Recording) -> dict[str, tuple[float, float]]:
 
 
 def ranges(recording: Recording) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value of joints and of smooth drivers in the calibration rows."""
+    """Lowest and highest value in the calibration rows of joints, smooth drivers and, without a clock, the order of rows."""
     rows = ~recording.validation
     columns = recording.columns(smooth=True)
+    place = recording.driver(ROW)
+    if place is not None:
+        columns[ROW] = place
     return {name: (float(np.min(v[rows])), float(np.max(v[rows]))) for name, v in columns.items()}
 
 

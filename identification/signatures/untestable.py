@@ -12,7 +12,7 @@ import numpy as np
 from scipy.constants import g
 
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import APPROACH, PAYLOAD, TEMPERATURE, TIME, Driver
+from truepose.models.driver import APPROACH, PAYLOAD, ROW, TEMPERATURE, TIME, Driver
 from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.machine import Machine
 
@@ -85,7 +85,7 @@ def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
     if joints and all(recording.driver(f"{APPROACH}.{joint}") is None for joint in joints):
         add = f"log `{APPROACH}.{joints[0]}`, ... (+1 or -1: the direction of the joint's last motion)"
         out.append(Missing((PLAY,), f"no {APPROACH} column", add))
-    if mounts and recording.driver(TIME) is None:
+    if mounts and recording.driver(TIME) is None and recording.driver(ROW) is None:
         out.append(Missing((DRIFT,), f"no {TIME} column", f"log `{TIME}` (s)"))
     return out
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from truepose.errors import InputError
-from truepose.models.assembly import frame_of, placed_frame
+from truepose.models.assembly import axis_of, frame_of, placed_frame
 from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import drives_joint, own_offset, singly
@@ -20,7 +20,13 @@ from truepose.models.potential import Number, in_base, of_mass
 from truepose.models.statics import load_scale
 
 SHORTEST = 1.0
-"""mm: shorter links do not bend."""
+"""mm: shorter links, whose axes meet, give way as their bearings do."""
+OVERHANG = "overhang"
+"""Setting of a slide whose beam reaches from its guide."""
+ROUNDING = 1e-6
+"""mm: no length."""
+LARGEST = 1e-4
+"""rad/(N m) that a joint gives way across its axis: as much as about it (``joint-compliance``)."""
 POISSON = 0.3
 """Of steel and aluminium: G = E / (2 (1 + nu)); a round section's polar moment is twice its second moment."""
 
@@ -33,6 +39,10 @@ class LinkBending(Effect):
     At its end act the force and the moment of all that lies beyond; its own masses act where their centres are
     along it. Setting ``twist`` 1: it also twists about its own length as a round tube does, G J = E I / (1 + nu);
     without, it is stiff against that. Tension and other sections are left out. Links of an open chain only.
+
+    A link without length, where a revolute joint's axis meets the next one, turns about both axes across its joint by c times
+    gravity's moment: bearings and housing. Setting ``overhang`` 1: a slide carries the link as a ram, clamped where the
+    slide's guide ends, so that its length grows with the reading.
     """
 
     slug = "link-bending"
@@ -41,7 +51,8 @@ class LinkBending(Effect):
     formula = (
         "deflection c (F L^3 / 3 + M L^2 / 2) and slope c (F L^2 / 2 + M L) at the link's end, c = 1 / (E I), "
         "F and M of the weight beyond; a mass of its own at a: c F a^2 (3 L - a) / 6 and c F a^2 / 2; "
-        "with twist: c (1 + nu) T L about the link, T the moment about it, nu = 0.3"
+        "with twist: c (1 + nu) T L about the link, T the moment about it, nu = 0.3; "
+        "a link without length: c M across its joint; a ram: L from the slide's guide on"
     )
     size = "10 to 30 % of an arm's total compliance (recalled); 1 / (E I) of 1e-12 to 1e-9 1/(N*mm^2)"
     look_alikes = ("joint-compliance", "gravity-sag", "screw-windup")
@@ -55,16 +66,21 @@ class LinkBending(Effect):
         return singly(_links(machine)) if machine.loaded and not machine.springs else []
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        return ({}, {"twist": 1.0})
+        link = _link(machine, place)
+        ram: list[Settings] = [{OVERHANG: 1.0}] if link.slides else []
+        if link.short:
+            return ram or ({},)
+        return ({}, {"twist": 1.0}, *ram)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        if _link(machine, place).short and OVERHANG not in settings:
+            return (Coefficient("c", "rad/(N*m)", scale=LARGEST, lower=0.0),)
         return (Coefficient("c", "1/(N*mm^2)", scale=1e-9, lower=0.0),)
 
     def shifts(self, site: Site) -> Shifts:
-        link = _links(site.machine).get(site.place[0])
-        if link is None:
-            known = ", ".join(_links(site.machine)) or "a machine with open links"
-            raise InputError(f"{self.slug}: found link {site.place[0]!r}, expected one of {known}")
+        link = _link(site.machine, site.place)
+        if link.short and OVERHANG not in site.settings:
+            return _yielding(site, link)
         end, turn, move = _bent(site, link)
         c = site.c["c"]
         # the whole link turns at its joint instead: its end, and all beyond, goes where the bent link takes it
@@ -72,6 +88,8 @@ class LinkBending(Effect):
         return {f"{link.joint.name}.motion.{axis}": c * motion[k] for k, axis in enumerate(AXES)}
 
     def explain(self, machine: Machine, place: Place) -> str:
+        if _link(machine, place).short:
+            return f"{place[0]} gives way across its joint under the weight it carries: bearings and housing."
         return f"The link {place[0]} bends under the weight it carries, like a cantilever."
 
 
@@ -82,6 +100,12 @@ class _Link:
     joint: Joint
     rigid: tuple[Joint, ...]
     after: Joint | None
+    short: bool = False
+
+    @property
+    def slides(self) -> bool:
+        """Whether a slide carries it."""
+        return self.joint.kind == "prismatic"
 
     def frames(self, site_values: dict[str, ca.SX]) -> dict[str, ca.SX]:
         """Frame (4, 4) of each of its bodies in that of the first."""
@@ -108,8 +132,26 @@ class _Link:
         return self.rigid[-1].child if self.rigid else self.joint.child
 
 
+def _link(machine: Machine, place: Place) -> _Link:
+    """The link at a place. Raises InputError where there is none."""
+    links = _links(machine)
+    if place[0] not in links:
+        known = ", ".join(links) or "a machine with open links"
+        raise InputError(f"{LinkBending.slug}: found link {place[0]!r}, expected one of {known}")
+    return links[place[0]]
+
+
+def _yielding(site: Site, link: _Link) -> dict[str, ca.SX]:
+    """Turns about the axes across a joint, by the moments that gravity exerts about them (N m)."""
+    ports = [f"{link.joint.name}.motion.{axis}" for axis in AXES[3:]]
+    moment = ca.vertcat(*(site.load(port) for port in ports))
+    axis = axis_of(link.joint, site.values)
+    across = site.c["c"] * (moment - ca.dot(moment, axis) * axis)
+    return {port: across[k] for k, port in enumerate(ports)}
+
+
 def _links(machine: Machine) -> dict[str, _Link]:
-    """Links on the way from base to flange, outside loops and not too short, by the body that moves with the joint."""
+    """Links on the way from base to flange, outside loops, by the body that moves with the joint."""
     mechanism, inside = machine.mechanism, looped(machine.mechanism)
     above = {joint.child: joint for joint in mechanism.tree}
     way: list[Joint] = []
@@ -127,8 +169,8 @@ def _links(machine: Machine) -> dict[str, _Link]:
             continue
         stop = next((i for i, j in enumerate(beyond) if j.kind != "fixed"), len(beyond))
         link = _Link(joint, tuple(beyond[:stop]), beyond[stop] if stop < len(beyond) else None)
-        if float(ca.norm_2(ca.evalf(link.end(nominal) - link.root(nominal)))) > SHORTEST:
-            out[joint.child] = link
+        length = float(ca.norm_2(ca.evalf(link.end(nominal) - link.root(nominal))))
+        out[joint.child] = replace(link, short=length <= SHORTEST)
     return out
 
 
@@ -141,6 +183,9 @@ def _bent(site: Site, link: _Link) -> tuple[ca.SX, ca.SX, ca.SX]:
     values, frames = dict(site.values), link.frames(dict(site.values))
     end, root = link.end(values), link.root(values)
     length = ca.norm_2(end - root)
+    if OVERHANG in site.settings:
+        root -= site.displacement(_reading(site.machine, link.joint)) * axis_of(link.joint, values)
+        length = ca.sqrt(ca.sumsqr(end - root) + ROUNDING**2)  # smooth where the ram is drawn in
     along = (end - root) / length
     force, moment = _loads(site, link.joint.name)
     moment -= ca.cross(root, force)  # from here on about the root
@@ -166,6 +211,11 @@ def _bent(site: Site, link: _Link) -> tuple[ca.SX, ca.SX, ca.SX]:
     turn += length * (bending + twisting * ca.dot(moment, along) * along)
     move += length**3 / 3 * across + length**2 / 2 * ca.cross(bending, along)
     return end, turn, move
+
+
+def _reading(machine: Machine, joint: Joint) -> str:
+    """The reading that drives a joint."""
+    return next(a.reading for a in machine.mechanism.actuators if a.drives == joint.name)
 
 
 def _loads(site: Site, joint: str) -> tuple[ca.SX, ca.SX]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.document import Table
+from truepose.identification.report.level_words import NAMES
 from truepose.identification.report.numbers import percent
+from truepose.wording import joined
 
 SETS, EFFECTS = 5, 10
 
@@ -29,4 +31,11 @@ def posterior_tables(diagnosis: Diagnosis) -> list[Table]:
         caption = "Probability that an effect is there with this very law, in all sets together."
         caption += f" {words.several(hidden, 'less probable one')} left out." if hidden > 0 else ""
         out.append(Table(["effect", "place", "probability"], rows, caption, text_columns=2))
+    if diagnosis.together:
+        lines = [
+            [joined(one.places, "or"), NAMES[one.driver], percent(one.probability)]
+            for one in diagnosis.together
+        ]
+        caption = "Probability that at least one of these places answers to the driver, where none is sure by itself."
+        out.append(Table(["one of", "driver", "probability"], lines, caption, text_columns=2))
     return out

@@ -53,6 +53,15 @@ SolverOption = Annotated[
     ),
 ]
 
+OnlyOption = Annotated[
+    str,
+    typer.Option(
+        help="Fit these alone: frames (base,tool), parts (q4) or constants (q4.theta), with commas between them. All else, "
+        "effects included, is held as the file has it; a frame may stand anywhere.",
+        metavar="NAMES",
+        show_default=False,
+    ),
+]
 IrradianceOption = Annotated[
     list[Path] | None,
     typer.Option(
@@ -70,6 +79,7 @@ def calibrate(
     output: DirectoryOption,
     estimator: EstimatorOption = "map",
     solver: SolverOption = "gn",
+    only: OnlyOption = "",
     irradiance: IrradianceOption = None,
     anyway: GateOption = False,
     as_json: JsonOption = False,
@@ -78,6 +88,8 @@ def calibrate(
     """Identify the machine's constants; writes calibrated.yaml, fit.json and report.html.
 
     Example: truepose calibrate machine.yaml day1.csv day2.csv -o fit
+
+    Example: truepose calibrate result/improved.yaml other.csv --only base,tool -o moved
     """
     with reported(plugin):
         from truepose.identification.diagnosis.outliers import far_rows
@@ -93,10 +105,11 @@ def calibrate(
             say("checking")
             loaded, rows, check = gated(machine, recordings, irradiance=irradiance or (), anyway=anyway)
             check_machine(output, FIT, loaded.name)
-            result = run(loaded, rows, estimator=estimator, solver=solver, progress=say)
+            names = [name.strip() for name in only.split(",") if name.strip()]
+            result = run(loaded, rows, estimator=estimator, solver=solver, only=names, progress=say)
             say("looking for rows that do not fit")
             fit = calibration_json(result, far_rows(result))
-            pose = calibrated_pose(result.fit, result.recording)
+            pose = calibrated_pose(result.fit, result.recording, result.began)
             say("writing the report")
             names = write_calibration(result, {**fit, **checked(check)}, output, pose, caution(check))
         summary = {"command": "calibrate", **{k: fit[k] for k in _BRIEF}, "files": written(output, names)}

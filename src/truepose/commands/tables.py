@@ -67,7 +67,8 @@ def predict(
             rows = load_recording(loaded, [recording], need_observations=False)
             frame = prediction.predict(loaded, rows)
             write_table(output, frame)
-        notes = [*rows.notes, *prediction.unheard(loaded, rows), *prediction.unassembled(rows, frame)]
+        unknown = [*prediction.unknown_frames(loaded, rows), *prediction.unheard(loaded, rows)]
+        notes = [*rows.notes, *unknown, *prediction.unassembled(rows, frame)]
         _finish("predict", frame, output, notes, as_json)
 
 

@@ -39,6 +39,7 @@ def diagnosis(verdict: str, *findings: Finding, **others: object) -> Diagnosis:
         "terms": (),
         "sets": (),
         "leading": (),
+        "together": (),
         "untestable": (),
         "applied": None,
     }

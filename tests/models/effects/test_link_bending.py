@@ -139,3 +139,98 @@ def test_links_of_an_arm_carry_all_that_lies_beyond(machines: Mapping[str, Machi
 def test_a_wrong_link_is_named(machines: Mapping[str, Machine]) -> None:
     with pytest.raises(InputError, match=r"link-bending: found link 'link9', expected one of link1"):
         symbolic_model(machines["arm"], [with_effect(machines["arm"], "link-bending", ("link9",))])
+
+
+MEETING = """
+schema: truepose/machine/1
+name: wrist
+gravity: [0, 0, -9.80665]
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, range: [-180, 180]}
+    - {name: q2, kind: revolute, alpha: -90, range: [-180, 180]}
+    - {name: q3, kind: revolute, alpha: 90, range: [-180, 180]}
+frames: {tool: {in: flange, xyz: [400, 30, 60]}}
+sensor: {type: pose, sigma: {xyz: 0.001, rot: 0.0003}}
+masses: {tip: {kg: 8, com: [20, -10, 5], in: tool}}
+"""
+"""Three axes that meet at the base's origin: links 1 and 2 have no length."""
+RAM = """
+schema: truepose/machine/1
+name: ram
+gravity: [0, 0, -9.80665]
+mechanism:
+  type: serial
+  joints: [{name: q1, kind: prismatic, beta: 90, r: 120, range: [-100, 600]}]
+frames: {tool: {in: flange, xyz: [0, 0, 80]}}
+sensor: {type: pose, sigma: {xyz: 0.001, rot: 0.0003}}
+masses: {tip: {kg: 12, com: [0, 0, 0], in: tool}}
+"""
+"""A beam that slides out along x, 200 mm beyond its guide at reading 0."""
+
+
+def _loaded(folder: Path, text: str) -> Machine:
+    path = folder / "machine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_machine(path)
+
+
+def _axes(q: list[float]) -> list[np.ndarray]:
+    """Axes of the three joints of MEETING in the base frame, before each turns."""
+    turned, out = Rotation.identity(), []
+    for alpha, angle in zip((0.0, -90.0, 90.0), q, strict=True):
+        turned = turned * Rotation.from_euler("x", alpha, degrees=True)
+        out.append(turned.apply([0.0, 0.0, 1.0]))
+        turned = turned * Rotation.from_euler("z", angle)
+    return [*out, turned.as_matrix()]
+
+
+@pytest.mark.parametrize("link", [1, 2])
+def test_a_link_whose_axes_meet_gives_way_across_its_joint(tmp_path: Path, link: int) -> None:
+    """About both axes across, by c times gravity's moment about the point where they meet; never about its own axis."""
+    machine, c = _loaded(tmp_path, MEETING), 2e-6
+    for q in np.random.default_rng(4).uniform(-2.5, 2.5, (6, 3)).tolist():
+        *axes, turned = _axes(q)
+        tip = turned @ np.array([400.0, 30.0, 60.0])
+        centre = turned @ np.array([420.0, 20.0, 65.0])
+        moment = np.cross(centre, [0.0, 0.0, -8 * G]) / 1000.0  # N m
+        across = c * (moment - (moment @ axes[link - 1]) * axes[link - 1])
+        yielding = with_effect(machine, "link-bending", (f"link{link}",), c=c)
+        still, bent = (pose(machine, q, *t) for t in ((), (yielding,)))
+        np.testing.assert_allclose(
+            turn_between(still, bent), across, atol=3e-9
+        )  # of 1e-4: small turns do not add
+        np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], np.cross(across, tip), atol=2e-6)
+
+
+def test_across_an_upright_first_joint_is_what_a_mount_does(tmp_path: Path) -> None:
+    """Twins: nothing but a base of its own tells a first joint's bearings from the floor below it."""
+    machine, c = _loaded(tmp_path, MEETING), 2e-6
+    for q in ([0.3, -0.7, 0.2], [2.0, 0.5, -1.0]):
+        mount, bearing = (
+            pose(machine, q, with_effect(machine, slug, (place,), c=c))
+            for slug, place in (("gravity-sag", "base"), ("link-bending", "link1"))
+        )
+        np.testing.assert_allclose(mount, bearing, atol=1e-7)
+
+
+@pytest.mark.parametrize("reading", [-50.0, 0.0, 300.0])
+def test_a_ram_bends_with_the_third_power_of_its_overhang(tmp_path: Path, reading: float) -> None:
+    machine, c, force = _loaded(tmp_path, RAM), 1e-12, 12 * G
+    ram = with_effect(machine, "link-bending", ("link1",), {"overhang": 1.0}, c=c)
+    still, bent = (pose(machine, [reading], *t) for t in ((), (ram,)))
+    length = 200.0 + reading
+    assert bent[2, 3] - still[2, 3] == pytest.approx(-c * force * length**3 / 3, rel=1e-6)
+    assert abs(turn_between(still, bent)[1]) == pytest.approx(c * force * length**2 / 2, rel=1e-6)
+
+
+def test_every_joint_of_an_arm_has_a_place_and_only_slides_have_rams(tmp_path: Path) -> None:
+    bending = effects.get("link-bending", "test")()
+    wrist = _loaded(tmp_path, MEETING)
+    assert [place for (place,) in bending.places(wrist)] == ["link1", "link2", "link3"]
+    units = {place: bending.coefficients(wrist, (place,), {})[0].unit for place in ("link2", "link3")}
+    assert units == {"link2": "rad/(N*m)", "link3": "1/(N*mm^2)"}
+    assert all("overhang" not in s for s in bending.settings(wrist, ("link3",), None))  # type: ignore[arg-type]
+    slide = _loaded(tmp_path, RAM)
+    assert {"overhang": 1.0} in bending.settings(slide, ("link1",), None)  # type: ignore[arg-type]
