@@ -10,6 +10,7 @@ from pathlib import Path
 from truepose.errors import InputError
 from truepose.models.builder import builders
 from truepose.models.context import BuildContext
+from truepose.models.declared import declared_drivers
 from truepose.models.effect import effects
 from truepose.models.home_directions import home_directions
 from truepose.models.machine import FRAMES, Machine
@@ -45,9 +46,10 @@ def build_machine(file: MachineFile) -> Machine:
         sensors=_sensors(file),
         gravity=gravity,
         masses=masses,
-        drivers=file.drivers,
+        drivers=tuple(driver.name for driver in file.drivers),
         file=file,
         notes=notes,
+        declared_drivers=declared_drivers(file, mechanism),
     )
     _check_names(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]

@@ -18,6 +18,7 @@ from pydantic import BeforeValidator, Field, ValidationError, WithJsonSchema
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
+from truepose.models.driver_entry import DriverField, DriverSpec
 from truepose.models.effect_entry import EffectSpec, read_effects
 from truepose.models.field_errors import input_error
 from truepose.models.fields import (
@@ -136,7 +137,7 @@ class MachineFile:
     sensors: tuple[Mapping[str, Any], ...]
     tolerances: Tolerances
     masses: tuple[MassSpec, ...]
-    drivers: tuple[str, ...]
+    drivers: tuple[DriverSpec, ...]
     effects: tuple[EffectSpec, ...]
     covariance: Mapping[str, Any] | None
     raw: Mapping[str, Any]
@@ -294,8 +295,8 @@ class MachineDocument(Section):
     """1-sigma of the hardware as built, before any measurement."""
     masses: dict[str, _Mass] = Field(default_factory=dict)
     """What has weight, by a name of your own; used together with `gravity`."""
-    drivers: tuple[str, ...] = ()
-    """What recordings log beyond the joints (`payload` ...). A note: recordings are read without it, too."""
+    drivers: tuple[DriverField, ...] = ()
+    """What recordings log beyond the joints: names, or mappings with a unit. Any column that is declared may drive an effect."""
     effects: list[dict[str, Any]] = Field(default_factory=list)
     """Physics beyond ideal geometry, one entry an effect at its place."""
     covariance: dict[str, Any] | None = None
@@ -349,7 +350,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         sensors=tuple(document.sensor),
         tolerances=Tolerances(default.length, default.angle, overrides, units, str(path)),
         masses=tuple(MassSpec(name, m.kg, m.com, m.in_) for name, m in document.masses.items()),
-        drivers=document.drivers,
+        drivers=tuple(driver.spec() for driver in document.drivers),
         effects=read_effects(document.effects, path),
         covariance=document.covariance,
         raw=raw,

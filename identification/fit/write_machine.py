@@ -75,6 +75,7 @@ def calibrated_document(
         document.pop(key, None)
     if estimate.effects:
         document["effects"] = _effect_entries(estimate)
+        _declare_drivers(document, estimate)
     document["covariance"] = replace(covariance_of(estimate), seen=_seen(estimate, recording)).document()
     drawing = machine.file.nominal
     document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
@@ -192,6 +193,17 @@ def _put(document: Any, path: FieldPath, value: float) -> None:
 def _effect_entries(estimate: Estimate) -> list[dict[str, Any]]:
     std = dict(zip(estimate.prior.names, estimate.std.tolist(), strict=True))
     return [effect_entry(effect, std) for effect in estimate.fitted_effects()]
+
+
+def _declare_drivers(document: dict[str, Any], estimate: Estimate) -> None:
+    """What effects read and the file does not name is declared from now on: columns that were tried, torques and currents."""
+    machine = estimate.machine
+    named = {d.name for d in machine.file.drivers} if machine.file else set()
+    read = dict.fromkeys(name for effect in estimate.effects for name in effect.drivers)
+    known = {d.name: d for d in map(machine.declared, read) if d is not None and d.name not in named}
+    added = [{"name": d.name, **({"unit": d.unit} if d.unit else {}), "drives": d.drives} for d in known.values()]
+    if added:
+        document["drivers"] = [*document.get("drivers", ()), *added]
 
 
 def effect_entry(effect: PlacedEffect, std: Mapping[str, float]) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.numbers import unit_symbol
-from truepose.models.driver import Driver
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel
 
@@ -45,7 +44,7 @@ def column_of(machine: Machine, recording: Recording, name: str) -> Column | Non
     values = recording.driver(name)
     if values is None:
         return None
-    unit = Driver.of(name).unit(machine.mechanism.reading_units)
+    unit = machine.driver_unit(name)
     shown = "±1" if unit == "1" else unit_symbol(unit) or "as recorded"
     return Column(name, f"{name} [{shown}]", values)
 

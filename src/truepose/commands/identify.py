@@ -20,6 +20,7 @@ from truepose.commands.common import (
 )
 from truepose.commands.gate import GateOption, gated
 from truepose.commands.judgement import refuse
+from truepose.commands.try_columns import TryColumnsOption, tried_names
 from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
 
 FITTING = (
@@ -125,6 +126,7 @@ def diagnose(
     recordings: RecordingsArg,
     output: DirectoryOption,
     irradiance: IrradianceOption = None,
+    try_columns: TryColumnsOption = None,
     anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -147,7 +149,9 @@ def diagnose(
         check_directory(output, DIAGNOSIS)
         with progress("diagnosing", DIAGNOSING) as say:
             say("checking")
-            loaded, rows, check = gated(machine, recordings, irradiance=irradiance or (), anyway=anyway)
+            loaded, rows, check = gated(
+                machine, recordings, irradiance=irradiance or (), anyway=anyway, tried=tried_names(try_columns)
+            )
             check_machine(output, DIAGNOSIS, loaded.name)
             result = run(loaded, rows, progress=say)
             say("writing the report")
