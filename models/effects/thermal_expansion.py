@@ -82,6 +82,10 @@ class ThermalExpansion(Effect):
     def borrows(self, settings: Settings) -> bool:
         return borrowed(settings) is not None
 
+    def adds(self, settings: Settings) -> bool:
+        """Heat from elsewhere comes by more than one way, and each way has its lag."""
+        return self.borrows(settings)
+
     def explain_term(self, machine: Machine, place: Place, settings: Settings) -> str:
         found = borrowed(settings)
         if found is None:

@@ -15,8 +15,8 @@ from truepose.models.units import compatible
 Array = NDArray[np.float64]
 FROM = "from."
 """Setting ``from.COLUMN``: the thermometer that is read, and the temperature (degC) from which it counts."""
-ALIKE = 0.999
-"""Correlation from which two thermometers say the same: one part in a thousand of their variance. Chosen."""
+ALIKE = 0.99
+"""Correlation from which two thermometers say the same: all but a fiftieth of their variance. Chosen."""
 
 
 def others(machine: Machine, own: Sequence[str], seen: Mapping[str, Array]) -> list[str]:
