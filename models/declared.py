@@ -37,7 +37,9 @@ def _declared(spec: DriverSpec, mechanism: Mechanism, where: str) -> DeclaredDri
     return declared_driver(spec.name, own, written or own, spec)
 
 
-def declared_driver(name: str, own: str, written: str, spec: DriverSpec, *, tried: bool = False) -> DeclaredDriver:
+def declared_driver(
+    name: str, own: str, written: str, spec: DriverSpec, *, tried: bool = False
+) -> DeclaredDriver:
     """A driver whose columns are ``written`` in a unit (empty: as they are); ``own``: that of its kind, where it has one."""
     unit = own or internal_unit(written)
     drives = spec.drives or Driver.of(name).drives or driven_by_unit(unit)

@@ -38,8 +38,6 @@ def _named_driver(value: object) -> object:
     return {"name": value} if isinstance(value, str) else value
 
 
-DriverField = Annotated[
-    DriverEntry, BeforeValidator(_named_driver, json_schema_input_type=str | DriverEntry)
-]
+DriverField = Annotated[DriverEntry, BeforeValidator(_named_driver, json_schema_input_type=str | DriverEntry)]
 
 __all__ = ["DriverEntry", "DriverField", "DriverSpec"]

@@ -40,12 +40,24 @@ def heated(seed: int) -> Judged:
     """A leg or a link warms up; thermometers sit beside another one and on the base."""
     rng = np.random.default_rng(seed)
     machine, table, part = (_heated_leg if seed % 2 else _heated_link)(rng)
-    found = _diagnosed(machine, table)
+    found = diagnosed(machine, table)
     return _judged(seed, found, {part}, "temperature", "thermal-expansion")
 
 
 def soft(seed: int) -> Judged:
     """One joint or two give way; torques are measured, of either sign, and nobody says what the tool carries."""
+    machine, table, c, _ = soft_arm(seed)
+    found = diagnosed(machine, table)
+    errors = []
+    for finding in found.findings:
+        if finding.effect == "joint-compliance" and finding.place[0] in c and len(finding.parameters) == 1:
+            (value,) = finding.parameters.values()
+            errors.append((value.value - c[finding.place[0]]) / value.std)
+    return _judged(seed, found, set(c), "load", "joint-compliance", tuple(errors))
+
+
+def soft_arm(seed: int) -> tuple[dict[str, Any], pd.DataFrame, dict[str, float], float]:
+    """Machine file, recording, compliances (rad/(N m)) by joint, and 1 where torques are those of gravity, -1 of the drives."""
     rng = np.random.default_rng(1000 + seed)
     true, ideal = arm.constants(rng), arm.constants()
     names = sorted(rng.choice(["q2", "q3", "q4", "q5"][: 2 + seed % 3], 1 + seed % 2, replace=False).tolist())
@@ -60,13 +72,7 @@ def soft(seed: int) -> Judged:
         rows.append(row | arm.readings(true, np.radians(q) + give, rng))
     names_of = [f"torque.{name}" for name in arm.JOINTS]
     machine = arm.document(weighs=bool(seed % 2), drivers=[{"name": n, "unit": "N*m"} for n in names_of])
-    found = _diagnosed(machine, pd.DataFrame(rows))
-    errors = []
-    for finding in found.findings:
-        if finding.effect == "joint-compliance" and finding.place[0] in c and len(finding.parameters) == 1:
-            (value,) = finding.parameters.values()
-            errors.append((value.value - c[finding.place[0]]) / value.std)
-    return _judged(seed, found, set(names), "load", "joint-compliance", tuple(errors))
+    return machine, pd.DataFrame(rows), c, sign
 
 
 def _judged(seed: int, found: Diagnosis, parts: set[str], kind: str, law: str, errors: Any = ()) -> Judged:
@@ -75,10 +81,12 @@ def _judged(seed: int, found: Diagnosis, parts: set[str], kind: str, law: str, e
     named = {p for f in found.findings if f.effect == law and f.probability > 0.5 for p in f.place}
     said = [f"{f.effect}@{'+'.join(f.place)} {f.levels.kind} {f.probability:.2f}" for f in found.findings]
     right = at == {(part, kind) for part in parts}
-    return Judged(seed, ", ".join(sorted(parts)), right, named == parts, "; ".join(said) or found.verdict, errors)
+    return Judged(
+        seed, ", ".join(sorted(parts)), right, named == parts, "; ".join(said) or found.verdict, errors
+    )
 
 
-def _diagnosed(document: dict[str, Any], table: pd.DataFrame) -> Diagnosis:
+def diagnosed(document: dict[str, Any], table: pd.DataFrame) -> Diagnosis:
     with tempfile.TemporaryDirectory() as folder:
         file, rows = Path(folder) / "machine.yaml", Path(folder) / "rows.csv"
         file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
@@ -91,7 +99,9 @@ def _warmth(rng: np.random.Generator, length: float) -> tuple[Array, Array, Arra
     """Times (n,) of the rows, and temperatures there: of the part, of the thermometer beside it, of the air."""
     duty = duty_of(rng, SECONDS)
     clock = STEP * np.arange(len(duty))
-    air = 21.0 + rng.uniform(0.5, 2.0) * np.sin(2 * np.pi * clock / 86400 * rng.uniform(0.7, 2.0) + rng.uniform(0, 6))
+    air = 21.0 + rng.uniform(0.5, 2.0) * np.sin(
+        2 * np.pi * clock / 86400 * rng.uniform(0.7, 2.0) + rng.uniform(0, 6)
+    )
     part, beside = Bar.drawn(rng, length).history(duty, air, float(air[0]))
     at = np.sort(rng.choice(len(clock), ROWS, replace=False))
     noise = rng.normal(scale=0.05, size=(2, ROWS))
@@ -131,4 +141,4 @@ def _heated_leg(rng: np.random.Generator) -> tuple[dict[str, Any], pd.DataFrame,
     return hexapod.document(), pd.DataFrame(rows), f"leg{leg + 1}"
 
 
-__all__ = ["Judged", "heated", "soft"]
+__all__ = ["Judged", "diagnosed", "heated", "soft", "soft_arm"]

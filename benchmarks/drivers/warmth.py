@@ -38,7 +38,9 @@ class Bar:
         cooling = 1.0 / rng.uniform(1200.0, 4000.0)
         fed = CELLS * cooling * rng.uniform(8.0, 16.0)
         block_cooling = 1.0 / rng.uniform(300.0, 1500.0)
-        return cls(length, diffusivity, cooling, fed, block_cooling, block_cooling * rng.uniform(6.0, 20.0), 2e-4)
+        return cls(
+            length, diffusivity, cooling, fed, block_cooling, block_cooling * rng.uniform(6.0, 20.0), 2e-4
+        )
 
     def history(self, duty: Array, air: Array, start: float) -> tuple[Array, Array]:
         """Mean of the bar and the block (n,), by steps of ``STEP``, from ``start`` on: degC."""

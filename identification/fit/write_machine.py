@@ -201,7 +201,9 @@ def _declare_drivers(document: dict[str, Any], estimate: Estimate) -> None:
     named = {d.name for d in machine.file.drivers} if machine.file else set()
     read = dict.fromkeys(name for effect in estimate.effects for name in effect.drivers)
     known = {d.name: d for d in map(machine.declared, read) if d is not None and d.name not in named}
-    added = [{"name": d.name, **({"unit": d.unit} if d.unit else {}), "drives": d.drives} for d in known.values()]
+    added = [
+        {"name": d.name, **({"unit": d.unit} if d.unit else {}), "drives": d.drives} for d in known.values()
+    ]
     if added:
         document["drivers"] = [*document.get("drivers", ()), *added]
 

@@ -104,7 +104,10 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
         if not places and effect.needs_load and not machine.loaded:
             missing.append(Untestable(effect.slug, unloaded(machine)))
         for place in places:
-            variants, others = effect.settings(machine, place, recording), effect.elsewhere(machine, place, smooth)
+            variants, others = (
+                effect.settings(machine, place, recording),
+                effect.elsewhere(machine, place, smooth),
+            )
             if not variants and not others:
                 usual = (
                     "the recording holds one session only" if recording.n_sessions < 2 else "nothing to vary"

@@ -150,7 +150,11 @@ def diagnose(
         with progress("diagnosing", DIAGNOSING) as say:
             say("checking")
             loaded, rows, check = gated(
-                machine, recordings, irradiance=irradiance or (), anyway=anyway, tried=tried_names(try_columns)
+                machine,
+                recordings,
+                irradiance=irradiance or (),
+                anyway=anyway,
+                tried=tried_names(try_columns),
             )
             check_machine(output, DIAGNOSIS, loaded.name)
             result = run(loaded, rows, progress=say)
