@@ -72,7 +72,7 @@ FURTHER = 0.5
 TOGETHER = 0.2
 """Prior share of an effect's places that join several parts, where parts alone are places too. Chosen."""
 ELSEWHERE = 0.2
-"""Prior share of what follows another place's column (a thermometer beside another part), where the place has its own. Chosen."""
+"""Prior share of what follows another place's thermometer, where the place has one of its own. Chosen."""
 SET_UP = 0.9
 """Share of movements between sessions that are of frames and sensors: they are set up anew, and parts stay. Chosen."""
 REMAINDER = 0.5

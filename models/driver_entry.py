@@ -28,7 +28,7 @@ class DriverEntry(Section):
     unit: str | None = None
     """Unit of the column where its header names none: N*m, A, deg, bar ..."""
     drives: DriverKind | None = None
-    """In which way it makes an error vary; left out: what its unit says (N, N*m, A, kg, bar: `load`; degC, W: `temperature`)."""
+    """In which way it makes an error vary; left out: as its unit says (N, N*m, A, kg, bar: `load`; degC, W: `temperature`)."""
 
     def spec(self) -> DriverSpec:
         return DriverSpec(self.name, self.unit, self.drives)

@@ -296,7 +296,7 @@ class MachineDocument(Section):
     masses: dict[str, _Mass] = Field(default_factory=dict)
     """What has weight, by a name of your own; used together with `gravity`."""
     drivers: tuple[DriverField, ...] = ()
-    """What recordings log beyond the joints: names, or mappings with a unit. Any column that is declared may drive an effect."""
+    """What recordings log beyond the joints: names, or mappings with a unit. A declared column may drive any effect."""
     effects: list[dict[str, Any]] = Field(default_factory=list)
     """Physics beyond ideal geometry, one entry an effect at its place."""
     covariance: dict[str, Any] | None = None

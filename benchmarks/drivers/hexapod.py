@@ -17,7 +17,7 @@ HEIGHT = 540.0
 LENGTH = 0.08
 SIGMA, TURN_SIGMA = 0.006, 0.001
 """mm, deg."""
-HOME = np.linalg.norm(PLATFORM + [0, 0, HEIGHT] - BASE, axis=1)
+HOME = np.linalg.norm(PLATFORM + np.array([0.0, 0.0, HEIGHT]) - BASE, axis=1)
 TOOL = np.array([0.0, 20.0, 80.0])
 
 
@@ -40,7 +40,8 @@ def readings(a: Array, b: Array, lengths: Array, rng: np.random.Generator) -> di
     """Pose of the tool as a camera in a frame of its own reads it: mm, rotation vector in deg."""
     at, turn = pose(a, b, lengths)
     stand = Rotation.from_euler("z", 25.0, degrees=True)
-    place = stand.apply(at + turn.apply(TOOL)) + [-500.0, 200.0, 80.0] + rng.normal(scale=SIGMA, size=3)
+    place = stand.apply(at + turn.apply(TOOL)) + np.array([-500.0, 200.0, 80.0])
+    place += rng.normal(scale=SIGMA, size=3)
     noise = Rotation.from_rotvec(np.radians(rng.normal(scale=TURN_SIGMA, size=3)))
     vector = np.degrees((stand * turn * noise).as_rotvec())
     return dict(zip(("x", "y", "z", "rx", "ry", "rz"), [*place, *vector], strict=True))

@@ -19,8 +19,8 @@ CELLS = 16
 
 @dataclass(frozen=True)
 class Bar:
-    """length (m), diffusivity (m^2/s); cooling (1/s): of a cell by the air; fed (K/s): how fast the motor at full duty warms the
-    first cell; the same of the block with the thermometer, which touches the bar's first cell (touch, 1/s).
+    """length (m), diffusivity (m^2/s); cooling (1/s): of a cell by the air; fed (K/s): how fast the motor at full duty warms
+    the first cell; the same of the block with the thermometer, which touches the bar's first cell (touch, 1/s).
     """
 
     length: float

@@ -1,4 +1,4 @@
-"""Columns that nobody declared, as drivers: those that a user tries, and what joints' drives hold, which needs no declaration."""
+"""Columns that nobody declared, as drivers: those that a user tries, and what joints' drives hold, which needs none."""
 
 from __future__ import annotations
 

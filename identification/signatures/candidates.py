@@ -53,8 +53,8 @@ SAME = 1e-6
 class Catalogue:
     """Candidates with the logarithm of their prior probability given that one effect is present.
 
-    ``stated`` are those that the machine file has already: part of every model, and no finding. ``apart``: forms that are no part
-    of a remainder, of columns that are tried and of what a joint's drive holds.
+    ``stated`` are those that the machine file has already: part of every model, and no finding. ``apart``: forms that
+    are no part of a remainder, of columns that are tried and of what a joint's drive holds.
     """
 
     candidates: tuple[PlacedEffect, ...]
@@ -168,8 +168,8 @@ def _log_prior(machine: Machine, found: list[PlacedEffect]) -> tuple[float, ...]
 def _weights(machine: Machine, found: Sequence[PlacedEffect]) -> Array:
     """(c,) share of each candidate at its place, by its settings.
 
-    What reads another place's column has ``ELSEWHERE`` of it, all together, and at most all where there is nothing else; tried columns weigh as much as one driver that was
-    declared, all together, also where there is no other.
+    What reads another place's column has ``ELSEWHERE`` of it, all together, and at most all where there is nothing else. Tried
+    columns weigh as much as one driver that was declared, all together, also where there is no other.
     """
     weight = np.array([e.effect.weight(e.settings_map) for e in found])
     columns = set(tried(machine))

@@ -34,7 +34,9 @@ class ThermalExpansion(Effect):
 
     slug = "thermal-expansion"
     title = "Thermal expansion"
-    formula = "dL = alpha (T - 20 degC) L; T may reach the body with a first-order lag; another place's thermometer counts from its mean"
+    formula = (
+        "dL = alpha (T - 20 degC) L; T may reach the body with a first-order lag; elsewhere: T - its mean"
+    )
     size = "alpha of 11 to 23 um/m/K from steel to aluminium: 11 to 23 um per metre and kelvin"
     look_alikes = ("mount-drift", "wrong-constant", "actuator-scale", "sensor-scale", "air-refraction")
     experiment = "heat this part alone by a few kelvin and repeat a reference pose; log its temperature"

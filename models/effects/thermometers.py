@@ -24,10 +24,10 @@ def others(machine: Machine, own: Sequence[str], seen: Mapping[str, Array]) -> l
     known = [seen[name] for name in own if name in seen]
     out = list[str]()
     for name in sorted(seen, key=lambda name: name == AIR):  # the air last: it may stand for any of them
-        if _is_thermometer(machine, name) and np.ptp(seen[name]) > 0.0:
-            if not any(_alike(seen[name], other) for other in known):
-                known.append(seen[name])
-                out.append(name)
+        varies = _is_thermometer(machine, name) and np.ptp(seen[name]) > 0.0
+        if varies and not any(_alike(seen[name], other) for other in known):
+            known.append(seen[name])
+            out.append(name)
     return out
 
 

@@ -20,8 +20,8 @@ from truepose.commands.common import (
 )
 from truepose.commands.gate import GateOption, gated
 from truepose.commands.judgement import refuse
-from truepose.commands.try_columns import TryColumnsOption, tried_names
 from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
+from truepose.commands.try_columns import TryColumnsOption, tried_names
 
 FITTING = (
     ("checking", 1.0),

@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from drivers import arm
+from drivers.study import heated, soft_arm
 from typer.testing import CliRunner
 
 import truepose
-from drivers import arm
-from drivers.study import heated, soft_arm
 from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.recording.tried import try_columns
