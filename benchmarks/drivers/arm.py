@@ -79,7 +79,7 @@ def readings(p: Mapping[str, float], q: Array, rng: np.random.Generator) -> dict
     """What a tracker reads of the points, mm, in a frame that is turned and shifted against the base."""
     flange = frames(p, q)[5]
     stand = _shift(1500.0, 300.0) @ _turn(2, 0.7) @ _turn(0, 0.02)
-    out = {}
+    out: dict[str, float] = {}
     for name, point in POINTS.items():
         seen = stand @ flange @ np.array([*(np.array(TOOL) + point), 1.0])
         noise = rng.normal(scale=SIGMA, size=3)
