@@ -105,7 +105,12 @@ def _warmth(rng: np.random.Generator, length: float) -> tuple[Array, Array, Arra
     part, beside = Bar.drawn(rng, length).history(duty, air, float(air[0]))
     at = np.sort(rng.choice(len(clock), ROWS, replace=False))
     noise = rng.normal(scale=0.05, size=(2, ROWS))
-    return clock[at], part[at], beside[at] + noise[0] + rng.uniform(-1.0, 1.0), air[at] + noise[1]
+    return (
+        np.asarray(clock[at], dtype=np.float64),
+        part[at],
+        beside[at] + noise[0] + rng.uniform(-1.0, 1.0),
+        air[at] + noise[1],
+    )
 
 
 def _heated_link(rng: np.random.Generator) -> tuple[dict[str, Any], pd.DataFrame, str]:

@@ -61,8 +61,8 @@ def test_a_measured_torque_finds_a_compliance_although_nobody_weighed_anything(f
 def test_the_other_sign_of_the_column_is_the_same_compliance(folder: Path, found: Diagnosis) -> None:
     machine = truepose.load_machine(folder / "arm.yaml")
     table = pd.read_csv(folder / "rows.csv")
-    held = [name for name in table if name.startswith("torque")]
-    table[held] *= -1.0
+    for joint in arm.JOINTS:
+        table[f"torque.{joint}"] *= -1.0
     other = truepose.diagnose(machine, truepose.load_recording(machine, table))
     (one,), (two,) = found.findings, other.findings
     assert (one.place, one.settings[0]["torque"]) == (two.place, -two.settings[0]["torque"])
