@@ -29,7 +29,6 @@ from truepose.codegen.trigonometry import trigonometry
 from truepose.codegen.wrappers import wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
-from truepose.models.driver import Driver
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import FRAME_OF, Machine
 
@@ -209,8 +208,7 @@ def _entries(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]
 
 
 def _driver_units(model: SymbolicModel) -> list[str]:
-    joints = model.machine.mechanism.reading_units
-    return [Driver.of(name).unit(joints) or "1" for name in model.drivers]
+    return [model.machine.driver_unit(name) or "1" for name in model.drivers]
 
 
 def _joints(machine: Machine) -> list[dict[str, Any]]:

@@ -30,9 +30,8 @@ def left_out(machine: Machine) -> LeftOut:
     """What the C of a machine holds and leaves out."""
     sensor = [e.label for e in machine.effects if e.kind == "sensor"]
     memory = [e.label for e in machine.effects if _remembers(e) and e.label not in sensor]
-    units = machine.mechanism.reading_units
     names = driver_names(machine, machine.effects)
-    drivers = {name: (driver_default(machine, name), Driver.of(name).unit(units) or "1") for name in names}
+    drivers = {name: (driver_default(machine, name), machine.driver_unit(name) or "1") for name in names}
     calibrated = machine.file is not None and bool(machine.file.nominal)
     frames = tuple(mount.name for mount in machine.mounts)
     return LeftOut(calibrated, bool(machine.effects), tuple(sensor), tuple(memory), frames, drivers)

@@ -71,6 +71,8 @@ FURTHER = 0.5
 """Probability that a cause which is there has a further term (another harmonic, another form). Chosen: no knowledge."""
 TOGETHER = 0.2
 """Prior share of an effect's places that join several parts, where parts alone are places too. Chosen."""
+ELSEWHERE = 0.2
+"""Prior share of what follows another place's thermometer, where the place has one of its own. Chosen."""
 SET_UP = 0.9
 """Share of movements between sessions that are of frames and sensors: they are set up anew, and parts stay. Chosen."""
 REMAINDER = 0.5
@@ -166,6 +168,7 @@ def noise_log_prior(values: Sequence[float]) -> tuple[float, ...]:
 __all__ = [
     "ALIKE",
     "BOUND_DOUBT",
+    "ELSEWHERE",
     "FORM_ERROR",
     "FURTHER",
     "INFLATIONS",

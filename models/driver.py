@@ -11,10 +11,15 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from truepose.models.units import compatible
+
 SESSION, TIME, TEMPERATURE, VELOCITY, APPROACH = "session", "time", "temperature", "velocity", "approach"
 PAYLOAD = "payload"
 ROW = "row"
 """Place in the order of acquisition, where no clock was recorded: 0 at the end of the longest session, rows before it below."""
+TORQUE, CURRENT, FORCE, MOMENT, PRESSURE = "torque", "current", "force", "moment", "pressure"
+MEASURED_LOADS = (TORQUE, CURRENT)
+"""Kinds of what a joint's drive says of the load that it holds."""
 AIR = f"{TEMPERATURE}.air"
 DriverKind = Literal[
     "load",
@@ -41,17 +46,28 @@ _KINDS: Final[Mapping[str, tuple[str, float]]] = {
     SESSION: ("1", 1.0),
     TIME: ("s", 0.0),
     ROW: ("1", 0.0),
-    "pressure": ("hPa", 1013.25),
+    PRESSURE: ("hPa", 1013.25),
     "humidity": ("%", 50.0),
     TEMPERATURE: ("degC", 20.0),
     PAYLOAD: ("kg", 0.0),
     VELOCITY: ("{reading}/s", 0.0),
+    TORQUE: ("N*m", 0.0),
+    CURRENT: ("A", 0.0),
+    FORCE: ("N", 0.0),
+    MOMENT: ("N*m", 0.0),
     APPROACH: ("1", 0.0),
     "stop": ("{reading}", 0.0),
     "loop": ("{reading}", 0.0),
     "creep": ("{reading}", 0.0),
 }
 """Unit, in terms of the joint's reading where there is one, and value where nothing is recorded."""
+_AIRS: Final = (PRESSURE, "humidity")
+_BY_DIMENSION: Final[Mapping[str, DriverKind]] = {
+    **dict.fromkeys(("N", "N*m", "kg", "A", "hPa"), "load"),
+    **dict.fromkeys(("degC", "W"), "temperature"),
+    "s": "time",
+}
+"""What a column makes vary, by what its unit is of; a motor's current and a cylinder's pressure hold loads, power heats."""
 _DRIVES: Final[Mapping[str, DriverKind]] = {
     SESSION: "session",
     TIME: "time",
@@ -59,7 +75,7 @@ _DRIVES: Final[Mapping[str, DriverKind]] = {
     "creep": "time",
     TEMPERATURE: "temperature",
     PAYLOAD: "load",
-    "torque": "load",
+    **dict.fromkeys((TORQUE, CURRENT, FORCE, MOMENT), "load"),
     VELOCITY: "arrival",
     APPROACH: "arrival",
     "stop": "arrival",
@@ -115,12 +131,14 @@ class Driver:
 
     @property
     def default(self) -> float:
-        """Its value where nothing is recorded: 20 degC, 1013.25 hPa, 50 %, the latest session, no motion."""
-        return _KINDS.get(self.kind, ("", 0.0))[1]
+        """Its value where nothing is recorded: 20 degC, 1013.25 hPa, 50 %, the latest session, no motion, no load."""
+        return 0.0 if self.kind in _AIRS and self.place else _KINDS.get(self.kind, ("", 0.0))[1]
 
     def unit(self, joints: Mapping[str, str]) -> str:
         """Its unit, where readings of joints are in those of ``joints``; empty where nobody knows."""
         unit = _KINDS.get(self.kind, ("", 0.0))[0]
+        if self.kind == TORQUE and compatible(joints.get(self.place, ""), "mm"):
+            return "N"  # what a slide's drive holds is a force
         if "{" not in unit:
             return unit
         return unit.format(reading=joints[self.place]) if self.place in joints else ""
@@ -136,23 +154,55 @@ class Driver:
 
     @property
     def smooth(self) -> bool:
-        """Whether a part may err as a smooth function of it: of weight, time (or the order of rows) and heat.
+        """Whether any part may err as a smooth function of it: of weight, time (or the order of rows), heat, and what else was
+        declared.
 
-        Not of the way that a joint came, which jumps, nor of air's pressure, which acts on sensors alone.
+        Not of the way that a joint came, which jumps, nor of air's pressure, which acts on sensors alone, nor of what a joint's
+        drive holds, which bends that joint.
         """
-        return self.name in (PAYLOAD, TIME, ROW) or self.thermal
+        if self.kind in (PAYLOAD, TIME, ROW):
+            return not self.place
+        if self.kind in (TEMPERATURE, *_AIRS):
+            return bool(self.place)
+        return self.kind in (FORCE, MOMENT) or self.kind not in _KINDS
+
+
+@dataclass(frozen=True)
+class DeclaredDriver:
+    """A column that the machine file declares, or that a user tries.
+
+    unit: inside the program, empty where nobody knows; written: of columns without a unit in their header; drives: in which way
+    it makes an error vary; tried: whether it stands for this run only.
+    """
+
+    name: str
+    unit: str
+    written: str
+    drives: DriverKind
+    tried: bool = False
+
+
+def driven_by_unit(unit: str) -> DriverKind:
+    """What a column of this unit makes vary: ``load``, ``temperature`` or ``time``, else ``coupling`` with another thing."""
+    found = (kind for like, kind in _BY_DIMENSION.items() if compatible(unit, like))
+    return next(found, "coupling")
 
 
 __all__ = [
     "AIR",
     "APPROACH",
+    "CURRENT",
+    "MEASURED_LOADS",
     "OF_THE_WAY",
     "PAYLOAD",
     "ROW",
     "SESSION",
     "TEMPERATURE",
     "TIME",
+    "TORQUE",
     "VELOCITY",
+    "DeclaredDriver",
     "Driver",
     "DriverKind",
+    "driven_by_unit",
 ]

@@ -118,7 +118,9 @@ def _settings(
 ) -> dict[str, float]:
     """The settings named, the rest as in the effect's first form that knows all names (else its first)."""
     forms = []
-    for known in effect.settings(machine, place, _Anything()) or ({},):
+    columns = [name.partition(".")[2] for name in numbers if name.startswith("from.")]
+    elsewhere = effect.elsewhere(machine, place, {name: np.array([0.0, 1e5]) for name in ("time", *columns)})
+    for known in [*effect.settings(machine, place, _Anything()), *elsewhere] or [{}]:
         named = {name: value for name, (value, _) in numbers.items() if name in known}
         settings = {**known, **named}
         names = {c.name for c in effect.coefficients(machine, place, settings)}

@@ -10,6 +10,7 @@ from pathlib import Path
 from truepose.errors import InputError
 from truepose.models.builder import builders
 from truepose.models.context import BuildContext
+from truepose.models.declared import declared_drivers
 from truepose.models.effect import effects
 from truepose.models.home_directions import home_directions
 from truepose.models.machine import FRAMES, Machine
@@ -41,10 +42,11 @@ def build_machine(file: MachineFile) -> Machine:
         masses=masses,
         mounts=mounts(file, mechanism),
         springs=springs(file, mechanism),
-        drivers=file.drivers,
+        drivers=tuple(driver.name for driver in file.drivers),
         file=file,
         notes=notes,
         set_up=tuple(name for name in FRAMES if getattr(file.frames, name).per_session),
+        declared_drivers=declared_drivers(file, mechanism),
     )
     _check_names(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from truepose.models.driver import DeclaredDriver, Driver, DriverKind
 from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import AXES, AXIS_UNITS, BASE, Mechanism
 from truepose.models.parameters import Parameter
@@ -80,7 +81,8 @@ class Machine(Shown):
 
     ``frames`` holds the twelve parameters base.x ... tool.rz (rpy angles), then six of each of ``mounts``, the file's
     further frames. ``set_up``: frames that are set up anew for each session. ``gravity`` is m/s^2 in the base frame.
-    ``notes`` say what was taken from elsewhere than the file.
+    ``notes`` say what was taken from elsewhere than the file. ``drivers`` are names of columns; of those that
+    ``declared_drivers`` holds, units are known.
     """
 
     shown_by: ClassVar[str] = "truepose.models.machine_view"
@@ -98,6 +100,7 @@ class Machine(Shown):
     file: MachineFile | None = None
     notes: tuple[str, ...] = ()
     set_up: tuple[str, ...] = ()
+    declared_drivers: tuple[DeclaredDriver, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -194,6 +197,21 @@ class Machine(Shown):
         if self.gravity is None or not any(self.gravity) or self.masses or self.mechanism.passive:
             return ()
         return (*(f"{joint.child}|" for joint in self.mechanism.tree[1:]), "tool|")
+
+    def declared(self, driver: str) -> DeclaredDriver | None:
+        """What the file, or a user who tries columns, says of a driver, with memory or without."""
+        column = Driver.of(driver).now.name
+        return next((known for known in self.declared_drivers if known.name == column), None)
+
+    def driver_unit(self, driver: str) -> str:
+        """Its unit inside the program; empty where nobody knows."""
+        known = self.declared(driver)
+        return known.unit if known else Driver.of(driver).unit(self.mechanism.reading_units)
+
+    def drives(self, driver: str) -> DriverKind | None:
+        """In which way a driver makes an error vary; None where nobody knows."""
+        known = self.declared(driver)
+        return known.drives if known else Driver.of(driver).drives
 
     def motion(self, reading: str, axis: str) -> str:
         """Port of one error motion (x y z mm, rx ry rz rad) of the joint that ``reading`` drives."""

@@ -18,6 +18,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, WithJs
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
+from truepose.models.driver_entry import DriverField, DriverSpec
 from truepose.models.effect_entry import EffectSpec, read_effects
 from truepose.models.field_errors import input_error
 from truepose.models.fields import (
@@ -149,7 +150,7 @@ class MachineFile:
     sensors: tuple[Mapping[str, Any], ...]
     tolerances: Tolerances
     masses: tuple[MassSpec, ...]
-    drivers: tuple[str, ...]
+    drivers: tuple[DriverSpec, ...]
     effects: tuple[EffectSpec, ...]
     covariance: Mapping[str, Any] | None
     raw: Mapping[str, Any]
@@ -332,8 +333,8 @@ class MachineDocument(Section):
     """1-sigma of the hardware as built, before any measurement."""
     masses: dict[str, _Mass] = Field(default_factory=dict)
     """What has weight, by a name of your own; used together with `gravity`."""
-    drivers: tuple[str, ...] = ()
-    """What recordings log beyond the joints (`payload` ...). A note: recordings are read without it, too."""
+    drivers: tuple[DriverField, ...] = ()
+    """What recordings log beyond the joints: names, or mappings with a unit. A declared column may drive any effect."""
     loads: dict[str, SpringSection] = Field(default_factory=dict)
     """Springs, hoses and balancers between two bodies, by a name of your own; their energy counts with that of the masses."""
     effects: list[dict[str, Any]] = Field(default_factory=list)
@@ -392,7 +393,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
             MassSpec(name, m.kg, m.com, m.in_, m.tolerance.kg, m.tolerance.com)
             for name, m in document.masses.items()
         ),
-        drivers=document.drivers,
+        drivers=tuple(driver.spec() for driver in document.drivers),
         effects=read_effects(document.effects, path),
         covariance=document.covariance,
         raw=raw,

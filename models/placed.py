@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.models.driver import Driver, DriverKind
+from truepose.models.driver import DriverKind
 
 Array = NDArray[np.float64]
 SERIES = 24
@@ -96,7 +96,7 @@ class Physics(ABC):
             return self.driven_by
         if self.reads_load(settings):
             return "load"
-        read = [Driver.of(name).drives for name in self.drivers(machine, place, settings)]
+        read = [machine.drives(name) for name in self.drivers(machine, place, settings)]
         return next((kind for kind in read if kind is not None), "position")
 
     def explain(self, machine: Any, place: Place) -> str:
@@ -110,6 +110,13 @@ class Physics(ABC):
     def settings(self, machine: Any, place: Place, recording: Observed) -> Sequence[Settings]:
         """Constants the formula is not linear in (order of a harmonic, lag): one candidate each."""
         return ({},)
+
+    def elsewhere(self, machine: Any, place: Place, seen: Mapping[str, Array]) -> Sequence[Settings]:
+        """Settings that read columns of other places in this one's stead: ``seen`` are the smooth drivers (n,) by name.
+
+        All together are as likely as ``truepose.identification.prior.ELSEWHERE`` says, beside those of ``settings``.
+        """
+        return ()
 
     def likely(self, machine: Any, place: Place) -> float:
         """How often machines have it at a place, in terms of other places."""
@@ -127,6 +134,10 @@ class Physics(ABC):
         """Effects whose signature is the same function here, with how likely each is relative to this one."""
         return {}
 
+    def adds(self, settings: Settings) -> bool:
+        """Whether terms of one place with other settings may stand beside one with these."""
+        return self.settings_add
+
     def told(self, settings: Settings) -> str:
         """What tells terms of one place apart, in their labels: the settings."""
         return "".join(f",{name}={value:g}" for name, value in sorted(settings.items()))
@@ -139,6 +150,14 @@ class Physics(ABC):
         ``at``: (n,) readings, drivers and predicted columns by name. None for physics, which holds everywhere.
         """
         return None
+
+    def borrows(self, settings: Settings) -> bool:
+        """Whether these settings are of those that ``elsewhere`` offers."""
+        return False
+
+    def explain_term(self, machine: Any, place: Place, settings: Settings) -> str:
+        """``explain`` for certain settings, where they say what is read in its place."""
+        return self.explain(machine, place)
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         """What the fitted coefficients say, in words; empty where the numbers speak for themselves."""

@@ -20,6 +20,7 @@ from truepose.identification.fit.set_ups import without_set_ups
 from truepose.identification.load import load_recording
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.tried import try_columns
 from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -29,9 +30,14 @@ _ORDER = {"wrong": 0, "suspect": 1, "ok": 2}
 
 
 def check_files(
-    machine: Path, recordings: Sequence[Path], *, irradiance: Sequence[Path] = ()
+    machine: Path,
+    recordings: Sequence[Path],
+    *,
+    irradiance: Sequence[Path] = (),
+    tried: Sequence[str] | None = None,
 ) -> tuple[Check, Machine | None, Recording | None]:
-    """What may be wrong between a machine file and its recordings; the machine and the rows as they were loaded.
+    """What may be wrong between a machine file and its recordings; the machine and the rows as they were loaded, with columns
+    that are ``tried`` as drivers (see ``try_columns``).
 
     Raises InputError for what cannot be read, and for a joint out of its range where no slip explains it. There are no
     rows where the machine file has no sensor, and no machine where its table names no convention.
@@ -45,6 +51,8 @@ def check_files(
         return table, None, None
     if not loaded.sensors:
         return without_sensor(Pair.read(machine, recordings)), loaded, None
+    if tried is not None:
+        loaded = try_columns(loaded, recordings, tried)
     rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance)
     return check(loaded, rows), loaded, rows
 

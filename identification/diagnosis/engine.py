@@ -23,6 +23,7 @@ from truepose.identification.fit.set_ups import with_set_ups
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.tried import with_measured_loads
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.machine import Machine
@@ -40,7 +41,7 @@ def diagnose(
     ConvergenceError when the fit without effects finds no minimum.
     """
     recording = as_recording(machine, recording)
-    machine = with_set_ups(machine, recording)
+    machine = with_measured_loads(with_set_ups(machine, recording), recording)
     progress("fitting without effects")
     fits = _null_fits(machine, recording)
     cat = catalogue(machine, recording)

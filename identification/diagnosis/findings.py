@@ -90,7 +90,8 @@ def _explanation(machine: Machine, cat: Catalogue, after: Estimate, one: Named) 
     """What the effect is, and what its fitted coefficients say; nothing where what leads could not be tested."""
     if one.nameless and not one.tested:
         return ""
-    said = [cat.candidates[one.candidates[0]].effect.explain(machine, one.cause.place)]
+    first = cat.candidates[one.candidates[0]]
+    said = [first.effect.explain_term(machine, one.cause.place, first.settings_map)]
     for placed in (cat.candidates[i] for i in one.candidates):
         fitted = _fitted(after, placed)
         said.append(placed.effect.found(*({n: q[k] for n, q in fitted.items()} for k in (0, 1))))

@@ -188,11 +188,13 @@ def _lawless(found: Found, name: Named) -> Named:
 
 
 def _deflections(machine: Machine, found: Found) -> list[PlacedEffect]:
-    """A compliance of every joint, at every load that may be meant."""
+    """A compliance of every joint, at every load that may be meant; not of joints whose measured torque tested it."""
     effect, recording = effects.get(COMPLIANCE, "untested")(), found.signatures.recording
+    tested = {c.place for c in found.catalogue.candidates if c.effect.slug == COMPLIANCE}
     made = [
         PlacedEffect.at(effect, machine, place, settings)
         for place in places_of(effect, machine)
+        if place not in tested
         for settings in effect.settings(machine, place, recording)
     ]
     return [placed for placed in made if not placed.bent]

@@ -147,7 +147,7 @@ def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[E
             log_share=float(share[k]),
             lower=tuple(c.lower / c.scale for c in placed[k].coefficients),
             upper=tuple(c.upper / c.scale for c in placed[k].coefficients),
-            alone=cat.named(i) and not placed[k].effect.settings_add,
+            alone=cat.named(i) and not placed[k].effect.adds(placed[k].settings_map),
         )
         for k, i in enumerate(free)
     ]

@@ -79,6 +79,7 @@ def calibrated_document(
         document.pop(key, None)
     if estimate.effects:
         document["effects"] = _effect_entries(estimate, kept)
+        _declare_drivers(document, estimate)
     known = replace(covariance_of(estimate), seen=_seen(estimate, recording))
     document["covariance"] = (known if kept is None else known.beside(kept)).document()
     drawing = machine.file.nominal
@@ -217,6 +218,19 @@ def _effect_entries(estimate: Estimate, kept: Covariance | None) -> list[dict[st
     if kept is not None:
         std |= dict(zip(kept.names, np.linalg.norm(kept.factor, axis=1).tolist(), strict=True))
     return [effect_entry(effect, std) for effect in estimate.fitted_effects()]
+
+
+def _declare_drivers(document: dict[str, Any], estimate: Estimate) -> None:
+    """What effects read and the file does not name is declared from now on: columns that were tried, torques and currents."""
+    machine = estimate.machine
+    named = {d.name for d in machine.file.drivers} if machine.file else set()
+    read = dict.fromkeys(name for effect in estimate.effects for name in effect.drivers)
+    known = {d.name: d for d in map(machine.declared, read) if d is not None and d.name not in named}
+    added = [
+        {"name": d.name, **({"unit": d.unit} if d.unit else {}), "drives": d.drives} for d in known.values()
+    ]
+    if added:
+        document["drivers"] = [*document.get("drivers", ()), *added]
 
 
 def effect_entry(effect: PlacedEffect, std: Mapping[str, float]) -> dict[str, Any]:

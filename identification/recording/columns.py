@@ -190,6 +190,20 @@ LOGGED: Final = (
         values=(-1, 0, 1),
     ),
     KnownColumn(
+        "torque.<joint>",
+        "number",
+        "N*m",
+        "Torque that the joint's drive holds, or that pulls at it (a slide: force, N). A compliance is found without masses.",
+        "the load computed from `masses`",
+    ),
+    KnownColumn(
+        "current.<joint>",
+        "number",
+        "A",
+        "Current of the joint's motor; stands in for its torque.",
+        "the load computed from `masses`",
+    ),
+    KnownColumn(
         "velocity.<joint>",
         "number",
         "reading/s",

@@ -15,7 +15,7 @@ from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
-from truepose.models.driver import APPROACH, VELOCITY, Driver
+from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
 from truepose.models.units import FloatArray, UnitSystem, convert
 from truepose.wording import meant, shortened
 
@@ -23,7 +23,7 @@ IntArray = npt.NDArray[np.int64]
 
 LABEL: Final = "label"
 LOGGED: Final = ("payload", "pressure", "humidity")
-OF_JOINTS: Final = (APPROACH, VELOCITY)
+OF_JOINTS: Final = (APPROACH, VELOCITY, *MEASURED_LOADS)
 OF_ROWS: Final = ("time", "session", "pose", "from", "role")
 _ROLES: Final = ("calibration", "validation")
 SLACK: Final = 0.05
@@ -46,7 +46,8 @@ class JointColumn:
 class RecordingPart:
     """One file's rows in internal units; `from_row` counts from this file's first row.
 
-    Observations are NaN where a reading was lost. said: the unit that joints and readings are said to be in.
+    Observations are NaN where a reading was lost. said: the unit that joints and readings are said to be in. untried: columns
+    of numbers that vary and that nobody declared.
     """
 
     file: str
@@ -61,6 +62,7 @@ class RecordingPart:
     from_row: IntArray | None
     notes: tuple[str, ...]
     said: Mapping[str, str]
+    untried: tuple[str, ...] = ()
 
 
 def read_part(
@@ -69,11 +71,15 @@ def read_part(
     sensor_columns: Mapping[str, str],
     units: UnitSystem,
     needed: Sequence[str],
+    declared: Sequence[DeclaredDriver] = (),
 ) -> RecordingPart:
-    """Read and check one file (or its table). `needed` names the columns it must have beside the joints."""
+    """Read and check one file (or its table). `needed` names the columns it must have beside the joints; `declared`: drivers
+    that the machine file names.
+    """
     table = path if isinstance(path, Table) else read_table(path)
     names = [joint.name for joint in joints]
-    logged = [*LOGGED, *_of_joints(joints)]
+    declared = [d for d in declared if d.name not in (*names, *sensor_columns, *OF_ROWS)]
+    logged = [*LOGGED, *_of_joints(joints), *(d.name for d in declared)]
     table = in_known_case(table, (*names, *sensor_columns, *logged, *OF_ROWS))
     unread = [name for name, unit in sensor_columns.items() if unit != LABEL and _all_empty(table, name)]
     table = table.without([name for name in unread if name not in needed])
@@ -85,7 +91,7 @@ def read_part(
     observations = {n: _reading(table, n, said[n], unit) for n, unit in readings.items()}
     time = _converted(table, "time", "s", "s") if "time" in table else None
     pose = table.integers("pose") if "pose" in table else None
-    drivers = _drivers(table, joints, units)
+    drivers = _drivers(table, joints, units, declared)
     known = {*names, *sensor_columns, *drivers, *OF_ROWS}
     return RecordingPart(
         file=table.file,
@@ -100,6 +106,7 @@ def read_part(
         from_row=_from_row(table, pose, time) if "from" in table else None,
         notes=(*table.notes, *_lost(table.file, observations), *_notes(table, known, joints)),
         said=said,
+        untried=untried_columns(table, known),
     )
 
 
@@ -117,12 +124,14 @@ def written_units(
     sensor_columns: Mapping[str, str],
     drivers: Sequence[str],
     units: UnitSystem,
+    declared: Sequence[DeclaredDriver] = (),
 ) -> dict[str, tuple[str, str]]:
     """Of each column with a unit, the internal one and that of a file of such `units`, unless its header says otherwise."""
     internal, written = {j.name: j.unit for j in joints}, {j.name: units.of_joint(j.unit) for j in joints}
     out = {name: (unit, written[name]) for name, unit in internal.items()}
     out |= {name: (unit, units.written(unit)) for name, unit in sensor_columns.items() if unit != LABEL}
-    return out | {n: (Driver.of(n).unit(internal), Driver.of(n).unit(written)) for n in drivers}
+    out |= {n: (Driver.of(n).unit(internal), Driver.of(n).unit(written)) for n in drivers}
+    return out | {d.name: (d.unit, d.written) for d in declared if d.name in drivers}
 
 
 def _all_empty(table: Table, name: str) -> bool:
@@ -184,17 +193,47 @@ def _reading(table: Table, name: str, unit: str, internal: str) -> FloatArray:
     return convert(table.readings(name), unit, internal, table.where(name))
 
 
-def _drivers(table: Table, joints: Sequence[JointColumn], units: UnitSystem) -> dict[str, FloatArray]:
+def _drivers(
+    table: Table, joints: Sequence[JointColumn], units: UnitSystem, declared: Sequence[DeclaredDriver]
+) -> dict[str, FloatArray]:
     written, internal = {j.name: units.of_joint(j.unit) for j in joints}, {j.name: j.unit for j in joints}
     temperatures = [name for name in table.names if Driver.of(name).thermal]
-    out = {}
+    out = {d.name: _declared(table, d) for d in declared if d.name in table}
     for name in (*LOGGED, *temperatures, *_of_joints(joints)):
-        if name in table:
+        if name in table and name not in out:
             driver = Driver.of(name)
             out[name] = _converted(table, name, driver.unit(written), driver.unit(internal))
-            if driver.kind == APPROACH:
-                _check_approach(table, name, out[name])
+    for name, values in out.items():
+        if Driver.of(name).kind == APPROACH:
+            _check_approach(table, name, values)
     return out
+
+
+def _declared(table: Table, driver: DeclaredDriver) -> FloatArray:
+    """A declared column; one whose unit nobody stated stays as it was recorded."""
+    if not driver.unit:
+        return table.numbers(driver.name)
+    return _converted(table, driver.name, driver.written, driver.unit)
+
+
+def untried_columns(table: Table, known: Collection[str]) -> tuple[str, ...]:
+    """Columns of numbers that vary, beside those that are ``known``: what might drive an error."""
+    known = {*known, *OF_ROWS}
+    others = [name for name in table.names if name and name not in known | _of_averages(known)]
+    return tuple(name for name in others if _varies(table, name))
+
+
+def _varies(table: Table, name: str) -> bool:
+    try:
+        return bool(np.ptp(table.numbers(name)) > 0.0)
+    except InputError:
+        return False
+
+
+def _of_averages(known: Collection[str]) -> set[str]:
+    """Names of columns that say of others how they were averaged."""
+    out = {"samples", *(f"{name}.sigma" for name in known)}
+    return out | {f"{name.rpartition('.')[0]}.samples" for name in known}
 
 
 def _of_joints(joints: Sequence[JointColumn]) -> list[str]:
@@ -233,9 +272,7 @@ def _from_row(table: Table, pose: IntArray | None, time: FloatArray | None) -> I
 
 
 def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tuple[str, ...]:
-    of_averages = {"samples", *(f"{name}.sigma" for name in known)}
-    of_averages |= {f"{name.rpartition('.')[0]}.samples" for name in known}
-    ignored = [name for name in table.names if name not in known | of_averages]
+    ignored = [name for name in table.names if name not in known | _of_averages(known)]
     if not ignored:
         return ()
     optional = {*known, *LOGGED, *_of_joints(joints)}

@@ -78,6 +78,7 @@ def load_recording(
         need_observations,
         required=required,
         optional_labels=optional,
+        declared=machine.declared_drivers,
     )
     return replace(recording, notes=(*machine.notes, *recording.notes)) if machine.notes else recording
 

@@ -14,7 +14,7 @@ from truepose.identification.recording.file import JointColumn, RecordingPart, r
 from truepose.identification.recording.origin import digest_of, recorded_on
 from truepose.identification.recording.recording import IntArray, Recording, frozen
 from truepose.identification.recording.table import Table
-from truepose.models.driver import Driver
+from truepose.models.driver import DeclaredDriver, Driver
 from truepose.models.units import FloatArray, UnitSystem
 
 
@@ -27,21 +27,23 @@ def read_recording(
     *,
     required: Sequence[str] = (),
     optional_labels: Sequence[str] = (),
+    declared: Sequence[DeclaredDriver] = (),
 ) -> Recording:
     """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
 
     `sensor_columns` maps each column to its internal unit ("mm", "rad", "1"), or to "label" for a text.
     Without `need_observations` sensor columns may be missing. `required` names further columns that must be
-    there (`from`), `optional_labels` texts to keep when they are. Raises InputError naming file, row and
-    column.
+    there (`from`), `optional_labels` texts to keep when they are, `declared` further drivers. Raises InputError naming file,
+    row and column.
     """
     if not paths:
         raise InputError("found no recording, expected at least one file")
     asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
     needed = (*(sensor_columns if need_observations else ()), *required)
-    parts = [read_part(path, joints, asked, units, needed) for path in paths]
+    parts = [read_part(path, joints, asked, units, needed, declared) for path in paths]
     joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked))
-    return replace(joined, written=written_units(joints, sensor_columns, tuple(joined.drivers), units))
+    written = written_units(joints, sensor_columns, tuple(joined.drivers), units, declared)
+    return replace(joined, written=written)
 
 
 def _join(
@@ -78,6 +80,7 @@ def _join(
         said={n: u for n, u in parts[0].said.items() if all(part.said.get(n) == u for part in parts)},
         digests=tuple(digest_of(part.file) for part in parts),
         dates=tuple(recorded_on(part.file) for part in parts),
+        untried=tuple(n for n in parts[0].untried if all(n in part.untried for part in parts)),
     )
 
 

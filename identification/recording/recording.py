@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.memory import remembered
-from truepose.models.driver import ROW, TIME, Driver
+from truepose.models.driver import MEASURED_LOADS, ROW, TIME, Driver
 from truepose.models.units import FloatArray
 from truepose.shown.result import Shown, frame_of
 
@@ -39,7 +39,8 @@ class Recording(Shown):
     None, or absent from their mapping, unless every file has them. written: of columns with a unit, the internal one
     and the machine file's, which ``to_frame`` gives; columns that it lacks stay in internal units. said: the unit that a
     joint's column or a reading's is said to be in, by its header or by the machine file, where all files agree. digests, dates:
-    SHA-256 of each file and the day that its comments name, empty where there is none.
+    SHA-256 of each file and the day that its comments name, empty where there is none. untried: columns of numbers that were
+    left out because nobody declared them.
     """
 
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
@@ -63,6 +64,7 @@ class Recording(Shown):
     said: Mapping[str, str] = field(default_factory=dict)
     digests: tuple[str, ...] = ()
     dates: tuple[str, ...] = ()
+    untried: tuple[str, ...] = ()
     _whole: Recording | None = None
     _rows: IntArray | None = None
 
@@ -148,10 +150,14 @@ class Recording(Shown):
         smooth: of the drivers only those that an error may be a smooth function of (`Driver.smooth`). In the units of `q`
         and of `truepose.models.driver`.
         """
-        logged = [name for name in self.logged if Driver.of(name).smooth or not smooth]
+        logged = [name for name in self.logged if not smooth or self._bends_any(Driver.of(name))]
         found = {name: self.driver(name) for name in logged}
         readings = dict(zip(self.joints, self.q.T, strict=True))
         return readings | {name: values for name, values in found.items() if values is not None}
+
+    def _bends_any(self, driver: Driver) -> bool:
+        """Whether any part may err as a smooth function of it; what a joint's drive holds bends that joint alone."""
+        return driver.smooth or (driver.kind in MEASURED_LOADS and driver.place not in self.joints)
 
     def driver(self, name: str, sessions: Sequence[int] | None = None) -> FloatArray | None:
         """(n,) values that the recording has for a driver; None when it has none.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.numbers import unit_symbol
-from truepose.models.driver import ROW, Driver
+from truepose.models.driver import ROW
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel
 
@@ -45,9 +45,9 @@ def column_of(machine: Machine, recording: Recording, name: str) -> Column | Non
     values = recording.driver(name)
     if values is None:
         return None
-    unit = Driver.of(name).unit(machine.mechanism.reading_units)
     if name == ROW:
         return Column(name, "rows before the last [1]", values)
+    unit = machine.driver_unit(name)
     shown = "±1" if unit == "1" else unit_symbol(unit) or "as recorded"
     return Column(name, f"{name} [{shown}]", values)
 

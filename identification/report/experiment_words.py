@@ -141,7 +141,7 @@ def _factors(factors: Sequence[Factor], machine: Machine) -> str:
     """Those that share their levels together: joints may differ in speed, and in its unit."""
     shared: dict[str, list[Factor]] = {}
     for factor in factors:
-        unit = Driver.of(factor.driver).unit(machine.mechanism.reading_units).removeprefix("1")
+        unit = machine.driver_unit(factor.driver).removeprefix("1")
         levels = ", ".join(f"{level:g}" for level in factor.levels)
         shared.setdefault(f"{levels} {unit}".rstrip(), []).append(factor)
     return joined(f"{_names(group)} at {levels}" for levels, group in shared.items())

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.identifiability.note import Note
+from truepose.identification.recording.tried import tried
+from truepose.wording import joined
 
 _SAID = {
     "unassembled": "{}: the mechanism cannot be assembled there; the row was left out",
@@ -36,7 +38,19 @@ def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
     ]
     if not 0.8 < found.noise < 1.25:
         said.append(f"without effects the readings scatter {found.noise:.2g} times the stated sigma")
-    return (*recording.notes, *said, *tolerance_notes(found.inflation))
+    return (*recording.notes, *driver_notes(found), *said, *tolerance_notes(found.inflation))
+
+
+def driver_notes(found: Diagnosis) -> list[str]:
+    """Which columns were tried as drivers, and which could be."""
+    names, untried = tried(found.machine), found.recording.untried
+    said = []
+    if names:
+        price = f": each has 1/{len(names)} of the prior of a driver" if len(names) > 1 else ""
+        said.append(f"tried as drivers: {joined(list(names))}{price}")
+    if untried:
+        said.append(f"no driver: {joined(list(untried))}; --try-columns tries them, `drivers:` declares them")
+    return said
 
 
 def tolerance_notes(inflation: Mapping[PartClass, float]) -> list[str]:

@@ -57,8 +57,9 @@ def experiment_table(experiment: Experiment) -> pd.DataFrame:
     joints = machine.mechanism.reading_units
     columns = {name: machine.units.of_joint(unit) for name, unit in joints.items()}
     for name, values in drivers.items():
-        driver = Driver.of(name)
-        written = convert(values, driver.unit(joints), driver.unit(columns))
+        known, driver = machine.declared(name), Driver.of(name)
+        units = (known.unit, known.written) if known else (driver.unit(joints), driver.unit(columns))
+        written = convert(values, *units) if all(units) else values
         data[name] = np.round(written, decimals(written, _FINEST)) + 0.0
     return pd.DataFrame(data)
 

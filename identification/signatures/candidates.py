@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prior import TOGETHER
+from truepose.identification.prior import ELSEWHERE, TOGETHER
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.tried import tried
 from truepose.identification.signatures.untestable import (
     Untestable,
     every_effect,
@@ -23,7 +24,7 @@ from truepose.identification.signatures.untestable import (
     unloaded,
     why_untestable,
 )
-from truepose.models.driver import ROW, Driver
+from truepose.models.driver import MEASURED_LOADS, ROW, Driver
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import (
@@ -52,13 +53,15 @@ SAME = 1e-6
 class Catalogue:
     """Candidates with the logarithm of their prior probability given that one effect is present.
 
-    ``stated`` are those that the machine file has already: part of every model, and no finding.
+    ``stated`` are those that the machine file has already: part of every model, and no finding. ``apart``: forms that
+    are no part of a remainder, of columns that are tried and of what a joint's drive holds.
     """
 
     candidates: tuple[PlacedEffect, ...]
     log_prior: tuple[float, ...]
     untestable: tuple[Untestable, ...]
     stated: tuple[int, ...] = ()
+    apart: frozenset[int] = frozenset()
 
     def with_more(self, added: Sequence[PlacedEffect], beside: Sequence[int]) -> Catalogue:
         """With further candidates at the end, which share the prior of those ``beside`` (their indices)."""
@@ -84,7 +87,7 @@ class Catalogue:
         return tuple(
             i
             for i, placed in enumerate(self.candidates)
-            if not self.named(i) and placed.kind != "sensor" and not placed.needs_load
+            if i not in self.apart and not self.named(i) and placed.kind != "sensor" and not placed.needs_load
         )
 
     def named(self, index: int) -> bool:
@@ -95,23 +98,27 @@ class Catalogue:
 def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
     found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(recording)
+    smooth = _smooth(recording)
     for effect in every_effect():
         places, reasons = places_of(effect, machine), list[str]()
         if not places and effect.needs_load and not machine.loaded:
             missing.append(Untestable(effect.slug, unloaded(machine)))
         for place in places:
-            variants = effect.settings(machine, place, recording)
-            if not variants:
+            variants, others = (
+                effect.settings(machine, place, recording),
+                effect.elsewhere(machine, place, smooth),
+            )
+            if not variants and not others:
                 usual = (
                     "the recording holds one session only" if recording.n_sessions < 2 else "nothing to vary"
                 )
                 reasons.append(effect.unvaried or usual)
-            for settings in variants:
+            for settings in (*variants, *others):
                 placed = PlacedEffect.at(effect, machine, place, effect.within(place, settings, seen))
                 reason = why_untestable(placed, recording)
                 if reason is None:
                     found.append(placed)
-                else:
+                elif not others:  # what another place's column stands in for can be tested
                     reasons.append(f"{'+'.join(place)}: {reason}" if len(places) > 1 else reason)
         if reasons:
             kinds = list(dict.fromkeys(reasons))
@@ -121,25 +128,65 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     found += [placed for placed in machine.effects if placed.label not in {e.label for e in found}]
     labels = {e.label for e in machine.effects}
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
-    return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated)
+    apart = frozenset(k for k, e in enumerate(found) if _apart(machine, e))
+    return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated, apart)
+
+
+def _apart(machine: Machine, placed: PlacedEffect) -> bool:
+    """Whether it reads a column that is tried, or what a joint's drive holds."""
+    held = any(Driver.of(name).kind in MEASURED_LOADS for name in placed.drivers)
+    return held or bool(set(tried(machine)).intersection(_columns(placed)))
+
+
+def _columns(placed: PlacedEffect) -> list[str]:
+    """Columns that it reads, with memory or without."""
+    return [Driver.of(name).now.name for name in placed.drivers]
+
+
+def _smooth(recording: Recording) -> dict[str, Array]:
+    """Smooth drivers in the calibration rows, by name."""
+    rows = ~recording.validation
+    columns = recording.columns(smooth=True)
+    return {name: values[rows] for name, values in columns.items() if name not in recording.joints}
 
 
 def _log_prior(machine: Machine, found: list[PlacedEffect]) -> tuple[float, ...]:
     """Slugs share by how common they are, places within a slug as ``_place_shares`` says, settings by their weight.
 
-    An effect that is rare at a place counts for less there, and for no more elsewhere.
+    An effect that is rare at a place counts for less there, and for no more elsewhere. So does what reads a column that is
+    tried: by the number of those, so that one of many found by chance has the evidence of one.
     """
     slugs = {e.effect.slug: e.effect.commonness for e in found}
     shares = {slug: _place_shares({e.place for e in found if e.effect.slug == slug}) for slug in slugs}
-    weights = [e.effect.weight(e.settings_map) for e in found]
-    total: dict[EffectAtPlace, float] = {}
-    for e, weight in zip(found, weights, strict=True):
-        total[e.at_place] = total.get(e.at_place, 0.0) + weight
     return tuple(
-        float(np.log(weight * share * e.effect.likely(machine, e.place) / total[e.at_place]))
-        for e, weight in zip(found, weights, strict=True)
+        float(np.log(weight * share * e.effect.likely(machine, e.place)))
+        for e, weight in zip(found, _weights(machine, found), strict=True)
         for share in (slugs[e.effect.slug] / sum(slugs.values()) * shares[e.effect.slug][e.place],)
     )
+
+
+def _weights(machine: Machine, found: Sequence[PlacedEffect]) -> Array:
+    """(c,) share of each candidate at its place, by its settings.
+
+    What reads another place's column has ``ELSEWHERE`` of it, all together, and at most all where there is nothing else. Tried
+    columns weigh as much as one driver that was declared, all together, also where there is no other.
+    """
+    weight = np.array([e.effect.weight(e.settings_map) for e in found])
+    columns = set(tried(machine))
+    is_tried = np.array([bool(columns.intersection(_columns(e))) for e in found], dtype=bool)
+    borrowed = np.array([e.effect.borrows(e.settings_map) for e in found], dtype=bool)
+    priced = np.where(is_tried, weight / max(len(columns), 1), weight)
+    at: dict[EffectAtPlace, list[int]] = {}
+    for k, e in enumerate(found):
+        at.setdefault(e.at_place, []).append(k)
+    for each in at.values():
+        own, other = ([k for k in each if borrowed[k] == b] for b in (False, True))
+        for group, share in ((own, 1.0 - ELSEWHERE), (other, ELSEWHERE)):
+            if group:
+                plain = priced if not is_tried[group].all() else weight
+                whole = plain[group].sum()
+                priced[group] *= (share if own and other else min(1.0, whole) if other else 1.0) / whole
+    return priced
 
 
 def _place_shares(places: Collection[tuple[str, ...]]) -> dict[tuple[str, ...], float]:
@@ -158,8 +205,8 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
 
     Each joint as a line and as a curve in each source (joints, payload, time, thermometers) and as a product of two
     joints; each mount as a curve in each source that is no joint (in a joint, six motions would be a black box for anything);
-    each joint and mount as a curve in the load that it carries (lines of it have names), where the file states weights; each
-    sensor of points with a volume that bends.
+    each joint and mount as a curve in the load that it carries (lines of it have names), where the file states weights, each
+    joint in what its drive was measured to hold; each sensor of points with a volume that bends.
     """
     seen = _varied(recording)
     joints = [name for name in seen if name in machine.mechanism.readings]
@@ -169,13 +216,14 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     lines: list[Settings] = [seen_over({name: seen[name]}, LINE) for name in seen]
     mounts: list[Settings] = [seen_over({name: seen[name]}, MOUNT_CURVE) for name in others]
     effect, out, loads = Empirical(), list[PlacedEffect](), _of_load(machine, recording)
+    held = _of_held_load(machine, recording)
     for (name,) in effect.places(machine):
         if name in sensor_names(machine):
             forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
         else:
             own = [line for line in lines if f"{FROM}{name}" not in line]
             forms = [*mounts] if name in FRAMES else [*own, *curves]
-            forms += loads.get(name, [])
+            forms += loads.get(name, []) + held.get(name, [])
         out += [PlacedEffect.at(effect, machine, (name,), settings) for settings in forms]
     return tuple(out)
 
@@ -215,6 +263,16 @@ def _of_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]
         each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
         if each is not None and size is not None:
             out[mount] = [seen_over({LOAD: each}, LOAD_CURVE), seen_over({MOMENT: size}, LOAD_CURVE)]
+    return out
+
+
+def _of_held_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]]:
+    """Forms of each joint in the torque or current of its own drive, where it was recorded."""
+    rows, out = ~recording.validation, dict[str, list[Settings]]()
+    for name, values in recording.drivers.items():
+        driver, own = Driver.of(name), _range(values[rows])
+        if driver.kind in MEASURED_LOADS and driver.place in machine.mechanism.readings and own is not None:
+            out.setdefault(driver.place, []).append(seen_over({name: own}, LOAD_CURVE))
     return out
 
 

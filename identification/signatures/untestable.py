@@ -14,6 +14,7 @@ from scipy.constants import g
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import APPROACH, PAYLOAD, ROW, TEMPERATURE, TIME, Driver
 from truepose.models.effects.base import Effect, PlacedEffect, effects
+from truepose.models.effects.thermometers import any_thermometer
 from truepose.models.machine import Machine
 
 GRAVITY = (0.0, 0.0, -g)
@@ -79,9 +80,9 @@ def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
         [place[0] for place in places_of(effects.get(slug, "untestable")(), machine)]
         for slug in (HEAT, PLAY, DRIFT)
     )
-    if heated and not any(recording.driver(f"{TEMPERATURE}.{place}") is not None for place in heated):
+    if heated and not any_thermometer(machine, list(recording.drivers)):
         add = f"log `{TEMPERATURE}.air` or `{TEMPERATURE}.{heated[0]}`"
-        out.append(Missing((HEAT,), "no temperature column", add))
+        out.append(Missing((HEAT,), "no temperature column", f"{add}; a thermometer elsewhere does, too"))
     if joints and all(recording.driver(f"{APPROACH}.{joint}") is None for joint in joints):
         add = f"log `{APPROACH}.{joints[0]}`, ... (+1 or -1: the direction of the joint's last motion)"
         out.append(Missing((PLAY,), f"no {APPROACH} column", add))

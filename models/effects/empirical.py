@@ -152,7 +152,7 @@ class Empirical(Effect):
         joints = machine.mechanism.readings
         read = [
             kind
-            for kind in (Driver.of(name).drives for name in names if name not in joints)
+            for kind in (machine.drives(name) for name in names if name not in joints)
             if kind is not None
         ]
         return read[0] if read else "position" if names == [place[0]] else "coupling"

@@ -9,6 +9,14 @@ import casadi as ca
 from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, drives_joint, joint_unit, singly
+from truepose.models.effects.measured_loads import (
+    is_measured,
+    measured_coefficient,
+    measured_driver,
+    measured_kind,
+    measured_settings,
+    measured_words,
+)
 from truepose.models.machine import Machine
 
 BENT_AT = 100.0
@@ -24,6 +32,9 @@ class JointCompliance(Effect):
 
     Without stated masses only products c * kg can be found. Setting ``carries`` k then names the load case:
     a mass at the origin of one body beyond the joint (the last one unless told).
+
+    Setting ``torque`` (or ``current``) 1 or -1: the column ``torque.JOINT`` in place of the computed load, which then needs no
+    masses. 1: it is the load that pulls at the joint; -1: what the drive holds against it.
     """
 
     slug = "joint-compliance"
@@ -31,7 +42,7 @@ class JointCompliance(Effect):
     counted = True
     formula = (
         "dq = c tau, tau the torque (sliding joint: force) that gravity exerts at the joint; "
-        "bent: + d tau |tau| / 100 N*m, or d tau^3 / (100 N*m)^2"
+        "bent: + d tau |tau| / 100 N*m, or d tau^3 / (100 N*m)^2; or tau as measured, torque.JOINT or current.JOINT"
     )
     size = "industrial arms 1e5 to 6e6 N*m/rad: c of 1.6e-7 to 1e-5 rad/(N*m); small arms give way more"
     look_alikes = ("link-bending", "gravity-sag", "backlash", "transmission-error")
@@ -42,9 +53,9 @@ class JointCompliance(Effect):
     bends = ("bend",)
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        if not machine.load_cases:
-            return []
-        return singly(a.reading for a in machine.mechanism.actuators if drives_joint(machine, a))
+        computed = bool(machine.load_cases)
+        joints = [a.reading for a in machine.mechanism.actuators if drives_joint(machine, a)]
+        return singly(name for name in joints if computed or is_measured(machine, name))
 
     def screened(self, machine: Machine, place: Place) -> bool:
         # a slide that is a limb's length gives way as the limb does: leg-compliance looks there
@@ -53,12 +64,27 @@ class JointCompliance(Effect):
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         """With unknown masses, one candidate for each body beyond the joint that may carry them."""
+        measured = measured_settings(machine, actuator_at(machine, place[0]).reading, recording)
         if machine.loaded:
-            return ({}, {"bend": 2.0}, {"bend": 3.0})
-        return [{"carries": float(k)} for k in _pulling(machine, place)]
+            return ({}, {"bend": 2.0}, {"bend": 3.0}, *measured)
+        return [*({"carries": float(k)} for k in _pulling(machine, place)), *measured]
+
+    def adds(self, settings: Settings) -> bool:
+        """A measured load is the whole load: no other stands beside it."""
+        return measured_kind(settings) is None
+
+    def reads_load(self, settings: Settings) -> bool:
+        return measured_kind(settings) is None
+
+    def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
+        driver = measured_driver(settings, actuator_at(machine, place[0]).reading)
+        return () if driver is None else (driver,)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         unit, scale = ("rad/(N*m)", 1e-4) if joint_unit(machine, place) == "rad" else ("mm/N", 1e-2)
+        if measured_kind(settings) is not None:
+            reading = actuator_at(machine, place[0]).reading
+            return (measured_coefficient(machine, settings, reading, joint_unit(machine, place), scale),)
         if "bend" in settings:
             return (Coefficient("d", unit, scale=scale),)
         if _case(machine, place, settings):
@@ -68,13 +94,25 @@ class JointCompliance(Effect):
     def shifts(self, site: Site) -> Shifts:
         port = actuator_at(site.machine, site.place[0]).displacement
         (c,) = site.c.values()
+        kind = measured_kind(site.settings)
+        if kind is not None:
+            (driver,) = self.drivers(site.machine, site.place, site.settings)
+            return {port: site.settings[kind] * c * site.driver(driver)}
         load = site.load(port, _case(site.machine, site.place, site.settings))
         share = load / BENT_AT
         bent = {2.0: ca.fabs(share), 3.0: share**2}.get(site.settings.get("bend", 0.0), 1)
         return {port: c * load * bent}
 
     def weight(self, settings: Settings) -> float:
+        if measured_kind(settings) is not None:
+            return 0.5  # of two signs
         return 0.2 if "bend" in settings else 1.0
+
+    def explain_term(self, machine: Machine, place: Place, settings: Settings) -> str:
+        if measured_kind(settings) is None:
+            return self.explain(machine, place)
+        column = measured_words(settings, actuator_at(machine, place[0]).reading)
+        return f"Joint {place[0]} gives way in proportion to {column}."
 
     def explain(self, machine: Machine, place: Place) -> str:
         unknown = "" if machine.loaded else " (masses are not stated: compliance times carried mass is found)"

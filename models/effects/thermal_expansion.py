@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import clock, limb_at, singly
+from truepose.models.effects.thermometers import borrowed, from_settings, others, own_columns, span
 from truepose.models.machine import Machine
 
+Array = NDArray[np.float64]
 REFERENCE = 20.0
 LAGS = (300.0, 900.0, 1800.0, 3600.0)
+LAGS_ELSEWHERE = (900.0, 3600.0)
+"""Lags behind a thermometer of another place: fewer, because what is found is refined between them."""
+GAIN = 3.0
+"""How many times as much as another place's thermometer a part may warm up, usually. Chosen."""
 TOOL = "tool"
 
 
@@ -20,12 +28,15 @@ class ThermalExpansion(Effect):
     """Every length of the place grows by alpha (T - 20 degC) of itself; one part, or all legs alike.
 
     Settings: ``lag`` (s) of the body behind its thermometer, first order; for all legs together,
-    ``thermometer`` k when only leg k's temperature was recorded (0: each leg its own).
+    ``thermometer`` k when only leg k's temperature was recorded (0: each leg its own). ``from.COLUMN`` (degC): a thermometer
+    elsewhere stands in; it counts from that value, alpha has its gain in it, and the offset is the drawing's to bear.
     """
 
     slug = "thermal-expansion"
     title = "Thermal expansion"
-    formula = "dL = alpha (T - 20 degC) L; T may reach the body with a first-order lag"
+    formula = (
+        "dL = alpha (T - 20 degC) L; T may reach the body with a first-order lag; elsewhere: T - its mean"
+    )
     size = "alpha of 11 to 23 um/m/K from steel to aluminium: 11 to 23 um per metre and kelvin"
     look_alikes = ("mount-drift", "wrong-constant", "actuator-scale", "sensor-scale", "air-refraction")
     experiment = "heat this part alone by a few kelvin and repeat a reference pose; log its temperature"
@@ -39,13 +50,15 @@ class ThermalExpansion(Effect):
         return [*singly(parts), legs] if len(legs) > 1 else singly(parts)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        return (Coefficient("alpha", "1/K", scale=3e-5, lower=0.0, upper=1e-4),)
+        gain = GAIN if self.borrows(settings) else 1.0
+        return (Coefficient("alpha", "1/K", scale=3e-5 * gain, lower=0.0, upper=1e-4 * gain**2),)
 
     def shifts(self, site: Site) -> Shifts:
         out: dict[str, ca.SX] = {}
         thermometers = _thermometers(site.machine, site.place, site.settings)
+        start = (borrowed(site.settings) or ("", REFERENCE))[1]
         for part, thermometer in zip(site.place, thermometers, strict=True):
-            strain = site.c["alpha"] * (site.driver(thermometer) - REFERENCE)
+            strain = site.c["alpha"] * (site.driver(thermometer) - start)
             out |= {port: strain * site.value(port) for port in _ports(site.machine, part)}
         return out
 
@@ -61,6 +74,30 @@ class ThermalExpansion(Effect):
         recorded = [recording.driver(_driver(machine, part)) is not None for part in place]
         serves = 0.0 if all(recorded) or not any(recorded) else recorded.index(True) + 1.0
         return [{"lag": lag, "thermometer": serves} for lag in lags]
+
+    def elsewhere(self, machine: Machine, place: Place, seen: Mapping[str, Array]) -> Sequence[Settings]:
+        """Every thermometer that says something else than the place's own, without a lag and with few."""
+        lags = [0.0, *(lag for lag in LAGS_ELSEWHERE if lag < span(seen))]
+        names = others(machine, own_columns([_part(machine, name) for name in place], seen), seen)
+        return [{"lag": lag, **from_settings(name, seen)} for name in names for lag in lags]
+
+    def borrows(self, settings: Settings) -> bool:
+        return borrowed(settings) is not None
+
+    def adds(self, settings: Settings) -> bool:
+        """Heat from elsewhere comes by more than one way, and each way has its lag."""
+        return self.borrows(settings)
+
+    def explain_term(self, machine: Machine, place: Place, settings: Settings) -> str:
+        found = borrowed(settings)
+        if found is None:
+            return self.explain(machine, place)
+        lag = settings.get("lag", 0.0)
+        behind = f", {lag:g} s behind it" if lag else ""
+        return (
+            f"The lengths of {', '.join(place)} grow with {found[0]}, a thermometer elsewhere{behind}: alpha is the expansion "
+            "times how much more the part warms up."
+        )
 
     def explain(self, machine: Machine, place: Place) -> str:
         return f"The lengths of {', '.join(place)} grow in proportion to their temperature above 20 degC."
@@ -90,6 +127,9 @@ def _driver(machine: Machine, part: str, lag: float = 0.0) -> str:
 def _thermometers(machine: Machine, place: Place, settings: Settings) -> list[str]:
     """Driver of each part of a place."""
     lag, serves = settings.get("lag", 0.0), settings.get("thermometer")
+    elsewhere = borrowed(settings)
+    if elsewhere is not None:
+        return [elsewhere[0] + (f"~{lag:g}" if lag else "")] * len(place)
     if serves is None:
         logged = [part for part in place if _driver(machine, part) in machine.drivers]
         serves = place.index(logged[0]) + 1 if logged and len(logged) < len(place) else 0

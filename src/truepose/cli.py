@@ -27,6 +27,7 @@ from truepose.commands.poses import poses
 from truepose.commands.progress import quietly
 from truepose.commands.schema import schema
 from truepose.commands.tables import predict, simulate
+from truepose.commands.try_columns import WithTryColumns
 from truepose.demo import demo
 
 app = typer.Typer(
@@ -74,7 +75,7 @@ for _command in (
     effects,
     schema,
 ):
-    app.command()(_quietable(_command))
+    app.command(cls=WithTryColumns if _command is diagnose else None)(_quietable(_command))
 app.command("import")(_quietable(import_))
 app.command(
     hidden=True,

@@ -21,6 +21,7 @@ from truepose.commands.common import (
 from truepose.commands.gate import GateOption, gated
 from truepose.commands.judgement import refuse
 from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
+from truepose.commands.try_columns import TryColumnsOption, tried_names
 
 FITTING = (
     ("checking", 1.0),
@@ -138,6 +139,7 @@ def diagnose(
     recordings: RecordingsArg,
     output: DirectoryOption,
     irradiance: IrradianceOption = None,
+    try_columns: TryColumnsOption = None,
     anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -160,7 +162,13 @@ def diagnose(
         check_directory(output, DIAGNOSIS)
         with progress("diagnosing", DIAGNOSING) as say:
             say("checking")
-            loaded, rows, check = gated(machine, recordings, irradiance=irradiance or (), anyway=anyway)
+            loaded, rows, check = gated(
+                machine,
+                recordings,
+                irradiance=irradiance or (),
+                anyway=anyway,
+                tried=tried_names(try_columns),
+            )
             check_machine(output, DIAGNOSIS, loaded.name)
             result = run(loaded, rows, progress=say)
             say("writing the report")

@@ -1,0 +1,81 @@
+"""Drivers that a machine file declares: their units and what they drive; what is wrong is told with file and field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from support.short_arm import FRAMES, HEAD, JOINTS, POSE
+from truepose.errors import InputError
+from truepose.models.driver import DeclaredDriver, Driver
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+
+def declaring(folder: Path, drivers: str) -> Machine:
+    file = folder / "arm.yaml"
+    file.write_text(HEAD + JOINTS + FRAMES + POSE + f"drivers: {drivers}\n", encoding="utf-8")
+    return load_machine(file)
+
+
+def test_names_and_mappings_stand_side_by_side(tmp_path: Path) -> None:
+    machine = declaring(
+        tmp_path, "[temperature.base, payload, approach, torque.q2, {name: tilt.column, unit: deg}]"
+    )
+    assert machine.drivers == ("temperature.base", "payload", "approach", "torque.q2", "tilt.column")
+    assert machine.declared("torque.q2") == DeclaredDriver("torque.q2", "N*m", "N*m", "load")
+    tilt = machine.declared("tilt.column~300")
+    assert tilt == DeclaredDriver("tilt.column", "rad", "deg", "coupling")
+    assert machine.driver_unit("tilt.column") == "rad" and machine.driver_unit("humidity") == "%"
+    assert machine.declared("pressure") is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "inside", "drives"),
+    [
+        ("kN", "N", "load"),
+        ("lbf*ft", "N*m", "load"),
+        ("mA", "mA", "load"),
+        ("bar", "hPa", "load"),
+        ("g", "kg", "load"),
+        ("kelvin", "degC", "temperature"),
+        ("kW", "kW", "temperature"),
+        ("minute", "s", "time"),
+        ("um", "mm", "coupling"),
+        ("V", "V", "coupling"),
+    ],
+)
+def test_a_unit_says_what_a_column_drives(tmp_path: Path, unit: str, inside: str, drives: str) -> None:
+    (known,) = declaring(tmp_path, f"[{{name: it, unit: '{unit}'}}]").declared_drivers
+    assert (known.unit, known.written, known.drives) == (inside, unit, drives)
+
+
+def test_a_file_may_say_it_itself(tmp_path: Path) -> None:
+    machine = declaring(tmp_path, "[{name: heater, unit: V, drives: temperature}, {name: it}]")
+    assert machine.drives("heater") == "temperature" and machine.drives("it") == "coupling"
+
+
+@pytest.mark.parametrize(
+    ("drivers", "said"),
+    [
+        ("[{name: torque.q2, unit: deg}]", "drivers[0].unit: unit 'deg' is an angle, expected a unit convertible to N*m"),
+        ("[payload, {name: it, unit: foo}]", "drivers[1].unit: unknown unit 'foo'"),
+        ("[{name: it, units: deg}]", "drivers[0].units: unknown field; did you mean 'unit'?, found 'deg'"),
+        ("[{unit: deg}]", "drivers[0].name: missing field"),
+        ("[{name: q1, unit: deg}]", "drivers[0].name: found 'q1', a joint, expected a column beyond the joints"),
+        ("[{name: it, drives: heat}]", "drivers[0].drives: expected 'load'"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_with_file_and_field(tmp_path: Path, drivers: str, said: str) -> None:
+    with pytest.raises(InputError) as told:
+        declaring(tmp_path, drivers)
+    assert str(told.value).startswith(f"{tmp_path / 'arm.yaml'}: {said}")
+
+
+def test_what_a_slides_drive_holds_is_a_force() -> None:
+    joints = {"q1": "rad", "slide": "mm", "long": "in", "motor": "turn"}
+    units = {name: Driver("torque", name).unit(joints) for name in joints}
+    assert units == {"q1": "N*m", "slide": "N", "long": "N", "motor": "N*m"}
+    assert not Driver.of("torque.q1").smooth and Driver.of("tilt.column").smooth
+    assert Driver.of("pressure.oil").smooth and not Driver.of("pressure").smooth
