@@ -83,8 +83,10 @@ class Halves:
 
     @cached_property
     def all(self) -> Array:
-        """(r, w) of all columns."""
-        return _solved(self._factor, self._rows)
+        """(r, w) of all columns; the rows that it follows from are not asked for again, and are let go."""
+        found = _solved(self._factor, self._rows)
+        self._rows = found[:0]
+        return found
 
     @cached_property
     def _root(self) -> Array:
@@ -134,10 +136,11 @@ class Marginal:
         """(k, w) rows of M."""
         new = [int(c) for c in columns if int(c) not in self._rows]
         if new:
-            at = np.array(new)
-            made = self._above.rows(at) + self._sign * (self._beside.of(at).T @ self._beside.all)
-            self._rows.update(zip(new, made, strict=True))
+            self._rows.update(zip(new, self._made(np.array(new)), strict=True))
         return np.array([self._rows[int(c)] for c in columns])
+
+    def _made(self, columns: Index) -> Array:
+        return np.asarray(self._above.rows(columns) + self._sign * (self._beside.of(columns).T @ self._beside.all))
 
     @cached_property
     def blocks(self) -> tuple[Array, ...]:
@@ -151,11 +154,11 @@ class Marginal:
         turned = part.transpose(1, 2, 0) * group.there[:, :, None]
         return np.asarray(turned @ turned.transpose(0, 2, 1))
 
-    def including(self, columns: Index, sizes: Array) -> Marginal:
-        """With columns (k,) taken in, N(0, size^2) each."""
+    def including(self, columns: Index, sizes: Array, *, once: bool = False) -> Marginal:
+        """With columns (k,) taken in, N(0, size^2) each; ``once``: their rows are not kept for other sets."""
         if not len(columns):
             return self
-        rows = self.rows(columns)
+        rows = self._made(columns) if once else self.rows(columns)
         factor, turned, gain = _taken(rows[:, columns], self.score[columns], sizes)
         half = Halves(factor, rows * sizes[:, None], turned)
         return Marginal(self.terms, self, half, self.log_evidence + gain)

@@ -23,7 +23,7 @@ Index = NDArray[np.intp]
 Member = tuple[int, int]
 """A term and the index of its size."""
 Members = tuple[Member, ...]
-REMEMBERED = 150_000_000
+REMEMBERED = 100_000_000
 """Bytes of marginals, and as many of conditionals, that are kept."""
 NOTICED = 4.0
 """Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
@@ -179,7 +179,7 @@ class SpikeSlab:
         """With what is given, at a point."""
         if not self.given:
             return self.root(point)
-        return self._bases.get_or(point, lambda: self.root(point).including(*self.columns(self.given)))
+        return self._bases.get_or(point, lambda: self.root(point).including(*self.columns(self.given), once=True))
 
     def columns(self, members: Sequence[Member]) -> tuple[Index, Array]:
         """Columns (k,) of all members, and the size of each (k,)."""

@@ -18,9 +18,9 @@ from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
 from truepose.identification.prediction.loops import Loops
 from truepose.identification.prediction.lost import all_lost, lost_of
+from truepose.identification.prediction.port_kinematics import PortKinematics, twist_rows
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined, sights
 from truepose.identification.recording.recording import Recording
-from truepose.models import lie
 from truepose.models.closure import solved
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.kinematics import symbolic_model
@@ -62,10 +62,14 @@ class Predictor:
         n = self.evaluations
         self._loops = Loops(m, n)
         self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
-        outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
-        outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
-        outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
-        self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
+        self._by_ports = PortKinematics.of(m, n)
+        if self._by_ports is None:
+            outputs = [m.world, twist @ ca.jacobian(flat, m.x), twist @ ca.jacobian(flat, m.p)]
+            outputs += [ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
+            outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
+            self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
+        else:
+            self._kinematics = self._by_ports.function
         self._sensors = sights(machine, m.names, n)
 
     def _read(self, recording: Recording) -> None:
@@ -170,7 +174,7 @@ class Predictor:
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""
         sight = self._sight(slice(0, len(self.q)), p, x)
-        return sight.pose, sight.twist
+        return sight.pose, sight.whole_twist
 
     def states(self, p: Array, x: Array) -> dict[str, Array]:
         """(n,) values of what effects may ask of the present state, by name."""
@@ -203,6 +207,8 @@ class Predictor:
 
     def _sight(self, rows: slice, p: Array, x: Array) -> Sight:
         """What the sensors have before them, with total derivatives by p."""
+        if self._by_ports is not None:
+            return self._by_ports.sight(self.q[rows], self.z[rows], p)
         pose, tx, tp, gx, gp, shift, sx, sp = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
         if x.shape[1]:
             by_p = solved(gx, gp)
@@ -224,12 +230,3 @@ def _origin(recording: Recording) -> NDArray[np.intp]:
             f"{lost}: column 'from': found a row that was left out, expected it among the rows used"
         )
     return origin
-
-
-def twist_rows(world: ca.SX) -> ca.SX:
-    """(6, 12) map from the derivative of vec([R|p]) to the twist [dp; vee(dR R')]."""
-    rows = ca.SX.zeros(6, 12)
-    rows[:3, 9:] = ca.SX.eye(3)
-    for k in range(3):
-        rows[3:, 3 * k : 3 * k + 3] = 0.5 * lie.skew(world[:3, k])
-    return rows
