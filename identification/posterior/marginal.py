@@ -108,6 +108,34 @@ class Halves:
         return _solved(self._factor, self._rows[:, columns])
 
 
+class Told:
+    """Scores t (w,) and M (w, w) of a few columns, written out: where many others were taken in for good."""
+
+    def __init__(self, terms: Terms, score: Array, matrix: Array) -> None:
+        self._terms, self.score, self._matrix = terms, score, matrix
+
+    def scores(self, columns: Index) -> Array:
+        """(k,) scores of some columns."""
+        return np.asarray(self.score[columns])
+
+    def rows(self, columns: Index) -> Array:
+        """(k, w) rows of M."""
+        return np.asarray(self._matrix[columns])
+
+    def among(self, columns: Index) -> Array:
+        """(k, k) entries of M."""
+        return np.asarray(self._matrix[np.ix_(columns, columns)])
+
+    @cached_property
+    def blocks(self) -> tuple[Array, ...]:
+        """(c, k, k) diagonal blocks of the terms of each width."""
+        return tuple(
+            self._matrix[group.columns[:, :, None], group.columns[:, None, :]]
+            * (group.there[:, :, None] & group.there[:, None, :])
+            for group in self._terms.by_size
+        )
+
+
 class Marginal:
     """Scores t (w,), log evidence, and rows and blocks of M with everything taken in so far marginalised.
 
@@ -116,7 +144,7 @@ class Marginal:
     """
 
     def __init__(
-        self, terms: Terms, above: Own | Marginal, beside: Halves, log_evidence: float, sign: float = -1.0
+        self, terms: Terms, above: Own | Told | Marginal, beside: Halves, log_evidence: float, sign: float = -1.0
     ) -> None:
         self.terms, self.log_evidence = terms, log_evidence
         self._above, self._beside, self._sign = above, beside, sign
@@ -136,11 +164,10 @@ class Marginal:
         """(k, w) rows of M."""
         new = [int(c) for c in columns if int(c) not in self._rows]
         if new:
-            self._rows.update(zip(new, self._made(np.array(new)), strict=True))
+            at = np.array(new)
+            made = self._above.rows(at) + self._sign * (self._beside.of(at).T @ self._beside.all)
+            self._rows.update(zip(new, made, strict=True))
         return np.array([self._rows[int(c)] for c in columns])
-
-    def _made(self, columns: Index) -> Array:
-        return np.asarray(self._above.rows(columns) + self._sign * (self._beside.of(columns).T @ self._beside.all))
 
     @cached_property
     def blocks(self) -> tuple[Array, ...]:
@@ -154,14 +181,25 @@ class Marginal:
         turned = part.transpose(1, 2, 0) * group.there[:, :, None]
         return np.asarray(turned @ turned.transpose(0, 2, 1))
 
-    def including(self, columns: Index, sizes: Array, *, once: bool = False) -> Marginal:
-        """With columns (k,) taken in, N(0, size^2) each; ``once``: their rows are not kept for other sets."""
+    def including(self, columns: Index, sizes: Array) -> Marginal:
+        """With columns (k,) taken in, N(0, size^2) each."""
         if not len(columns):
             return self
-        rows = self._made(columns) if once else self.rows(columns)
+        rows = self.rows(columns)
         factor, turned, gain = _taken(rows[:, columns], self.score[columns], sizes)
         half = Halves(factor, rows * sizes[:, None], turned)
         return Marginal(self.terms, self, half, self.log_evidence + gain)
+
+    def beside(self, columns: Index, sizes: Array, left: Index, terms: Terms) -> Marginal:
+        """With columns (k,) taken in for good, of the columns ``left`` (w,) alone, by which ``terms`` count theirs."""
+        half, rows = self._beside.of(np.concatenate([columns, left])), len(columns)
+        both = self._above.among(np.concatenate([columns, left])) + self._sign * (half.T @ half)
+        score = self.scores(np.concatenate([columns, left]))
+        factor, turned, gain = _taken(both[:rows, :rows], score[:rows], sizes)
+        across = _solved(factor, both[:rows, rows:] * sizes[:, None])
+        told = Told(terms, score[rows:] - across.T @ turned, both[rows:, rows:] - across.T @ across)
+        nothing = Halves(np.zeros((0, 0)), np.zeros((0, len(left))), np.zeros(0))
+        return Marginal(terms, told, nothing, self.log_evidence + gain)
 
     def without(self, at: Index) -> Marginal:
         """Without some of the columns that were taken in last: their places ``at`` (k,) among these."""
