@@ -124,7 +124,7 @@ class Expansion:
         if set(wanted) == set(self.accepted) and finer is cat:
             return None
         try:
-            fit = refitted(self, wanted) if set(wanted) != set(self.accepted) else self.fit
+            fit = refitted(self, wanted, best) if set(wanted) != set(self.accepted) else self.fit
         except ConvergenceError:
             return None
         if finer is not cat:
@@ -139,12 +139,19 @@ def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
     return {problem.candidates[term]: float(sizes[size]) for term, size in state.members}
 
 
-def refitted(here: Expansion, wanted: Mapping[int, float]) -> Estimate:
-    """The nonlinear fit with other candidates, from the present one."""
+def noise_at(problem: SelectionProblem, state: State) -> float:
+    """Noise of a state in stated sigmas: the mean over kinds of readings, for what is expected beside them has but one."""
+    scales = problem.spike_slab.unknowns.scales(state.point)
+    return float(np.exp(np.average(np.log(scales), weights=problem.spike_slab.design.counts)))
+
+
+def refitted(here: Expansion, wanted: Mapping[int, float], best: State) -> Estimate:
+    """The nonlinear fit with other candidates, from the present one; readings as noisy as the state has them."""
     machine, recording = here.signatures.machine, here.signatures.recording
     terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
     start = start_from(here.fit, terms)
-    return estimate(machine, recording, terms, start=start, exclude=here.exclude, tolerance=ROUGH)
+    noise = noise_at(here.problem, best)
+    return estimate(machine, recording, terms, start=start, exclude=here.exclude, tolerance=ROUGH, noise=noise)
 
 
 def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:

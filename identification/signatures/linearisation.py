@@ -178,7 +178,7 @@ class Signatures:
             departure[n + at] = amplitudes
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
-            tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n], parts,
+            tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
             self.candidates, tuple(tuple(own) for own in causes), forms.sources,
         )  # fmt: skip
 
