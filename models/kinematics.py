@@ -249,7 +249,9 @@ def _held(present: _Present, shifted: Mapping[str, ca.SX], stance: Stance) -> He
     world = frame_of(values, "base") @ replace(stance, values=values).assembled(machine, present.z).tool
     shift, seen = reading_shifts(machine, world, present.values, values)
     put = ca.vertcat(*put_in_place(ca.vertsplit(shift), present.marks, seen)) if seen else shift
-    stacked = [ca.vertcat(*group) if moved else ca.SX(0, 1) for group in (ports.values(), map(shifted.get, moved))]
+    stacked = [
+        ca.vertcat(*group) if moved else ca.SX(0, 1) for group in (ports.values(), map(shifted.get, moved))
+    ]
     return Held(stacked[0], stacked[1], world, put)
 
 

@@ -71,7 +71,8 @@ def outlying_rows(fit: Estimate, recording: Recording, candidates: NDArray[np.bo
 def _studentised(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) -> Array:
     """(k,) r' (1 - H)^-1 r of fitted rows, H the share that a row has in its own prediction.
 
-    A fit of hundreds of coefficients follows a wild row a good part of the way (Cook and Weisberg 1982, Residuals and influence).
+    A fit of hundreds of coefficients follows a wild row a good part of the way
+    (Cook and Weisberg 1982, Residuals and influence).
     """
     residual = fit.residual[rows]
     if not len(rows) or any(sensor.compares for sensor in fit.machine.sensors):

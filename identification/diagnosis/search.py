@@ -23,6 +23,7 @@ from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Poster
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.lines import proposed
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
@@ -60,6 +61,9 @@ class Found:
 def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Expansion:
     """Where the mode stays, from the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary
     whitened residual."""
+    more = proposed(signatures, null, cat)
+    if more is not cat:
+        signatures, cat = signatures.of(more.candidates), more
     state = Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
     for k in range(CLIMBS):
         if k and not state.short:
@@ -127,9 +131,10 @@ class Expansion:
             fit = refitted(self, wanted, best) if set(wanted) != set(self.accepted) else self.fit
         except ConvergenceError:
             return None
+        count = self._refined + (finer is not cat)
+        finer = proposed(signatures, fit, finer)
         if finer is not cat:
             signatures = signatures.of(finer.candidates)
-        count = self._refined + (finer is not cat)
         return Expansion(signatures, finer, fit, wanted, self.exclude, self._rms, count, (self, best))
 
 
@@ -151,7 +156,9 @@ def refitted(here: Expansion, wanted: Mapping[int, float], best: State) -> Estim
     terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
     start = start_from(here.fit, terms)
     noise = noise_at(here.problem, best)
-    return estimate(machine, recording, terms, start=start, exclude=here.exclude, tolerance=ROUGH, noise=noise)
+    return estimate(
+        machine, recording, terms, start=start, exclude=here.exclude, tolerance=ROUGH, noise=noise
+    )
 
 
 def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:

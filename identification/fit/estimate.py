@@ -70,8 +70,8 @@ def estimate(
     ``start`` (np,) are parameters and coefficients to begin with, mm and rad; ``exclude`` (n,) leaves rows out; rows that
     cannot be assembled are left out. A fit that is not widened ends when half the sum of squares has less than ``tolerance``
     left to gain. ``solver`` takes the place of damped Gauss-Newton. ``noise``: how many times noisier than stated readings are
-    (``Estimate.noise``), where that is known; it decides what tolerances and expected sizes weigh beside them. Raises InputError for too few rows, ConvergenceError
-    naming the parameters responsible.
+    (``Estimate.noise``), where that is known; it decides what tolerances and expected sizes weigh beside them. Raises
+    InputError for too few rows, ConvergenceError naming the parameters responsible.
     """
     recording = as_recording(machine, recording)
     predictor = predictor or Predictor(machine, recording, effects, visits=FIT)

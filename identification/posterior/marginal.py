@@ -144,7 +144,12 @@ class Marginal:
     """
 
     def __init__(
-        self, terms: Terms, above: Own | Told | Marginal, beside: Halves, log_evidence: float, sign: float = -1.0
+        self,
+        terms: Terms,
+        above: Own | Told | Marginal,
+        beside: Halves,
+        log_evidence: float,
+        sign: float = -1.0,
     ) -> None:
         self.terms, self.log_evidence = terms, log_evidence
         self._above, self._beside, self._sign = above, beside, sign

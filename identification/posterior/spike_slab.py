@@ -106,7 +106,9 @@ class SpikeSlab:
     ) -> None:
         self.design, self.unknowns, self.terms, self.sizes = design, unknowns, terms, sizes
         self.given = tuple(sorted(given))
-        self._open, self._left = terms.beside([t for t, _ in self.given]) if given else (terms, np.zeros(0, dtype=np.intp))
+        self._open, self._left = (
+            terms.beside([t for t, _ in self.given]) if given else (terms, np.zeros(0, dtype=np.intp))
+        )
         self._roots = Memory[Marginal](REMEMBERED // (8 * (design.n + 1) * (design.width + 1)))
         self._bases = Memory[Marginal](2 * REMEMBERED // (8 * (len(self._left) + 1) ** 2))
         self._taken, self._priors = Memory[Marginal](8), Memory[Array](32)

@@ -56,7 +56,11 @@ class Terms:
     """All terms, as arrays."""
 
     def __init__(
-        self, terms: Sequence[Term], urn: Urn, groups: Sequence[tuple[int, ...]] = (), closed: Sequence[int] = ()
+        self,
+        terms: Sequence[Term],
+        urn: Urn,
+        groups: Sequence[tuple[int, ...]] = (),
+        closed: Sequence[int] = (),
     ) -> None:
         self.all, self.urn, self.groups, self._closed = tuple(terms), urn, tuple(groups), frozenset(closed)
         self.columns = tuple(np.array(t.columns, dtype=np.intp) for t in terms)
@@ -76,7 +80,9 @@ class Terms:
         join them. Columns of the others are gone, and nobody asks for them."""
         closed = np.flatnonzero(self.excludes[list(given)].any(axis=0))
         rest = [k for k in range(len(self)) if k not in set(closed.tolist())]
-        left = np.unique(np.concatenate([*(self.columns[k] for k in rest), np.zeros(0, dtype=np.intp)])).astype(np.intp)
+        left = np.unique(
+            np.concatenate([*(self.columns[k] for k in rest), np.zeros(0, dtype=np.intp)])
+        ).astype(np.intp)
         place = np.zeros(1 + max((int(c.max()) for c in self.columns), default=0), dtype=np.intp)
         place[left] = np.arange(len(left))
         terms = [replace(t, columns=tuple(int(place[c]) for c in t.columns)) for t in self.all]

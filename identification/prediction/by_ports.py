@@ -38,9 +38,7 @@ class ByPorts:
 
     def of_columns(self, kept: NDArray[np.bool_]) -> ByPorts:
         """Some of the coefficients."""
-        return replace(
-            self, port=self.port[kept], column=self.column[kept], values=self.values[:, kept]
-        )
+        return replace(self, port=self.port[kept], column=self.column[kept], values=self.values[:, kept])
 
     def scaled(self, weight: Array, scale: Array, column: Index) -> ByPorts:
         """Slopes times ``weight`` (n, 1, 1), coefficients in steps of ``scale`` (c,), at other places."""

@@ -22,7 +22,7 @@ MANY = 100
 
 @dataclass(frozen=True)
 class PortKinematics:
-    """``at`` (w,): unknowns of p whose derivatives are written out; ``port`` and ``column`` (c,) of those that move one port."""
+    """``at`` (w,): unknowns of p whose derivatives are written out; ``port``, ``column`` (c,): of those that move one port."""
 
     function: BatchFunction
     at: Index

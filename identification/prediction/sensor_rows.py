@@ -290,7 +290,6 @@ def _block(rows: slice, seen: _Seen, at: Index | None, lost: Mask | None) -> Blo
     return Block(rows, values, dense, lost=lost, at=at, ports=ports)
 
 
-
 def _differentiated(name: str, value: ca.SX, inputs: list[ca.SX], small: ca.SX, rows: int) -> BatchFunction:
     """The value with its derivatives by a small twist of the pose, the sensor's constants and its columns."""
     outputs = [value, *(ca.jacobian(value, by) for by in (small, inputs[1], inputs[2]))]

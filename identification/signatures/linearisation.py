@@ -182,6 +182,20 @@ class Signatures:
             self.candidates, tuple(tuple(own) for own in causes), forms.sources,
         )  # fmt: skip
 
+    def scores(self, fit: Estimate, ports: Sequence[str]) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Of each fitted row (k,) and port: J'r and J'J (k, p) of its shift, by the noise that the fit leaves of each kind."""
+        predictor = self._predictor(fit.effects)
+        at = [predictor.model.names.index(name) for name in ports]
+        p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
+        noise = np.sqrt(np.maximum(np.nanmean(fit.residual[fit.used] ** 2, axis=0), 1e-300))
+        score, weight = list[Array](), list[Array]()
+        for block in predictor.blocks(p, fit.x, fit.used * fit.weights):
+            keep = np.flatnonzero(fit.used[block.rows])
+            slopes = block.columns(at)[keep] / noise[:, None]
+            score.append(-np.einsum("nmp,nm->np", slopes, block.residual[keep] / noise))
+            weight.append(np.sum(slopes**2, axis=1))
+        return np.concatenate(score), np.concatenate(weight), np.flatnonzero(fit.used)
+
     def _causes(self, fit: Estimate) -> list[dict[int, Array]]:
         """What the fit's effects blame: of each, its candidates with their coefficients in units of scale."""
         labels, out = (
@@ -214,9 +228,11 @@ class Signatures:
                 yield Part(rows, np.arange(rows.shape[2]), None)
             return
         free, predictor, shifts = self._geometry(fit), *self._shifted(fit, order)
-        ports = [name for name in dict.fromkeys(n for names, _ in self._shifts.layout for n in names)]
+        ports = list(dict.fromkeys(n for names, _ in self._shifts.layout for n in names))
         at = [predictor.model.names.index(name) for name in ports]
-        where = Columns(len(free), self.columns, self._shifts.layout, {name: k for k, name in enumerate(ports)})
+        where = Columns(
+            len(free), self.columns, self._shifts.layout, {name: k for k, name in enumerate(ports)}
+        )
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
         for block in predictor.blocks(p, fit.x, fit.used * fit.weights):
             keep = np.flatnonzero(fit.used[block.rows])

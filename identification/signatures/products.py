@@ -59,10 +59,16 @@ class Columns:
             at.append(np.arange(first + k * width, first + (k + 1) * width))
         dense.append(residual[..., None])
         at.append(np.array([first + len(bent) * width]))
-        by = ByPorts(ports, *(np.concatenate(k) for k in (port, column)), np.concatenate(values, axis=1)) if port else None
+        by = (
+            ByPorts(ports, *(np.concatenate(k) for k in (port, column)), np.concatenate(values, axis=1))
+            if port
+            else None
+        )
         return Part(np.concatenate(dense, axis=2), np.concatenate(at), by)
 
-    def _signature(self, ports: Array, shifts: Array, own: slice, names: Sequence[str], where: slice) -> Array:
+    def _signature(
+        self, ports: Array, shifts: Array, own: slice, names: Sequence[str], where: slice
+    ) -> Array:
         """(n, m, c) columns of one candidate."""
         local = shifts[:, where].reshape(len(shifts), own.stop - own.start, len(names))
         return np.asarray(ports[:, :, [self.place[n] for n in names]] @ local.transpose(0, 2, 1))

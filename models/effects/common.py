@@ -129,11 +129,11 @@ def sine_coefficients(unit: str, scale: float) -> tuple[Coefficient, ...]:
 
 
 def series_coefficients(
-    unit: str, scale: float, orders: int, decay: float, largest: float
+    unit: str, scale: float, orders: int, decay: float, largest: float, first: int = 1
 ) -> tuple[Coefficient, ...]:
     """A periodic function as a Fourier series whose amplitudes are expected to fall as order^-decay from ``largest``."""
     names = [
-        (f"{letter}{k}", min(largest, scale / k**decay)) for k in range(1, orders + 1) for letter in "ab"
+        (f"{letter}{k}", min(largest, scale / k**decay)) for k in range(first, orders + 1) for letter in "ab"
     ]
     return tuple(Coefficient(name, unit, size) for name, size in names)
 
