@@ -38,6 +38,19 @@ from truepose.models.view import TOOL_IN_WORLD, View
 
 
 @dataclass(frozen=True)
+class Held:
+    """The ports that effects move as symbols of their own, so that derivatives by coefficients follow from few.
+
+    ports (k,) symbols, values (k,) what they stand for; world (4, 4) and reading_shift (r,) of the model as functions of them.
+    """
+
+    ports: ca.SX
+    values: ca.SX
+    world: ca.SX
+    reading_shift: ca.SX
+
+
+@dataclass(frozen=True)
 class SymbolicModel:
     """One machine, symbolically; internal units, readings in the unit of their column (mm, rad or turn).
 
@@ -55,9 +68,12 @@ class SymbolicModel:
     reading_shift (k,)      what effects add to the columns of all sensors, mm or rad
     states                  by name, what effects may ask of the present state (``truepose.models.states``)
     values                  of all parameters and ports by name, with the shifts of effects
+    held                    the same world and reading_shift by the ports that effects move; None where loops close or
+                            sensors read several tips
     """
 
     machine: Machine
+    effects: tuple[PlacedEffect, ...]
     readings: tuple[str, ...]
     drivers: tuple[str, ...]
     z_home: NDArray[np.float64]
@@ -78,6 +94,7 @@ class SymbolicModel:
     reading_shift: ca.SX
     states: Mapping[str, ca.SX]
     values: Mapping[str, ca.SX]
+    held: Held | None
 
     @property
     def equations(self) -> ca.SX:
@@ -127,6 +144,7 @@ def symbolic_model(
     shift, seen = reading_shifts(machine, worlds, values, shifted)
     model = SymbolicModel(
         machine=machine,
+        effects=tuple(effects),
         readings=machine.mechanism.readings,
         drivers=tuple(drivers),
         z_home=np.array([driver_default(machine, name) for name in drivers]),
@@ -147,6 +165,7 @@ def symbolic_model(
         reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), marks, seen)) if seen else shift,
         states=(present.directions() if ports else {}) | seen,
         values=shifted,
+        held=None if x.numel() or len(worlds) > 1 else _held(present, shifted, stance),
     )
     return replace(model, home=assembled_home(model)) if len(model.home) else model
 
@@ -229,6 +248,21 @@ def _shifted(
         for port, shift in placed.effect.shifts(site).items():
             out[port] = out[site.checked(port, placed)] + shift
     return out
+
+
+def _held(present: _Present, shifted: Mapping[str, ca.SX], stance: Stance) -> Held:
+    machine, read = present.machine, present.machine.ports_of("reading")
+    moved = [name for name, v in shifted.items() if v is not present.values[name] and name not in read]
+    ports = symbols("port.", moved)
+    values = dict(shifted) | ports
+    assembly = replace(stance, values=values).assembled(machine, present.z)
+    world = assembly.seen(TOOL_IN_WORLD, values)
+    shift, seen = reading_shifts(machine, {TOOL_IN_WORLD: world}, present.values, values)
+    put = ca.vertcat(*put_in_place(ca.vertsplit(shift), present.marks, seen)) if seen else shift
+    stacked = [
+        ca.vertcat(*group) if moved else ca.SX(0, 1) for group in (ports.values(), map(shifted.get, moved))
+    ]
+    return Held(stacked[0], stacked[1], world, put)
 
 
 def _constants(

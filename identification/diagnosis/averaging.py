@@ -188,7 +188,7 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
     own[: len(likeliest.root)] = likeliest.root
     further = (unit / prior.scale)[at][:, None] * mixture.around(part * mixture.shift)
     known = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
-    return Averaged(**known, own=np.hstack([own, further]))
+    return Averaged(**known | {"noise": likeliest.noise}, own=np.hstack([own, further]))
 
 
 def _free(prior: Prior, count: int) -> NDArray[np.bool_]:
@@ -203,6 +203,6 @@ def _free(prior: Prior, count: int) -> NDArray[np.bool_]:
 def _prior(likeliest: Estimate, terms: Sequence[PlacedEffect]) -> Prior:
     """The tolerances and steps of the likeliest set's fit; those of what is beside it are its spread."""
     wide, first = prior_of(likeliest.machine, terms), likeliest.prior
-    further = wide.sigma[len(first.sigma) :]
+    further = wide.sigma[len(first.sigma) :] / likeliest.noise
     sigma, scale = np.append(first.sigma, further), np.append(first.scale, further)
     return replace(wide, sigma=sigma, scale=scale)

@@ -31,6 +31,8 @@ FEWEST, NEIGHBOURS, TOGETHER = 4, 4, 0.3
 """Rows below which nothing can be said of where they lie, neighbours that are asked, and their share that must be far too."""
 CHANCE = 1e-3
 """Probability below which nothing is chance: a far residual, far rows that lie together, a misfit, halves that differ."""
+SUSPECT = 0.5
+"""Share of the limit from which on it is asked how far a row would be off if it had not been fitted."""
 APART = 2.0
 """How much farther than all others a row must be: physics that was left out has its largest residuals, too."""
 NEAR = 3.0
@@ -56,10 +58,33 @@ def outlying_rows(fit: Estimate, recording: Recording, candidates: NDArray[np.bo
     scale = max(float(np.median(size / np.sqrt(chi2.ppf(0.5, m) / m))), 1.0)
     # heavy tails are common: the Gaussian limit, and half as much again
     limit = 1.5 * scale * np.sqrt(chi2.isf(CHANCE / len(rows), m) / m)
+    suspect = np.flatnonzero((size > SUSPECT * limit) & fit.used[rows])
+    if len(suspect) <= LIMIT * len(rows):
+        squares = _studentised(fit, recording, rows[suspect])
+        size[suspect] = np.sqrt(squares / np.broadcast_to(m, len(rows))[suspect])
     far = size > limit
     if np.sum(far) <= LIMIT * len(rows) and not clustered(recording_coordinates(recording, rows), far):
         out[rows[far]] = True
     return out
+
+
+def _studentised(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) -> Array:
+    """(k,) r' (1 - H)^-1 r of fitted rows, H the share that a row has in its own prediction.
+
+    A fit of hundreds of coefficients follows a wild row a good part of the way
+    (Cook and Weisberg 1982, Residuals and influence).
+    """
+    residual = fit.residual[rows]
+    if not len(rows) or any(sensor.compares for sensor in fit.machine.sensors):
+        return np.asarray(np.sum(residual**2, axis=1))
+    predictor, free, out = Predictor(fit.machine, recording, fit.effects).of_rows(rows), fit.prior.free, []
+    root = fit.known.root * fit.prior.scale[free][:, None]
+    for block in predictor.blocks(fit.p, fit.x[rows], fit.weights[rows]):
+        own = residual[block.rows]
+        turned = block.jacobian[:, :, free] @ root * np.sqrt(fit.weights[rows][block.rows])[:, None, None]
+        left = np.eye(own.shape[1]) - turned @ turned.transpose(0, 2, 1)
+        out.append(np.einsum("nm,nm->n", own, np.linalg.solve(left, own[..., None])[..., 0]))
+    return np.concatenate(out)
 
 
 def bridges(recording: Recording) -> NDArray[np.bool_]:

@@ -26,7 +26,7 @@ from truepose.identification.diagnosis.holdout import (
     trial,
 )
 from truepose.identification.diagnosis.result import WHOLE
-from truepose.identification.diagnosis.search import Found, start_from
+from truepose.identification.diagnosis.search import Found, noise_at, start_from
 from truepose.identification.fit.bounded import within_bounds
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
@@ -100,7 +100,8 @@ def _fitted(
     terms += [cat.candidates[s.candidate] for s in extra]
     prior = _prior(found, terms, len(accepted), extra)
     start = start_from(found.fit, terms)
-    return estimate(machine, recording, terms, start=start, exclude=exclude, prior=prior)
+    noise = noise_at(found.problem, found.mode)
+    return estimate(machine, recording, terms, start=start, exclude=exclude, prior=prior, noise=noise)
 
 
 def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shape]) -> Prior:

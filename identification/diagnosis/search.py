@@ -23,6 +23,7 @@ from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Poster
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.lines import proposed
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
@@ -60,6 +61,9 @@ class Found:
 def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Expansion:
     """Where the mode stays, from the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary
     whitened residual."""
+    more = proposed(signatures, null, cat)
+    if more is not cat:
+        signatures, cat = signatures.of(more.candidates), more
     state = Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
     for k in range(CLIMBS):
         if k and not state.short:
@@ -124,12 +128,13 @@ class Expansion:
         if set(wanted) == set(self.accepted) and finer is cat:
             return None
         try:
-            fit = refitted(self, wanted) if set(wanted) != set(self.accepted) else self.fit
+            fit = refitted(self, wanted, best) if set(wanted) != set(self.accepted) else self.fit
         except ConvergenceError:
             return None
+        count = self._refined + (finer is not cat)
+        finer = proposed(signatures, fit, finer)
         if finer is not cat:
             signatures = signatures.of(finer.candidates)
-        count = self._refined + (finer is not cat)
         return Expansion(signatures, finer, fit, wanted, self.exclude, self._rms, count, (self, best))
 
 
@@ -139,12 +144,21 @@ def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
     return {problem.candidates[term]: float(sizes[size]) for term, size in state.members}
 
 
-def refitted(here: Expansion, wanted: Mapping[int, float]) -> Estimate:
-    """The nonlinear fit with other candidates, from the present one."""
+def noise_at(problem: SelectionProblem, state: State) -> float:
+    """Noise of a state in stated sigmas: the mean over kinds of readings, for what is expected beside them has but one."""
+    scales = problem.spike_slab.unknowns.scales(state.point)
+    return float(np.exp(np.average(np.log(scales), weights=problem.spike_slab.design.counts)))
+
+
+def refitted(here: Expansion, wanted: Mapping[int, float], best: State) -> Estimate:
+    """The nonlinear fit with other candidates, from the present one; readings as noisy as the state has them."""
     machine, recording = here.signatures.machine, here.signatures.recording
     terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
     start = start_from(here.fit, terms)
-    return estimate(machine, recording, terms, start=start, exclude=here.exclude, tolerance=ROUGH)
+    noise = noise_at(here.problem, best)
+    return estimate(
+        machine, recording, terms, start=start, exclude=here.exclude, tolerance=ROUGH, noise=noise
+    )
 
 
 def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:

@@ -64,7 +64,8 @@ def within_bounds(fit: Estimate, recording: Recording, exclude: Mask) -> Estimat
             break
     predictor = Predictor(fit.machine, recording, fit.effects)
     problem = Problem(predictor, fit.prior, np.clip(current.p, low, high), current.used)
-    return result(problem, replace(current.solution, t=np.zeros(len(fit.prior.free))), fit.effects)
+    kept = result(problem, replace(current.solution, t=np.zeros(len(fit.prior.free))), fit.effects)
+    return replace(kept, noise=fit.noise)
 
 
 def _bounded_step(fit: Estimate, low: Array, high: Array) -> Array:

@@ -7,6 +7,7 @@ against outliers. Parameters are scaled by their tolerance, readings by sigma, b
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -61,18 +62,21 @@ def estimate(
     damping: float | None = None,
     tolerance: float = TOLERANCE,
     solver: Solver | None = None,
+    noise: float = 1.0,
 ) -> Estimate:
     """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording`` (or of a path, DataFrame or dict).
 
     ``damping`` is that of the first step; without it full steps are taken, and damped ones where those find no minimum.
     ``start`` (np,) are parameters and coefficients to begin with, mm and rad; ``exclude`` (n,) leaves rows out; rows that
     cannot be assembled are left out. A fit that is not widened ends when half the sum of squares has less than ``tolerance``
-    left to gain. ``solver`` takes the place of damped Gauss-Newton. Raises InputError for too few rows, ConvergenceError
-    naming the parameters responsible.
+    left to gain. ``solver`` takes the place of damped Gauss-Newton. ``noise``: how many times noisier than stated readings are
+    (``Estimate.noise``), where that is known; it decides what tolerances and expected sizes weigh beside them. Raises
+    InputError for too few rows, ConvergenceError naming the parameters responsible.
     """
     recording = as_recording(machine, recording)
     predictor = predictor or Predictor(machine, recording, effects, visits=FIT)
     prior = prior or prior_of(machine, effects)
+    prior = prior.with_sigma(prior.sigma / noise) if noise != 1.0 else prior
     p = predictor.model.p_home.copy() if start is None else start.astype(float)
     used = ~recording.validation if exclude is None else ~recording.validation & ~exclude
     problem = Problem(predictor, prior, p, used)
@@ -86,7 +90,7 @@ def estimate(
             break
     else:
         raise ConvergenceError("; ".join([blame(solution, prior), *predictor.cautions]))
-    return result(problem, solution, tuple(effects))
+    return replace(result(problem, solution, tuple(effects)), noise=noise)
 
 
 def _tries(

@@ -55,6 +55,8 @@ class Estimate(Shown):
     """(n, m) channels whose reading was lost, with a residual of zero; None where none was."""
     parts: tuple[Array, ...] = ()
     """``factor`` of each sensor's kinds of reading alone, where there are several (``noise.channel_groups``)."""
+    noise: float = 1.0
+    """Readings counted as so many times noisier than stated: ``prior`` then holds tolerances over it, which is the same."""
 
     def lost_among(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> NDArray[np.bool_] | None:
         """(k, m) channels of some rows whose reading was lost; None where none was."""
@@ -95,6 +97,8 @@ class Estimate(Shown):
     @cached_property
     def root(self) -> Array:
         """(n_free, k) F, in steps of ``prior.scale``: F F' is the covariance of what is determined, with the noise found."""
+        if self.noise != 1.0:
+            return np.asarray(self.noise * self.known.root)
         found, n = self.scatter, len(self.prior.free)
         if found.as_stated:
             return self.known.root

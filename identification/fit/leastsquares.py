@@ -10,14 +10,19 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dgeqrf, dgesdd
 
+from truepose.identification.prediction.by_ports import Part
+
 Array = NDArray[np.float64]
-Blocks = Callable[[Array], Iterable[Array]]
+Rows: TypeAlias = Array | Part
+"""Rows of [J r] (k, n + 1), or what they follow from where n is large."""
+Blocks = Callable[[Array], Iterable[Rows]]
 """Scaled parameters (n,) to blocks of rows [J r], (k, n + 1)."""
 WIDE_PROBLEM = 250
 """Columns beyond which the Gram matrix pays."""
@@ -61,7 +66,7 @@ class Solution:
     movement: Array
 
 
-def triangular(blocks: Iterable[Array], columns: int) -> Array:
+def triangular(blocks: Iterable[Rows], columns: int) -> Array:
     """Upper triangular factor (columns, columns) of rows that arrive in blocks.
 
     Wide problems go through the Gram matrix (a fifth of the time); it squares the condition number, so that
@@ -71,17 +76,20 @@ def triangular(blocks: Iterable[Array], columns: int) -> Array:
         return _by_qr(blocks, columns)
     gram = np.zeros((columns, columns))
     for block in blocks:
-        gram += block.T @ block
+        gram += block.gram(columns) if isinstance(block, Part) else block.T @ block
     return _by_cholesky(gram)
 
 
-def triangular_parts(blocks: Iterable[Array], columns: int, groups: Sequence[Sequence[int]]) -> list[Array]:
+def triangular_parts(blocks: Iterable[Rows], columns: int, groups: Sequence[Sequence[int]]) -> list[Array]:
     """A triangular factor (columns, columns) for each group of channels; each pose has one row for every channel, in order."""
     if len(groups) == 1:
         return [triangular(blocks, columns)]
     size, wide = sum(len(at) for at in groups), columns > WIDE_PROBLEM
     parts = [np.zeros((columns, columns)) for _ in groups]
     for block in blocks:
+        if isinstance(block, Part):
+            parts = [part + block.gram(columns, at) for part, at in zip(parts, groups, strict=True)]
+            continue
         rows = block.reshape(-1, size, columns)
         own = [rows[:, at].reshape(-1, columns) for at in groups]
         pairs = zip(parts, own, strict=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Rows
 from truepose.identification.fit.normal import NormalEquations
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.effects.base import PlacedEffect
@@ -97,7 +98,7 @@ class Problem:
         p[self.prior.free] += self.prior.scale[self.prior.free] * t
         return p
 
-    def blocks(self, t: Array) -> Iterable[Array]:
+    def blocks(self, t: Array) -> Iterable[Rows]:
         """Rows of [J r] (k, n_free + 1) of readings and prior; NaN where a used row cannot be assembled."""
         p = self.at(t)
         x, good = self.predictor.assemble(p, self.x)
@@ -109,7 +110,7 @@ class Problem:
         yield from self.data(p, self.x) if few is None else few
         yield self.prior_rows(p)
 
-    def _few_rows(self, p: Array) -> list[Array] | None:
+    def _few_rows(self, p: Array) -> list[Rows] | None:
         """Rows of [J r] with the sums of all readings, where they are many and steps cannot tell the difference.
 
         The sums are of rows without a loss; the others follow.
@@ -127,16 +128,22 @@ class Problem:
         at = np.flatnonzero(self.used & gone)
         return [rows, *self._rows(self.predictor.of_rows(at), p, self.x[at], at)] if at.size else [rows]
 
-    def data(self, p: Array, x: Array) -> Iterable[Array]:
+    def data(self, p: Array, x: Array) -> Iterable[Rows]:
         """Blocks (k, n + 1) of rows of [J r] of the readings alone, at ``p`` (np,) and ``x`` (rows, nx)."""
         return self._rows(self.predictor, p, x, np.arange(len(self.used)))
 
-    def _rows(self, predictor: Predictor, p: Array, x: Array, at: NDArray[np.intp]) -> Iterable[Array]:
+    def _rows(self, predictor: Predictor, p: Array, x: Array, at: NDArray[np.intp]) -> Iterable[Rows]:
         """The same of a predictor for the rows ``at``."""
         free, used, weights = self.prior.free, self.used[at], self.weights[at]
         root = np.sqrt(weights)
+        place = np.full(len(p), -1)
+        place[free] = np.arange(len(free))
         for block in predictor.blocks(p, x, used * weights):
             rows = np.flatnonzero(used[block.rows])
+            part = block.part(rows, place, self.prior.scale, root[block.rows][rows])
+            if part is not None and len(free) >= WIDE_PROBLEM:
+                yield part
+                continue
             w = root[block.rows][rows, None]
             jacobian = block.jacobian[rows][:, :, free] * self.prior.scale[free] * w[..., None]
             stacked = np.concatenate([jacobian, (block.residual[rows] * w)[..., None]], axis=2)

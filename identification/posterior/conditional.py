@@ -20,7 +20,7 @@ LARGEST_COST = 50.0
 def log_gains(marginals: Sequence[Marginal], sizes: Sizes) -> Array:
     """(p, s, c) log Bayes factor of each term at each size beside each of the marginals; bounds count."""
     terms = marginals[0].terms
-    out = np.empty((len(marginals), len(sizes.values), len(terms)))
+    out = np.zeros((len(marginals), len(sizes.values), len(terms)))
     for k, group in enumerate(terms.by_size):
         block = np.array([m.blocks[k] for m in marginals])
         score = np.array([m.score[group.columns] * group.there for m in marginals])

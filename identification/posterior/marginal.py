@@ -83,8 +83,10 @@ class Halves:
 
     @cached_property
     def all(self) -> Array:
-        """(r, w) of all columns."""
-        return _solved(self._factor, self._rows)
+        """(r, w) of all columns; the rows that it follows from are not asked for again, and are let go."""
+        found = _solved(self._factor, self._rows)
+        self._rows = found[:0]
+        return found
 
     @cached_property
     def _root(self) -> Array:
@@ -106,6 +108,34 @@ class Halves:
         return _solved(self._factor, self._rows[:, columns])
 
 
+class Told:
+    """Scores t (w,) and M (w, w) of a few columns, written out: where many others were taken in for good."""
+
+    def __init__(self, terms: Terms, score: Array, matrix: Array) -> None:
+        self._terms, self.score, self._matrix = terms, score, matrix
+
+    def scores(self, columns: Index) -> Array:
+        """(k,) scores of some columns."""
+        return np.asarray(self.score[columns])
+
+    def rows(self, columns: Index) -> Array:
+        """(k, w) rows of M."""
+        return np.asarray(self._matrix[columns])
+
+    def among(self, columns: Index) -> Array:
+        """(k, k) entries of M."""
+        return np.asarray(self._matrix[np.ix_(columns, columns)])
+
+    @cached_property
+    def blocks(self) -> tuple[Array, ...]:
+        """(c, k, k) diagonal blocks of the terms of each width."""
+        return tuple(
+            self._matrix[group.columns[:, :, None], group.columns[:, None, :]]
+            * (group.there[:, :, None] & group.there[:, None, :])
+            for group in self._terms.by_size
+        )
+
+
 class Marginal:
     """Scores t (w,), log evidence, and rows and blocks of M with everything taken in so far marginalised.
 
@@ -114,7 +144,12 @@ class Marginal:
     """
 
     def __init__(
-        self, terms: Terms, above: Own | Marginal, beside: Halves, log_evidence: float, sign: float = -1.0
+        self,
+        terms: Terms,
+        above: Own | Told | Marginal,
+        beside: Halves,
+        log_evidence: float,
+        sign: float = -1.0,
     ) -> None:
         self.terms, self.log_evidence = terms, log_evidence
         self._above, self._beside, self._sign = above, beside, sign
@@ -159,6 +194,17 @@ class Marginal:
         factor, turned, gain = _taken(rows[:, columns], self.score[columns], sizes)
         half = Halves(factor, rows * sizes[:, None], turned)
         return Marginal(self.terms, self, half, self.log_evidence + gain)
+
+    def beside(self, columns: Index, sizes: Array, left: Index, terms: Terms) -> Marginal:
+        """With columns (k,) taken in for good, of the columns ``left`` (w,) alone, by which ``terms`` count theirs."""
+        half, rows = self._beside.of(np.concatenate([columns, left])), len(columns)
+        both = self._above.among(np.concatenate([columns, left])) + self._sign * (half.T @ half)
+        score = self.scores(np.concatenate([columns, left]))
+        factor, turned, gain = _taken(both[:rows, :rows], score[:rows], sizes)
+        across = _solved(factor, both[:rows, rows:] * sizes[:, None])
+        told = Told(terms, score[rows:] - across.T @ turned, both[rows:, rows:] - across.T @ across)
+        nothing = Halves(np.zeros((0, 0)), np.zeros((0, len(left))), np.zeros(0))
+        return Marginal(terms, told, nothing, self.log_evidence + gain)
 
     def without(self, at: Index) -> Marginal:
         """Without some of the columns that were taken in last: their places ``at`` (k,) among these."""

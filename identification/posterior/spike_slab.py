@@ -23,7 +23,7 @@ Index = NDArray[np.intp]
 Member = tuple[int, int]
 """A term and the index of its size."""
 Members = tuple[Member, ...]
-REMEMBERED = 150_000_000
+REMEMBERED = 100_000_000
 """Bytes of marginals, and as many of conditionals, that are kept."""
 NOTICED = 4.0
 """Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
@@ -106,9 +106,11 @@ class SpikeSlab:
     ) -> None:
         self.design, self.unknowns, self.terms, self.sizes = design, unknowns, terms, sizes
         self.given = tuple(sorted(given))
+        self._open, self._left = (
+            terms.beside([t for t, _ in self.given]) if given else (terms, np.zeros(0, dtype=np.intp))
+        )
         self._roots = Memory[Marginal](REMEMBERED // (8 * (design.n + 1) * (design.width + 1)))
-        taken = len(self.columns(self.given)[0])
-        self._bases = Memory[Marginal](REMEMBERED // (24 * (taken + 1) * (design.width + 1)))
+        self._bases = Memory[Marginal](2 * REMEMBERED // (8 * (len(self._left) + 1) ** 2))
         self._taken, self._priors = Memory[Marginal](8), Memory[Array](32)
         self._conditionals = Memory[Conditional](REMEMBERED // (16 * (len(terms) + 1) * len(sizes.values)))
         self._evidences = Memory[float](SETS)
@@ -179,13 +181,14 @@ class SpikeSlab:
         """With what is given, at a point."""
         if not self.given:
             return self.root(point)
-        return self._bases.get_or(point, lambda: self.root(point).including(*self.columns(self.given)))
+        own = self.columns(self.given)
+        return self._bases.get_or(point, lambda: self.root(point).beside(*own, self._left, self._open))
 
-    def columns(self, members: Sequence[Member]) -> tuple[Index, Array]:
+    def columns(self, members: Sequence[Member], terms: Terms | None = None) -> tuple[Index, Array]:
         """Columns (k,) of all members, and the size of each (k,)."""
         if not members:
             return np.zeros(0, dtype=np.intp), np.zeros(0)
-        own = [self.terms.columns[term] for term, _ in members]
+        own = [(terms or self.terms).columns[term] for term, _ in members]
         sizes = [np.full(len(c), self.sizes.values[s]) for c, (_, s) in zip(own, members, strict=True)]
         return np.concatenate(own), np.concatenate(sizes)
 
@@ -193,7 +196,7 @@ class SpikeSlab:
         """With members taken in. ``leaving`` were there a moment ago: as long as each leaves a set in turn, that is cheap."""
         base, others = self.base(point), sorted((*members, *leaving))
         key = (point, tuple(others))
-        whole = self._taken.get_or(key, lambda: base.including(*self.columns(others)))
+        whole = self._taken.get_or(key, lambda: base.including(*self.columns(others, self._open)))
         if not leaving:
             return whole
         widths = [len(self.terms.columns[term]) for term, _ in others]
@@ -232,7 +235,7 @@ class SpikeSlab:
 
     def _log_evidence(self, point: GridPoint, members: Sequence[Member]) -> float:
         base = self.base(point)
-        return base.log_evidence + (base.gain(*self.columns(members)) if members else 0.0)
+        return base.log_evidence + (base.gain(*self.columns(members, self._open)) if members else 0.0)
 
     def log_bounds(self, point: GridPoint, members: Sequence[Member]) -> float:
         """Log factor of the physical signs and bounds of members together, at a point; 0 where none has any."""

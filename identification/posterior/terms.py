@@ -55,8 +55,14 @@ class SameSize:
 class Terms:
     """All terms, as arrays."""
 
-    def __init__(self, terms: Sequence[Term], urn: Urn, groups: Sequence[tuple[int, ...]] = ()) -> None:
-        self.all, self.urn, self.groups = tuple(terms), urn, tuple(groups)
+    def __init__(
+        self,
+        terms: Sequence[Term],
+        urn: Urn,
+        groups: Sequence[tuple[int, ...]] = (),
+        closed: Sequence[int] = (),
+    ) -> None:
+        self.all, self.urn, self.groups, self._closed = tuple(terms), urn, tuple(groups), frozenset(closed)
         self.columns = tuple(np.array(t.columns, dtype=np.intp) for t in terms)
         self.cause = np.array([t.cause for t in terms], dtype=np.intp)
         self.feature = np.array([t.feature for t in terms], dtype=np.intp)
@@ -69,6 +75,19 @@ class Terms:
         moved = [replace(t, columns=tuple(int(place[c]) for c in t.columns)) for t in terms]
         return Terms(moved, self.urn)
 
+    def beside(self, given: Sequence[int]) -> tuple[Terms, Index]:
+        """The same terms beside some that are there for good, and the columns that are left: those of terms that may still
+        join them. Columns of the others are gone, and nobody asks for them."""
+        closed = np.flatnonzero(self.excludes[list(given)].any(axis=0))
+        rest = [k for k in range(len(self)) if k not in set(closed.tolist())]
+        left = np.unique(
+            np.concatenate([*(self.columns[k] for k in rest), np.zeros(0, dtype=np.intp)])
+        ).astype(np.intp)
+        place = np.zeros(1 + max((int(c.max()) for c in self.columns), default=0), dtype=np.intp)
+        place[left] = np.arange(len(left))
+        terms = [replace(t, columns=tuple(int(place[c]) for c in t.columns)) for t in self.all]
+        return Terms(terms, self.urn, self.groups, closed.tolist()), left
+
     def __len__(self) -> int:
         return len(self.all)
 
@@ -77,6 +96,8 @@ class Terms:
         """Terms grouped by their number of columns, filled up to a few widths, and by whether they have bounds."""
         groups: dict[tuple[int, bool], list[int]] = {}
         for k, term in enumerate(self.all):
+            if k in self._closed:
+                continue
             own = len(term.columns)
             width = next((w for w in WIDTHS if own <= w), own)
             bounded = bool(np.any(np.isfinite([term.lower, term.upper])))

@@ -19,9 +19,9 @@ from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
 from truepose.identification.prediction.loops import Loops
 from truepose.identification.prediction.lost import all_lost, lost_of
+from truepose.identification.prediction.port_kinematics import PortKinematics, twist_rows
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined, sights
 from truepose.identification.recording.recording import Recording
-from truepose.models import lie
 from truepose.models.closure import solved
 from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import PlacedEffect
@@ -29,7 +29,6 @@ from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel, Comparison, Rows
 from truepose.models.statics import load_scale
-from truepose.models.view import TOOL_IN_WORLD
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -66,11 +65,15 @@ class Predictor:
         n = self.evaluations
         self._loops = Loops(m, n)
         self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
-        tool, *further = ([world, *twists_by(world, m.x, m.p)] for world in m.worlds.values())
-        outputs = [*tool, ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
-        outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
-        outputs += itertools.chain.from_iterable(further)
-        self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
+        self._by_ports = PortKinematics.of(m, n)
+        if self._by_ports is None:
+            tool, *further = ([world, *twists_by(world, m.x, m.p)] for world in m.worlds.values())
+            outputs = [*tool, ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
+            outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
+            outputs += itertools.chain.from_iterable(further)
+            self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
+        else:
+            self._kinematics = self._by_ports.function
         self._sensors = sights(machine, m.names, n)
 
     def _read(self, recording: Recording) -> None:
@@ -174,7 +177,8 @@ class Predictor:
 
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""
-        return self._sight(slice(0, len(self.q)), p, x).of(TOOL_IN_WORLD)
+        sight = self._sight(slice(0, len(self.q)), p, x)
+        return sight.pose, sight.whole_twist
 
     def states(self, p: Array, x: Array) -> dict[str, Array]:
         """(n,) values of what effects may ask of the present state, by name."""
@@ -207,6 +211,8 @@ class Predictor:
 
     def _sight(self, rows: slice, p: Array, x: Array) -> Sight:
         """What the sensors have before them, with total derivatives by p."""
+        if self._by_ports is not None:
+            return self._by_ports.sight(self.q[rows], self.z[rows], p)
         every = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
         (gx, gp, shift, sx, sp), seen = every[3:8], (*every[:3], *every[8:])
         by_p = solved(gx, gp) if x.shape[1] else None
@@ -237,12 +243,3 @@ def twists_by(world: ca.SX, *variables: ca.SX) -> list[ca.SX]:
     """(6, v) derivatives of a pose (4, 4), as twists, by each vector of variables."""
     flat, turn = ca.vec(world[:3, :]), twist_rows(world)
     return [turn @ ca.jacobian(flat, by) for by in variables]
-
-
-def twist_rows(world: ca.SX) -> ca.SX:
-    """(6, 12) map from the derivative of vec([R|p]) to the twist [dp; vee(dR R')]."""
-    rows = ca.SX.zeros(6, 12)
-    rows[:3, 9:] = ca.SX.eye(3)
-    for k in range(3):
-        rows[3:, 3 * k : 3 * k + 3] = 0.5 * lie.skew(world[:3, k])
-    return rows

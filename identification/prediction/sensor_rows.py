@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
+from truepose.identification.prediction.by_ports import ByPorts, Part
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine import Machine
@@ -20,12 +21,14 @@ from truepose.models.view import TOOL_IN_WORLD, View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
 class Block:
     """Some rows: residuals (n, m) whitened by sigma, and the derivative (n, k, np) of each row's prediction by p.
 
+    ``dense`` (n, k, d): its columns at the places ``at`` (d,), all where that is None; the others follow ``ports``.
     Where a reading compares rows, ``compare`` turns changes (n, k, w) of the rows' predictions into changes
     (n, m, w) of the residuals; elsewhere the two are the same. ``lost`` (n, m): channels that read nothing there, whose
     residuals are zero and stay so.
@@ -33,9 +36,16 @@ class Block:
 
     rows: slice
     residual: Array
-    here: Array
+    dense: Array
     compare: Callable[[Array], Array] | None = None
     lost: Mask | None = None
+    at: Index | None = None
+    ports: ByPorts | None = None
+
+    @cached_property
+    def here(self) -> Array:
+        """(n, k, np) all columns."""
+        return _written_out(self.dense, self.at, self.ports)
 
     @cached_property
     def jacobian(self) -> Array:
@@ -47,25 +57,59 @@ class Block:
         changed = change if self.compare is None else self.compare(change)
         return changed if self.lost is None else np.where(self.lost[..., None], 0.0, changed)
 
+    def columns(self, wanted: Sequence[int]) -> Array:
+        """(n, m, w) some columns of the jacobian, which are not those that follow ports."""
+        if self.at is None:
+            return self.jacobian[:, :, list(wanted)]
+        return self.changes(self.dense[:, :, np.searchsorted(self.at, list(wanted))])
+
+    def part(self, rows: Index, place: Index, scale: Array, weight: Array) -> Part | None:
+        """[J r] of some of its rows, p at the columns ``place`` (np,) (-1: left out) in steps of ``scale`` (np,), r last; rows
+        weighed by ``weight`` (k,). None where nothing follows ports."""
+        if self.ports is None or self.at is None:
+            return None
+        root = weight[:, None, None]
+        kept, by = place[self.at] >= 0, self.ports.of_columns(place[self.ports.column] >= 0)
+        own = self.dense[rows][:, :, kept] * scale[self.at[kept]]
+        dense = np.concatenate([own, self.residual[rows][..., None]], axis=2) * root
+        at = np.append(place[self.at[kept]], int(place.max()) + 1)
+        return Part(dense, at, by.of_rows(rows).scaled(root, scale[by.column], place[by.column]))
+
+
+def _written_out(dense: Array, at: Index | None, ports: ByPorts | None) -> Array:
+    """(n, k, w) all columns side by side."""
+    if ports is None or at is None:
+        return dense
+    out = np.empty((*dense.shape[:2], len(at) + len(ports.column)))
+    out[:, :, at] = dense
+    ports.put_into(out)
+    return out
+
 
 def joined(rows: slice, parts: Sequence[Block]) -> Block:
     """The blocks of several sensors side by side."""
     residual = np.concatenate([part.residual for part in parts], axis=1)
-    here = np.concatenate([part.here for part in parts], axis=1)
+    alike = all(part.compare is None and part.ports is not None for part in parts)
+    dense = np.concatenate([part.dense if alike else part.here for part in parts], axis=1)
     lost = None
     if any(part.lost is not None for part in parts):
         lost = np.hstack(
             [np.zeros(p.residual.shape, dtype=bool) if p.lost is None else p.lost for p in parts]
         )
+    if alike:
+        slopes = np.concatenate([part.ports.slopes for part in parts if part.ports is not None], axis=1)
+        first = parts[0]
+        ports = None if first.ports is None else first.ports.with_slopes(slopes)
+        return Block(rows, residual, dense, lost=lost, at=first.at, ports=ports)
     if all(part.compare is None for part in parts):
-        return Block(rows, residual, here, lost=lost)
+        return Block(rows, residual, dense, lost=lost)
     ends = np.cumsum([part.here.shape[1] for part in parts])[:-1]
 
     def compare(change: Array) -> Array:
         pieces = zip(parts, np.split(change, ends, axis=1), strict=True)
         return np.concatenate([part.changes(piece) for part, piece in pieces], axis=1)
 
-    return Block(rows, residual, here, compare, lost)
+    return Block(rows, residual, dense, compare, lost)
 
 
 @dataclass(frozen=True)
@@ -73,7 +117,9 @@ class Sight:
     """What sensors have before them in some rows, with derivatives by w unknowns.
 
     pose (n, 4, 4) of the tool, twist (n, 6, w) its derivative; shift (n, k) of all sensors' columns by effects,
-    shift_by (n, k, w) its derivative; further: pose and twist of other tips and sensors that ride on the machine.
+    shift_by (n, k, w) its derivative; further: pose and twist of other tips and sensors that ride on the machine. Where
+    coefficients follow ``ports`` (of the tool alone), w are the unknowns ``at`` (w,) of p alone, and the slopes of ports
+    (n, 6 + k, ports) are those of both.
     """
 
     pose: Array
@@ -81,6 +127,8 @@ class Sight:
     shift: Array
     shift_by: Array
     further: Mapping[View, tuple[Array, Array]] = field(default_factory=dict)
+    at: Index | None = None
+    ports: ByPorts | None = None
 
     def of(self, view: View) -> tuple[Array, Array]:
         """Pose (n, 4, 4) of a view's tip in the frame of its readings, and its derivative (n, 6, w)."""
@@ -90,6 +138,12 @@ class Sight:
     def over(cls, poses: Mapping[View, tuple[Array, Array]], shift: Array, shift_by: Array) -> Sight:
         """Of all views, the tool's among them."""
         return cls(*poses[TOOL_IN_WORLD], shift, shift_by, poses)
+
+    @property
+    def whole_twist(self) -> Array:
+        """(n, 6, np) derivative of the pose by all of p."""
+        by = None if self.ports is None else self.ports.with_slopes(self.ports.slopes[:, :6])
+        return _written_out(self.twist, self.at, by)
 
 
 def sights(machine: Machine, names: Sequence[str], rows: int) -> list[SensorFunctions]:
@@ -150,15 +204,17 @@ class SensorFunctions:
         y = self._read(recording, rows)
         if comparison is None:
             self._check_labels(recording)
-            value, jacobian = self._evaluate(self._residual, sight, p, np.nan_to_num(y), -1.0)
-            return _block(rows, value / self._sigma, jacobian / self._sigma[:, None], None, gone)
-        raw, jacobian = self._evaluate(self._predict, sight, p, np.zeros_like(y), 1.0)
+            found = self._evaluate(self._residual, sight, p, np.nan_to_num(y), -1.0)
+            return _block(rows, found.scaled(1.0 / self._sigma), sight.at, gone)
+        raw, jacobian = self._evaluate(self._predict, sight, p, np.zeros_like(y), 1.0).whole(sight.at)
 
         def compare(change: Array) -> Array:
             out: Array = comparison.changes(raw, change) / self._sigma[:, None]
             return out
 
-        return _block(rows, self._compared(comparison, raw, y) / self._sigma, jacobian, compare, gone)
+        compared = self._compared(comparison, raw, y) / self._sigma
+        residual = compared if gone is None else np.where(gone, 0.0, compared)
+        return Block(rows, residual, jacobian, compare, gone if gone is not None and gone.any() else None)
 
     def residual(
         self, pose: Array, p: Array, recording: Recording, comparison: Comparison | None, lost: Mask | None
@@ -190,7 +246,7 @@ class SensorFunctions:
         """(n, k) values of the sensor's columns and their (n, k, np) Jacobian."""
         pose = sight.of(self.sensor.view)[0]
         y = np.zeros((len(pose), len(self.sensor.columns)))
-        value, jacobian = self._evaluate(self._predict, sight, p, y, 1.0)
+        value, jacobian = self._evaluate(self._predict, sight, p, y, 1.0).whole(sight.at)
         if not self.sensor.columns:
             return y, np.zeros((len(pose), 0, len(p)))
         if comparison is not None:
@@ -198,17 +254,39 @@ class SensorFunctions:
         shift = sight.shift[:, self._columns]
         return self.sensor.values(pose, value - shift) + shift, jacobian
 
-    def _evaluate(
-        self, function: BatchFunction, sight: Sight, p: Array, y: Array, sign: float
-    ) -> tuple[Array, Array]:
+    def _evaluate(self, function: BatchFunction, sight: Sight, p: Array, y: Array, sign: float) -> _Seen:
         """Values and derivatives at ``y`` plus ``sign`` times what effects add to the columns."""
         y = y + sign * sight.shift[:, self._columns]
         pose, twist = sight.of(self.sensor.view)
         value, by_twist, by_own, by_y = function(_flat(pose), p[self._own], y)
+        own = self._own if sight.at is None else np.searchsorted(sight.at, self._own)
         jacobian = by_twist @ twist
-        jacobian[:, :, self._own] += by_own
+        jacobian[:, :, own] += by_own
         jacobian += sign * (by_y @ sight.shift_by[:, self._columns])
-        return value[..., 0], jacobian
+        if sight.ports is None:
+            return _Seen(value[..., 0], jacobian, None)
+        by_twists, by_shifts = sight.ports.slopes[:, :6], sight.ports.slopes[:, 6:][:, self._columns]
+        slopes = by_twist @ by_twists + sign * (by_y @ by_shifts)
+        return _Seen(value[..., 0], jacobian, sight.ports.with_slopes(slopes))
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Values (n, m) of a sensor and their derivatives: columns (n, m, w), and those that follow ports."""
+
+    values: Array
+    dense: Array
+    ports: ByPorts | None
+
+    def scaled(self, factor: Array) -> _Seen:
+        """All of it times ``factor`` (m,)."""
+        by = factor[:, None]
+        ports = None if self.ports is None else self.ports.with_slopes(self.ports.slopes * by)
+        return _Seen(self.values * factor, self.dense * by, ports)
+
+    def whole(self, at: Index | None) -> tuple[Array, Array]:
+        """Values and all columns of the derivative."""
+        return self.values, _written_out(self.dense, at, self.ports)
 
 
 def _flat(pose: Array) -> Array:
@@ -216,14 +294,14 @@ def _flat(pose: Array) -> Array:
     return pose.transpose(0, 2, 1).reshape(len(pose), 16)
 
 
-def _block(
-    rows: slice, residual: Array, here: Array, compare: Callable[[Array], Array] | None, lost: Mask | None
-) -> Block:
-    """The block, with nothing where a reading was lost; what a comparison makes of the rows' derivatives is masked there."""
+def _block(rows: slice, seen: _Seen, at: Index | None, lost: Mask | None) -> Block:
+    """The block, with nothing where a reading was lost."""
     if lost is None or not lost.any():
-        return Block(rows, residual, here, compare)
-    here = here if compare is not None else np.where(lost[..., None], 0.0, here)
-    return Block(rows, np.where(lost, 0.0, residual), here, compare, lost)
+        return Block(rows, seen.values, seen.dense, at=at, ports=seen.ports)
+    gone = lost[..., None]
+    ports = seen.ports and seen.ports.with_slopes(np.where(gone, 0.0, seen.ports.slopes))
+    dense, values = np.where(gone, 0.0, seen.dense), np.where(lost, 0.0, seen.values)
+    return Block(rows, values, dense, lost=lost, at=at, ports=ports)
 
 
 def _differentiated(name: str, value: ca.SX, inputs: list[ca.SX], small: ca.SX, rows: int) -> BatchFunction:

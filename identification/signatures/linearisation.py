@@ -23,10 +23,12 @@ from numpy.typing import NDArray
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass, part_classes
+from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.products import Columns
 from truepose.identification.signatures.weighed import blocks_of_every_set
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
@@ -72,6 +74,10 @@ class Forms:
     def width(self) -> int:
         """Number of columns."""
         return len(self.signals) * int(self.modulations.shape[1])
+
+    def of_rows(self, rows: NDArray[np.intp]) -> Array:
+        """(k, u) modulations of some rows."""
+        return self.modulations[rows] if self.signals else np.zeros((len(rows), 0))
 
     def columns(self, signature: Array, rows: NDArray[np.intp]) -> Array:
         """(k, m, width) of rows (k,) with signatures (k, m, w), each N(0, 1)."""
@@ -158,15 +164,14 @@ class Signatures:
         n, forms = len(geometry), Forms.of(self.recording, fit.used, signals)
         kinds = [channel.kind for channel in self._predictor(fit.effects).channels]
         names = list(dict.fromkeys(kinds))
-        which = [np.array([k == name for k in kinds]) for name in names]
+        which = [[k for k, kind in enumerate(kinds) if kind == name] for name in names]
         size = n + self.width + forms.width + 1
         grams = [np.zeros((size, size)) for _ in names]
         counts = [0] * len(names)
-        for block in self._stacked(fit, forms, order):
-            for k, mask in enumerate(which):
-                rows = block[:, mask].reshape(-1, size)
-                grams[k] += rows.T @ rows
-                counts[k] += int(np.sum(np.any(rows != 0.0, axis=1)))
+        for part in self._parts(fit, forms, order):
+            for k, own in enumerate(which):
+                grams[k] += part.gram(size, own)
+                counts[k] += part.readings(own)
         counts[0] -= fit.levels
         departure = np.zeros(size - 1)
         departure[:n] = (fit.p - fit.prior.mean)[geometry] / fit.prior.scale[geometry]
@@ -174,9 +179,23 @@ class Signatures:
             departure[n + at] = amplitudes
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
-            tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n], parts,
+            tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
             self.candidates, tuple(tuple(own) for own in causes), forms.sources,
         )  # fmt: skip
+
+    def scores(self, fit: Estimate, ports: Sequence[str]) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Of each fitted row (k,) and port: J'r and J'J (k, p) of its shift, by the noise that the fit leaves of each kind."""
+        predictor = self._predictor(fit.effects)
+        at = [predictor.model.names.index(name) for name in ports]
+        p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
+        noise = np.sqrt(np.maximum(np.nanmean(fit.residual[fit.used] ** 2, axis=0), 1e-300))
+        score, weight = list[Array](), list[Array]()
+        for block in predictor.blocks(p, fit.x, fit.used * fit.weights):
+            keep = np.flatnonzero(fit.used[block.rows])
+            slopes = block.columns(at)[keep] / noise[:, None]
+            score.append(-np.einsum("nmp,nm->np", slopes, block.residual[keep] / noise))
+            weight.append(np.sum(slopes**2, axis=1))
+        return np.concatenate(score), np.concatenate(weight), np.flatnonzero(fit.used)
 
     def _causes(self, fit: Estimate) -> list[dict[int, Array]]:
         """What the fit's effects blame: of each, its candidates with their coefficients in units of scale."""
@@ -203,6 +222,29 @@ class Signatures:
         for block in self._stacked(fit, Forms.none(), None):
             yield block.reshape(-1, block.shape[2])
 
+    def _parts(self, fit: Estimate, forms: Forms, order: NDArray[np.intp] | None) -> Iterator[Part]:
+        """Columns of the fitted readings, some rows at a time."""
+        if any(sensor.compares for sensor in self.machine.sensors):
+            for rows in self._stacked(fit, forms, order):
+                yield Part(rows, np.arange(rows.shape[2]), None)
+            return
+        free, predictor, shifts = self._geometry(fit), *self._shifted(fit, order)
+        ports = list(dict.fromkeys(n for names, _ in self._shifts.layout for n in names))
+        at = [predictor.model.names.index(name) for name in ports]
+        where = Columns(
+            len(free), self.columns, self._shifts.layout, {name: k for k, name in enumerate(ports)}
+        )
+        p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
+        for block in blocks_of_every_set(predictor, fit, p):
+            keep = np.flatnonzero(fit.used[block.rows])
+            rows = np.arange(len(fit.used))[block.rows][keep]
+            root = np.sqrt(fit.weights[rows])[:, None, None]
+            derivative = block.columns([*free.tolist(), *at])[keep] * root
+            yield where.part(
+                derivative[:, :, : len(free)] * fit.prior.scale[free], derivative[:, :, len(free) :], shifts[rows],
+                forms.signals, forms.of_rows(rows), block.residual[keep] * root[:, :, 0],
+            )  # fmt: skip
+
     def _stacked(self, fit: Estimate, forms: Forms, order: NDArray[np.intp] | None) -> Iterator[Array]:
         """Blocks (rows, channels, free + width + forms + 1) of the fitted readings."""
         free = self._geometry(fit)
@@ -218,14 +260,18 @@ class Signatures:
         self, fit: Estimate, *, order: NDArray[np.intp] | None = None
     ) -> Iterator[tuple[slice, Block, Array]]:
         """Row ranges with their block and signatures (n, m, width)."""
-        predictor, x = self._predictor(fit.effects), fit.x
+        predictor, shifts = self._shifted(fit, order)
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
-        shifts = self._shifts(predictor.model.names, p, predictor.loads(p, x), predictor.states(p, x))
-        if order is not None:
-            shifts = shifts[order]
         place = {name: k for k, name in enumerate(predictor.model.names)}
         for block in blocks_of_every_set(predictor, fit, p):
             yield block.rows, block, block.changes(self._apply(block.here, shifts[block.rows], place))
+
+    def _shifted(self, fit: Estimate, order: NDArray[np.intp] | None) -> tuple[Predictor, Array]:
+        """What predicts at a fit, and the shifts (n, s) of all candidates there."""
+        predictor, x = self._predictor(fit.effects), fit.x
+        p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
+        shifts = self._shifts(predictor.model.names, p, predictor.loads(p, x), predictor.states(p, x))
+        return predictor, shifts if order is None else shifts[order]
 
     def _predictor(self, effects: Sequence[PlacedEffect]) -> Predictor:
         """The machine with these effects and every port; expressions are built once."""

@@ -35,9 +35,10 @@ def blocks_of_every_set(predictor: Predictor, fit: Estimate, p: Array) -> Iterat
     without = np.where(found, 0.0, p)
     pairs = zip(predictor.blocks(p, fit.x, counts), predictor.blocks(without, fit.x, counts), strict=True)
     for block, plain in pairs:
-        here = block.here.copy()
-        here[:, :, at] = plain.here[:, :, at]
-        yield replace(block, here=here)
+        columns = block.dense.copy()
+        own = at if block.at is None else np.searchsorted(block.at, at)  # no mass follows ports
+        columns[:, :, own] = plain.dense[:, :, own]
+        yield replace(block, dense=columns)
 
 
 __all__ = ["blocks_of_every_set"]

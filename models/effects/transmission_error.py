@@ -29,7 +29,11 @@ DECAY = 1.5
 
 @effects.add("transmission-error")
 class TransmissionError(Effect):
-    """a sin(k q) + b cos(k q), k the order: cycles per turn of the joint."""
+    """a sin(k q) + b cos(k q), k the order: cycles per turn of the joint.
+
+    Setting ``orders`` N: a series of all orders up to N, from ``first`` on (1 unless told): what stands above the usual
+    series is a series of its own, with a size of its own.
+    """
 
     slug = "transmission-error"
     driven_by = "position-periodic"
@@ -55,7 +59,8 @@ class TransmissionError(Effect):
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         if "orders" in settings:
-            return series_coefficients("rad", 5e-3, round(settings["orders"]), DECAY, LARGEST)
+            first, last = (round(settings.get(end, 1.0)) for end in ("first", "orders"))
+            return series_coefficients("rad", 5e-3, last, DECAY, LARGEST, first)
         return sine_coefficients("rad", 3e-3)
 
     def shifts(self, site: Site) -> Shifts:

@@ -1,0 +1,99 @@
+"""Derivatives by many coefficients that move few ports: those of the ports, and one number a coefficient and row.
+
+A series of a gear has hundreds of coefficients, all of which turn one joint. What the readings do when coefficient c moves
+port p is (derivative by the port) times (the port's shift by c), a column (m,) times a number. Written out, it takes m times
+the memory and, in a Gram matrix of columns, m times the work:
+
+    sum over rows of J_c' J_d = sum over rows of s_c s_d (J_p' J_q),    c moves p by s_c, d moves q by s_d
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class ByPorts:
+    """``column`` (c,) of the derivative by p is ``slopes`` (n, m, k) of the ``port`` (c,) times ``values`` (n, c)."""
+
+    slopes: Array
+    port: Index
+    column: Index
+    values: Array
+
+    def with_slopes(self, slopes: Array) -> ByPorts:
+        """The same coefficients, for what else follows the ports (n, m, k)."""
+        return replace(self, slopes=slopes)
+
+    def of_rows(self, rows: Index) -> ByPorts:
+        """Of some rows."""
+        return replace(self, slopes=self.slopes[rows], values=self.values[rows])
+
+    def of_columns(self, kept: NDArray[np.bool_]) -> ByPorts:
+        """Some of the coefficients."""
+        return replace(self, port=self.port[kept], column=self.column[kept], values=self.values[:, kept])
+
+    def scaled(self, weight: Array, scale: Array, column: Index) -> ByPorts:
+        """Slopes times ``weight`` (n, 1, 1), coefficients in steps of ``scale`` (c,), at other places."""
+        return ByPorts(self.slopes * weight, self.port, column, self.values * scale)
+
+    def put_into(self, out: Array) -> None:
+        """Write the columns into ``out`` (n, m, w)."""
+        for k in np.unique(self.port):
+            own = self.port == k
+            out[:, :, self.column[own]] = self.slopes[:, :, [k]] * self.values[:, None, own]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Columns of some rows: ``dense`` (n, m, d) at the places ``at`` (d,), and those by ports."""
+
+    dense: Array
+    at: Index
+    ports: ByPorts | None
+
+    def gram(self, width: int, channels: Sequence[int] | None = None) -> Array:
+        """(width, width) sum over rows and channels (all, or some) of the products of columns."""
+        out = np.zeros((width, width))
+        kind = slice(None) if channels is None else list(channels)
+        dense = self.dense[:, kind]
+        flat = dense.reshape(-1, dense.shape[2])
+        out[np.ix_(self.at, self.at)] = flat.T @ flat
+        if self.ports is None:
+            return out
+        slopes = self.ports.slopes[:, kind]
+        for k, column, values in self._by_port():
+            across = np.einsum("nmd,nm->nd", dense, slopes[:, :, k]).T @ values
+            out[np.ix_(self.at, column)] = across
+            out[np.ix_(column, self.at)] = across.T
+            for other, beside, factors in self._by_port():
+                if other >= k:
+                    both = np.einsum("nm,nm->n", slopes[:, :, k], slopes[:, :, other])
+                    product = values.T @ (both[:, None] * factors)
+                    out[np.ix_(column, beside)] = product
+                    out[np.ix_(beside, column)] = product.T
+        return out
+
+    def readings(self, channels: Sequence[int]) -> int:
+        """How many rows have anything in each of some channels: a reading that was lost has nothing."""
+        there = np.any(self.dense[:, list(channels)] != 0.0, axis=2)
+        if self.ports is not None:
+            there |= np.any(self.ports.slopes[:, list(channels)] != 0.0, axis=2)
+        return int(np.sum(there))
+
+    def _by_port(self) -> Iterator[tuple[int, Index, Array]]:
+        """Each port with its columns (c,) and their values (n, c)."""
+        assert self.ports is not None
+        for k in np.unique(self.ports.port):
+            own = self.ports.port == k
+            yield int(k), self.ports.column[own], self.ports.values[:, own]
+
+
+__all__ = ["ByPorts", "Part"]
