@@ -13,6 +13,8 @@ from typing import Final, Literal
 
 SESSION, TIME, TEMPERATURE, VELOCITY, APPROACH = "session", "time", "temperature", "velocity", "approach"
 PAYLOAD = "payload"
+STEP = "step"
+"""A joint's last motion, which no column holds: the order of the rows tells it."""
 AIR = f"{TEMPERATURE}.air"
 DriverKind = Literal[
     "load",
@@ -28,6 +30,8 @@ DriverKind = Literal[
 ]
 """What makes an error vary: the weight carried, the part's own position (periodic or smooth), the side that it arrived from,
 heat, time, the session, another joint, what the sensor reads; ``constant``: nothing."""
+OF_THE_ORDER = (APPROACH, STEP)
+"""Kinds that the order of the rows tells where no column does."""
 OF_THE_WAY = ("stop", "loop")
 """Kinds of what a joint's way leaves behind (``truepose.identification.recording.memory``)."""
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
@@ -44,6 +48,7 @@ _KINDS: Final[Mapping[str, tuple[str, float]]] = {
     PAYLOAD: ("kg", 0.0),
     VELOCITY: ("{reading}/s", 0.0),
     APPROACH: ("1", 0.0),
+    STEP: ("{reading}", 0.0),
     "stop": ("{reading}", 0.0),
     "loop": ("{reading}", 0.0),
     "creep": ("{reading}", 0.0),
@@ -58,6 +63,7 @@ _DRIVES: Final[Mapping[str, DriverKind]] = {
     "torque": "load",
     VELOCITY: "arrival",
     APPROACH: "arrival",
+    STEP: "arrival",
     "stop": "arrival",
     "loop": "arrival",
 }
@@ -94,6 +100,8 @@ class Driver:
     @property
     def column(self) -> str:
         """The column to record for it: ``time`` for creep, the joint for what its way tells, else its own name."""
+        if self.kind == STEP:
+            return self.place
         if self.numbers and self.kind in (*OF_THE_WAY, "creep"):
             return TIME if self.kind == "creep" else self.place
         return self.now.name
@@ -142,9 +150,11 @@ class Driver:
 __all__ = [
     "AIR",
     "APPROACH",
+    "OF_THE_ORDER",
     "OF_THE_WAY",
     "PAYLOAD",
     "SESSION",
+    "STEP",
     "TEMPERATURE",
     "TIME",
     "VELOCITY",

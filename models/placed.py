@@ -45,6 +45,9 @@ class Observed(Protocol):
     @property
     def n_sessions(self) -> int: ...
 
+    @property
+    def logged(self) -> tuple[str, ...]: ...
+
     def driver(self, name: str) -> object | None: ...
 
 

@@ -27,7 +27,7 @@ _ORDER = {"wrong": 0, "suspect": 1, "ok": 2}
 
 
 def check_files(
-    machine: Path, recordings: Sequence[Path], *, irradiance: Sequence[Path] = ()
+    machine: Path, recordings: Sequence[Path], *, irradiance: Sequence[Path] = (), shuffled: bool = False
 ) -> tuple[Check, Machine | None, Recording | None]:
     """What may be wrong between a machine file and its recordings; the machine and the rows as they were loaded.
 
@@ -43,7 +43,7 @@ def check_files(
         return table, None, None
     if not loaded.sensors:
         return without_sensor(Pair.read(machine, recordings)), loaded, None
-    rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance)
+    rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance, shuffled=shuffled)
     return check(loaded, rows), loaded, rows
 
 

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truepose.identification.recording.history import order_in_time
-from truepose.identification.recording.memory import remembered
-from truepose.models.driver import TIME, Driver
+from truepose.identification.recording.memory import from_order, remembered
+from truepose.models.driver import OF_THE_ORDER, TIME, Driver
 from truepose.models.units import FloatArray
 from truepose.shown.result import Shown, frame_of
 
@@ -39,7 +39,8 @@ class Recording(Shown):
     None, or absent from their mapping, unless every file has them. written: of columns with a unit, the internal one
     and the machine file's, which ``to_frame`` gives; columns that it lacks stay in internal units. said: the unit that a
     joint's column or a reading's is said to be in, by its header or by the machine file, where all files agree. digests, dates:
-    SHA-256 of each file and the day that its comments name, empty where there is none.
+    SHA-256 of each file and the day that its comments name, empty where there is none. shuffled: that rows next to each other
+    are declared to be no visits one after the other, so that their order tells nothing of how a joint came.
     """
 
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
@@ -63,6 +64,7 @@ class Recording(Shown):
     said: Mapping[str, str] = field(default_factory=dict)
     digests: tuple[str, ...] = ()
     dates: tuple[str, ...] = ()
+    shuffled: bool = False
     _whole: Recording | None = None
     _rows: IntArray | None = None
 
@@ -120,6 +122,15 @@ class Recording(Shown):
         """(n,) indices that put these rows in order of acquisition: by time where it is recorded, by file and row."""
         return frozen(order_in_time(self.time, self.source_file, self.source_row))
 
+    @property
+    def ordered(self) -> bool:
+        """Whether rows next to each other in ``order`` were measured one after the other, as far as anybody says."""
+        return self.time is not None or not self.shuffled
+
+    def inferred(self, name: str) -> bool:
+        """Whether no column holds this driver, and the order of the rows tells it."""
+        return Driver.of(name).kind in OF_THE_ORDER and name not in self.drivers and not self.whole.shuffled
+
     def in_time(self, rows: BoolArray) -> IntArray:
         """Indices of the ``rows`` (n,), in order of acquisition."""
         order = self.order
@@ -141,7 +152,8 @@ class Recording(Shown):
 
         Units are in `truepose.models.driver`. `temperature.air` stands in for places without a column; names with
         numbers are of drivers that remember (`truepose.identification.recording.memory`); `session.after.K` is 1
-        from the K-th session change on, 0 before, sessions ranked among `sessions` (see `session_rank`).
+        from the K-th session change on, 0 before, sessions ranked among `sessions` (see `session_rank`). Where no
+        column tells the side that a joint arrived from, the order of the rows does, unless they are `shuffled`.
         """
         driver = Driver.of(name)
         if driver.after is not None:
@@ -149,7 +161,11 @@ class Recording(Shown):
         if driver.numbers:
             values = remembered(self.whole, driver)
             return None if values is None else frozen(values[self.rows])
-        return self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
+        recorded = self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
+        if recorded is None and driver.kind in OF_THE_ORDER:
+            told = from_order(self.whole, driver)
+            return None if told is None else frozen(told[self.rows])
+        return recorded
 
     def replicates(self) -> IntArray:
         """Label per row (n,): rows of one file, session and `pose` at the same readings share it."""

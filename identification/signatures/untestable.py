@@ -12,7 +12,15 @@ import numpy as np
 from scipy.constants import g
 
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import APPROACH, PAYLOAD, TEMPERATURE, TIME, Driver
+from truepose.models.driver import (
+    APPROACH,
+    OF_THE_ORDER,
+    OF_THE_WAY,
+    PAYLOAD,
+    TEMPERATURE,
+    TIME,
+    Driver,
+)
 from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.machine import Machine
 
@@ -84,7 +92,7 @@ def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
         out.append(Missing((HEAT,), "no temperature column", add))
     if joints and all(recording.driver(f"{APPROACH}.{joint}") is None for joint in joints):
         add = f"log `{APPROACH}.{joints[0]}`, ... (+1 or -1: the direction of the joint's last motion)"
-        out.append(Missing((PLAY,), f"no {APPROACH} column", add))
+        out.append(Missing((PLAY,), f"no {APPROACH} column, and the rows are declared shuffled", add))
     if mounts and recording.driver(TIME) is None:
         out.append(Missing((DRIFT,), f"no {TIME} column", f"log `{TIME}` (s)"))
     return out
@@ -95,10 +103,21 @@ def why_untestable(placed: PlacedEffect, recording: Recording) -> str | None:
     for name in placed.drivers:
         values = recording.driver(name)
         if values is None:
-            return f"no {Driver.of(name).column} column"
+            return _unknown(Driver.of(name), recording)
         if name != PAYLOAD and not np.any(values[~recording.validation]):
             return f"{name} never differs from zero"
     return None
+
+
+def _unknown(driver: Driver, recording: Recording) -> str:
+    """Why a recording has no values of a driver."""
+    if driver.place not in recording.joints or driver.kind not in (*OF_THE_ORDER, *OF_THE_WAY, "creep"):
+        return f"no {driver.column} column"
+    if driver.kind == APPROACH:
+        return f"no {driver.column} column, and the rows are declared shuffled"
+    if driver.kind == "creep" and recording.time is None:
+        return f"no {driver.column} column"
+    return "the rows are declared shuffled"
 
 
 def unloaded(machine: Machine) -> str:

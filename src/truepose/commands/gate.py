@@ -24,16 +24,21 @@ GateOption = Annotated[
 
 
 def gated(
-    machine: Path, recordings: Sequence[Path], *, irradiance: Sequence[Path] = (), anyway: bool = False
+    machine: Path,
+    recordings: Sequence[Path],
+    *,
+    irradiance: Sequence[Path] = (),
+    anyway: bool = False,
+    shuffled: bool = False,
 ) -> tuple[Machine, Recording, Check]:
     """The machine and its rows, checked. Raises InputError where the check is certain that something is wrong.
 
-    With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
+    ``shuffled`` rows are no visits one after the other. With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
     """
     from truepose.identification.check.run import check_files
     from truepose.identification.report.check_words import refusal
 
-    check, loaded, rows = check_files(machine, recordings, irradiance=irradiance)
+    check, loaded, rows = check_files(machine, recordings, irradiance=irradiance, shuffled=shuffled)
     if loaded is None or rows is None or (check.verdict == "wrong" and not anyway):
         raise InputError(f"{machine}: {refusal(check)}")
     return loaded, rows, check

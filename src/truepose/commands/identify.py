@@ -13,6 +13,7 @@ from truepose.commands.common import (
     MachineArg,
     PluginOption,
     RecordingsArg,
+    ShuffledOption,
     finish,
     progress,
     reported,
@@ -71,6 +72,7 @@ def calibrate(
     estimator: EstimatorOption = "map",
     solver: SolverOption = "gn",
     irradiance: IrradianceOption = None,
+    shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -91,7 +93,9 @@ def calibrate(
         check_directory(output, FIT)
         with progress("calibrating", FITTING) as say:
             say("checking")
-            loaded, rows, check = gated(machine, recordings, irradiance=irradiance or (), anyway=anyway)
+            loaded, rows, check = gated(
+                machine, recordings, irradiance=irradiance or (), anyway=anyway, shuffled=shuffled
+            )
             check_machine(output, FIT, loaded.name)
             result = run(loaded, rows, estimator=estimator, solver=solver, progress=say)
             say("looking for rows that do not fit")
@@ -125,6 +129,7 @@ def diagnose(
     recordings: RecordingsArg,
     output: DirectoryOption,
     irradiance: IrradianceOption = None,
+    shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -147,7 +152,9 @@ def diagnose(
         check_directory(output, DIAGNOSIS)
         with progress("diagnosing", DIAGNOSING) as say:
             say("checking")
-            loaded, rows, check = gated(machine, recordings, irradiance=irradiance or (), anyway=anyway)
+            loaded, rows, check = gated(
+                machine, recordings, irradiance=irradiance or (), anyway=anyway, shuffled=shuffled
+            )
             check_machine(output, DIAGNOSIS, loaded.name)
             result = run(loaded, rows, progress=say)
             say("writing the report")
