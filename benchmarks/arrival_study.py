@@ -32,7 +32,9 @@ GRAVITY, KG, COM = 9.81, (12.0, 8.0, 3.0), (1, 2, 5)
 """N / kg, masses and the bodies (0-based) that carry them, at their frames' origins 150 mm along x."""
 LEVER = np.array([150.0, 0.0, 0.0])
 KINDS = ("play", "early", "neither")
-FASTEST, BRAKES = np.radians([120, 120, 150, 220, 220, 300]), np.radians([400, 350, 500, 900, 900, 1200])
+FASTEST = np.radians([120, 120, 150, 220, 220, 300])
+BRAKES = {"elbow": np.radians([400, 350, 500, 900, 900, 1200]), "cobot": np.full(6, np.radians(500))}
+"""rad/s, rad/s^2. A cobot's joints brake alike; a wrist that brakes harder makes the longest way another than the slowest."""
 SMALL_STEPS = 400
 
 
@@ -112,10 +114,11 @@ def drawn(kind: str, seed: int) -> tuple[Arm, int, str]:
     return arm, int(rng.integers(120, 201)), str(rng.choice(["pose", "position"]))
 
 
-def motion(start: Array, end: Array) -> tuple[Callable[[Array], Array], float]:
+def motion(arm: Arm, start: Array, end: Array) -> tuple[Callable[[Array], Array], float]:
     """Share of a synchronised trapezoid that is done at times (t,), and how long it lasts: the slowest joint sets the pace."""
     way = np.abs(end - start)
-    speed, brake = float(np.min(FASTEST / np.maximum(way, 1e-9))), float(np.min(BRAKES / np.maximum(way, 1e-9)))
+    speed = float(np.min(FASTEST / np.maximum(way, 1e-9)))
+    brake = float(np.min(BRAKES[arm.name] / np.maximum(way, 1e-9)))
     speed = min(speed, np.sqrt(brake))  # short ways never reach full speed
     ramp = speed / brake
     total = 1.0 / speed + ramp
@@ -140,7 +143,7 @@ def read_at(arm: Arm, visits: Array) -> Array:
     """(n, 6) where joints were, before gears and gravity, when each visit was read."""
     out, link = visits.copy(), visits[0].copy()
     for k in range(1, len(visits)):
-        share, total = motion(visits[k - 1], visits[k])
+        share, total = motion(arm, visits[k - 1], visits[k])
         done = share(np.linspace(0, total, SMALL_STEPS))
         step = visits[k] - visits[k - 1]
         if arm.joint is not None:
@@ -148,10 +151,9 @@ def read_at(arm: Arm, visits: Array) -> Array:
             link[j] = pushed(link[j], visits[k - 1, j] + done * step[j], arm.size)
             out[k, j] = link[j]
         elif arm.tail == "brakes":
-            # e of the longest way is what braking leaves in the last moment, as long for every motion
-            brake = float(np.min(BRAKES / np.maximum(np.abs(step), 1e-9))) * np.abs(step).max()
-            moment = np.sqrt(2 * arm.size / np.median(BRAKES))
-            out[k] = visits[k] - step * min(brake * moment**2 / 2 / np.abs(step).max(), 1.0)
+            # read as long before the end of every motion, a moment in which the middle joint comes the last of its way
+            moment = np.sqrt(2 * arm.size / np.median(BRAKES[arm.name]))
+            out[k] = visits[k - 1] + step * share(np.array([max(total - moment, 0.0)]))
         elif arm.tail:
             wait = -np.log(arm.size / 2)  # so many time constants after the reference stood
             swing = np.cos(2.2 * wait) if arm.tail == "swings" else 1.0

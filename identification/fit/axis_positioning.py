@@ -36,7 +36,7 @@ class AxisTest:
 
 
 def axis_tests(fit: Estimate, recording: Recording) -> list[AxisTest]:
-    """Of every slide that moves alone; none where there are too few targets or runs, or no side of arrival was logged."""
+    """Of every slide that moves alone; none where there are too few targets or runs, or the side of arrival is not known."""
     out = []
     for k, actuator in enumerate(fit.machine.mechanism.actuators):
         side = recording.driver(f"{APPROACH}.{actuator.reading}")

@@ -105,8 +105,7 @@ def _longest(site: Site, steps: Mapping[str, ca.SX]) -> ca.SX:
     """The longest way of any joint in the unit of e; where nothing moved all steps are 0, and this is not."""
     longest = ca.SX(NOTHING)
     for actuator in site.machine.mechanism.actuators:
-        gain = site.values[actuator.gain] if actuator.gain else 1
-        half = nominal_gain(site.machine, actuator) * centre_and_half(actuator)[1]
-        compared = 1.0 if _unit(site.machine) != "1" else abs(half)
-        longest = ca.fmax(longest, ca.fabs(gain * steps[actuator.reading]) / compared)
+        gain = abs(nominal_gain(site.machine, actuator))
+        compared = gain * centre_and_half(actuator)[1] if _unit(site.machine) == "1" else 1.0
+        longest = ca.fmax(longest, gain / compared * ca.fabs(steps[actuator.reading]))
     return longest
