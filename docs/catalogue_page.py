@@ -69,7 +69,6 @@ class _EverythingLogged:
     """A recording that has every column, for effects that choose their settings by what was logged."""
 
     n_sessions = 2
-    logged = ("approach",)
 
     def driver(self, name: str) -> Array:
         if name.startswith(VELOCITY):  # read at rest
@@ -79,6 +78,9 @@ class _EverythingLogged:
             if name.startswith("approach")
             else np.array([0.0, 1e3, 4e3, 2e4])
         )
+
+    def inferred(self, name: str) -> bool:
+        return False
 
 
 @cache

@@ -216,8 +216,9 @@ def approaches(machine: Machine, place: Place, recording: Observed) -> Sequence[
 
     Only where the sides are recorded do joints approach from other than their last pose.
     """
-    logged = f"approach.{actuator_at(machine, place[0]).reading}" in recording.logged
-    return [{}, *({"overshoot": part} for part in APPROACHES)] if logged else [{}]
+    side = f"approach.{actuator_at(machine, place[0]).reading}"
+    recorded = recording.driver(side) is not None and not recording.inferred(side)
+    return [{}, *({"overshoot": part} for part in APPROACHES)] if recorded else [{}]
 
 
 def overshoot_of(actuator: Actuator, settings: Settings) -> str:

@@ -20,6 +20,9 @@ from truepose.models.machine import Machine
 LARGEST = {"mm": 0.3, "rad": 3e-3, "1": 3e-3}
 """Of the joint with the longest way, and of the whole step: 25 ms before the end of a stop from 10 rad/s^2, or from 1 m/s^2."""
 WHOLE: Settings = {"whole": 1.0}
+WRIST, MAIN = 2.0, 3
+"""How much harder the light axes of industrial arms brake than their main axes (a round number of data sheets' accelerations,
+recalled), and how many main axes an arm has."""
 NOTHING = 1e-12
 
 
@@ -29,7 +32,8 @@ class EarlyReading(Effect):
 
     All stop at one time, so that what is left of the way is one share of every joint's step. Where the machine brakes
     evenly, what is left to the joint with the longest way (e) is the same whatever the motion; setting ``whole`` 1: it is
-    a share (f) of the whole step, as where a controller settles exponentially. e, f > 0: the sensor read, or averaged,
+    a share (f) of the whole step, as where a controller settles exponentially. Setting ``wrist``: from the fourth joint on
+    ways count so many times less, as where a wrist brakes harder and the longest way is not the slowest. e, f > 0: the sensor read, or averaged,
     before the machine stood, and it is short of its reading. e, f < 0: the joints were logged on the way, and the sensor
     read later. Where several joints are the place one factor serves all; ways of slides and of turning joints are
     compared by half ranges (e is such a part, then).
@@ -72,9 +76,12 @@ class EarlyReading(Effect):
         return self._steps(machine)
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        """Both laws; none where joints moved while they were read."""
-        moving = any(moves_while_read(recording, joint) for joint in machine.mechanism.readings)
-        return () if moving else ({}, WHOLE)
+        """All laws; none where joints moved while they were read."""
+        joints = machine.mechanism.readings
+        if any(moves_while_read(recording, joint) for joint in joints):
+            return ()
+        arm = _unit(machine) == "rad" and len(joints) > MAIN
+        return ({}, WHOLE, {"wrist": WRIST}) if arm else ({}, WHOLE)
 
     def explain(self, machine: Machine, place: Place) -> str:
         who = "The machine" if len(place) > 1 else f"Joint {place[0]}"
@@ -104,8 +111,9 @@ def _unit(machine: Machine) -> str:
 def _longest(site: Site, steps: Mapping[str, ca.SX]) -> ca.SX:
     """The longest way of any joint in the unit of e; where nothing moved all steps are 0, and this is not."""
     longest = ca.SX(NOTHING)
-    for actuator in site.machine.mechanism.actuators:
+    for k, actuator in enumerate(site.machine.mechanism.actuators):
         gain = abs(nominal_gain(site.machine, actuator))
         compared = gain * centre_and_half(actuator)[1] if _unit(site.machine) == "1" else 1.0
+        compared *= site.settings.get("wrist", 1.0) if k >= MAIN else 1.0
         longest = ca.fmax(longest, gain / compared * ca.fabs(steps[actuator.reading]))
     return longest

@@ -111,10 +111,12 @@ class _Logged:
     """A recording in which everything was logged, over three sessions."""
 
     n_sessions = 3
-    logged: tuple[str, ...] = ()
 
     def driver(self, name: str) -> Array:
         return np.linspace(0.0, 1000.0, 5)
+
+    def inferred(self, name: str) -> bool:
+        return False
 
 
 def _somewhere(machines: Mapping[str, Machine], slug: str) -> list[tuple[str, PlacedEffect]]:

@@ -27,14 +27,13 @@ class Campaign:
     columns: tuple[str, ...] = ("time", "temperature", "approach", "session", "velocity", "pressure")
     n_sessions: int = 3
 
-    @property
-    def logged(self) -> tuple[str, ...]:
-        return self.columns
-
     def driver(self, name: str) -> object | None:
         if name.split(".", maxsplit=1)[0] not in self.columns and name not in self.columns:
             return None
         return np.linspace(100.0, 7300.0, 5) if name == "time" else np.full(5, 21.0)
+
+    def inferred(self, name: str) -> bool:
+        return False
 
 
 AT_REST = Campaign(tuple(name for name in Campaign.columns if name != "velocity"))

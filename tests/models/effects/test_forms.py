@@ -131,10 +131,12 @@ class _Recorded:
     """A recording with every column."""
 
     n_sessions = 1
-    logged = ("approach.s1", "approach.s2")
 
     def driver(self, name: str) -> Array:
         return np.linspace(-1e-9, 1e-9, 5)
+
+    def inferred(self, name: str) -> bool:
+        return False
 
 
 # -- axis-wobble, link-bending ---------------------------------------------------------------------------------
