@@ -69,9 +69,7 @@ class Arm:
     def height(self, q: Array) -> float:
         """Potential energy, N mm."""
         bodies = self.bodies(q)
-        return sum(
-            GRAVITY * kg * float((bodies[k] @ [*LEVER, 1])[2]) for kg, k in zip(KG, COM, strict=True)
-        )
+        return sum(GRAVITY * kg * float((bodies[k] @ [*LEVER, 1])[2]) for kg, k in zip(KG, COM, strict=True))
 
     def stands(self, q: Array) -> Array:
         """(6,) where joints are that should be at q: gears wave, and gravity pulls."""
@@ -184,8 +182,7 @@ def machine_file(arm: Arm, sensor: str) -> str:
         for k, (a, d, r) in enumerate(ARMS[arm.name])
     )
     masses = "\n".join(
-        f"  m{k}: {{kg: {kg}, com: {LEVER.tolist()}, in: link{k + 1}}}"
-        for kg, k in zip(KG, COM, strict=True)
+        f"  m{k}: {{kg: {kg}, com: {LEVER.tolist()}, in: link{k + 1}}}" for kg, k in zip(KG, COM, strict=True)
     )
     sigma = f"xyz: {XYZ}" + (f", rot: {np.degrees(TURN):.4f}" if sensor == "pose" else "")
     tool = ", ".join(f"{v}" for v in arm.tool)

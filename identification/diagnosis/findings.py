@@ -93,9 +93,7 @@ def _alternative(cat: Catalogue, member: Rival) -> Alternative:
     return Alternative(slug, place, probability, gain, experiment, member.tested, kind)
 
 
-def _explanation(
-    machine: Machine, cat: Catalogue, after: Estimate, recording: Recording, one: Named
-) -> str:
+def _explanation(machine: Machine, cat: Catalogue, after: Estimate, recording: Recording, one: Named) -> str:
     """What the effect is, what its fitted coefficients say, and what it takes from the order of the rows.
 
     Nothing where what leads could not be tested.
@@ -106,8 +104,12 @@ def _explanation(
     for placed in (cat.candidates[i] for i in one.candidates):
         fitted = _fitted(after, placed)
         said.append(placed.effect.found(*({n: q[k] for n, q in fitted.items()} for k in (0, 1))))
-    kinds = {Driver.of(n).kind for i in one.candidates for n in cat.candidates[i].drivers if recording.inferred(n)}
-    return " ".join(text for text in (*said, *(_FROM_ORDER[kind] for kind in OF_THE_ORDER if kind in kinds)) if text)
+    kinds = {
+        Driver.of(n).kind for i in one.candidates for n in cat.candidates[i].drivers if recording.inferred(n)
+    }
+    return " ".join(
+        text for text in (*said, *(_FROM_ORDER[kind] for kind in OF_THE_ORDER if kind in kinds)) if text
+    )
 
 
 def _fitted(after: Estimate, placed: PlacedEffect) -> dict[str, tuple[float, float]]:

@@ -56,7 +56,12 @@ def _table(source: Any, number: str) -> Table:
 
 
 def load_recording(
-    machine: Machine, source: Sources, *, need_observations: bool = True, without: str = "", shuffled: bool = False
+    machine: Machine,
+    source: Sources,
+    *,
+    need_observations: bool = True,
+    without: str = "",
+    shuffled: bool = False,
 ) -> Recording:
     """One or several recordings as one. Raises InputError naming file, row and column.
 

@@ -44,7 +44,9 @@ class EarlyReading(Effect):
     formula = "dq = -e step / (longest step of all joints), or dq = -f step, step the joint's last motion"
     size = "tens of microradians to a few milliradians: a / 2 t^2 at t before the end of a stop"
     look_alikes = ("backlash", "friction-hysteresis", "latency", "joint-compliance")
-    experiment = "read the same visits again after a longer wait; reach the same poses by short and by long motions"
+    experiment = (
+        "read the same visits again after a longer wait; reach the same poses by short and by long motions"
+    )
     source = (
         "synchronised point-to-point motion, as in textbooks of robot control: all axes end at one time; found on a UR10 "
         "before a laser tracker"
@@ -85,13 +87,15 @@ class EarlyReading(Effect):
 
     def explain(self, machine: Machine, place: Place) -> str:
         who = "The machine" if len(place) > 1 else f"Joint {place[0]}"
-        return f"{who} was read before it stood: it is off its readings along the last motion."
+        return f"{who} did not stand yet when it was read: it is off its readings along the last motion."
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         (value,) = values.values()
         if value >= 0:
-            return "The sensor read too early: wait longer before a reading."
-        return "The joints were logged too early, before the sensor read: log them when it does."
+            return (
+                "It was seen short of them, so that the sensor read too early: wait longer before a reading."
+            )
+        return "It was seen beyond them, so that the joints were logged too early: log them when the sensor reads."
 
     @staticmethod
     def _steps(machine: Machine) -> tuple[str, ...]:

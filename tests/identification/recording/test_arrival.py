@@ -29,7 +29,9 @@ JOINTS = (JointColumn("s", "mm", (-50.0, 50.0)), JointColumn("r", "rad", (-3.0, 
 def rows(tmp_path: Path, text: str, head: str = "", *, shuffled: bool = False) -> Recording:
     path = tmp_path / "rows.csv"
     path.write_text(head + text)
-    return read_recording([path], JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False, shuffled=shuffled)
+    return read_recording(
+        [path], JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False, shuffled=shuffled
+    )
 
 
 def of(way: Array, band: float = 0.5) -> Array:

@@ -92,7 +92,9 @@ def candidates(machine: Machine, slug: str) -> list[PlacedEffect]:
     """The effect at every place with every setting (of long lists, the first and the last two)."""
     effect, out = effects.get(slug, "test")(), []
     for place in effect.places(machine):
-        settings = list(effect.settings(machine, place, Campaign()) or effect.settings(machine, place, AT_REST))
+        settings = list(
+            effect.settings(machine, place, Campaign()) or effect.settings(machine, place, AT_REST)
+        )
         chosen = settings if len(settings) <= 5 else [settings[0], *settings[-2:]]
         out += [PlacedEffect.at(effect, machine, place, s) for s in chosen]
     return out
