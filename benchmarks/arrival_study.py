@@ -8,6 +8,8 @@ or swings. Beside it some arms have gear waves and joints that yield. ``python b
 from __future__ import annotations
 
 import argparse
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import truepose
+from truepose.identification.diagnosis.result import Diagnosis
 
 Array = NDArray[np.float64]
 ARMS = {
@@ -31,6 +34,8 @@ LENGTH, ANGLE, XYZ, TURN = 0.2, np.radians(0.05), 0.02, np.radians(0.003)
 GRAVITY, KG, COM = 9.81, (12.0, 8.0, 3.0), (1, 2, 5)
 """N / kg, masses and the bodies (0-based) that carry them, at their frames' origins 150 mm along x."""
 LEVER = np.array([150.0, 0.0, 0.0])
+NOT_FIRST = np.array([0.0, 1, 1, 1, 1, 1])
+"""The first joint's constants are the base's, which stands anywhere."""
 KINDS = ("play", "early", "neither")
 FASTEST = np.radians([120, 120, 150, 220, 220, 300])
 BRAKES = {"elbow": np.radians([400, 350, 500, 900, 900, 1200]), "cobot": np.full(6, np.radians(500))}
@@ -98,10 +103,10 @@ def drawn(kind: str, seed: int) -> tuple[Arm, int, str]:
     small = rng.uniform(2e-4, 1e-3) if kind == "play" else 10 ** rng.uniform(-4, -3.2)
     arm = Arm(
         name,
-        np.radians(alpha) + ANGLE * rng.standard_normal(6) * ([0] + 5 * [1]),
-        d + LENGTH * rng.standard_normal(6) * ([0] + 5 * [1]),
-        ANGLE * rng.standard_normal(6) * ([0] + 5 * [1]),
-        r + LENGTH * rng.standard_normal(6) * ([0] + 5 * [1]),
+        np.radians(alpha) + ANGLE * rng.standard_normal(6) * NOT_FIRST,
+        d + LENGTH * rng.standard_normal(6) * NOT_FIRST,
+        ANGLE * rng.standard_normal(6) * NOT_FIRST,
+        r + LENGTH * rng.standard_normal(6) * NOT_FIRST,
         np.array([30.0, 0.0, 120.0]),
         waves,
         yields,
@@ -203,7 +208,7 @@ masses:
 """
 
 
-def judged(kind: str, arm: Arm, found: truepose.Diagnosis) -> dict[str, bool]:
+def judged(kind: str, arm: Arm, found: Diagnosis) -> dict[str, bool]:
     """Place and driver, and law, of what is there; any arrival that is not."""
     arrivals = [f for f in found.findings if f.levels.kind == "arrival" and f.levels.driver >= 0.5]
     name = {"play": "backlash", "early": "early-reading"}.get(kind, "")
@@ -216,37 +221,41 @@ def judged(kind: str, arm: Arm, found: truepose.Diagnosis) -> dict[str, bool]:
     }
 
 
+def tried(kind: str, seed: int, folder: Path) -> dict[str, bool]:
+    """One arm: made, diagnosed, told and judged. Its files stay in the folder."""
+    arm, n, sensor = drawn(kind, seed)
+    table = recorded(arm, n, sensor, np.random.default_rng([7, KINDS.index(kind), seed]))
+    file = folder / f"{kind}{seed}.yaml"
+    file.write_text(machine_file(arm, sensor))
+    table.to_csv(file.with_suffix(".csv"), index=False)
+    began = time.process_time()
+    found = truepose.diagnose(truepose.load_machine(file), table)
+    right = judged(kind, arm, found)
+    said = "; ".join(f"{f.effect}@{'+'.join(f.place)} {f.probability:.3f}" for f in found.findings)
+    where = f"q{arm.joint + 1}" if arm.joint is not None else arm.tail
+    sys.stdout.write(
+        f"{kind} {seed} {arm.name} {sensor} {n} rows {where} {arm.size:.2e}: {found.verdict}: {said} "
+        f"[{', '.join(key for key, value in right.items() if value)}] {time.process_time() - began:.0f} s\n"
+    )
+    sys.stdout.flush()
+    return right
+
+
 def main() -> None:
     """Every kind, so many arms of it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--arms", type=int, default=12)
     parser.add_argument("--kind", choices=KINDS, nargs="*", default=KINDS)
-    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--first", type=int, default=20, help="seed of the first arm")
     parser.add_argument("--keep", type=Path, help="directory for the machines and recordings")
     asked = parser.parse_args()
-    for kind in asked.kind:
-        told = []
-        for seed in range(asked.first, asked.first + asked.arms):
-            arm, n, sensor = drawn(kind, seed)
-            table = recorded(arm, n, sensor, np.random.default_rng([7, KINDS.index(kind), seed]))
-            folder = asked.keep or Path("arrival_study")
-            folder.mkdir(exist_ok=True)
-            (folder / f"{kind}{seed}.yaml").write_text(machine_file(arm, sensor))
-            table.to_csv(folder / f"{kind}{seed}.csv", index=False)
-            machine = truepose.load_machine(folder / f"{kind}{seed}.yaml")
-            began = time.process_time()
-            found = truepose.diagnose(machine, table)
-            told.append(judged(kind, arm, found))
-            said = "; ".join(f"{f.effect}@{'+'.join(f.place)} {f.probability:.3f}" for f in found.findings)
-            where = f"q{arm.joint + 1}" if arm.joint is not None else arm.tail
-            right = " ".join(key for key, value in told[-1].items() if value)
-            print(
-                f"{kind} {seed} {arm.name} {sensor} {n} rows {where} {arm.size:.2e}: {found.verdict}: {said} "
-                f"[{right}] {time.process_time() - began:.0f} s",
-                flush=True,
-            )
-        total = {key: sum(one[key] for one in told) for key in told[0]}
-        print(f"{kind}: {total} of {len(told)}", flush=True)
+    with tempfile.TemporaryDirectory() as gone:
+        folder = asked.keep or Path(gone)
+        folder.mkdir(exist_ok=True)
+        for kind in asked.kind:
+            told = [tried(kind, seed, folder) for seed in range(asked.first, asked.first + asked.arms)]
+            total = ", ".join(f"{key} {sum(one[key] for one in told)}" for key in told[0])
+            sys.stdout.write(f"{kind}: {total} of {len(told)}\n")
 
 
 if __name__ == "__main__":

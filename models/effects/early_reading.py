@@ -33,10 +33,11 @@ class EarlyReading(Effect):
     All stop at one time, so that what is left of the way is one share of every joint's step. Where the machine brakes
     evenly, what is left to the joint with the longest way (e) is the same whatever the motion; setting ``whole`` 1: it is
     a share (f) of the whole step, as where a controller settles exponentially. Setting ``wrist``: from the fourth joint on
-    ways count so many times less, as where a wrist brakes harder and the longest way is not the slowest. e, f > 0: the sensor read, or averaged,
-    before the machine stood, and it is short of its reading. e, f < 0: the joints were logged on the way, and the sensor
-    read later. Where several joints are the place one factor serves all; ways of slides and of turning joints are
-    compared by half ranges (e is such a part, then).
+    ways count so many times less, as where a wrist brakes harder and the longest way is not the slowest.
+
+    e, f > 0: the sensor read, or averaged, before the machine stood, which is short of its readings. e, f < 0: the joints
+    were logged on the way, and the sensor read later. Where several joints are the place one factor serves all; ways of
+    slides and of turning joints are compared by half ranges (e is such a part, then).
     """
 
     slug = "early-reading"

@@ -135,8 +135,8 @@ def unplanned(parts: Iterable[PlacedEffect]) -> list[Note]:
     short = [slug for slug, read in kinds.items() if read & set(OF_THE_WAY)]
     creeping = [slug for slug, read in kinds.items() if "creep" in read]
     moving = [slug for slug, read in kinds.items() if STEP in read]
-    named = {"strokes": short, "creep": creeping, "motions": moving}
-    return [Note(kind, slug) for kind, slugs in named.items() for slug in slugs]
+    strokes, creep = [Note("strokes", slug) for slug in short], [Note("creep", slug) for slug in creeping]
+    return [*strokes, *creep, *(Note("motions", slug) for slug in moving)]
 
 
 def _automatic(driver: str) -> tuple[float, ...]:

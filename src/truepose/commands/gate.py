@@ -33,7 +33,8 @@ def gated(
 ) -> tuple[Machine, Recording, Check]:
     """The machine and its rows, checked. Raises InputError where the check is certain that something is wrong.
 
-    ``shuffled`` rows are no visits one after the other. With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
+    ``shuffled`` rows are no visits one after the other. With ``anyway`` what was found stands above the result; a file
+    without a sensor is refused all the same.
     """
     from truepose.identification.check.run import check_files
     from truepose.identification.report.check_words import refusal
