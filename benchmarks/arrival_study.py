@@ -66,7 +66,7 @@ class Arm:
             turn = Rotation.from_euler("x", alpha) * Rotation.from_euler("z", theta)
             step = np.eye(4)
             step[:3, :3] = turn.as_matrix()
-            step[:3, 3] = [d, 0, 0] + Rotation.from_euler("x", alpha).apply([0, 0, r])
+            step[:3, 3] = np.array([d, 0.0, 0.0]) + Rotation.from_euler("x", alpha).apply([0, 0, r])
             at = at @ step
             out.append(at)
         return out

@@ -5,7 +5,7 @@ That is a driver, a place and a form: a hypothesis.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -54,12 +54,12 @@ def finding(
     machine: Machine,
     cat: Catalogue,
     after: Estimate,
-    recording: Recording,
     one: Named,
     flip: float | None,
     replication: Replication | None,
+    inferred: Callable[[str], bool] = lambda _: False,
 ) -> Finding:
-    """What is said of one name; its terms (harmonics) stand together."""
+    """What is said of one name; its terms (harmonics) stand together. ``inferred``: whether nobody recorded a driver."""
     main = cat.candidates[one.candidates[0]]
     twins = [] if one.nameless else _twins(cat, one)
     shared = sum(t.probability for t in twins)
@@ -74,7 +74,7 @@ def finding(
         parameters=_parameters(cat, after, one.candidates),
         settings=tuple(cat.candidates[i].settings_map for i in one.candidates),
         flip_lambda=flip,
-        explanation=_explanation(machine, cat, after, recording, one),
+        explanation=_explanation(machine, cat, after, one, inferred),
         experiment=main.effect.experiment,
         family=one.family,
         replication=replication,
@@ -93,7 +93,9 @@ def _alternative(cat: Catalogue, member: Rival) -> Alternative:
     return Alternative(slug, place, probability, gain, experiment, member.tested, kind)
 
 
-def _explanation(machine: Machine, cat: Catalogue, after: Estimate, recording: Recording, one: Named) -> str:
+def _explanation(
+    machine: Machine, cat: Catalogue, after: Estimate, one: Named, inferred: Callable[[str], bool]
+) -> str:
     """What the effect is, what its fitted coefficients say, and what it takes from the order of the rows.
 
     Nothing where what leads could not be tested.
@@ -104,9 +106,7 @@ def _explanation(machine: Machine, cat: Catalogue, after: Estimate, recording: R
     for placed in (cat.candidates[i] for i in one.candidates):
         fitted = _fitted(after, placed)
         said.append(placed.effect.found(*({n: q[k] for n, q in fitted.items()} for k in (0, 1))))
-    kinds = {
-        Driver.of(n).kind for i in one.candidates for n in cat.candidates[i].drivers if recording.inferred(n)
-    }
+    kinds = {Driver.of(n).kind for i in one.candidates for n in cat.candidates[i].drivers if inferred(n)}
     return " ".join(
         text for text in (*said, *(_FROM_ORDER[kind] for kind in OF_THE_ORDER if kind in kinds)) if text
     )

@@ -134,7 +134,7 @@ def _standards(fit: Estimate, recording: Recording, before: Estimate | None) -> 
             Text(
                 "ISO 9283 (pose accuracy and repeatability) needs poses that are visited three times and more under one number"
                 " in the column `pose`; ISO 230-2 (an axis) needs a slide that moves alone to five targets and more, twice from"
-                " each side. This recording has neither.",
+                " each side, with its `approach` column. This recording has neither.",
                 "muted",
             )
         )

@@ -103,8 +103,7 @@ def test_what_could_not_be_tested_is_told_and_not_guessed(searched: Searched) ->
     assert (said.levels.kind, said.levels.driver) == ("load", 0.9) and said.levels.place == name.levels.place
     assert [m.cause for m in said.equivalents] == [rival.cause, name.cause]
     assert without_untested(found, [name]) == (name,)
-    rows = found.signatures.recording
-    told = finding(found.signatures.machine, found.catalogue, found.fit, rows, said, None, None)
+    told = finding(found.signatures.machine, found.catalogue, found.fit, said, None, None)
     (clause,) = driver_clauses([told])
     likely = "likely a compliant joint at q2 (90.0 %)"
     assert clause == f"something at q2 errs, {likely}, which could not be tested"
