@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from truepose.models.driver import Driver
+from truepose.models.driver import STEP, Driver
 from truepose.models.kinematics import driver_default, driver_names
 from truepose.models.machine import Machine
 from truepose.models.placed import PlacedEffect
@@ -28,7 +28,7 @@ class LeftOut:
 
 def left_out(machine: Machine) -> LeftOut:
     """What the C of a machine holds and leaves out."""
-    sensor = [e.label for e in machine.effects if e.kind == "sensor"]
+    sensor = [e.label for e in machine.effects if e.kind == "sensor" or _of_the_moment(e)]
     memory = [e.label for e in machine.effects if _remembers(e) and e.label not in sensor]
     names = driver_names(machine, machine.effects)
     drivers = {name: (driver_default(machine, name), machine.driver_unit(name) or "1") for name in names}
@@ -63,6 +63,11 @@ def left_out_words(found: LeftOut) -> list[str]:
 
 def _held(name: str, value: float, unit: str) -> str:
     return f"{name} at {value:g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _of_the_moment(effect: PlacedEffect) -> bool:
+    """Whether it tells of readings before the machine stood: standing, the tool is where it should be."""
+    return any(Driver.of(name).kind == STEP for name in effect.drivers)
 
 
 def _remembers(effect: PlacedEffect) -> bool:

@@ -62,6 +62,16 @@ def _backlash(paper: Canvas) -> None:
     paper.text(middle[0][0] + 8, (middle[0][1] + middle[1][1]) / 2 + 3, "b", ERROR)
 
 
+@drawn("early-reading")
+def _early_reading(paper: Canvas) -> None:
+    step = np.linspace(-1, 1, 41)
+    steps = {"step.x": step, "step.q": np.full(41, 0.5)}
+    share = law("early-reading", "x", {"f": 0.4}, steps, settings={"whole": 1.0})
+    zero = fitted(step, np.zeros(41), over=share)[0][1]
+    paper.axes("last motion", "short of the goal", zero=zero)
+    paper.line(*fitted(step, -share), colour=ERROR)
+
+
 @drawn("empirical")
 def _empirical(paper: Canvas) -> None:
     q = np.linspace(-1, 1, 60)

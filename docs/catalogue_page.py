@@ -19,7 +19,7 @@ import numpy as np
 from catalogue_canvas import Array
 from catalogue_drawings import FOLDER, drawing, path_of
 from catalogue_law import MACHINE
-from truepose.models.driver import OF_THE_WAY, Driver
+from truepose.models.driver import OF_THE_WAY, STEP, VELOCITY, Driver
 from truepose.models.effect import Effect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -32,7 +32,9 @@ GROUPS: Final = {
         "actuator-scale", "transmission-error", "encoder-eccentricity", "screw-periodic", "axis-coupling", "axis-straightness",
         "axis-wobble", "joint-runout", "flexure-shift",
     ),
-    "Play, friction and creep": ("backlash", "friction-hysteresis", "piezo-hysteresis", "piezo-creep"),
+    "Play, friction, creep and arrival": (
+        "backlash", "friction-hysteresis", "piezo-hysteresis", "piezo-creep", "early-reading",
+    ),
     "Weight and forces": (
         "joint-compliance", "link-bending", "leg-compliance", "platform-deformation", "screw-windup", "gravity-sag",
     ),
@@ -58,6 +60,7 @@ _COLUMNS: Final = {
     "creep": "`time`",
 }
 _ANY: Final = {"empirical": "the column that the error follows"}
+_ORDER: Final = "rows in the order measured"
 _LIMITED: Final = 40
 """Places of a machine that are asked what they need."""
 
@@ -68,11 +71,16 @@ class _EverythingLogged:
     n_sessions = 2
 
     def driver(self, name: str) -> Array:
+        if name.startswith(VELOCITY):  # read at rest
+            return np.zeros(4)
         return (
             np.array([-1.0, 1.0, -1.0, 1.0])
             if name.startswith("approach")
             else np.array([0.0, 1e3, 4e3, 2e4])
         )
+
+    def inferred(self, name: str) -> bool:
+        return False
 
 
 @cache
@@ -90,6 +98,8 @@ def needs(slug: str) -> str:
     """What a machine file and a recording must have for an effect beside joints and readings; empty for nothing."""
     effect = effects.get(slug, "catalogue")()
     read = dict.fromkeys(name for machine in _machines() for name in _read(effect, machine))
+    if _COLUMNS["approach"] in read and _ORDER not in read:  # where no column tells the side, the order does
+        read = {f"{name} or {_ORDER}" if name == _COLUMNS["approach"] else name: None for name in read}
     parts = (["`gravity`, `masses`"] if effect.needs_load else []) + list(read)
     return _ANY.get(slug) or ", ".join(parts)
 
@@ -108,8 +118,8 @@ def _columns(effect: Effect, machine: Machine, place: Place, settings: Settings)
     out = []
     for name in effect.drivers(machine, place, settings):
         driver = Driver.of(name)
-        if driver.kind in OF_THE_WAY:
-            out.append("rows in the order measured")
+        if driver.kind in (*OF_THE_WAY, STEP):
+            out.append(_ORDER)
             continue
         out.append(_COLUMNS.get(driver.kind, f"`{driver.kind}`"))
         if driver.numbers and driver.kind == "temperature":

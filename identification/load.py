@@ -23,13 +23,15 @@ def load_recording(
     *,
     need_observations: bool = True,
     irradiance: Sequence[Path | str] = (),
+    shuffled: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Recording:
     """One or several recordings as one: paths, DataFrames or dicts of columns, in the units of the machine file unless
     a header says otherwise. Raises InputError naming file, row and column.
 
     ``irradiance``: tables of photocurrents, one for each file without a column ``dL``, in the same order; their
-    fringes are counted.
+    fringes are counted. ``shuffled``: rows are no visits one after the other (a comment ``# order: shuffled`` in a file
+    says the same), so that nothing is looked for that depends on how joints came to a row.
     """
     if irradiance:
         sensor_of(machine)
@@ -46,8 +48,8 @@ def load_recording(
             "without a column 'dL', in the same order"
         )
     if not lacking:
-        return load_rows(machine, files, need_observations=need_observations)
-    rows = load_rows(machine, files, without="dL")
+        return load_rows(machine, files, need_observations=need_observations, shuffled=shuffled)
+    rows = load_rows(machine, files, without="dL", shuffled=shuffled)
     light = {k: Path(p) for k, p in zip(lacking, irradiance, strict=True)}
     found = read_fringes(machine, rows, light, progress)
     others = [table for k, table in enumerate(files) if k not in lacking]

@@ -20,6 +20,8 @@ ROW = "row"
 TORQUE, CURRENT, FORCE, MOMENT, PRESSURE = "torque", "current", "force", "moment", "pressure"
 MEASURED_LOADS = (TORQUE, CURRENT)
 """Kinds of what a joint's drive says of the load that it holds."""
+STEP = "step"
+"""A joint's last motion, which no column holds: the order of the rows tells it."""
 AIR = f"{TEMPERATURE}.air"
 DriverKind = Literal[
     "load",
@@ -35,6 +37,8 @@ DriverKind = Literal[
 ]
 """What makes an error vary: the weight carried, the part's own position (periodic or smooth), the side that it arrived from,
 heat, time, the session, another joint, what the sensor reads; ``constant``: nothing."""
+OF_THE_ORDER = (APPROACH, STEP)
+"""Kinds that the order of the rows tells where no column does."""
 OF_THE_WAY = ("stop", "loop")
 """Kinds of what a joint's way leaves behind (``truepose.identification.recording.memory``)."""
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
@@ -56,6 +60,7 @@ _KINDS: Final[Mapping[str, tuple[str, float]]] = {
     FORCE: ("N", 0.0),
     MOMENT: ("N*m", 0.0),
     APPROACH: ("1", 0.0),
+    STEP: ("{reading}", 0.0),
     "stop": ("{reading}", 0.0),
     "loop": ("{reading}", 0.0),
     "creep": ("{reading}", 0.0),
@@ -78,6 +83,7 @@ _DRIVES: Final[Mapping[str, DriverKind]] = {
     **dict.fromkeys((TORQUE, CURRENT, FORCE, MOMENT), "load"),
     VELOCITY: "arrival",
     APPROACH: "arrival",
+    STEP: "arrival",
     "stop": "arrival",
     "loop": "arrival",
 }
@@ -114,6 +120,8 @@ class Driver:
     @property
     def column(self) -> str:
         """The column to record for it: ``time`` for creep, the joint for what its way tells, else its own name."""
+        if self.kind == STEP:
+            return self.place
         if self.numbers and self.kind in (*OF_THE_WAY, "creep"):
             return TIME if self.kind == "creep" else self.place
         return self.now.name
@@ -193,10 +201,12 @@ __all__ = [
     "APPROACH",
     "CURRENT",
     "MEASURED_LOADS",
+    "OF_THE_ORDER",
     "OF_THE_WAY",
     "PAYLOAD",
     "ROW",
     "SESSION",
+    "STEP",
     "TEMPERATURE",
     "TIME",
     "TORQUE",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effect import Effect, effects
 from truepose.models.load import place_effect, resolve_place
 from truepose.models.machine import Machine
@@ -105,12 +106,15 @@ def _named_parts(machine: Machine, place: tuple[str, ...], where: str) -> tuple[
 
 
 class _Anything:
-    """A recording that logged everything: asked for the settings that an effect knows."""
+    """A recording that logged everything, at rest: asked for the settings that an effect knows."""
 
     n_sessions = 2
 
     def driver(self, name: str) -> Array:
-        return np.array([0.0, 1e5])
+        return np.array([0.0, 0.0 if Driver.of(name).kind == VELOCITY else 1e5])
+
+    def inferred(self, name: str) -> bool:
+        return False
 
 
 def _settings(

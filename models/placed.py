@@ -47,6 +47,8 @@ class Observed(Protocol):
 
     def driver(self, name: str) -> object | None: ...
 
+    def inferred(self, name: str) -> bool: ...
+
 
 class Physics(ABC):
     """A physics term. Class fields describe it to users; methods define it.

@@ -35,6 +35,7 @@ def check_files(
     *,
     irradiance: Sequence[Path] = (),
     tried: Sequence[str] | None = None,
+    shuffled: bool = False,
 ) -> tuple[Check, Machine | None, Recording | None]:
     """What may be wrong between a machine file and its recordings; the machine and the rows as they were loaded, with columns
     that are ``tried`` as drivers (see ``try_columns``).
@@ -53,7 +54,7 @@ def check_files(
         return without_sensor(Pair.read(machine, recordings)), loaded, None
     if tried is not None:
         loaded = try_columns(loaded, recordings, tried)
-    rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance)
+    rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance, shuffled=shuffled)
     return check(loaded, rows), loaded, rows
 
 

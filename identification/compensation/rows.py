@@ -17,6 +17,7 @@ from truepose.identification.compensation.inverse import MET, loop_scales, pose_
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
+from truepose.models.driver import STEP, Driver
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import Machine
@@ -86,6 +87,8 @@ class Follower:
         self._predictor.origin = None
         self._machine, self._path, self.z = machine, path, self._predictor.z
         model = self._predictor.model
+        # a tool that follows a path is not read before it stands: early readings are no errors of it
+        self.z[:, [Driver.of(name).kind == STEP for name in model.drivers]] = 0.0
         self.real, self.ideal = model.p_home, ideal_constants(machine, model)
         scale = coordinate_scale(machine, len(model.home), model.gap.numel())
         lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]

@@ -112,12 +112,13 @@ def structure_alarm(fit: Estimate, recording: Recording) -> Alarm:
     r = _standard(residual)
     bases = _bases(fit, recording)
     order = _order(fit, recording)
-    observed = _tests(r[None], bases, order)
+    neighbours = order if recording.ordered else None
+    observed = _tests(r[None], bases, neighbours)
     rng = np.random.default_rng(SEED)
     project = projector(fit, recording)
     back = np.argsort(order)  # noise is drawn in the order of acquisition: shuffled rows get the same draws
     drawn = (project(rng.standard_normal(r.shape)[back]) for _ in range(draws_for(r)))
-    null = _tests(np.array([_standard(noise * told) for noise in drawn]), bases, order)
+    null = _tests(np.array([_standard(noise * told) for noise in drawn]), bases, neighbours)
     draws = np.max(list(null.values()), axis=0)
     worst = max(observed, key=lambda name: float(observed[name][0]))
     largest = float(observed[worst][0])
@@ -160,14 +161,14 @@ def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
     return out
 
 
-def _tests(r: Array, bases: Mapping[str, Array], order: NDArray[np.intp]) -> dict[str, Array]:
-    """-log10 p (b,) of each test on residuals (b, n, m): each driver's functions, and neighbours in time."""
+def _tests(r: Array, bases: Mapping[str, Array], order: NDArray[np.intp] | None) -> dict[str, Array]:
+    """-log10 p (b,) of each test on residuals (b, n, m): each driver's functions, and neighbours in time where known."""
     out = {}
     flat = r.transpose(1, 0, 2).reshape(r.shape[1], -1)
     for name, basis in bases.items():
         squares = np.sum((basis.T @ flat) ** 2, axis=0).reshape(len(r), -1)
         out[name] = -chi2.logsf(squares.sum(axis=1), basis.shape[1] * r.shape[2]) / np.log(10)
-    if r.shape[1] > 10:
+    if order is not None and r.shape[1] > 10:
         ordered = r[:, order]
         lag = np.sum(ordered[:, 1:] * ordered[:, :-1], axis=(1, 2)) / np.sqrt(ordered[0, 1:].size)
         out["order"] = -chi2.logsf(lag**2, 1) / np.log(10)

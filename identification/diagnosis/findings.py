@@ -5,7 +5,8 @@ That is a driver, a place and a form: a hypothesis.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import best_point
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.models.driver import APPROACH, Driver
+from truepose.models.driver import APPROACH, OF_THE_ORDER, STEP, Driver
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
@@ -40,6 +41,11 @@ EVERY = 4
 """Steps of the noise between the points at which candidates are weighed alone."""
 NOTABLE = 3.0
 """Log Bayes factor below which there is nothing to speak of: of a candidate alone, and between explanations as good."""
+_FROM_ORDER: Final = {
+    APPROACH: "The side of arrival was taken from the order of the rows, as no `approach` column tells it.",
+    STEP: "The last motions were taken from the order of the rows.",
+}
+"""What a finding rests on that nobody recorded."""
 CYCLES = range(1, 9)
 """Cycles over a driver's range that a periodic form may have."""
 
@@ -51,8 +57,9 @@ def finding(
     one: Named,
     flip: float | None,
     replication: Replication | None,
+    inferred: Callable[[str], bool] = lambda _: False,
 ) -> Finding:
-    """What is said of one name; its terms (harmonics) stand together."""
+    """What is said of one name; its terms (harmonics) stand together. ``inferred``: whether nobody recorded a driver."""
     main = cat.candidates[one.candidates[0]]
     twins = [] if one.nameless else _twins(cat, one)
     shared = sum(t.probability for t in twins)
@@ -67,7 +74,7 @@ def finding(
         parameters=_parameters(cat, after, one.candidates),
         settings=tuple(cat.candidates[i].settings_map for i in one.candidates),
         flip_lambda=flip,
-        explanation=_explanation(machine, cat, after, one),
+        explanation=_explanation(machine, cat, after, one, inferred),
         experiment=main.effect.experiment,
         family=one.family,
         replication=replication,
@@ -86,8 +93,13 @@ def _alternative(cat: Catalogue, member: Rival) -> Alternative:
     return Alternative(slug, place, probability, gain, experiment, member.tested, kind)
 
 
-def _explanation(machine: Machine, cat: Catalogue, after: Estimate, one: Named) -> str:
-    """What the effect is, and what its fitted coefficients say; nothing where what leads could not be tested."""
+def _explanation(
+    machine: Machine, cat: Catalogue, after: Estimate, one: Named, inferred: Callable[[str], bool]
+) -> str:
+    """What the effect is, what its fitted coefficients say, and what it takes from the order of the rows.
+
+    Nothing where what leads could not be tested.
+    """
     if one.nameless and not one.tested:
         return ""
     first = cat.candidates[one.candidates[0]]
@@ -95,7 +107,10 @@ def _explanation(machine: Machine, cat: Catalogue, after: Estimate, one: Named) 
     for placed in (cat.candidates[i] for i in one.candidates):
         fitted = _fitted(after, placed)
         said.append(placed.effect.found(*({n: q[k] for n, q in fitted.items()} for k in (0, 1))))
-    return " ".join(text for text in said if text)
+    kinds = {Driver.of(n).kind for i in one.candidates for n in cat.candidates[i].drivers if inferred(n)}
+    return " ".join(
+        text for text in (*said, *(_FROM_ORDER[kind] for kind in OF_THE_ORDER if kind in kinds)) if text
+    )
 
 
 def _fitted(after: Estimate, placed: PlacedEffect) -> dict[str, tuple[float, float]]:

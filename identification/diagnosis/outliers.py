@@ -106,7 +106,8 @@ def bridges(recording: Recording) -> NDArray[np.bool_]:
 def recording_coordinates(recording: Recording, rows: NDArray[np.intp]) -> Array:
     """(k, d) where rows lie: joints, order of acquisition and all that was logged, in standard deviations."""
     order, columns = np.argsort(recording.order).astype(float), list(recording.columns().values())
-    columns.insert(len(recording.joints), order)
+    if recording.ordered:
+        columns.insert(len(recording.joints), order)
     picked = np.column_stack([c[rows] for c in columns])
     spread = picked.std(axis=0)
     return np.asarray((picked[:, spread > 0] - picked.mean(axis=0)[spread > 0]) / spread[spread > 0])

@@ -150,8 +150,9 @@ def _summaries(fits: Fits, after: Estimate, held_out: Mask) -> dict[str, FitSumm
 def _findings(found: Found, summary: Summary, likeliest: Estimate, rms: float) -> tuple[Finding, ...]:
     """Names with what the fit of the likeliest set says of their size."""
     machine, cat, halves = found.signatures.machine, found.catalogue, replications(found, summary.names, rms)
+    inferred = found.signatures.recording.inferred
     return tuple(
-        finding(machine, cat, likeliest, one, flip_inflation(found, one), half)
+        finding(machine, cat, likeliest, one, flip_inflation(found, one), half, inferred)
         for one, half in zip(summary.names, halves, strict=True)
     )
 

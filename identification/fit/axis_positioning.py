@@ -39,7 +39,8 @@ def axis_tests(fit: Estimate, recording: Recording) -> list[AxisTest]:
     """Of every slide that moves alone; none where there are too few targets or runs, or no side of arrival was logged."""
     out = []
     for k, actuator in enumerate(fit.machine.mechanism.actuators):
-        side = recording.driver(f"{APPROACH}.{actuator.reading}")
+        # a standard's test states its sides: what the order of rows suggests is none
+        side = recording.drivers.get(f"{APPROACH}.{actuator.reading}")
         if actuator.unit == "mm" and side is not None:
             found = _best(fit, recording, k, side)
             out += [found] if found is not None else []

@@ -6,7 +6,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
-    "unassembled", "crossing", "validation", "own class", "nameless", "payload", "strokes", "creep", "unread"
+    "unassembled",
+    "crossing",
+    "validation",
+    "own class",
+    "nameless",
+    "payload",
+    "strokes",
+    "creep",
+    "motions",
+    "unread",
 ]
 
 

@@ -55,6 +55,7 @@ def drawn_poses(machine: Machine, n: int, seed: int = SEED) -> Recording:
         validation=np.zeros(n, dtype=np.bool_),
         pose=np.arange(1, n + 1),
         from_row=np.zeros(n, dtype=np.int64),
+        shuffled=True,
     )
 
 

@@ -268,4 +268,5 @@ def _recording(machine: Machine, q: Array) -> Recording:
         validation=frozen(np.zeros(n, dtype=bool)),
         pose=frozen(rows + 1),
         from_row=frozen(np.maximum(rows - 1, 0)),
+        shuffled=True,
     )

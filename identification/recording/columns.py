@@ -186,7 +186,7 @@ LOGGED: Final = (
         "number",
         "",
         "Side that the joint arrived from: +1 moving towards larger readings, -1 towards smaller, 0 unknown.",
-        "the order of the rows, for friction and piezos; no backlash is looked for",
+        "the order of the rows, unless they are shuffled",
         values=(-1, 0, 1),
     ),
     KnownColumn(

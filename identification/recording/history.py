@@ -72,6 +72,37 @@ def stop_operator(
     return out
 
 
+def side_of_arrival(readings: FloatArray, piece: IntArray, band: float) -> FloatArray:
+    """(n,) direction of the last motion that led to ordered readings (n,): 1, -1, or 0 while a ``piece`` (n,) has none.
+
+    A joint has turned round when it stands further than ``band`` behind where it was furthest; a shorter way back is
+    trembling, and many short steps one way are a motion.
+    """
+    out = np.zeros(len(readings))
+    side, top, bottom = 0.0, 0.0, 0.0
+    for k, reading in enumerate(readings.tolist()):
+        if k == 0 or piece[k] != piece[k - 1]:
+            side, top, bottom = 0.0, reading, reading
+        elif side <= 0.0 and reading > bottom + band:
+            side, top = 1.0, reading
+        elif side >= 0.0 and reading < top - band:
+            side, bottom = -1.0, reading
+        top, bottom = max(top, reading), min(bottom, reading)
+        out[k] = side
+    return out
+
+
+def last_steps(readings: FloatArray, piece: IntArray, bands: FloatArray) -> FloatArray:
+    """(n, m) last motion of each joint that led to ordered readings (n, m): 0 at the first row of a ``piece`` (n,).
+
+    Rows at which no joint moved by more than its band (m,) were read while the machine stood: nothing moved.
+    """
+    steps = np.diff(readings, axis=0, prepend=readings[:1])
+    stood = np.all(np.abs(steps) <= bands, axis=1)
+    steps[stood | (np.diff(piece, prepend=piece[:1] - 1) != 0)] = 0.0
+    return steps
+
+
 def line_of_full_loop(readings: FloatArray, half_width: float, low: float, high: float) -> FloatArray:
     """(n,) the straight line that fits the stop operator best over a full loop from low to high, at readings (n,).
 

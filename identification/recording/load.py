@@ -56,11 +56,17 @@ def _table(source: Any, number: str) -> Table:
 
 
 def load_recording(
-    machine: Machine, source: Sources, *, need_observations: bool = True, without: str = ""
+    machine: Machine,
+    source: Sources,
+    *,
+    need_observations: bool = True,
+    without: str = "",
+    shuffled: bool = False,
 ) -> Recording:
     """One or several recordings as one. Raises InputError naming file, row and column.
 
-    Without ``need_observations`` the sensors' columns may be missing; else only the column ``without`` may.
+    Without ``need_observations`` the sensors' columns may be missing; else only the column ``without`` may. ``shuffled``:
+    rows are no visits one after the other.
     """
     columns = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
     columns |= {name: LABEL for sensor in machine.sensors for name in sensor.label_columns}
@@ -79,6 +85,7 @@ def load_recording(
         required=required,
         optional_labels=optional,
         declared=machine.declared_drivers,
+        shuffled=shuffled,
     )
     return replace(recording, notes=(*machine.notes, *recording.notes)) if machine.notes else recording
 

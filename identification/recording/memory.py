@@ -1,5 +1,7 @@
 """Drivers that remember: what a joint's way, or a temperature's past, leaves behind at every row.
 
+Beside them: what the order of the rows alone tells of the last motion (``from_order``).
+
 They are computed from the whole recording in order of acquisition, so that a part of it, or its rows in another
 order, means the same where time is recorded. See ``remembered`` for their names.
 """
@@ -16,13 +18,21 @@ import numpy.typing as npt
 from truepose.identification.recording.history import (
     creep_sum,
     exponential_lag,
+    last_steps,
     line_of_full_loop,
+    side_of_arrival,
     stop_operator,
 )
-from truepose.models.driver import APPROACH, Driver
+from truepose.models.driver import APPROACH, STEP, Driver
 from truepose.models.units import FloatArray
 
 IntArray = npt.NDArray[np.int64]
+TREMBLING: Final = 1e-3
+"""Share of a joint's travel in the recording within which it trembles or is held: not a motion.
+
+Play is smaller (0.5 to 2 arcmin are 1e-4 to 4e-4 of a travel of 90 deg), so that all longer motions take it up, and encoders
+of joints that are held scatter less.
+"""
 _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
 
 
@@ -43,6 +53,8 @@ class Logged(Protocol):
     def source_file(self) -> IntArray: ...
     @property
     def order(self) -> IntArray: ...
+    @property
+    def shuffled(self) -> bool: ...
     def driver(self, name: str) -> FloatArray | None: ...
     def __len__(self) -> int: ...
 
@@ -58,14 +70,33 @@ def remembered(whole: Logged, driver: Driver) -> FloatArray | None:
     ``creep.J~t0~d``: the same where moves end d s before the row is read (else 0);
     ``D~seconds``: driver D through a first-order lag (needs ``time``).
     The way of a joint begins anew in every session, and without a clock in every file; creep goes on from session to
-    session, as long as one clock runs through them.
+    session, as long as one clock runs through them. Rows that are declared shuffled tell no way.
     """
     *before, last = driver.numbers
     if driver.kind not in _KINDS:
         return _lagged(whole, replace(driver, numbers=tuple(before)).name, last)
-    if driver.place in whole.joints and len(driver.numbers) in _NUMBERS[driver.kind]:
+    if not whole.shuffled and driver.place in whole.joints and len(driver.numbers) in _NUMBERS[driver.kind]:
         return _KINDS[driver.kind](whole, driver.place, list(driver.numbers))
     return None
+
+
+def from_order(whole: Logged, driver: Driver) -> FloatArray | None:
+    """(n,) what the order of acquisition tells of a joint's last motion; None where it is declared to tell nothing.
+
+    ``approach.J``: the side that joint J came from, kept while it rests, 0 until it moves; ``step.J``: how far it went
+    from the row before, in the unit of its reading. Both begin anew in every piece of its way (see ``remembered``).
+    """
+    if whole.shuffled or driver.place not in whole.joints:
+        return None
+    order, joint = whole.order, whole.joints.index(driver.place)
+    pieces, readings = _pieces(whole)[order], whole.q[order]
+    bands = TREMBLING * np.ptp(readings, axis=0) if len(readings) else np.zeros(len(whole.joints))
+    out = np.empty(len(whole))
+    if driver.kind == STEP:
+        out[order] = last_steps(readings, pieces, bands)[:, joint]
+    else:
+        out[order] = side_of_arrival(readings[:, joint], pieces, float(bands[joint]))
+    return out
 
 
 def _pieces(whole: Logged) -> IntArray:
@@ -125,4 +156,4 @@ _KINDS: Final[Mapping[str, Callable[[Logged, str, list[float]], FloatArray | Non
     "creep": _creep,
 }
 
-__all__ = ["Logged", "remembered"]
+__all__ = ["TREMBLING", "Logged", "from_order", "remembered"]

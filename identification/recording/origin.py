@@ -1,4 +1,4 @@
-"""Where rows come from: the digest of a file, and the day on which it says that it was recorded."""
+"""Where rows come from: the digest of a file, and what its comments say: the day of recording, and that rows are shuffled."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import codecs
 import datetime
 import hashlib
 import re
+from itertools import takewhile
 from pathlib import Path
 
 _COMMENTS = ("#", "!", "%", "*", "//")
 _DATE = re.compile(r"(?<!\d)((?:19|20)\d\d-\d\d-\d\d)(?!\d)")
+_SHUFFLED = re.compile(r"\border\s*[:=]\s*shuffled\b", re.IGNORECASE)
 _FIELD = re.compile(r"[\s,;]+")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _MARKS = (
@@ -18,7 +20,7 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 _LINES, _BYTES = 40, 1 << 16
-"""Lines and bytes at the head of a file in which a date is looked for."""
+"""Lines and bytes at the head of a file in which comments are looked for."""
 
 
 def digest_of(path: Path | str) -> str:
@@ -35,19 +37,28 @@ def recorded_on(path: Path | str) -> str:
 
     A file's own time stamp says when it was copied, not when it was recorded.
     """
+    dates = (found for line in _comments(path) for found in _DATE.findall(line) if _is_day(found))
+    return str(next(dates, ""))
+
+
+def says_shuffled(path: Path | str) -> bool:
+    """Whether a comment above a text's data says ``order: shuffled``: rows are no visits one after the other."""
+    return any(_SHUFFLED.search(line) for line in _comments(path))
+
+
+def _comments(path: Path | str) -> list[str]:
+    """The comments above a text's data; none of what is no file."""
     file = Path(path)
     if not file.is_file():
-        return ""
+        return []
     with file.open("rb") as stream:
-        head = _text(stream.read(_BYTES))
-    for line in head.splitlines()[:_LINES]:
-        if line.lstrip().startswith(_COMMENTS):
-            dates = [found for found in _DATE.findall(line) if _is_day(found)]
-            if dates:
-                return str(dates[0])
-        elif _is_data(line):
-            break
-    return ""
+        lines = _text(stream.read(_BYTES)).splitlines()[:_LINES]
+    above = takewhile(lambda line: _is_comment(line) or not _is_data(line), lines)
+    return [line for line in above if _is_comment(line)]
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(_COMMENTS)
 
 
 def _text(head: bytes) -> str:
@@ -71,4 +82,4 @@ def _is_data(line: str) -> bool:
     return sum(_NUMBER.fullmatch(field) is not None for field in _FIELD.split(line)) >= 2
 
 
-__all__ = ["digest_of", "recorded_on"]
+__all__ = ["digest_of", "recorded_on", "says_shuffled"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.identification.recording.file import JointColumn, RecordingPart, read_part, written_units
-from truepose.identification.recording.origin import digest_of, recorded_on
+from truepose.identification.recording.origin import digest_of, recorded_on, says_shuffled
 from truepose.identification.recording.recording import IntArray, Recording, frozen
 from truepose.identification.recording.table import Table
 from truepose.models.driver import DeclaredDriver, Driver
@@ -28,13 +28,14 @@ def read_recording(
     required: Sequence[str] = (),
     optional_labels: Sequence[str] = (),
     declared: Sequence[DeclaredDriver] = (),
+    shuffled: bool = False,
 ) -> Recording:
     """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
 
     `sensor_columns` maps each column to its internal unit ("mm", "rad", "1"), or to "label" for a text.
     Without `need_observations` sensor columns may be missing. `required` names further columns that must be
-    there (`from`), `optional_labels` texts to keep when they are, `declared` further drivers. Raises InputError naming file,
-    row and column.
+    there (`from`), `optional_labels` texts to keep when they are, `declared` further drivers. ``shuffled``: rows are no visits
+    one after the other, as a file's comment `order: shuffled` says, too. Raises InputError naming file, row and column.
     """
     if not paths:
         raise InputError("found no recording, expected at least one file")
@@ -42,6 +43,9 @@ def read_recording(
     needed = (*(sensor_columns if need_observations else ()), *required)
     parts = [read_part(path, joints, asked, units, needed, declared) for path in paths]
     joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked))
+    told = [part.file for part in parts if shuffled or says_shuffled(part.file)]
+    if told:
+        joined = replace(joined, shuffled=True, notes=(*joined.notes, _without_order(told, parts)))
     written = written_units(joints, sensor_columns, tuple(joined.drivers), units, declared)
     return replace(joined, written=written)
 
@@ -81,6 +85,15 @@ def _join(
         digests=tuple(digest_of(part.file) for part in parts),
         dates=tuple(recorded_on(part.file) for part in parts),
         untried=tuple(n for n in parts[0].untried if all(n in part.untried for part in parts)),
+    )
+
+
+def _without_order(files: Sequence[str], parts: Sequence[RecordingPart]) -> str:
+    """A note on what the rows are not asked for."""
+    others = " (so are those of the other files taken)" if len(files) < len(parts) else ""
+    return (
+        f"{', '.join(files)}: rows are declared shuffled{others}: how joints came to a row is known from approach "
+        "columns alone; what depends on their way (friction, hysteresis, creep, early reading) is not looked for"
     )
 
 

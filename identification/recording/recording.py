@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truepose.identification.recording.history import order_in_time
-from truepose.identification.recording.memory import remembered
-from truepose.models.driver import MEASURED_LOADS, ROW, TIME, Driver
+from truepose.identification.recording.memory import from_order, remembered
+from truepose.models.driver import MEASURED_LOADS, OF_THE_ORDER, ROW, TIME, Driver
 from truepose.models.units import FloatArray
 from truepose.shown.result import Shown, frame_of
 
@@ -40,7 +40,8 @@ class Recording(Shown):
     and the machine file's, which ``to_frame`` gives; columns that it lacks stay in internal units. said: the unit that a
     joint's column or a reading's is said to be in, by its header or by the machine file, where all files agree. digests, dates:
     SHA-256 of each file and the day that its comments name, empty where there is none. untried: columns of numbers that were
-    left out because nobody declared them.
+    left out because nobody declared them. shuffled: that rows next to each other are declared to be no visits one after the
+    other, so that their order tells nothing of how a joint came.
     """
 
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
@@ -65,6 +66,7 @@ class Recording(Shown):
     digests: tuple[str, ...] = ()
     dates: tuple[str, ...] = ()
     untried: tuple[str, ...] = ()
+    shuffled: bool = False
     _whole: Recording | None = None
     _rows: IntArray | None = None
 
@@ -128,9 +130,9 @@ class Recording(Shown):
         longest session.
 
         Each session begins anew: nobody knows how long it was after the one before. None where a clock was recorded, which
-        tells more.
+        tells more, and where rows are declared shuffled.
         """
-        if self.time is not None:
+        if self.time is not None or self.whole.shuffled:
             return None
         whole = self.whole
         session, place = whole.session[whole.order], np.empty(len(whole))
@@ -138,6 +140,15 @@ class Recording(Shown):
             own = whole.order[session == number]
             place[own] = np.arange(len(own))
         return frozen((place - np.max(place, initial=0.0))[self.rows])
+
+    @property
+    def ordered(self) -> bool:
+        """Whether rows next to each other in ``order`` were measured one after the other, as far as anybody says."""
+        return self.time is not None or not self.shuffled
+
+    def inferred(self, name: str) -> bool:
+        """Whether no column holds this driver, and the order of the rows tells it."""
+        return Driver.of(name).kind in OF_THE_ORDER and name not in self.drivers and not self.whole.shuffled
 
     def in_time(self, rows: BoolArray) -> IntArray:
         """Indices of the ``rows`` (n,), in order of acquisition."""
@@ -165,7 +176,8 @@ class Recording(Shown):
         Units are in `truepose.models.driver`. `temperature.air` stands in for places without a column; names with
         numbers are of drivers that remember (`truepose.identification.recording.memory`); `session.after.K` is 1
         from the K-th session change on, 0 before, sessions ranked among `sessions` (see `session_rank`); `row` is the place in
-        the order of acquisition where no clock was recorded (`place_in_order`).
+        the order of acquisition where no clock was recorded (`place_in_order`). Where no column tells the side that a joint
+        arrived from, the order of the rows does, unless they are `shuffled`.
         """
         driver = Driver.of(name)
         if driver.after is not None:
@@ -175,7 +187,11 @@ class Recording(Shown):
             return None if values is None else frozen(values[self.rows])
         if name == ROW and ROW not in self.drivers:
             return self.place_in_order
-        return self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
+        recorded = self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
+        if recorded is None and driver.kind in OF_THE_ORDER:
+            told = from_order(self.whole, driver)
+            return None if told is None else frozen(told[self.rows])
+        return recorded
 
     def replicates(self) -> IntArray:
         """Label per row (n,): rows of one file, session and `pose` at the same readings share it."""

@@ -20,6 +20,7 @@ _SAID = {
     "`payload: {{kg: 0, com: [0, 0, 0], in: tool}}` under masses before the diagnosis of what was measured",
     "strokes": "{}: every move counts as a long one; strokes that shrink are not planned",
     "creep": "{}: the time since the last move is not planned",
+    "motions": "{}: the motion that leads to a row is not planned",
     "unread": "{!r} is offered but no explanation reads it: it is not varied",
 }
 

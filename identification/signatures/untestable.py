@@ -12,7 +12,16 @@ import numpy as np
 from scipy.constants import g
 
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import APPROACH, PAYLOAD, ROW, TEMPERATURE, TIME, Driver
+from truepose.models.driver import (
+    APPROACH,
+    OF_THE_ORDER,
+    OF_THE_WAY,
+    PAYLOAD,
+    ROW,
+    TEMPERATURE,
+    TIME,
+    Driver,
+)
 from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.effects.thermometers import any_thermometer
 from truepose.models.machine import Machine
@@ -85,9 +94,11 @@ def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
         out.append(Missing((HEAT,), "no temperature column", f"{add}; a thermometer elsewhere does, too"))
     if joints and all(recording.driver(f"{APPROACH}.{joint}") is None for joint in joints):
         add = f"log `{APPROACH}.{joints[0]}`, ... (+1 or -1: the direction of the joint's last motion)"
-        out.append(Missing((PLAY,), f"no {APPROACH} column", add))
+        out.append(Missing((PLAY,), f"no {APPROACH} column, and the rows are declared shuffled", add))
     if mounts and recording.driver(TIME) is None and recording.driver(ROW) is None:
-        out.append(Missing((DRIFT,), f"no {TIME} column", f"log `{TIME}` (s)"))
+        out.append(
+            Missing((DRIFT,), f"no {TIME} column, and the rows are declared shuffled", f"log `{TIME}` (s)")
+        )
     return out
 
 
@@ -96,10 +107,21 @@ def why_untestable(placed: PlacedEffect, recording: Recording) -> str | None:
     for name in placed.drivers:
         values = recording.driver(name)
         if values is None:
-            return f"no {Driver.of(name).column} column"
+            return _unknown(Driver.of(name), recording)
         if name != PAYLOAD and not np.any(values[~recording.validation]):
             return f"{name} never differs from zero"
     return None
+
+
+def _unknown(driver: Driver, recording: Recording) -> str:
+    """Why a recording has no values of a driver."""
+    if driver.place not in recording.joints or driver.kind not in (*OF_THE_ORDER, *OF_THE_WAY, "creep"):
+        return f"no {driver.column} column"
+    if driver.kind == APPROACH:
+        return f"no {driver.column} column, and the rows are declared shuffled"
+    if driver.kind == "creep" and recording.time is None:
+        return f"no {driver.column} column"
+    return "the rows are declared shuffled"
 
 
 def unloaded(machine: Machine) -> str:

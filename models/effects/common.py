@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
+from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effects.base import Coefficient, Observed, Place, Settings, Site
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, Actuator, Direction, Joint, Limb
@@ -219,13 +220,20 @@ def clock(recording: Observed) -> tuple[float, float] | None:
     return float(seconds.min()), float(seconds.max())
 
 
+def moves_while_read(recording: Observed, joint: str) -> bool:
+    """Whether a joint's velocity is recorded, and not always zero."""
+    velocity = recording.driver(Driver(VELOCITY, joint).name)
+    return velocity is not None and bool(np.any(np.asarray(velocity, dtype=float)))
+
+
 def approaches(machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
     """One candidate for each distance that joints may approach their goals from; far off goes without one.
 
     Only where the sides are recorded do joints approach from other than their last pose.
     """
-    sides = recording.driver(f"approach.{actuator_at(machine, place[0]).reading}")
-    return [{}, *({"overshoot": part} for part in APPROACHES)] if sides is not None else [{}]
+    side = f"approach.{actuator_at(machine, place[0]).reading}"
+    recorded = recording.driver(side) is not None and not recording.inferred(side)
+    return [{}, *({"overshoot": part} for part in APPROACHES)] if recorded else [{}]
 
 
 def overshoot_of(actuator: Actuator, settings: Settings) -> str:

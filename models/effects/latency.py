@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import actuator_at, sensor_names
+from truepose.models.effects.common import actuator_at, moves_while_read, sensor_names
 from truepose.models.machine import Machine
 
 LONGEST = 0.5
@@ -55,7 +53,7 @@ class Latency(Effect):
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         """All joints that move while they are read; all of them where no velocity is recorded."""
-        still = [joint for joint in machine.mechanism.readings if not _moves(recording, joint)]
+        still = [joint for joint in machine.mechanism.readings if not moves_while_read(recording, joint)]
         some = len(still) < len(machine.mechanism.readings)
         return ({f"still.{joint}": 1.0 for joint in still} if some else {},)
 
@@ -66,8 +64,3 @@ class Latency(Effect):
         tau, sigma = 1e3 * values["tau"], 1e3 * std["tau"]
         who = "The sensor lags the joints" if tau >= 0 else "The joints are logged late,"
         return f"{who} by {abs(tau):.3g} +- {sigma:.1g} ms."
-
-
-def _moves(recording: Observed, joint: str) -> bool:
-    velocity = recording.driver(Driver(VELOCITY, joint).name)
-    return velocity is not None and bool(np.any(np.asarray(velocity, dtype=float)))

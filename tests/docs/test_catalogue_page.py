@@ -48,6 +48,8 @@ def test_curves_come_from_the_effects_own_formula() -> None:
 
 def test_what_an_effect_needs_is_what_it_reads() -> None:
     assert catalogue_page.needs("actuator-scale") == ""
-    assert catalogue_page.needs("backlash") == "`approach.<joint>`"
+    assert catalogue_page.needs("backlash") == "`approach.<joint>` or rows in the order measured"
+    assert catalogue_page.needs("friction-hysteresis") == "`approach.<joint>`, rows in the order measured"
+    assert catalogue_page.needs("early-reading") == "rows in the order measured"
     assert catalogue_page.needs("thermal-expansion") == "`temperature.<place>`, `time`"
     assert catalogue_page.needs("joint-compliance").startswith("`gravity`, `masses`")

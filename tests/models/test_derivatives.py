@@ -115,6 +115,9 @@ class _Logged:
     def driver(self, name: str) -> Array:
         return np.linspace(0.0, 1000.0, 5)
 
+    def inferred(self, name: str) -> bool:
+        return False
+
 
 def _somewhere(machines: Mapping[str, Machine], slug: str) -> list[tuple[str, PlacedEffect]]:
     """The effect at its first and last place on every machine that has one, with coefficients of some size."""

@@ -81,6 +81,9 @@ class _Offered:
     def driver(self, name: str) -> Array | None:
         return None if name == "time" else np.array([0.0, 1.0])
 
+    def inferred(self, name: str) -> bool:
+        return False
+
 
 def explanation(text: str, machine: Machine) -> Explanation:
     """``SLUG@PLACE[+PLACE][:name=value[unit],...]``; settings that are not named may be any that the effect knows.

@@ -21,6 +21,7 @@ from truepose.models.driver import (
     OF_THE_WAY,
     PAYLOAD,
     SESSION,
+    STEP,
     TEMPERATURE,
     TIME,
     VELOCITY,
@@ -133,7 +134,9 @@ def unplanned(parts: Iterable[PlacedEffect]) -> list[Note]:
     kinds = {part.effect.slug: {Driver.of(name).kind for name in part.drivers} for part in parts}
     short = [slug for slug, read in kinds.items() if read & set(OF_THE_WAY)]
     creeping = [slug for slug, read in kinds.items() if "creep" in read]
-    return [Note("strokes", slug) for slug in short] + [Note("creep", slug) for slug in creeping]
+    moving = [slug for slug, read in kinds.items() if STEP in read]
+    strokes, creep = [Note("strokes", slug) for slug in short], [Note("creep", slug) for slug in creeping]
+    return [*strokes, *creep, *(Note("motions", slug) for slug in moving)]
 
 
 def _automatic(driver: str) -> tuple[float, ...]:

@@ -157,6 +157,7 @@ def recording_of(machine: Machine, rows: Rows, reference: Array) -> Recording:
         pose=frozen(place + 1),
         time=None if time is None else frozen(time),
         from_row=frozen(np.zeros(n, dtype=np.int64)),
+        shuffled=True,
     )
 
 

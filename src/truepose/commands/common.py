@@ -51,6 +51,13 @@ AnywayOption = Annotated[
         help="Go on where the file is no calibration, or would leave the tool worse than a plain one.",
     ),
 ]
+ShuffledOption = Annotated[
+    bool,
+    typer.Option(
+        "--shuffled",
+        help="Rows are no visits one after the other: nothing is looked for that depends on how joints came to a row.",
+    ),
+]
 QuietOption = Annotated[
     bool,
     typer.Option("--quiet", help="Say nothing but errors: results stand in files, or in what --json prints."),
@@ -126,6 +133,7 @@ __all__ = [
     "QuietOption",
     "RecordingArg",
     "RecordingsArg",
+    "ShuffledOption",
     "check_directory",
     "check_file",
     "fail",

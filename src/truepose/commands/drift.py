@@ -14,6 +14,7 @@ from truepose.commands.common import (
     MachineArg,
     PluginOption,
     RecordingsArg,
+    ShuffledOption,
     finish,
     progress,
     reported,
@@ -44,6 +45,7 @@ def drift(
     recordings: RecordingsArg,
     output: OutputOption = None,
     accuracy: AccuracyOption = None,
+    shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -66,7 +68,7 @@ def drift(
         wanted = _wanted(accuracy or ())
         with progress("comparing recordings") as say:
             say("checking")
-            loaded, recording, check = gated(machine, recordings, anyway=anyway)
+            loaded, recording, check = gated(machine, recordings, anyway=anyway, shuffled=shuffled)
             if output is not None:
                 check_machine(output, DRIFT, loaded.name)
             accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}

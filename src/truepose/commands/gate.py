@@ -30,16 +30,19 @@ def gated(
     irradiance: Sequence[Path] = (),
     anyway: bool = False,
     tried: Sequence[str] | None = None,
+    shuffled: bool = False,
 ) -> tuple[Machine, Recording, Check]:
     """The machine and its rows, checked. Raises InputError where the check is certain that something is wrong.
 
     With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same. ``tried``: columns
-    that nobody declared and that are to be drivers (none named: all).
+    that nobody declared and that are to be drivers (none named: all). ``shuffled`` rows are no visits one after the other.
     """
     from truepose.identification.check.run import check_files
     from truepose.identification.report.check_words import refusal
 
-    check, loaded, rows = check_files(machine, recordings, irradiance=irradiance, tried=tried)
+    check, loaded, rows = check_files(
+        machine, recordings, irradiance=irradiance, tried=tried, shuffled=shuffled
+    )
     if loaded is None or rows is None or (check.verdict == "wrong" and not anyway):
         raise InputError(f"{machine}: {refusal(check)}")
     return loaded, rows, check

@@ -13,6 +13,7 @@ from truepose.commands.common import (
     MachineArg,
     PluginOption,
     RecordingsArg,
+    ShuffledOption,
     finish,
     progress,
     reported,
@@ -82,6 +83,7 @@ def calibrate(
     solver: SolverOption = "gn",
     only: OnlyOption = "",
     irradiance: IrradianceOption = None,
+    shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -104,7 +106,9 @@ def calibrate(
         check_directory(output, FIT)
         with progress("calibrating", FITTING) as say:
             say("checking")
-            loaded, rows, check = gated(machine, recordings, irradiance=irradiance or (), anyway=anyway)
+            loaded, rows, check = gated(
+                machine, recordings, irradiance=irradiance or (), anyway=anyway, shuffled=shuffled
+            )
             check_machine(output, FIT, loaded.name)
             names = [name.strip() for name in only.split(",") if name.strip()]
             result = run(loaded, rows, estimator=estimator, solver=solver, only=names, progress=say)
@@ -140,6 +144,7 @@ def diagnose(
     output: DirectoryOption,
     irradiance: IrradianceOption = None,
     try_columns: TryColumnsOption = None,
+    shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -167,6 +172,7 @@ def diagnose(
                 recordings,
                 irradiance=irradiance or (),
                 anyway=anyway,
+                shuffled=shuffled,
                 tried=tried_names(try_columns),
             )
             check_machine(output, DIAGNOSIS, loaded.name)

@@ -13,6 +13,7 @@ from truepose.commands.common import (
     MachineArg,
     PluginOption,
     RecordingArg,
+    ShuffledOption,
     check_file,
     finish,
     progress,
@@ -46,6 +47,7 @@ def predict(
     machine: MachineArg,
     recording: RecordingArg,
     output: FileOption,
+    shuffled: ShuffledOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -64,7 +66,7 @@ def predict(
         check_file(output)
         with progress("predicting"):
             loaded = load_machine(machine)
-            rows = load_recording(loaded, [recording], need_observations=False)
+            rows = load_recording(loaded, [recording], need_observations=False, shuffled=shuffled)
             frame = prediction.predict(loaded, rows)
             write_table(output, frame)
         unknown = [*prediction.unknown_frames(loaded, rows), *prediction.unheard(loaded, rows)]

@@ -87,4 +87,8 @@ def test_what_depends_on_history_is_the_same_in_a_part_and_in_any_order(tmp_path
     assert part is not None
     np.testing.assert_array_equal(other, lagged[order])
     np.testing.assert_array_equal(part, lagged[2:])
-    assert recording.driver("approach.s") is None
+    side, again = recording.driver("approach.s"), shuffled.driver("approach.s")
+    assert side is not None
+    assert again is not None
+    np.testing.assert_array_equal(side, [0, 1, -1, -1])
+    np.testing.assert_array_equal(again, side[order])

@@ -17,7 +17,7 @@ from truepose.models.statics import load_scale
 
 Array = NDArray[np.float64]
 DRIVERS = {"time": 5000.0, "payload": 4.0, "temperature": 27.0, "approach": -1.0, "session": 1.0}
-DRIVERS |= {"stop": 0.1, "loop": -0.1, "creep": 0.2, "velocity": 0.3, "pressure": 985.0}
+DRIVERS |= {"stop": 0.1, "loop": -0.1, "creep": 0.2, "velocity": 0.3, "pressure": 985.0, "step": 0.2}
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,13 @@ class Campaign:
         if name.split(".", maxsplit=1)[0] not in self.columns and name not in self.columns:
             return None
         return np.linspace(100.0, 7300.0, 5) if name == "time" else np.full(5, 21.0)
+
+    def inferred(self, name: str) -> bool:
+        return False
+
+
+AT_REST = Campaign(tuple(name for name in Campaign.columns if name != "velocity"))
+"""The same, with joints that stood when they were read."""
 
 
 class Solved:
@@ -85,7 +92,9 @@ def candidates(machine: Machine, slug: str) -> list[PlacedEffect]:
     """The effect at every place with every setting (of long lists, the first and the last two)."""
     effect, out = effects.get(slug, "test")(), []
     for place in effect.places(machine):
-        settings = list(effect.settings(machine, place, Campaign()))
+        settings = list(
+            effect.settings(machine, place, Campaign()) or effect.settings(machine, place, AT_REST)
+        )
         chosen = settings if len(settings) <= 5 else [settings[0], *settings[-2:]]
         out += [PlacedEffect.at(effect, machine, place, s) for s in chosen]
     return out

@@ -135,6 +135,9 @@ class _Recorded:
     def driver(self, name: str) -> Array:
         return np.linspace(-1e-9, 1e-9, 5)
 
+    def inferred(self, name: str) -> bool:
+        return False
+
 
 # -- axis-wobble, link-bending ---------------------------------------------------------------------------------
 
