@@ -24,12 +24,18 @@ def point_names(sensor: Sensor) -> list[str]:
 def length_names(sensor: Sensor) -> list[str]:
     """Columns of a sensor that are lengths and no coordinates of a point."""
     coordinates = {f"{name}{axis}" for name in point_names(sensor) for axis in XYZ}
-    return [column for column in sensor.shiftable if column not in coordinates]
+    lengths = [column for column in sensor.shiftable if sensor.columns[column] == "mm"]
+    return [column for column in lengths if column not in coordinates]
 
 
 def optical(sensor: Sensor) -> bool:
-    """Whether a sensor looks at its target through air."""
-    return sensor.type not in TACTILE and bool(sensor.shiftable)
+    """Whether a sensor looks along lengths, or at points, through air."""
+    return sensor.type not in TACTILE and measures_lengths(sensor)
+
+
+def measures_lengths(sensor: Sensor) -> bool:
+    """Whether any of its columns is a length."""
+    return any(sensor.columns[column] == "mm" for column in sensor.shiftable)
 
 
 def seen_point(site: Site, name: str) -> ca.SX:
@@ -63,4 +69,7 @@ def stretched(site: Site, sensor: Sensor, strain: ca.SX) -> dict[str, ca.SX]:
     return {f"{column}.reading": strain * site.seen(column) for column in columns}
 
 
-__all__ = ["from_home", "length_names", "moved_point", "optical", "point_names", "seen_point", "stretched"]
+__all__ = ["from_home",
+    "length_names",
+    "measures_lengths",
+    "moved_point", "optical", "point_names", "seen_point", "stretched"]
