@@ -14,9 +14,9 @@ from truepose.models.mechanism import Direction
 from truepose.models.states import across
 
 LARGEST = {"mm": 0.1, "rad": 3e-3}
-LEAN, LEANS = "lean", 24
+LEAN, LEANS = "lean", 36
 """Setting: where the centre of what the joint carries lies about its axis, rad; and how many are tried, evenly over a turn."""
-EVEN = 0.02
+EVEN = 0.05
 """rad from the balance, within which friction may hold the joint anywhere in its play."""
 
 
