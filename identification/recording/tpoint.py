@@ -125,9 +125,7 @@ def _mount_columns(
         f"{STAR}.{second}": true[1],
     }
     out = {name: ("deg", np.asarray(np.degrees(values))) for name, values in angles.items()}
-    return out | {
-        name: (_UNITS[name], np.full(len(true[0]), value)) for name, value in site.weather.items()
-    }
+    return out | {name: (_UNITS[name], np.full(len(true[0]), value)) for name, value in site.weather.items()}
 
 
 def _chain_columns(true: tuple[Array, Array], read: tuple[Array, Array]) -> dict[str, tuple[str, Array]]:

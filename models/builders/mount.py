@@ -143,9 +143,7 @@ def _gravity(parsed: Mount) -> tuple[float, float, float] | None:
     return (-STANDARD_GRAVITY * along, 0.0, -STANDARD_GRAVITY * up)
 
 
-def _limits(
-    limits: tuple[float, float], to_internal: Callable[[float, str], float]
-) -> tuple[float, float]:
+def _limits(limits: tuple[float, float], to_internal: Callable[[float, str], float]) -> tuple[float, float]:
     return to_internal(limits[0], "angle"), to_internal(limits[1], "angle")
 
 

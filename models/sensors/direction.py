@@ -104,9 +104,7 @@ class Direction(Sensor):
         names = ("ux", "uy", "uz") if as_vector else parsed.angles
         sense = -1.0 if parsed.turn == "clockwise" else 1.0
         own = _station(parsed.station, prefix, context) if parsed.station else ()
-        return cls(
-            parsed.of, as_vector, tuple(f"{prefix}{n}" for n in names), sense, parsed.sigma.angle, own
-        )
+        return cls(parsed.of, as_vector, tuple(f"{prefix}{n}" for n in names), sense, parsed.sigma.angle, own)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
