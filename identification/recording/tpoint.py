@@ -4,7 +4,7 @@ Lines that begin with ``!`` are comments, the first other line is a caption, lin
 then comes one line that begins with the latitude (deg m s), then a star a line: right ascension (h m s) and declination
 (deg m s), both again as the encoders say, and the sidereal time (h m). ``END`` ends the file.
 
-What follows the latitude on that line is the date, temperature (degC), pressure (hPa), height (m) and relative humidity (0 to 1).
+What follows the latitude on that line is the date, temperature (degC), pressure (hPa), height (m) and humidity (0 to 1).
 
 The columns are those of a machine of type ``mount``: its encoders (``ha dec``, or ``az alt``), where the star was (``star.ha
 star.dec``, or ``star.az star.alt``), and the weather. For machine files of type ``serial`` the same stands there once more: q1
@@ -84,9 +84,38 @@ def read_tpoint(text: str, file: str) -> Table:
     return Table(file, columns, cells, len(rows), where.__getitem__, (note,))
 
 
-def site_of(text: str, file: str) -> Site:
-    """What the head of the file says. Raises InputError naming file and line."""
-    return _read(text, file)[0]
+MACHINE: Final = """# A telescope's mount, begun from {file}. Lines marked CHECK are yours to check.
+schema: truepose/machine/1
+name: mount
+mechanism:
+  type: mount
+  kind: {kind}
+  latitude: {latitude:.6f}
+frames:
+  base: {{in: world, tolerance: {{xyz: 0, rpy: [2, 2, 0]}}}}  # CHECK: deg, how well the first axis was aligned
+  tool: {{in: flange, tolerance: {{xyz: 0, rpy: [0, 0, 1]}}}} # CHECK: deg, squareness of the tube to the second
+sensor:
+  type: direction # of the star, which the tube points at
+  name: {star}
+  angles: [{first}, {second}]
+  sigma: {{angle: 10 arcsec}} # CHECK: seeing and centring
+tolerances: {{angle: 0.5, {first}.offset: .inf, {second}.offset: .inf}} # CHECK: deg, of {second}.tilt; zeros are unknown
+"""
+"""Tolerances of a portable mount; an observatory's are a tenth of them."""
+
+
+def machine_text(text: str, file: str) -> str:
+    """A machine file to start from for the recording of such a text. Raises InputError as ``read_tpoint`` does."""
+    site, _ = _read(text, file)
+    first, second = NAMES[site.kind]
+    return MACHINE.format(
+        file=file.rsplit("/", 1)[-1],
+        kind=site.kind,
+        latitude=np.degrees(site.latitude),
+        star=STAR,
+        first=first,
+        second=second,
+    )
 
 
 def _read(text: str, file: str) -> tuple[Site, list[tuple[int, Sequence[str]]]]:
@@ -205,4 +234,4 @@ def _horizontal(hour: Array, dec: Array, latitude: float) -> tuple[Array, Array]
     return np.arctan2(east, north), np.arcsin(np.clip(up, -1.0, 1.0))
 
 
-__all__ = ["DISTANCE", "NAMES", "STAR", "Site", "is_tpoint", "read_tpoint", "site_of"]
+__all__ = ["DISTANCE", "NAMES", "STAR", "Site", "is_tpoint", "machine_text", "read_tpoint"]

@@ -23,8 +23,8 @@ from truepose.models.parameters import Parameter
 
 STANDARD_GRAVITY = 9.80665
 UNWEIGHED = (Inertial("tool", 10.0, (500.0, 0.0, 0.0)), Inertial("tube", 10.0, (-500.0, 0.0, 0.0)))
-"""A tube that nobody weighed, in balance about both axes: 10 kg half a metre out, 49 N m where it lies level, as small telescopes
-have. A compliance is known up to that moment; what the tube droops by it is not touched."""
+"""A tube that nobody weighed, in balance about both axes: 10 kg half a metre out, 49 N m where it lies level, as small
+telescopes have. A compliance is known up to that moment; what the tube droops by it is not touched."""
 NAMES: Mapping[str, tuple[str, str]] = {"equatorial": ("ha", "dec"), "alt-az": ("az", "alt")}
 """What the two axes of each kind are called where the file does not say."""
 SHAFT = "shaft"

@@ -31,8 +31,8 @@ class Backlash(Effect):
     slug = "backlash"
     title = "Backlash"
     formula = (
-        "dq = -(b / 2) approach, approach +1 when it arrived moving towards larger readings; with lean: dq = (b / 2) sign of the "
-        "torque that gravity exerts"
+        "dq = -(b / 2) approach, approach +1 when it arrived moving towards larger readings; with lean: dq = (b / 2) sign "
+        "of the torque that gravity exerts"
     )
     size = "0.5 to 2 arcmin (1.5e-4 to 6e-4 rad); 1 to 20 um"
     look_alikes = ("friction-hysteresis", "piezo-hysteresis", "joint-compliance")

@@ -119,7 +119,7 @@ def piezo_like(actuator: Actuator) -> bool:
 
 
 def down(site: Site, joint: str) -> ca.SX:
-    """(3,) which way gravity pulls, a unit vector in the frame of the body that a joint moves. Nothing need be weighed exactly."""
+    """(3,) which way gravity pulls, a unit vector in the frame of the body that a joint moves; weights cancel."""
     force = ca.vertcat(*(site.load(f"{joint}.motion.{axis}") for axis in AXES[:3]))
     return force / ca.norm_2(force)
 
