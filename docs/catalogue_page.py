@@ -35,6 +35,7 @@ GROUPS: Final = {
     "Play, friction and creep": ("backlash", "friction-hysteresis", "piezo-hysteresis", "piezo-creep"),
     "Weight and forces": (
         "joint-compliance", "link-bending", "leg-compliance", "platform-deformation", "screw-windup", "gravity-sag",
+        "axis-flexure",
     ),
     "Heat, time and sessions": ("thermal-expansion", "mount-drift", "frame-shift", "zero-shift"),
     "Sensors": (

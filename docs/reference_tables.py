@@ -215,7 +215,7 @@ def _default(field: Schema) -> str:
     if isinstance(value, list):
         if not any(value):
             return "0"
-        return f"[{', '.join(f'{item:g}' for item in value)}]"
+        return f"[{', '.join(item if isinstance(item, str) else f'{item:g}' for item in value)}]"
     return f"{value:g}" if isinstance(value, float) else f"`{value}`"
 
 

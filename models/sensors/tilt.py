@@ -110,8 +110,5 @@ class Tilt(Sensor):
         up = world[:3, :3].T @ (base @ ca.DM(self.up))
         level = ca.vertcat(ca.sumsqr(up[1:]), up[0] ** 2 + up[2] ** 2)
         return ca.vertcat(
-            *(
-                s[zero.name] + ca.atan2(up[k], ca.sqrt(level[k] + _LEVEL))
-                for k, zero in enumerate(self.own)
-            )
+            *(s[zero.name] + ca.atan2(up[k], ca.sqrt(level[k] + _LEVEL)) for k, zero in enumerate(self.own))
         )

@@ -46,7 +46,10 @@ PrismaticOption = Annotated[
 MachineOption = Annotated[
     Path | None,
     typer.Option(
-        "--machine", metavar="FILE", help="Also a machine file to start from, of TPOINT's mounts.", show_default=False
+        "--machine",
+        metavar="FILE",
+        help="Also a machine file to start from, of TPOINT's mounts.",
+        show_default=False,
     ),
 ]
 RenameOption = Annotated[

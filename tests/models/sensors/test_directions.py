@@ -102,7 +102,12 @@ def test_offsets_come_back(tmp_path: Path, sensor: str) -> None:
     assert max(np.abs(block.residual).max() for block in blocks) < 1e-6
     fit = calibrate(machine, recording).fit
     found = [fit.p[fit.prior.names.index(f"q{k}.theta")] for k in (1, 2, 3)]
-    np.testing.assert_allclose(found, offset, atol=1e-9)
+    # parallel joints turn axes by their sum; a level hardly sees the first, whose axis leans by 3 deg
+    assert found[1] + found[2] == pytest.approx(offset[1] + offset[2], abs=1e-8)
+    if sensor != "tilt":
+        assert found[0] == pytest.approx(offset[0], abs=1e-8)
+    if sensor == "origin":
+        np.testing.assert_allclose(found, offset, atol=1e-8)
     write_calibrated(tmp_path / "back.yaml", fit, recording)
     assert load_machine(tmp_path / "back.yaml").geometry["q1.theta"].nominal == pytest.approx(found[0])
 
