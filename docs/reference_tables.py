@@ -193,7 +193,8 @@ def _list(field: Schema) -> str:
     items = field.get("items", {})
     word = "mapping" if "oneOf" in items else _value(items)
     if field.get("minItems") == field.get("maxItems") and "maxItems" in field:
-        return f"{field['maxItems']} {word.replace('number', 'numbers', 1)}"
+        several = re.sub("^(number|text)", r"\1s", word)
+        return f"{field['maxItems']} {several}"
     return f"list of {word}s" if word in _WORDS.values() else f"list of {word}"
 
 

@@ -38,7 +38,7 @@ class AirRefraction(Effect):
     title = "Refraction of air that is not corrected"
     formula = (
         "reading + share (n - n0) L, n - 1 = 2.7e-4 p / 1013.25 hPa * 293.15 K / T, n0 at 20 degC and 1013.25 hPa; "
-        "of stars: elevation - share R, R = 58 arcsec cot(elevation) p / 1013 hPa * 293 K / T, near the horizon as Bennett has it"
+        "of stars: elevation - share R, R = 58 arcsec cot(elevation) p / 1013 hPa * 293 K / T; Bennett's near the horizon"
     )
     size = "-0.92 ppm/K and +0.27 ppm/hPa of the whole path"
     look_alikes = ("sensor-scale", "thermal-expansion", "mount-drift")

@@ -62,8 +62,7 @@ class _DirectionSection(Section):
     angles: tuple[str, str] = ("azimuth", "elevation")
     """Names of the two angles' columns."""
     turn: Literal["clockwise", "counterclockwise"] = "clockwise"
-    """Which way the first angle grows, seen from +z: a theodolite's circle, an azimuth from the north by the east and an hour
-    angle grow `clockwise`."""
+    """Which way the first angle grows, seen from +z: circles of theodolites, azimuths and hour angles grow `clockwise`."""
     name: str | None = None
     """Tells several apart: its columns are then `NAME.azimuth` ..., its parameters `NAME.station.x` ..."""
     station: _Station | None = None

@@ -39,7 +39,7 @@ class _Zero(Section):
 
 class _TiltSection(Section):
     type: Literal["tilt"]
-    """An inclinometer: columns `tilt.x tilt.y`, by how much the tool's x and y axes point above the horizon. Needs `gravity`."""
+    """An inclinometer: columns `tilt.x tilt.y`, how far the tool's x and y axes point above the horizon. Needs `gravity`."""
     name: str = "tilt"
     """Tells several apart: the columns are `NAME.x NAME.y`, the parameters `NAME.zero.x NAME.zero.y`."""
     zero: _Zero = _Zero()

@@ -161,7 +161,7 @@ def test_play_is_closed_by_the_side_that_is_heavy(tmp_path: Path, lean: float) -
 
 
 def test_an_equatorial_mount_needs_its_latitude_for_weight(tmp_path: Path) -> None:
-    text = FILE.split("effects:")[0].format(kind="equatorial").replace(", latitude: 39", "")
+    text = FILE.partition("effects:")[0].format(kind="equatorial").replace(", latitude: 39", "")
     (tmp_path / "mount.yaml").write_text(text)
     machine = load_machine(tmp_path / "mount.yaml")
     assert machine.gravity is None
