@@ -99,11 +99,9 @@ READINGS: Final = (
     *(
         KnownColumn(name, "number", "angle", text, sensor=("direction",))
         for name, text in (
-            (
-                "azimuth",
-                "First angle of a direction, or as `angles` names it; `<name>.azimuth` of a sensor with a `name`.",
-            ),
-            ("elevation", "Second angle of a direction, or as `angles` names it."),
+            ("azimuth", "First angle of a direction, where `angles` names no other."),
+            ("elevation", "Second angle of a direction, where `angles` names no other."),
+            ("<direction>.<angle>", "Either angle of a direction that has a `name`: `star.ha`."),
         )
     ),
     *(
