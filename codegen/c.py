@@ -31,6 +31,7 @@ from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import FRAME_OF, Machine
+from truepose.models.sensors.direction import ORIGIN, Direction
 
 MAX_ITER = 1500
 """Evaluations of the model that one inverse of an open chain may take."""
@@ -38,6 +39,8 @@ SPARE_MAX_ITER = 4000
 """The same where there are joints to spare, whose ranges leave many solutions outside."""
 CLOSED_MAX_ITER = 400
 """The same of a closed chain."""
+POINTING_STARTS = 12
+"""Places from which two joints are tried to point somewhere: a direction is met from few of them on each side of the pier."""
 _LIMITS = {
     "fk_limit": 300,
     "attempt_limit": 40,
@@ -152,6 +155,20 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "drivers": _entries(model.drivers, _driver_units(model)),
         "tolerance": {"position": f"{layout.position:g}", "rotation": f"{layout.rotation:g}"},
         **_example(layout, single),
+        **_pointing(model, layout),
+    }
+
+
+def _pointing(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
+    """What ``NAME_point`` needs: the axis of the tool that two turning joints point; None where nothing is pointed."""
+    of = [s.of for s in model.machine.sensors if isinstance(s, Direction) and s.of != ORIGIN]
+    two = len(layout.turns) == 2 and all(layout.turns) and not len(model.home)
+    return {
+        "pointed": "xyz".index(of[0]) if of and two else None,
+        "pointing_met": (layout.share * layout.rotation) ** 2,
+        "pointing_tight": (layout.tight * layout.rotation) ** 2,
+        "pointing_limit": MAX_ITER,
+        "pointing_starts": POINTING_STARTS,
     }
 
 

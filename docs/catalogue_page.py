@@ -37,6 +37,7 @@ GROUPS: Final = {
     ),
     "Weight and forces": (
         "joint-compliance", "link-bending", "leg-compliance", "platform-deformation", "screw-windup", "gravity-sag",
+        "axis-flexure",
     ),
     "Heat, time and sessions": ("thermal-expansion", "mount-drift", "frame-shift", "zero-shift"),
     "Sensors": (

@@ -102,6 +102,16 @@ def _gravity_sag(paper: Canvas) -> None:
     paper.arc(60, 71, 36, (270, 279))
 
 
+@sketched("axis-flexure")
+def _axis_flexure(paper: Canvas) -> None:
+    paper.line((30, 84), (78, 36), colour=DRAWN, width=2.4)
+    paper.line((78, 36), (128, 6), colour=DRAWN, dashed=True)
+    way = np.linspace(0, 1, 30)
+    paper.line(*[(78 + 52 * float(s), 36 - 30 * float(s) + 14 * float(s) ** 2) for s in way])
+    paper.arrow((130, 24), (130, 46), DRAWN)
+    paper.arc(78, 36, 44, (329, 342))
+
+
 @sketched("joint-compliance")
 def _joint_compliance(paper: Canvas) -> None:
     paper.line((14, 20), (14, 70), colour=DRAWN, width=2.4)

@@ -193,7 +193,8 @@ def _list(field: Schema) -> str:
     items = field.get("items", {})
     word = "mapping" if "oneOf" in items else _value(items)
     if field.get("minItems") == field.get("maxItems") and "maxItems" in field:
-        return f"{field['maxItems']} {word.replace('number', 'numbers', 1)}"
+        several = re.sub("^(number|text)", r"\1s", word)
+        return f"{field['maxItems']} {several}"
     return f"list of {word}s" if word in _WORDS.values() else f"list of {word}"
 
 
@@ -215,7 +216,7 @@ def _default(field: Schema) -> str:
     if isinstance(value, list):
         if not any(value):
             return "0"
-        return f"[{', '.join(f'{item:g}' for item in value)}]"
+        return f"[{', '.join(item if isinstance(item, str) else f'{item:g}' for item in value)}]"
     return f"{value:g}" if isinstance(value, float) else f"`{value}`"
 
 

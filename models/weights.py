@@ -32,7 +32,8 @@ def weights(
         for i in mechanism.inertials
     )
     gravity = file.gravity if "gravity" in file.raw else mechanism.gravity
-    return (*read, *stated), gravity, (_note(file, read, gravity), *mechanism.notes)
+    of_file = (_note(file, read, gravity),) if "file" in file.mechanism else ()
+    return (*read, *stated), gravity, (*of_file, *mechanism.notes)
 
 
 def _note(file: MachineFile, read: tuple[Mass, ...], gravity: Triple | None) -> str:

@@ -47,7 +47,9 @@ def sigmas(rig: Rig, stand: Stand, price: float) -> Iterator[Found]:
 
 
 def _fields(kind: str) -> str:
-    return {"position": "xyz", "rotation": "rot", "distance": "distance"}.get(kind, kind)
+    return {"position": "xyz", "rotation": "rot", "distance": "distance", "direction": "angle"}.get(
+        kind, kind
+    )
 
 
 def _mend_sigma(key: str, value: float, pair: Pair) -> Pair:

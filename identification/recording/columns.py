@@ -106,6 +106,28 @@ READINGS: Final = (
         "The same of a bar that has a `name`.",
         sensor=("ballbar",),
     ),
+    *(
+        KnownColumn(name, "number", "angle", text, sensor=("direction",))
+        for name, text in (
+            ("azimuth", "First angle of a direction, where `angles` names no other."),
+            ("elevation", "Second angle of a direction, where `angles` names no other."),
+            ("<direction>.<angle>", "Either angle of a direction that has a `name`: `star.ha`."),
+        )
+    ),
+    *(
+        KnownColumn(f"u{axis}", "number", "", f"{axis} of a direction's unit vector.", sensor=("direction",))
+        for axis in "xyz"
+    ),
+    *(
+        KnownColumn(
+            f"tilt.{axis}",
+            "number",
+            "angle",
+            f"Angle of the tool's {axis} axis above the horizon.",
+            sensor=("tilt",),
+        )
+        for axis in "xy"
+    ),
     KnownColumn("placement", "text", "", "Label of where the sockets stood.", sensor=("socket",)),
     KnownColumn("socket", "text", "", "Label of the socket that held the ball.", sensor=("socket",)),
     KnownColumn("set", "text", "", "Label of a mounting of the tool.", "one set", sensor=("socket",)),

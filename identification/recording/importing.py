@@ -15,7 +15,7 @@ from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.spreadsheet import MAGIC
 from truepose.identification.recording.table import Column, Table, bag_table, is_bag, read_table
 from truepose.identification.recording.text import SI, decoded
-from truepose.identification.recording.tpoint import is_tpoint, read_tpoint
+from truepose.identification.recording.tpoint import is_tpoint, machine_text, read_tpoint
 from truepose.identification.recording.tracker_text import ANY, DIALECTS, dialect_of, read_points
 from truepose.wording import joined, shortened
 
@@ -54,6 +54,16 @@ def read_foreign(
     dialect = DIALECTS.get(form) or dialect_of(text)
     found = read_points(text, str(path), dialect, unit)
     return replace(found, notes=(*notes, *found.notes))
+
+
+def machine_of(path: Path) -> str:
+    """Text of a machine file to start from, where a format tells the machine. Raises InputError where it does not."""
+    text = "" if _form(path) != "tpoint" else decoded(path.read_bytes(), str(path))[0]
+    if not text:
+        raise InputError(
+            f"--machine: found {path}, expected TPOINT's stars: other formats say nothing of the machine"
+        )
+    return machine_text(text, str(path))
 
 
 def _form(path: Path) -> str:
@@ -185,4 +195,4 @@ def _values(table: Table, column: Column) -> object:
     return values.astype(np.int64) if whole else values
 
 
-__all__ = ["FORMATS", "frame_of", "read_foreign", "renamed", "with_joints"]
+__all__ = ["FORMATS", "frame_of", "machine_of", "read_foreign", "renamed", "with_joints"]

@@ -4,15 +4,20 @@ Lines that begin with ``!`` are comments, the first other line is a caption, lin
 then comes one line that begins with the latitude (deg m s), then a star a line: right ascension (h m s) and declination
 (deg m s), both again as the encoders say, and the sidereal time (h m). ``END`` ends the file.
 
-The mount is a machine of two revolute joints: q1 about the pole (or the vertical), right-handed, so that it is minus the
-hour angle (or minus the azimuth), and q2 the declination (or altitude). A star is a point at ``DISTANCE`` in its
-direction, x where the meridian cuts the equator (or the horizon in the north), z at the pole (or the zenith).
+What follows the latitude on that line is the date, temperature (degC), pressure (hPa), height (m) and humidity (0 to 1).
+
+The columns are those of a machine of type ``mount``: its encoders (``ha dec``, or ``az alt``), where the star was (``star.ha
+star.dec``, or ``star.az star.alt``), and the weather. For machine files of type ``serial`` the same stands there once more: q1
+about the pole (or the vertical), right-handed, so that it is minus the hour angle (or minus the azimuth), q2 the declination
+(or altitude), and the star as a point at ``DISTANCE``, x where the meridian cuts the equator (or the horizon in the north), z
+at the pole (or the zenith).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -30,6 +35,18 @@ _OPTIONS: Final = frozenset(
     {"NODA", "EQUAT", "ALTAZ", "ALLSKY", "GIMBAL", "J2000", "ROTNL", "ROTNR", "ROTTEL"}
 )
 _FIELDS = 14
+_ENOUGH = 5
+"""Stars from which on a gap between them may be where the axis never was."""
+STAR: Final = "star"
+"""Name of the sensor whose readings the stars are."""
+NAMES: Final[Mapping[str, tuple[str, str]]] = {"equatorial": ("ha", "dec"), "alt-az": ("az", "alt")}
+_WEATHER: Final = (
+    ("temperature.air", 6, 1.0, -90.0, 60.0),
+    ("pressure", 7, 1.0, 400.0, 1100.0),
+    ("humidity", 9, 100.0, -1.0, 101.0),
+)
+"""Column, word on the line, factor, and between which values it is believed."""
+_UNITS: Final[Mapping[str, str]] = {"temperature.air": "degC", "pressure": "hPa", "humidity": "%"}
 
 
 def is_tpoint(text: str) -> bool:
@@ -37,36 +54,129 @@ def is_tpoint(text: str) -> bool:
     return any(found[1].upper() in _OPTIONS for found in _OPTION.finditer(text))
 
 
+@dataclass(frozen=True)
+class Site:
+    """What a file says of the mount and the night: kind, latitude (rad), and the weather by column, in its unit."""
+
+    kind: str
+    latitude: float
+    weather: Mapping[str, float]
+
+
 def read_tpoint(text: str, file: str) -> Table:
-    """Columns q1, q2 (deg) of the encoders and x y z (mm) of the stars. Raises InputError naming file and line."""
-    options = {found[1].upper() for found in _OPTION.finditer(text)}
-    if "GIMBAL" in options:
-        raise InputError(f"{file}: option :GIMBAL: expected a mount that is equatorial or altazimuth")
-    lines = [(k, line.split()) for k, line in enumerate(text.splitlines(), start=1) if _says(line)]
-    _, (site, *stars) = lines[:1], lines[1:] or [(0, [])]  # the caption says nothing
-    latitude = _latitude(site, file)
-    rows = _until_end(stars)
+    """Columns of the encoders, of the stars and of the weather. Raises InputError naming file and line."""
+    site, rows = _read(text, file)
     if not rows:
         raise InputError(f"{file}: found no star, expected lines of right ascensions and declinations")
     numbers = np.array([_numbers(row, file) for row in rows])
     ra, dec, ra_read, dec_read, sidereal = numbers.T
     true, read = (sidereal - ra, dec), (sidereal - ra_read, dec_read)
-    if "ALTAZ" in options:
-        true, read = _horizontal(*true, latitude), _horizontal(*read, latitude)
+    if site.kind == "alt-az":
+        true, read = (_horizontal(*angles, site.latitude) for angles in (true, read))
+    values = {**_mount_columns(site, true, read), **_chain_columns(true, read)}
+    columns = tuple(Column(name, unit) for name, (unit, _) in values.items())
+    cells = {name: ArrowCells(v) for name, (_, v) in values.items()}
+    note = (
+        f"{file}: {site.kind} mount at latitude {np.degrees(site.latitude):.4f} deg; refraction is left in; q1 q2 x y z say "
+        f"the same for a machine file of type serial that sees stars as points at {DISTANCE:g} mm"
+    )
+    where = [number for number, _ in rows]
+    return Table(file, columns, cells, len(rows), where.__getitem__, (note,))
+
+
+MACHINE: Final = """# A telescope's mount, begun from {file}. Lines marked CHECK are yours to check.
+schema: truepose/machine/1
+name: mount
+mechanism:
+  type: mount
+  kind: {kind}
+  latitude: {latitude:.6f}
+frames:
+  base: {{in: world, tolerance: {{xyz: 0, rpy: [2, 2, 0]}}}}  # CHECK: deg, how well the first axis was aligned
+  tool: {{in: flange, tolerance: {{xyz: 0, rpy: [0, 0, 1]}}}} # CHECK: deg, squareness of the tube to the second
+sensor:
+  type: direction # of the star, which the tube points at
+  name: {star}
+  angles: [{first}, {second}]
+  sigma: {{angle: 10 arcsec}} # CHECK: seeing and centring
+tolerances: {{angle: 0.5, {first}.offset: .inf, {second}.offset: .inf}} # CHECK: deg, of {second}.tilt; zeros are unknown
+"""
+"""Tolerances of a portable mount; an observatory's are a tenth of them."""
+
+
+def machine_text(text: str, file: str) -> str:
+    """A machine file to start from for the recording of such a text. Raises InputError as ``read_tpoint`` does."""
+    site, _ = _read(text, file)
+    first, second = NAMES[site.kind]
+    return MACHINE.format(
+        file=file.rsplit("/", 1)[-1],
+        kind=site.kind,
+        latitude=np.degrees(site.latitude),
+        star=STAR,
+        first=first,
+        second=second,
+    )
+
+
+def _read(text: str, file: str) -> tuple[Site, list[tuple[int, Sequence[str]]]]:
+    """The head, and the lines of stars with their numbers."""
+    options = {found[1].upper() for found in _OPTION.finditer(text)}
+    if "GIMBAL" in options:
+        raise InputError(f"{file}: option :GIMBAL: expected a mount that is equatorial or altazimuth")
+    lines = [(k, line.split()) for k, line in enumerate(text.splitlines(), start=1) if _says(line)]
+    _, (site, *stars) = lines[:1], lines[1:] or [(0, [])]  # the caption says nothing
+    kind = "alt-az" if "ALTAZ" in options else "equatorial"
+    return Site(kind, _latitude(site, file), _weather(site[1])), _until_end(stars)
+
+
+def _weather(words: Sequence[str]) -> dict[str, float]:
+    """Temperature, pressure and humidity, as far as they are there and possible."""
+    out = {}
+    for name, at, scale, low, high in _WEATHER:
+        try:
+            value = scale * float(words[at])
+        except (IndexError, ValueError):
+            break
+        if low < value < high:
+            out[name] = value
+    return out
+
+
+def _mount_columns(
+    site: Site, true: tuple[Array, Array], read: tuple[Array, Array]
+) -> dict[str, tuple[str, Array]]:
+    """By name, unit and values: encoders, stars, weather."""
+    first, second = NAMES[site.kind]
+    angles = {
+        first: _in_one_piece(read[0]),
+        second: _in_one_piece(read[1]),
+        f"{STAR}.{first}": np.angle(np.exp(1j * true[0])),
+        f"{STAR}.{second}": true[1],
+    }
+    out = {name: ("deg", np.asarray(np.degrees(values))) for name, values in angles.items()}
+    return out | {name: (_UNITS[name], np.full(len(true[0]), value)) for name, value in site.weather.items()}
+
+
+def _chain_columns(true: tuple[Array, Array], read: tuple[Array, Array]) -> dict[str, tuple[str, Array]]:
+    """The same of a chain of right-handed joints, whose stars are points."""
     turned = -np.angle(np.exp(1j * read[0]))
     point = np.column_stack(
         [np.cos(true[1]) * np.cos(true[0]), -np.cos(true[1]) * np.sin(true[0]), np.sin(true[1])]
     )
-    values = [np.degrees(turned), np.degrees(read[1]), *(DISTANCE * point).T]
-    columns = (Column("q1", "deg"), Column("q2", "deg"), *(Column(axis, "mm") for axis in "xyz"))
-    cells = {column.name: ArrowCells(v) for column, v in zip(columns, values, strict=True)}
-    about = "the vertical, q2 the altitude" if "ALTAZ" in options else "the pole, q2 the declination"
-    note = (
-        f"{file}: q1 turns about {about}; stars are points at {DISTANCE:g} mm, seen from latitude "
-        f"{np.degrees(latitude):.4f} deg; refraction is left in"
-    )
-    where = [number for number, _ in rows]
-    return Table(file, columns, cells, len(rows), where.__getitem__, (note,))
+    joints = {"q1": ("deg", np.degrees(turned)), "q2": ("deg", np.degrees(read[1]))}
+    return joints | {axis: ("mm", DISTANCE * point[:, k]) for k, axis in enumerate("xyz")}
+
+
+def _in_one_piece(angle: Array) -> Array:
+    """Angles without a jump of a turn where the axis went through: cut in the widest gap that no star was seen in."""
+    turned = np.angle(np.exp(1j * angle))
+    if len(turned) < _ENOUGH:
+        return np.asarray(turned)
+    order = np.sort(turned)
+    gaps = np.diff([*order, order[0] + 2 * np.pi])
+    cut = order[np.argmax(gaps)] + gaps.max() / 2
+    out = np.where(turned > cut, turned - 2 * np.pi, turned)
+    return np.asarray(out - 2 * np.pi * np.round(np.median(out) / (2 * np.pi)))
 
 
 def _says(line: str) -> bool:
@@ -124,4 +234,4 @@ def _horizontal(hour: Array, dec: Array, latitude: float) -> tuple[Array, Array]
     return np.arctan2(east, north), np.arcsin(np.clip(up, -1.0, 1.0))
 
 
-__all__ = ["DISTANCE", "is_tpoint", "read_tpoint"]
+__all__ = ["DISTANCE", "NAMES", "STAR", "Site", "is_tpoint", "machine_text", "read_tpoint"]

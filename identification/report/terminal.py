@@ -27,6 +27,7 @@ from truepose.identification.report.level_words import (
 from truepose.identification.report.lines import LINES, listed, several_lines, wrapped
 from truepose.identification.report.misfit_words import HIGH as SUSPICIOUS
 from truepose.identification.report.misfit_words import misfit_clause
+from truepose.identification.report.mount_words import mount_words
 from truepose.identification.report.next_steps import after_calibration, after_diagnosis
 from truepose.identification.report.numbers import measure, percent
 from truepose.identification.report.results import diagnosis_json
@@ -95,7 +96,8 @@ def _verdict(result: Diagnosis, refused: str) -> list[str]:
 def _worth(result: Diagnosis) -> list[str]:
     """Before and after, and what it is worth to the tool."""
     readings = [line for text in before_after_words(result) for line in wrapped(text, most=1)]
-    return [*readings, *(line for text in applied_words(result.applied)[:2] for line in wrapped(text))]
+    told = [*applied_words(result.applied)[:2], *mount_words(result.after)]
+    return [*readings, *(line for text in told for line in wrapped(text))]
 
 
 def _found(result: Diagnosis, tight: bool) -> list[list[str]]:
@@ -171,6 +173,7 @@ def calibration_lines(
         *wrapped(f"{refused} ({said})" if refused else said, indent=0, most=3),
         *(line for text in far_row_words(figures["rows_that_do_not_fit"]) for line in wrapped(text)),
         *_before_after(figures, pose),
+        *(line for text in mount_words(fit) for line in wrapped(text)),
         f"  chi2 per degree of freedom {fit.chi2_per_dof:.4g}",
         f"  {fit.rank} of {len(fit.prior.free)} directions are seen by the readings{decided}",
         f"  held as the machine file has it: all but {result.only}"

@@ -119,6 +119,17 @@ def piezo_like(actuator: Actuator) -> bool:
     return actuator.reading_unit != "turn" and high - low <= PIEZO_RANGE[actuator.unit]
 
 
+def down(site: Site, joint: str) -> ca.SX:
+    """(3,) which way gravity pulls, a unit vector in the frame of the body that a joint moves; weights cancel."""
+    force = ca.vertcat(*(site.load(f"{joint}.motion.{axis}") for axis in AXES[:3]))
+    return force / ca.norm_2(force)
+
+
+def points_only(machine: Machine) -> bool:
+    """Whether a machine of known weight is seen by directions: a telescope's mount, whose weights in balance nobody states."""
+    return machine.loaded and any(sensor.type == "direction" for sensor in machine.sensors)
+
+
 def sine_pair(site: Site, phase: ca.SX) -> ca.SX:
     """a sin(phase) + b cos(phase): a sine of any phase, linear in its two coefficients."""
     return site.c["a"] * ca.sin(phase) + site.c["b"] * ca.cos(phase)

@@ -6,11 +6,14 @@ from collections.abc import Sequence
 
 from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import singly
+from truepose.models.effects.common import points_only, singly
 from truepose.models.machine import Machine
 
 LARGEST = {"base": 1e-5, "tool": 1e-4}
 """rad/(N m): a base on a stand or a table; a flange that carries a newton metre and turns by a tenth of a milliradian."""
+TUBES = 10.0
+"""How likely a telescope's tube droops, in terms of other mounts: all do by some arcsec, while few axes have an encoder or
+a scale that errs as much, which from one side of an alt-az mount is the same."""
 
 
 @effects.add("gravity-sag")
@@ -36,6 +39,10 @@ class GravitySag(Effect):
             return []
         heavy = {"tool" if m.name == PAYLOAD else m.body for m in machine.masses} & {*machine.standing}
         return singly(name for name in machine.standing if name == "base" or name in heavy)
+
+    def likely(self, machine: Machine, place: Place) -> float:
+        """Tubes of telescopes droop."""
+        return TUBES if place == ("tool",) and points_only(machine) else 1.0
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         return (Coefficient("c", "rad/(N*m)", scale=LARGEST.get(place[0], LARGEST["tool"]), lower=0.0),)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import sensor_at, sensors_where
-from truepose.models.effects.sights import stretched
+from truepose.models.effects.sights import measures_lengths, stretched
 from truepose.models.machine import Machine
 
 LARGEST = 0.1
@@ -30,7 +30,7 @@ class SensorScale(Effect):
     source = "scale bars and ranging tests of ASME B89.4.19; sizes recalled"
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        return sensors_where(machine, lambda sensor: bool(sensor.shiftable))
+        return sensors_where(machine, measures_lengths)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         return (Coefficient("s", "1", 1e-4, -LARGEST, LARGEST),)

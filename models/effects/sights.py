@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import casadi as ca
+from collections.abc import Callable
 
-from truepose.models.assembly import assemble
+import casadi as ca
+import numpy as np
+
+from truepose.models import lie
+from truepose.models.assembly import assemble, frame_of
 from truepose.models.effects.base import Site
 from truepose.models.home import home_readings
 from truepose.models.mechanism import AXES
 from truepose.models.sensors.base import Sensor
+from truepose.models.sensors.direction import ORIGIN, Direction
 
 XYZ = AXES[:3]
+NEAR_ZENITH = 1e-12
+"""Square of the zenith distance (rad) below which nothing is lifted any way."""
 TACTILE = ("ballbar", "socket")
 """Sensors that touch what they measure: no light goes through the air."""
 
@@ -24,12 +31,40 @@ def point_names(sensor: Sensor) -> list[str]:
 def length_names(sensor: Sensor) -> list[str]:
     """Columns of a sensor that are lengths and no coordinates of a point."""
     coordinates = {f"{name}{axis}" for name in point_names(sensor) for axis in XYZ}
-    return [column for column in sensor.shiftable if column not in coordinates]
+    lengths = [column for column in sensor.shiftable if sensor.columns[column] == "mm"]
+    return [column for column in lengths if column not in coordinates]
 
 
 def optical(sensor: Sensor) -> bool:
-    """Whether a sensor looks at its target through air."""
-    return sensor.type not in TACTILE and bool(sensor.shiftable)
+    """Whether a sensor looks along lengths, or at points, through air."""
+    return sensor.type not in TACTILE and measures_lengths(sensor)
+
+
+def of_stars(sensor: Sensor) -> bool:
+    """Whether a sensor says in which direction something far away is that an axis of the tool points at."""
+    return isinstance(sensor, Direction) and sensor.of != ORIGIN
+
+
+def bent_up(site: Site, sensor: Sensor, lift: Callable[[ca.SX], ca.SX]) -> dict[str, ca.SX]:
+    """Shifts of a direction's columns that lift it by ``lift`` of its height over the horizon, rad."""
+    assert isinstance(sensor, Direction)
+    gravity = np.array(site.machine.gravity, dtype=float)
+    zenith = frame_of(site.values, "base")[:3, :3] @ ca.DM(-gravity / np.linalg.norm(gravity))
+    at = [site.values[parameter.name] for parameter in sensor.own[3:]]
+    zenith = lie.rpy_transform([ca.SX(0)] * 3, at)[:3, :3].T @ zenith if at else zenith
+    seen = ca.vertcat(*(site.seen(column) for column in sensor.columns))
+    along = sensor.meant(seen)
+    sine = ca.dot(along, zenith)
+    cosine = ca.sqrt(ca.fmax(1.0 - sine**2, NEAR_ZENITH))
+    angle = lift(ca.atan2(sine, cosine))
+    moved = ca.cos(angle) * along + ca.sin(angle) * (zenith - sine * along) / cosine
+    change = sensor.told(moved) - seen
+    return {f"{column}.reading": change[k] for k, column in enumerate(sensor.columns)}
+
+
+def measures_lengths(sensor: Sensor) -> bool:
+    """Whether any of its columns is a length."""
+    return any(sensor.columns[column] == "mm" for column in sensor.shiftable)
 
 
 def seen_point(site: Site, name: str) -> ca.SX:
@@ -63,4 +98,13 @@ def stretched(site: Site, sensor: Sensor, strain: ca.SX) -> dict[str, ca.SX]:
     return {f"{column}.reading": strain * site.seen(column) for column in columns}
 
 
-__all__ = ["from_home", "length_names", "moved_point", "optical", "point_names", "seen_point", "stretched"]
+__all__ = [
+    "from_home",
+    "length_names",
+    "measures_lengths",
+    "moved_point",
+    "optical",
+    "point_names",
+    "seen_point",
+    "stretched",
+]

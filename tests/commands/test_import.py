@@ -15,8 +15,10 @@ from support.workbook import write_workbook
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.recording.importing import read_foreign
+from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table
 from truepose.identification.recording.tpoint import read_tpoint
+from truepose.models.load import load_machine
 
 XYZ = [[1234.5678, -12.5, 800.0], [1300.25, 40.125, 790.5], [1400.0, 99.0, -3.25]]
 JOINTS = "name,q1,q2\nP1,0,10\nP2,20,30\nP3,-5.5,60\n"
@@ -209,6 +211,24 @@ def test_stars_of_an_altazimuth_mount_are_turned_by_the_latitude() -> None:
     np.testing.assert_allclose(
         point, 1000 * np.array([np.cos(q2) * np.cos(q1), np.cos(q2) * np.sin(q1), np.sin(q2)])
     )
+
+
+def test_a_mounts_stars_bring_a_machine_file(tmp_path: Path) -> None:
+    (tmp_path / "stars.dat").write_text(TPOINT.format(mount="ALTAZ"))
+    machine, recording = tmp_path / "mount.yaml", tmp_path / "stars.csv"
+    done = CliRunner().invoke(
+        app, ["import", str(tmp_path / "stars.dat"), "-o", str(recording), "--machine", str(machine)]
+    )
+    assert done.exit_code == 0, done.output
+    found = load_recording(load_machine(machine), [recording])
+    assert found.joints == ("az", "alt")
+    assert set(found.observations) == {"star.az", "star.alt"}
+    # the second star is read where it is
+    assert np.degrees(found.q[1]) == pytest.approx(
+        [np.degrees(found.observations[f"star.{n}"][1]) for n in ("az", "alt")]
+    )
+    assert found.drivers["temperature.air"] == pytest.approx(10.0)
+    assert found.drivers["pressure"] == pytest.approx(990.0)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from truepose.identification.report.document import Block, Charts, Fold, Section
 from truepose.identification.report.figures import parameters
 from truepose.identification.report.figures.parameters import Departures
 from truepose.identification.report.frames import frame
+from truepose.identification.report.mount_words import mount_blocks
 from truepose.identification.report.numbers import significant, unit_symbol
 from truepose.identification.report.plain_names import plain_names
 from truepose.models.machine import Machine
@@ -65,9 +66,10 @@ def constants_blocks(fit: Estimate, file: str, *, averaged: bool = False) -> lis
     )
     count = len(rows) if len(names) <= FEW else len(rows) - len(names)
     whole = Table(head, rows[:count], caption, csv=_csv(table))
+    mount = mount_blocks(fit)
     if count == len(rows):
-        return [whole]
-    return [whole, Fold(f"{len(names)} coefficients of effects", [Table(head, rows[count:])])]
+        return [whole, *mount]
+    return [whole, *mount, Fold(f"{len(names)} coefficients of effects", [Table(head, rows[count:])])]
 
 
 def _row(names: Mapping[str, str], record: Mapping[Hashable, Any]) -> list[str]:

@@ -111,7 +111,12 @@ def _machine(name: str) -> str:
 
 
 UNWEIGHED = ARM.split("masses:", maxsplit=1)[0]
+MOUNT = """
+mechanism: {type: mount, kind: equatorial, latitude: 39}
+sensor: {type: direction, sigma: {angle: 1 arcsec}}
+"""
 TEXTS = {
+    "mount": MOUNT,
     "arm": ARM,
     "stage": STAGE,
     "telescope": TELESCOPE,
@@ -124,6 +129,7 @@ TEXTS = {
     "cavity": CAVITY,
 }
 READINGS = {
+    "mount": [0.4, 0.7],
     "arm": [0.5, -0.4, 0.8],
     "stage": [60.0, 13.0, 0.03],
     "unweighed": [0.5, -0.4, 0.8],

@@ -1,0 +1,105 @@
+"""Forks and cantilevered axes of telescopes that bend under their own weight: gravity's direction is all that counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.models.assembly import placed_frame
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import down, points_only, singly
+from truepose.models.machine import Machine
+from truepose.models.mechanism import BASE, Direction, Joint
+
+Array = NDArray[np.float64]
+LARGEST = 5e-3
+"""rad: 1000 arcsec, a light mount of an amateur; observatories have a hundredth of it."""
+FORK, SHAFT = "fork", "shaft"
+LEVEL = 1e-3
+"""Sine of the angle between an axis and the vertical below which nothing it carries bends to and fro."""
+
+
+@effects.add("axis-flexure")
+class AxisFlexure(Effect):
+    """What a leaning axis turns bends under its own weight: by c where it lies level, in proportion to the pull across it.
+
+    Settings: ``shaft``, the next axis droops like a cantilever that the first one carries; ``fork``, the
+    tines nod about the next axis. Weights need not be known: gravity's direction in the turning body is all that the form asks.
+    """
+
+    slug = "axis-flexure"
+    title = "Fork or axis that bends under its own weight"
+    counted = True
+    formula = (
+        "turn of what joint J carries; shaft: c n x g, fork: c n (n . (g x a)); a the axis of J, n that of the next joint, "
+        "g the direction of gravity, unit vectors"
+    )
+    size = "1 to 30 arcsec at observatories, some arcmin of light German mounts and forks"
+    look_alikes = ("gravity-sag", "wrong-constant", "encoder-eccentricity")
+    experiment = "point at stars east and west of the meridian, from both sides of the pier"
+    source = "terms FO and DAF of pointing models (P. T. Wallace, TPOINT)"
+    needs_load = True
+    settings_add = True
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        """The first of two axes that point something, where it leans."""
+        if not points_only(machine):
+            return []
+        return singly(joint.name for joint, _ in _pairs(machine) if _leans(machine, joint))
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        return ({SHAFT: 1.0}, {FORK: 1.0})
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        return (Coefficient("c", "rad", LARGEST),)
+
+    def shifts(self, site: Site) -> Shifts:
+        joint, following = _pair(site.machine, site.place[0])
+        pull = down(site, joint.name)
+        axis, carried = ca.DM(_axis(joint)), ca.DM(_carried(site.machine, following))
+        if site.settings.get(FORK):
+            turn = carried * ca.dot(carried, ca.cross(pull, axis))
+        else:
+            turn = ca.cross(carried, pull)
+        return {f"{joint.name}.motion.r{axis}": site.c["c"] * turn[k] for k, axis in enumerate("xyz")}
+
+    def explain(self, machine: Machine, place: Place) -> str:
+        return f"What {place[0]} turns, a fork or the other axis, bends under its own weight as it turns."
+
+
+def _pairs(machine: Machine) -> list[tuple[Joint, Joint]]:
+    """Revolute joints that actuators drive, each with the one that its child carries."""
+    driven = {actuator.drives for actuator in machine.mechanism.actuators}
+    turning = [j for j in machine.mechanism.tree if j.kind == "revolute" and j.name in driven]
+    return [(a, b) for a in turning for b in turning if b.parent == a.child and a.parent == BASE]
+
+
+def _pair(machine: Machine, name: str) -> tuple[Joint, Joint]:
+    found = next((pair for pair in _pairs(machine) if pair[0].name == name), None)
+    if found is None:
+        raise InputError(
+            f"{AxisFlexure.slug}: found {name!r} on {machine.name}, expected the first of two turning axes"
+        )
+    return found
+
+
+def _axis(joint: Joint) -> Array:
+    assert not isinstance(joint.axis, Direction)
+    return np.array(joint.axis, dtype=float)
+
+
+def _carried(machine: Machine, joint: Joint) -> Array:
+    """(3,) axis of a joint in the frame of the body that carries it, as drawn."""
+    nominal = {p.name: ca.SX(p.nominal) for p in machine.parameters}
+    frame = ca.DM(ca.evalf(placed_frame(joint, {joint.parent: ca.SX.eye(4)}, nominal))).full()
+    return np.asarray(frame[:3, :3] @ _axis(joint))
+
+
+def _leans(machine: Machine, joint: Joint) -> bool:
+    """Whether an axis that the base carries stands aslant."""
+    down = np.array(machine.gravity) / np.linalg.norm(machine.gravity or (1.0,))
+    return bool(np.linalg.norm(np.cross(_carried(machine, joint), down)) > LEVEL)
