@@ -186,9 +186,10 @@ def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
         for block in predictor.blocks(fit.p, fit.x, fit.used)
     ]
     jacobian = np.concatenate(rows).reshape(-1, len(free))
-    q, _ = np.linalg.qr(np.vstack([jacobian, np.diag(fit.prior_weight)]))
-    top = q[: len(jacobian)]
-    return lambda noise: np.asarray(noise.ravel() - top @ (top.T @ noise.ravel())).reshape(noise.shape)
+    # of A = J'J + prior one factor serves all draws; the fit's own factor has J'J
+    root = fit.known.root
+    turned = jacobian @ root
+    return lambda noise: np.asarray(noise.ravel() - turned @ (turned.T @ noise.ravel())).reshape(noise.shape)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.posterior_summary import LEADING
@@ -110,16 +111,16 @@ def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
     long = len(spike_slab.columns(found.mode.members)[0]) > LONG_SET
     states = _without_rare(found, kept)
     means, shares = [], []
-    within = np.zeros((len(turn), len(turn)))
+    within = np.zeros((turn.shape[0], turn.shape[0]))
     for state, share in typical(states, STATES_OF_LONG if long else STATES):
         known = moments(spike_slab, state)
         own = turn[:, known.at]
         means.append(own @ known.mean)
         shares.append(share)
-        within += share * (own @ known.covariance @ own.T)
+        within += share * (own @ (own @ known.covariance).T)
     mode = moments(spike_slab, _kept(found, found.mode, kept))
     own = turn[:, mode.at]
-    wider = _positive_root(within - own @ mode.covariance @ own.T, np.sqrt(np.diag(within)))
+    wider = _positive_root(within - own @ (own @ mode.covariance).T, np.sqrt(np.diag(within)))
     return _Mixture(np.array(means) - own @ mode.mean, np.array(shares), wider)
 
 
@@ -145,20 +146,20 @@ def _kept(found: Found, state: State, kept: Collection[int]) -> State:
     return State(members, point, state.log_posterior)
 
 
-def _turn(found: Found, kept: Sequence[int]) -> Array:
-    """(n, a + g) from the columns [A G] of the design to free geometry and the coefficients of candidates ``kept``."""
+def _turn(found: Found, kept: Sequence[int]) -> sp.csr_array:
+    """(n, a + g), nearly all of it zero, from the columns [A G] of the design to free geometry and the coefficients of candidates ``kept``."""
     problem, lin = found.problem, found.linearisation
     design, columns = problem.spike_slab.design, lin.indices(kept)
-    out = np.zeros((lin.free + len(columns), design.n + design.width))
-    out[: lin.free, : lin.free] = np.eye(lin.free)
+    out = sp.lil_array((lin.free + len(columns), design.n + design.width))
+    out.setdiag(np.concatenate([np.ones(lin.free), np.zeros(min(out.shape) - lin.free)]))
     stated = {column: lin.free + k for k, column in enumerate(lin.indices(found.catalogue.stated))}
     columns_of_forms = problem.nameless.tolist() if found.mode.point.remainder else []
     forms = {column: k for k, column in enumerate(columns_of_forms)}
     for row, column in enumerate(columns, start=lin.free):
         out[row, stated.get(column, design.n + column)] = 1.0
         if column in forms:
-            out[row, np.flatnonzero(design.always.remainder)] = problem.remainder[forms[column]]
-    return out
+            out[[row], np.flatnonzero(design.always.remainder)] = problem.remainder[forms[column]]
+    return out.tocsr()
 
 
 def _positive_root(difference: Array, size: Array) -> Array:

@@ -227,6 +227,16 @@ class Marginal:
         return np.asarray(self._above.among(columns) + self._sign * (part.T @ part))
 
 
+def nbytes(found: Marginal) -> int:
+    """What a marginal takes of memory, without what it stands on."""
+    half, above = found._beside, found._above
+    arrays = [half._factor, half._rows, *(half.__dict__.get(name) for name in ("all", "_root"))]
+    arrays += list(found.__dict__.get("blocks", ()))
+    rows = sum(row.nbytes for row in found._rows.values())
+    told = above._matrix.nbytes if isinstance(above, Told) else 0
+    return rows + told + sum(array.nbytes for array in arrays if array is not None)
+
+
 def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint) -> Marginal:
     """Everything that all models have marginalised at a point; its log evidence holds the point's log prior."""
     scales = unknowns.scales(point)

@@ -75,10 +75,7 @@ def _without_each(
 
     By what leaves; the points differ from the state's in one coordinate.
     """
-    wanted = np.isin(np.arange(len(spike_slab.terms)), [term for term, _ in state.members])
-    part, index = spike_slab.restricted(wanted)
-    number = {int(term): k for k, term in enumerate(index)}
-    columns, sizes = part.columns([(number[term], size) for term, size in state.members])
+    part, columns, sizes = spike_slab.of_members(state.members)
     owner = np.repeat(
         np.arange(len(state.members)), [len(spike_slab.terms.columns[t]) for t, _ in state.members]
     )

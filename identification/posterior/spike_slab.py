@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 
 from truepose.identification.posterior.conditional import log_gains, plausibility
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
-from truepose.identification.posterior.marginal import Marginal, marginal
+from truepose.identification.posterior.marginal import Marginal, marginal, nbytes
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.prior import Sizes
 
@@ -23,8 +23,8 @@ Index = NDArray[np.intp]
 Member = tuple[int, int]
 """A term and the index of its size."""
 Members = tuple[Member, ...]
-REMEMBERED = 100_000_000
-"""Bytes of marginals, and as many of conditionals, that are kept."""
+REMEMBERED, MARGINALS = 150_000_000, 200
+"""Bytes of each sort of marginals, and of conditionals, that are kept, and most marginals."""
 NOTICED = 4.0
 """Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
 WIDE, UNSEEN = 12, 1e-3
@@ -35,10 +35,10 @@ Value = TypeVar("Value")
 
 
 class Memory(Generic[Value]):
-    """The latest so many values."""
+    """The latest so many values, and of those that take much memory no more than fit into ``REMEMBERED``."""
 
-    def __init__(self, limit: int) -> None:
-        self._limit, self._values = max(limit, 4), OrderedDict[Hashable, Value]()
+    def __init__(self, limit: int, size: Callable[[Value], int] | None = None) -> None:
+        self._limit, self._values, self._size = max(limit, 4), OrderedDict[Hashable, Value](), size
 
     def get_or(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """The value of a key, made where it is not there."""
@@ -56,7 +56,20 @@ class Memory(Generic[Value]):
             self._values.move_to_end(key)
         while len(self._values) > self._limit:
             self._values.popitem(last=False)
+        if new and self._size is not None:
+            self._shrink(len(keys))
         return found
+
+    def _shrink(self, least: int) -> None:
+        """Values grow while they are used: what they take is asked anew."""
+        assert self._size is not None
+        sizes = [self._size(value) for value in self._values.values()]
+        total = sum(sizes)
+        for size in sizes[: -max(least, 1)]:
+            if total <= REMEMBERED:
+                break
+            self._values.popitem(last=False)
+            total -= size
 
 
 @dataclass(frozen=True)
@@ -109,9 +122,9 @@ class SpikeSlab:
         self._open, self._left = (
             terms.beside([t for t, _ in self.given]) if given else (terms, np.zeros(0, dtype=np.intp))
         )
-        self._roots = Memory[Marginal](REMEMBERED // (8 * (design.n + 1) * (design.width + 1)))
-        self._bases = Memory[Marginal](2 * REMEMBERED // (8 * (len(self._left) + 1) ** 2))
-        self._taken, self._priors = Memory[Marginal](8), Memory[Array](32)
+        self._roots = Memory[Marginal](MARGINALS, nbytes)
+        self._bases = Memory[Marginal](MARGINALS, nbytes)
+        self._taken, self._priors = Memory[Marginal](8, nbytes), Memory[Array](32)
         self._conditionals = Memory[Conditional](REMEMBERED // (16 * (len(terms) + 1) * len(sizes.values)))
         self._evidences = Memory[float](SETS)
 
@@ -128,6 +141,13 @@ class SpikeSlab:
             self.terms.restricted(index.tolist(), place),
             self.sizes,
         ), index
+
+    def of_members(self, members: Sequence[Member]) -> tuple[SpikeSlab, Index, Array]:
+        """The problem with these members' terms only, and the members' columns and sizes there, in their order."""
+        wanted = np.isin(np.arange(len(self.terms)), [term for term, _ in members])
+        part, index = self.restricted(wanted)
+        number = {int(term): k for k, term in enumerate(index)}
+        return part, *part.columns([(number[term], size) for term, size in members])
 
     def compressed(self) -> SpikeSlab:
         """The same problem, its wide terms turned to the directions that readings see, which are often few; terms keep their

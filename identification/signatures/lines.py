@@ -32,8 +32,9 @@ PEAKS = 4
 """Lines of a joint that are proposed at one fit: what stands out beside them is seen when these are fitted."""
 SURE = 3.0
 """Standard deviations by which all orders of a series must explain more than chance does, to be proposed."""
-ROWS = 5
-"""Rows for each order of a series: with fewer its orders are no more than a description of the rows."""
+ROWS, LONGEST = 5, 180
+"""Rows for each order of a series: with fewer its orders are no more than a description of the rows; and the highest order of
+any: each further one is two coefficients a joint, and time and memory grow as their square."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def _series(found: Spectrum, held: set[int], rows: int) -> Iterator[Mapping[str,
     """Series of as many orders as the catalogue's, above it, that hold more than chance together."""
     step = round(SERIES)
     first, last = step + 1, 2 * step
-    while last <= min(found.finest, rows // ROWS):
+    while last <= min(found.finest, rows // ROWS, LONGEST):
         own = found.gain[first : last + 1] - 1.0
         if first not in held and float(np.sum(own)) > SURE * np.sqrt(len(own)):
             yield {"first": float(first), "orders": float(last)}
