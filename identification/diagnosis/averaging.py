@@ -147,7 +147,7 @@ def _kept(found: Found, state: State, kept: Collection[int]) -> State:
 
 
 def _turn(found: Found, kept: Sequence[int]) -> sp.csr_array:
-    """(n, a + g), nearly all of it zero, from the columns [A G] of the design to free geometry and the coefficients of candidates ``kept``."""
+    """(n, a + g) from the columns [A G] of the design to free geometry and the coefficients of candidates ``kept``; sparse."""
     problem, lin = found.problem, found.linearisation
     design, columns = problem.spike_slab.design, lin.indices(kept)
     out = sp.lil_array((lin.free + len(columns), design.n + design.width))

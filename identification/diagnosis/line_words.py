@@ -1,0 +1,54 @@
+"""What a line is: whole cycles of a motor behind a gear, the lines of an encoder, or cycles of the joint that have no name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.transmission_error import HIGHEST_ORDER
+from truepose.models.machine import Machine
+
+SLOWEST, FASTEST = 30.0, 320.0
+"""Ratios of gears that are looked for where the file states none: those of strain wave gears."""
+WITHIN = 1.0
+"""Orders by which a whole multiple may be missed: lines are told to an order, and the arc of a joint is often shorter than a
+turn."""
+
+
+def line_words(machine: Machine, placed: PlacedEffect, lines: Sequence[float]) -> str:
+    """Of one term: cycles a joint turn, and what they are; empty where it is no line. ``lines``: all orders of the fit."""
+    order = placed.settings_map.get("order", 0.0)
+    if order <= HIGHEST_ORDER:
+        return ""
+    joint = placed.place[0]
+    ratio = abs(machine.mechanism.actuator(joint).gear_ratio or 0.0)
+    power = int(np.log2(order)) if order == 2.0 ** int(np.log2(order)) else 0
+    said = f"A line at {order:g} cycles a turn of {joint}"
+    if ratio and _multiple(order, ratio):
+        return f"{said}: {round(order / ratio)} a turn of its motor."
+    if power:
+        return f"{said}: 2^{power}, as the lines of an encoder or their halves."
+    common = 0.0 if ratio else common_ratio(lines)
+    if common and _multiple(order, common):
+        return f"{said}: {round(order / common)} a turn of a motor behind a gear of {common:g}, which several lines have in common."
+    return f"{said}."
+
+
+def common_ratio(lines: Sequence[float]) -> float:
+    """The largest ratio of which three lines or more, and no fewer than chance explains, are whole multiples; 0 where none is."""
+    fast = [k for k in lines if k > HIGHEST_ORDER and k != 2.0 ** round(np.log2(k))]
+    tried = np.arange(SLOWEST, FASTEST + 0.25, 0.5)
+    hits = np.array([sum(_multiple(k, r) for k in fast) for r in tried])
+    chance = len(fast) * np.minimum((2.0 * WITHIN + 1.0) / tried, 1.0)
+    good = (hits >= 3) & (hits > 3.0 * chance) & (hits == hits.max(initial=0))
+    return float(tried[good][-1]) if good.any() else 0.0
+
+
+def _multiple(order: float, ratio: float) -> bool:
+    times = round(order / ratio)
+    return times >= 1 and abs(order - times * ratio) <= WITHIN
+
+
+__all__ = ["common_ratio", "line_words"]
