@@ -259,10 +259,9 @@ def _held(present: _Present, shifted: Mapping[str, ca.SX], stance: Stance) -> He
     world = assembly.seen(TOOL_IN_WORLD, values)
     shift, seen = reading_shifts(machine, {TOOL_IN_WORLD: world}, present.values, values)
     put = ca.vertcat(*put_in_place(ca.vertsplit(shift), present.marks, seen)) if seen else shift
-    stacked = [
-        ca.vertcat(*group) if moved else ca.SX(0, 1) for group in (ports.values(), map(shifted.get, moved))
-    ]
-    return Held(stacked[0], stacked[1], world, put)
+    if not moved:
+        return Held(ca.SX(0, 1), ca.SX(0, 1), world, put)
+    return Held(ca.vertcat(*ports.values()), ca.vertcat(*(shifted[name] for name in moved)), world, put)
 
 
 def _constants(

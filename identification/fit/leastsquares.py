@@ -73,7 +73,7 @@ def triangular(blocks: Iterable[Rows], columns: int) -> Array:
     they should carry priors and scaled columns.
     """
     if columns <= WIDE_PROBLEM:
-        return _by_qr(blocks, columns)
+        return _by_qr((np.asarray(block) for block in blocks), columns)  # parts are of wide problems
     gram = np.zeros((columns, columns))
     for block in blocks:
         gram += block.gram(columns) if isinstance(block, Part) else block.T @ block

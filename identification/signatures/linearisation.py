@@ -237,12 +237,12 @@ class Signatures:
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
         for block in blocks_of_every_set(predictor, fit, p):
             keep = np.flatnonzero(fit.used[block.rows])
-            rows = np.arange(len(fit.used))[block.rows][keep]
-            root = np.sqrt(fit.weights[rows])[:, None, None]
+            used = np.arange(len(fit.used))[block.rows][keep]
+            root = np.sqrt(fit.weights[used])[:, None, None]
             derivative = block.columns([*free.tolist(), *at])[keep] * root
             yield where.part(
-                derivative[:, :, : len(free)] * fit.prior.scale[free], derivative[:, :, len(free) :], shifts[rows],
-                forms.signals, forms.of_rows(rows), block.residual[keep] * root[:, :, 0],
+                derivative[:, :, : len(free)] * fit.prior.scale[free], derivative[:, :, len(free) :], shifts[used],
+                forms.signals, forms.of_rows(used), block.residual[keep] * root[:, :, 0],
             )  # fmt: skip
 
     def _stacked(self, fit: Estimate, forms: Forms, order: NDArray[np.intp] | None) -> Iterator[Array]:

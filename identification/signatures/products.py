@@ -60,7 +60,7 @@ class Columns:
         dense.append(residual[..., None])
         at.append(np.array([first + len(bent) * width]))
         by = (
-            ByPorts(ports, *(np.concatenate(k) for k in (port, column)), np.concatenate(values, axis=1))
+            ByPorts(ports, np.concatenate(port), np.concatenate(column), np.concatenate(values, axis=1))
             if port
             else None
         )

@@ -36,8 +36,8 @@ def blocks_of_every_set(predictor: Predictor, fit: Estimate, p: Array) -> Iterat
     pairs = zip(predictor.blocks(p, fit.x, counts), predictor.blocks(without, fit.x, counts), strict=True)
     for block, plain in pairs:
         columns = block.dense.copy()
-        own = at if block.at is None else np.searchsorted(block.at, at)  # no mass follows ports
-        columns[:, :, own] = plain.dense[:, :, own]
+        place = np.array(at) if block.at is None else np.searchsorted(block.at, at)  # no mass follows ports
+        columns[:, :, place] = plain.dense[:, :, place]
         yield replace(block, dense=columns)
 
 

@@ -73,10 +73,10 @@ def test_within_bounds_the_minimum_is_that_of_another_code(
     )
 
     def residual(t: Array) -> Array:
-        return np.vstack([*problem.blocks(t)])[:, -1]
+        return np.vstack([np.asarray(block) for block in problem.blocks(t)])[:, -1]
 
     def slopes(t: Array) -> Array:
-        return np.vstack([*problem.blocks(t)])[:, :-1]
+        return np.vstack([np.asarray(block) for block in problem.blocks(t)])[:, :-1]
 
     other = least_squares(
         residual,

@@ -60,9 +60,9 @@ def test_few_rows_have_the_sums_of_all(arm: Machine) -> None:
     found = problem(arm, recorded(arm))
     found.weights = np.random.default_rng(2).uniform(0.1, 1.0, len(found.used))
     t = np.random.default_rng(3).normal(0, 0.1, len(found.prior.free))
-    blocks = list(found.blocks(t))
+    blocks = [np.asarray(block) for block in found.blocks(t)]
     assert [len(block) for block in blocks] == [len(t) + 1, len(t)]  # sums, tolerances
-    one, other = gram(blocks[:1]), gram(list(found.data(found.at(t), found.x)))
+    one, other = gram(blocks[:1]), gram([np.asarray(block) for block in found.data(found.at(t), found.x)])
     size = np.sqrt(np.outer(np.diag(other), np.diag(other)))
     np.testing.assert_allclose(one / size, other / size, atol=1e-12)
 
@@ -84,7 +84,7 @@ def test_what_tolerances_do_not_hold_is_seen_row_by_row(arm: Machine) -> None:
     recording, prior = recorded(arm), prior_of(arm)
     for sigma in (np.where(prior.sigma > 0, np.inf, 0.0), prior.sigma * 1e8):
         found = problem(arm, recording, sigma)
-        assert len(next(iter(found.blocks(np.zeros(len(prior.free)))))) > len(prior.free) + 1
+        assert len(np.asarray(next(iter(found.blocks(np.zeros(len(prior.free))))))) > len(prior.free) + 1
 
 
 def test_only_large_fits_and_explicit_machines(

@@ -1,4 +1,4 @@
-"""An arm, two hexapods and a hybrid machine with everything off its plane, drawn and read anywhere near."""
+"""An arm, two hexapods, a hybrid machine and a mount with everything off its plane, drawn and read anywhere near."""
 
 from __future__ import annotations
 
@@ -40,11 +40,17 @@ HYBRID = """
 mechanism: {type: 3ups-up-3r, base_radius: 350, platform_radius: 135, platform_offset: 345, wrist_offset: 405,
   head: 120, tool: 250, limb_range: [800, 1000], wrist_range: [-40, 40], screw_pitch: 10}
 """
+MOUNT = """
+mechanism: {type: mount, kind: equatorial, latitude: 39, first: {name: ha, range: [-15, 195]},
+  second: {name: dec, range: [-60, 240]}}
+sensor: {type: direction, sigma: {angle: 1 arcsec}}
+"""
 MACHINES: Mapping[str, str] = {
     "arm": FRAMED + ARM + POSE,
     "6-pus": FRAMED + hexapod("6-pus", "u: [0.1, -0.05, 1], length: 500, range: [-60, 60]") + POSE,
     "6-ups": FRAMED + hexapod("6-ups", "gain: 1.02, offset: 3, range: [480, 540]") + POSE,
     "hybrid": HYBRID + POSE,
+    "mount": MOUNT,
 }
 
 
