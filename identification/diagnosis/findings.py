@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.line_words import line_words
 from truepose.identification.diagnosis.posterior_summary import Named, Rival
 from truepose.identification.diagnosis.result import (
     UNNAMED,
@@ -94,7 +95,14 @@ def _explanation(machine: Machine, cat: Catalogue, after: Estimate, one: Named) 
     for placed in (cat.candidates[i] for i in one.candidates):
         fitted = _fitted(after, placed)
         said.append(placed.effect.found(*({n: q[k] for n, q in fitted.items()} for k in (0, 1))))
+        said.append(line_words(machine, placed, _lines(after)))
     return " ".join(text for text in said if text)
+
+
+def _lines(after: Estimate) -> list[float]:
+    """Orders of single waves of all joints."""
+    waves = (e.settings_map.get("order") for e in after.effects if e.kind == "position-periodic")
+    return [order for order in waves if order is not None]
 
 
 def _fitted(after: Estimate, placed: PlacedEffect) -> dict[str, tuple[float, float]]:
