@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.line_words import line_words
 from truepose.identification.diagnosis.posterior_summary import Named, Rival
 from truepose.identification.diagnosis.result import (
     UNNAMED,
@@ -107,10 +108,17 @@ def _explanation(
     for placed in (cat.candidates[i] for i in one.candidates):
         fitted = _fitted(after, placed)
         said.append(placed.effect.found(*({n: q[k] for n, q in fitted.items()} for k in (0, 1))))
+        said.append(line_words(machine, placed, _lines(after)))
     kinds = {Driver.of(n).kind for i in one.candidates for n in cat.candidates[i].drivers if inferred(n)}
     return " ".join(
         text for text in (*said, *(_FROM_ORDER[kind] for kind in OF_THE_ORDER if kind in kinds)) if text
     )
+
+
+def _lines(after: Estimate) -> list[float]:
+    """Orders of single waves of all joints."""
+    waves = (e.settings_map.get("order") for e in after.effects if e.kind == "position-periodic")
+    return [order for order in waves if order is not None]
 
 
 def _fitted(after: Estimate, placed: PlacedEffect) -> dict[str, tuple[float, float]]:

@@ -32,13 +32,12 @@ def line_words(machine: Machine, placed: PlacedEffect, lines: Sequence[float]) -
         return f"{said}: 2^{power}, as the lines of an encoder or their halves."
     common = 0.0 if ratio else common_ratio(lines)
     if common and _multiple(order, common):
-        turns = f"{round(order / common)} a turn of a motor behind a gear of {common:g}"
-        return f"{said}: {turns}, which several lines have in common."
+        return f"{said}: {round(order / common)} of {common:g}, a ratio that several lines share, as of a motor's gear."
     return f"{said}."
 
 
 def common_ratio(lines: Sequence[float]) -> float:
-    """The largest ratio of which three lines or more, and more than by chance, are whole multiples; 0 where none is."""
+    """The largest ratio of which three lines or more, and more than by chance, are whole multiples; 0 where there is none."""
     fast = [k for k in lines if k > HIGHEST_ORDER and k != 2.0 ** round(np.log2(k))]
     tried = np.arange(SLOWEST, FASTEST + 0.25, 0.5)
     hits = np.array([sum(_multiple(k, r) for k in fast) for r in tried])

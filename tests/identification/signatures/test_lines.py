@@ -1,0 +1,79 @@
+"""Laws of lines: gains of a periodogram are those of least squares, spacing says how far it reaches, and evidence judges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from support.sensor_bench import Bench
+from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.line_words import common_ratio
+from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.lines import spectrum
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+
+
+@settings(max_examples=20, deadline=None)
+@given(order=st.integers(31, 900), seed=st.integers(0, 10_000))
+def test_gain_is_that_of_least_squares_on_a_sine_and_a_cosine(order: int, seed: int) -> None:
+    """Half of what the sum of squares falls by; bins of a turn are fine enough for a percent."""
+    rng = np.random.default_rng(seed)
+    angle, slope = rng.uniform(-2.6, 2.6, 120), rng.uniform(0.2, 1.5, 120)
+    reading = 4.0 * slope * np.sin(order * angle + 0.7) + rng.standard_normal(120)
+    found = spectrum(angle, slope * reading, slope**2)
+    columns = slope[:, None] * np.column_stack([np.sin(order * angle), np.cos(order * angle)])
+    left = reading - columns @ np.linalg.lstsq(columns, reading, rcond=None)[0]
+    assert found.gain[order] == pytest.approx(0.5 * (reading @ reading - left @ left), rel=0.05)
+    assert int(np.argmax(found.gain[31:])) + 31 == order
+
+
+@pytest.mark.parametrize("step", [1.0, 2.0, 4.5])
+def test_orders_end_where_evenly_spaced_readings_repeat(step: float) -> None:
+    """At steps of a degree, order 360 - k reads as order k does."""
+    angle = np.radians(np.arange(-150.0, 150.0, step))
+    found = spectrum(angle, np.zeros(len(angle)), np.ones(len(angle)))
+    assert found.finest == pytest.approx(180.0 / step, abs=2)
+
+
+def test_readings_at_random_reach_every_order_that_is_looked_for() -> None:
+    angle = np.random.default_rng(3).uniform(-2.0, 2.0, 80)
+    assert spectrum(angle, angle, np.ones(80)).finest == 4096
+
+
+@pytest.mark.parametrize(
+    ("lines", "ratio"),
+    [((404.0, 1010.0, 2020.0, 128.0), 202.0), ((101.0, 303.0, 404.0, 256.0), 101.0), ((97.0, 128.0), 0.0)],
+)
+def test_ratio_that_lines_have_in_common(lines: tuple[float, ...], ratio: float) -> None:
+    """The largest of which they are whole multiples, without what counts in powers of two; two lines have none."""
+    assert common_ratio(lines) == pytest.approx(ratio, abs=0.5)
+
+
+def _with_line(recording: Recording, machine: Machine, order: float) -> Recording:
+    """The third joint stands 0.25 mrad beside its reading, in waves: readings are what the joint without them would read."""
+    at = machine.mechanism.readings.index("q3")
+    q = recording.q.copy()
+    wanted = q[:, at]
+    read = wanted.copy()
+    for _ in range(60):  # read + wave(read) = wanted
+        read = wanted - 2.5e-4 * np.sin(order * read + 0.4)
+    q[:, at] = read
+    return replace(recording, q=q)
+
+
+@pytest.mark.parametrize("order", [100.0, 101.0])
+def test_an_order_of_a_hundred_is_named_without_a_gear_ratio(tmp_path: Path, order: float) -> None:
+    """The simulation turns the reading, and knows no effect of the catalogue; contraction by 0.025 settles it."""
+    bench = Bench(tmp_path, "arm")
+    found = diagnose(bench.machine, _with_line(bench.recording(), bench.machine, order))
+    (one,) = [f for f in found.findings if f.effect == "transmission-error"]
+    assert one.place == ("q3",) and one.probability > 0.9
+    assert f"A line at {order:g} cycles a turn of q3" in one.explanation
