@@ -77,9 +77,10 @@ def _of_weight(machine: Machine) -> list[Missing]:
 
 
 def _fits(slug: str, machine: Machine) -> bool:
-    """Whether the mechanism has what the effect is of: legs are no links."""
+    """Whether the machine has what the effect is of: legs are no links, and arms are no telescopes."""
     closed = bool(machine.mechanism.passive)
-    return {"leg-compliance": closed, "link-bending": not closed}.get(slug, True)
+    points = any(sensor.type == "direction" for sensor in machine.sensors)
+    return {"leg-compliance": closed, "link-bending": not closed, "axis-flexure": points}.get(slug, True)
 
 
 def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
