@@ -20,6 +20,7 @@ from truepose.identification.recording.tried import tried
 from truepose.identification.signatures.untestable import (
     Untestable,
     every_effect,
+    of_such_machines,
     places_of,
     unloaded,
     why_untestable,
@@ -101,7 +102,8 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     smooth = _smooth(recording)
     for effect in every_effect():
         places, reasons = places_of(effect, machine), list[str]()
-        if not places and effect.needs_load and not machine.loaded:
+        asked = of_such_machines(effect.slug, machine)
+        if not places and asked and effect.needs_load and not machine.loaded:
             missing.append(Untestable(effect.slug, unloaded(machine)))
         for place in places:
             variants, others = (

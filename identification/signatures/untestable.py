@@ -29,7 +29,7 @@ from truepose.models.machine import Machine
 GRAVITY = (0.0, 0.0, -g)
 """What weight pulls with where the base stands upright, m/s^2."""
 GRAVITY_LINE = f"gravity: [0, 0, -{g}]"
-HEAT, PLAY, DRIFT = "thermal-expansion", "backlash", "mount-drift"
+HEAT, PLAY, DRIFT, FLEXURE = "thermal-expansion", "backlash", "mount-drift", "axis-flexure"
 RARE = frozenset({"screw-windup"})
 """Effects of weight that few machines have."""
 
@@ -77,10 +77,15 @@ def _of_weight(machine: Machine) -> list[Missing]:
 
 
 def _fits(slug: str, machine: Machine) -> bool:
-    """Whether the machine has what the effect is of: legs are no links, and arms are no telescopes."""
+    """Whether the mechanism has what the effect is of: legs are no links."""
     closed = bool(machine.mechanism.passive)
-    points = any(sensor.type == "direction" for sensor in machine.sensors)
-    return {"leg-compliance": closed, "link-bending": not closed, "axis-flexure": points}.get(slug, True)
+    own = {"leg-compliance": closed, "link-bending": not closed}.get(slug, True)
+    return own and of_such_machines(slug, machine)
+
+
+def of_such_machines(slug: str, machine: Machine) -> bool:
+    """Whether an effect is of machines of this kind at all: what bends telescopes is asked of those that point at something."""
+    return slug != FLEXURE or any(sensor.type == "direction" for sensor in machine.sensors)
 
 
 def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
