@@ -81,7 +81,8 @@ def examples() -> list[str]:
     order = ("calibrate", "diagnose")
     found = [line for text in COMMANDS.values() for line in EXAMPLE.findall(inspect.getdoc(text) or "")]
     lines = [part.strip() for line in found for part in line.split(";")]
-    return sorted(lines, key=lambda line: (shlex.split(line)[1] not in order, lines.index(line)))
+    later = [shlex.split(line)[1] not in order or "improved.yaml" in line for line in lines]
+    return sorted(lines, key=lambda line: (later[lines.index(line)], lines.index(line)))
 
 
 def run(arguments: list[str]) -> Result:
@@ -102,7 +103,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         weight = {"payload": rng.choice([0.0, 2.5, 5.0], rows)}
         pd.DataFrame(values | way | weight).to_csv(folder / name, index=False)
     effect = ["--effect", "joint-compliance@q2:c=2e-5", "--effect", "backlash@q3:b=1e-3"]
-    for seed, name in enumerate(("recording.csv", "day0.csv", "day1.csv", "day2.csv", "day8.csv")):
+    for seed, name in enumerate(
+        ("recording.csv", "day0.csv", "day1.csv", "day2.csv", "day8.csv", "other.csv")
+    ):
         made = run(["simulate", str(folder / "machine.yaml"), str(folder / "poses.csv"), "-o", str(folder / name), *effect,
                     "--seed", str(seed)])  # fmt: skip
         assert made.exit_code == 0, made.output

@@ -64,8 +64,11 @@ def diagnosis(verdict: str, *findings: Finding, **others: object) -> Diagnosis:
 def still() -> object:
     """A fit of nothing, which nothing speaks against."""
     prior = SimpleNamespace(names=(), free=np.zeros(0, dtype=int))
-    machine = SimpleNamespace(parameters=())
+    machine = SimpleNamespace(parameters=(), frames=(), file=None)
     figures = {
+        "effects": (),
+        "p": np.zeros(0),
+        "std": np.zeros(0),
         "in_tolerances": np.zeros(0),
         "factor": np.zeros((0, 1)),
         "n_observations": 10,
