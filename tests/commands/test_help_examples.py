@@ -52,7 +52,8 @@ mechanism:
     - {name: q5, kind: revolute, alpha: -90, range: [20, 90]}
     - {name: q6, kind: revolute, alpha: 90, range: [-90, 90]}
 frames:
-  tool: {in: flange, xyz: [60, 30, 40]}
+  base: {in: world, tolerance: {xyz: 1, rpy: 0.1}}
+  tool: {in: flange, xyz: [60, 30, 40], tolerance: {xyz: 1}}
 masses: {payload: {kg: 1, com: [0, 0, 0], in: tool}}
 sensor: {type: position, sigma: {xyz: 0.01}}
 tolerances: {length: 0.1, angle: 0.1}

@@ -47,7 +47,8 @@ def fitted(cat: Catalogue, std: float = 0.1) -> Estimate:
     names = [name for c in cat.candidates for name in c.parameter_names]
     p = np.arange(1.0, len(names) + 1.0)
     return cast(
-        Estimate, SimpleNamespace(prior=SimpleNamespace(names=names), p=p, std=np.full(len(names), std))
+        Estimate,
+        SimpleNamespace(prior=SimpleNamespace(names=names), p=p, std=np.full(len(names), std), effects=()),
     )
 
 

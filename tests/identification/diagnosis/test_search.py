@@ -189,5 +189,5 @@ def test_amplitudes_of_any_size_are_stepped_in_their_own_spread(both: tuple[Case
     fit = fitted(found, {first: 1.0, **dict.fromkeys(rest, 1e-7)}, (), case.exclude)
     assert fit is not None and rest
     amplitudes = fit.prior.free >= len(fit.machine.parameters)
-    np.testing.assert_allclose(fit.prior_weight[amplitudes], 1.0, rtol=1e-12)
+    np.testing.assert_allclose(fit.prior_weight[amplitudes], fit.noise, rtol=1e-12)
     assert len(fit.known.unknown) == 0
