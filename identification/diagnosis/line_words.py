@@ -24,7 +24,7 @@ def line_words(machine: Machine, placed: PlacedEffect, lines: Sequence[float]) -
         return ""
     joint = placed.place[0]
     ratio = abs(machine.mechanism.actuator(joint).gear_ratio or 0.0)
-    power = int(np.log2(order)) if order == 2.0 ** int(np.log2(order)) else 0
+    power = round(np.log2(order)) if _power(order) else 0
     said = f"A line at {order:g} cycles a turn of {joint}"
     if ratio and _multiple(order, ratio):
         return f"{said}: {round(order / ratio)} a turn of its motor."
@@ -38,12 +38,17 @@ def line_words(machine: Machine, placed: PlacedEffect, lines: Sequence[float]) -
 
 def common_ratio(lines: Sequence[float]) -> float:
     """The largest ratio of which three lines or more, and more than by chance, are whole multiples; 0 where there is none."""
-    fast = [k for k in lines if k > HIGHEST_ORDER and k != 2.0 ** round(np.log2(k))]
+    fast = [k for k in lines if k > HIGHEST_ORDER and not _power(k)]
     tried = np.arange(SLOWEST, FASTEST + 0.25, 0.5)
     hits = np.array([sum(_multiple(k, r) for k in fast) for r in tried])
     chance = len(fast) * np.minimum((2.0 * WITHIN + 1.0) / tried, 1.0)
     good = (hits >= 3) & (hits > 3.0 * chance) & (hits == hits.max(initial=0))
     return float(tried[good][-1]) if good.any() else 0.0
+
+
+def _power(order: float) -> bool:
+    """Whether it is a power of two."""
+    return bool(abs(order - 2.0 ** round(np.log2(order))) <= WITHIN)
 
 
 def _multiple(order: float, ratio: float) -> bool:

@@ -187,7 +187,8 @@ def _between(machine: Machine, cat: Catalogue, index: int, name: str) -> list[Pl
     values = [
         float(c.settings_map[name])
         for c in cat.candidates
-        if c.at_place == here.at_place and dict(c.settings_map) | {name: 0.0} == rest
+        if c.at_place == here.at_place and name in c.settings_map
+        if dict(c.settings_map) | {name: 0.0} == rest
     ]
     near = [
         max((v for v in values if v < own), default=own),
