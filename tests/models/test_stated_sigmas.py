@@ -20,17 +20,20 @@ from truepose.models.sensors.base import Channel, Sensor, sensors
 CAVITY = "beam: {xyz: [0, 0, 0], rx: 90}, mirror: {z: 1}, sigma: {distance: S}"
 SECTIONS = {
     "ballbar": "{type: ballbar, centre: [400, 100, 50], ball: [0, 0, 60], sigma: {distance: S}}",
+    "direction": "{type: direction, sigma: {angle: R}}",
     "distance": f"{{type: distance, {CAVITY}}}",
     "irradiance": f"{{type: irradiance, wavelength: 1.55e-3, reflectivities: [0.04, 0.9], {CAVITY}}}",
     "pose": "{type: pose, sigma: {xyz: S, rot: R}}",
     "position": "{type: position, sigma: {xyz: S}}",
     "socket": "{type: socket, ball: [0, 0, 60], sigma: {xyz: S}}",
     "targets": "{type: targets, points: {P1: [1, 2, 3]}, sigma: {xyz: S}}",
+    "tilt": "{type: tilt, sigma: {angle: R}}",
 }
 BAD_SIGMAS = ("0", "0.0", "-0.01", ".inf", "-.inf", ".nan", "true", "none")
 ARM = """\
 schema: truepose/machine/1
 name: arm
+gravity: [0, 0, -9.80665]
 mechanism: {type: serial, joints: [{name: q1, kind: revolute, r: 300}]}
 frames: {base: {in: world, tolerance: {xyz: 1, rpy: 1}}}
 tolerances: {length: 0.1, angle: 0.1, q1.r: 0.2}
@@ -64,7 +67,8 @@ def test_a_sigma_that_weighs_nothing_or_everything_is_refused(tmp_path: Path, ki
     for letter in {"S", "R"} & {word.strip("{},") for word in section.split()}:
         whole = section.replace(" S", f" {bad}" if letter == "S" else " 0.01")
         message = _refusal(tmp_path, whole.replace(" R", f" {bad}" if letter == "R" else " 0.01"))
-        key = "rot" if letter == "R" else "distance" if "distance: S" in section else "xyz"
+        turn = "angle" if "angle: R" in section else "rot"
+        key = turn if letter == "R" else "distance" if "distance: S" in section else "xyz"
         unit = "deg" if letter == "R" else "mm"
         found = {"true": "True", "none": "'none'"}.get(bad, bad.replace(".inf", "inf").replace(".nan", "nan"))
         expected = f"sensor[1].sigma.{key}: expected a finite number > 0 ({unit}), found {found}"
