@@ -83,12 +83,17 @@ class Catalogue:
     def smooth(self) -> tuple[int, ...]:
         """Forms without a name that may make up a smooth remainder: those of the robot, whose sensors are as good as stated.
 
-        What yields to load is one thing at one place, and no part of a remainder.
+        What yields to load is one thing at one place, and no part of a remainder. The order of rows stands in for time where
+        nobody logged it: it may drive one thing, but a remainder in it would be a description of the rows.
         """
         return tuple(
             i
             for i, placed in enumerate(self.candidates)
-            if i not in self.apart and not self.named(i) and placed.kind != "sensor" and not placed.needs_load
+            if i not in self.apart
+            and not self.named(i)
+            and placed.kind != "sensor"
+            and not placed.needs_load
+            and ROW not in placed.drivers
         )
 
     def named(self, index: int) -> bool:
