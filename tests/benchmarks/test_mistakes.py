@@ -286,4 +286,4 @@ def test_right_pairs_have_a_table_of_their_own() -> None:
 
 
 def test_bundled_machines_are_among_the_right_pairs() -> None:
-    assert {name.split()[1] for name in bundled()} == {"nanopositioner", "polisher", "telescope"}
+    assert {name.split()[1] for name in bundled()} == {"mount", "nanopositioner", "polisher", "telescope"}

@@ -27,10 +27,10 @@ from truepose.models.effects.of_rows import OF_ROWS
 
 SURE, FAINT = 0.95, 0.6
 DRIVERS = {
-    "load": "joint-compliance link-bending leg-compliance platform-deformation gravity-sag screw-windup",
+    "load": "joint-compliance link-bending leg-compliance platform-deformation gravity-sag screw-windup axis-flexure",
     "position-periodic": "transmission-error encoder-eccentricity axis-wobble joint-runout screw-periodic",
     "position": "actuator-scale axis-straightness flexure-shift",
-    "arrival": "backlash friction-hysteresis piezo-hysteresis",
+    "arrival": "backlash friction-hysteresis piezo-hysteresis early-reading",
     "time": "piezo-creep mount-drift",
     "temperature": "thermal-expansion",
     "session": "frame-shift zero-shift",

@@ -114,12 +114,13 @@ def test_beyond_its_range_a_curve_of_the_load_stays_where_it_ended(tmp_path: Pat
 
 
 def test_what_yields_to_load_is_no_part_of_a_remainder(tmp_path: Path) -> None:
-    """Else nobody could say what drives a mount that drifts; all other forms of the robot may be part of it."""
+    """Else nobody could say what drives a mount that drifts; nor are forms in the order of rows, which stands in for a clock
+    here. All other forms of the robot may be part of it."""
     machine = machine_of(tmp_path, LOADED)
     cat = catalogue(machine, poses_of(machine, tmp_path))
     nameless = [i for i in range(len(cat.candidates)) if not cat.named(i)]
     left_out = [cat.candidates[i] for i in nameless if i not in cat.smooth]
-    assert {form.needs_load or form.kind == "sensor" for form in left_out} == {True}
+    assert all(form.needs_load or form.kind == "sensor" or form.drivers == ("row",) for form in left_out)
     assert not any(cat.candidates[i].needs_load for i in cat.smooth)
     assert {cat.candidates[i].place for i in cat.smooth} >= {(name,) for name in JOINTS}
 
