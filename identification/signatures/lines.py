@@ -18,7 +18,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.effects.common import over_arc
+from truepose.models.effects.series import over_arc
 from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError
 
 Array = NDArray[np.float64]

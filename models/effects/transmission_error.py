@@ -6,17 +6,8 @@ from collections.abc import Mapping, Sequence
 from math import hypot, pi, sqrt
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import (
-    ARCSEC,
-    SEEN,
-    actuator_at,
-    over_arc,
-    series,
-    series_coefficients,
-    sine_coefficients,
-    sine_pair,
-    singly,
-)
+from truepose.models.effects.common import ARCSEC, actuator_at, sine_coefficients, sine_pair, singly
+from truepose.models.effects.series import SEEN, over_arc, series, series_coefficients
 from truepose.models.machine import Machine
 
 HIGHEST_ORDER = 30
