@@ -95,6 +95,10 @@ class _Mixture:
         """(n,) from the likeliest state to the mean."""
         return np.asarray(self.shares @ self.means)
 
+    def lifted(self, turn: sp.csr_array) -> _Mixture:
+        """In other unknowns, to which ``turn`` (n', n) turns these."""
+        return _Mixture((turn @ self.means.T).T, self.shares, turn @ self.wider)
+
     def of(self, kept: NDArray[np.bool_]) -> _Mixture:
         """Of some of the n alone."""
         return _Mixture(self.means[:, kept], self.shares, self.wider[kept])
@@ -121,7 +125,14 @@ def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
     mode = moments(spike_slab, _kept(found, found.mode, kept))
     own = turn[:, mode.at]
     wider = _positive_root(within - own @ (own @ mode.covariance).T, np.sqrt(np.diag(within)))
-    return _Mixture(np.array(means) - own @ mode.mean, np.array(shares), wider)
+    return _Mixture(np.array(means) - own @ mode.mean, np.array(shares), wider).lifted(_lift(found, kept))
+
+
+def _lift(found: Found, kept: Sequence[int]) -> sp.csr_array:
+    """(n, k) from free geometry and the columns of candidates ``kept`` to it and their coefficients; sparse."""
+    lin = found.linearisation
+    turns = [sp.csr_array(lin.turn(i)) for i in kept]
+    return sp.csr_array(sp.block_diag([sp.eye_array(lin.free), *turns], format="csr"))
 
 
 def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, float]]:
@@ -147,7 +158,7 @@ def _kept(found: Found, state: State, kept: Collection[int]) -> State:
 
 
 def _turn(found: Found, kept: Sequence[int]) -> sp.csr_array:
-    """(n, a + g) from the columns [A G] of the design to free geometry and the coefficients of candidates ``kept``; sparse."""
+    """(k, a + g) from the columns [A G] of the design to free geometry and the columns of candidates ``kept``; sparse."""
     problem, lin = found.problem, found.linearisation
     design, columns = problem.spike_slab.design, lin.indices(kept)
     out = sp.lil_array((lin.free + len(columns), design.n + design.width))

@@ -178,9 +178,9 @@ def _single(found: Found, number: int) -> Named:
 
 
 def _places(found: Found, wanted: Collection[int]) -> NDArray[np.intp]:
-    """Places of the coefficients of some candidates among the columns of the mode's members."""
-    held = chosen(found.problem, found.mode)
-    owner = [i for i in held for _ in found.catalogue.candidates[i].coefficients]
+    """Places of the columns of some candidates among the columns of the mode's members."""
+    held, columns = chosen(found.problem, found.mode), found.linearisation.columns
+    owner = [i for i in held for _ in range(columns[i].start, columns[i].stop)]
     return np.flatnonzero(np.isin(owner, list(wanted)))
 
 

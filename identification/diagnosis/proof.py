@@ -78,7 +78,9 @@ def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     problem, cat, own = found.problem, found.catalogue, found.problem.spike_slab
     label = cat.candidates[main].label
     fitted = next(e for e in after.fitted_effects() if e.label == label)
-    amplitude = np.array(fitted.amplitudes) / [c.scale for c in fitted.coefficients]
+    amplitude = found.linearisation.turn(main).T @ (
+        np.array(fitted.amplitudes) / [c.scale for c in fitted.coefficients]
+    )
     noises = own.unknowns.scales(found.mode.point).tolist()
     design = _simulated(own.design, found.linearisation.columns[main], amplitude, noises)
     point = found.mode.point._replace(widening=0, remainder=0)

@@ -77,7 +77,7 @@ def _size(found: Found, name: Sequence[int]) -> float:
     lin, cat = found.linearisation, found.catalogue
     own = [i for i in name if not cat.candidates[i].bent] or list(name)
     amplitudes = lin.departure[lin.free + np.array(lin.indices(own), dtype=np.intp)]
-    return float(np.sqrt(np.mean(amplitudes**2)))
+    return float(np.sqrt(np.sum(amplitudes**2) / sum(len(cat.candidates[i].coefficients) for i in own)))
 
 
 def _bent(found: Found, name: Sequence[int]) -> float:

@@ -64,6 +64,7 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
     more = proposed(signatures, null, cat)
     if more is not cat:
         signatures, cat = signatures.of(more.candidates), more
+    signatures = signatures.seen_from(null)
     state = Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
     for k in range(CLIMBS):
         if k and not state.short:
@@ -134,7 +135,7 @@ class Expansion:
         count = self._refined + (finer is not cat)
         finer = proposed(signatures, fit, finer)
         if finer is not cat:
-            signatures = signatures.of(finer.candidates)
+            signatures = signatures.of(finer.candidates).seen_from(fit)
         return Expansion(signatures, finer, fit, wanted, self.exclude, self._rms, count, (self, best))
 
 

@@ -145,8 +145,8 @@ def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[E
             cause=int(number[k]),
             feature=int(feature[k]),
             log_share=float(share[k]),
-            lower=tuple(c.lower / c.scale for c in placed[k].coefficients),
-            upper=tuple(c.upper / c.scale for c in placed[k].coefficients),
+            lower=tuple(c.lower / c.scale for c in placed[k].coefficients[: len(lin.indices([i]))]),
+            upper=tuple(c.upper / c.scale for c in placed[k].coefficients[: len(lin.indices([i]))]),
             alone=cat.named(i) and not placed[k].effect.adds(placed[k].settings_map),
         )
         for k, i in enumerate(free)

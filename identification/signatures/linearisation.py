@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -23,6 +24,7 @@ from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.arcs import Layout, Turns, seen_directions, series_ports, turned
 from truepose.identification.signatures.forms import Forms
 from truepose.identification.signatures.products import Columns
 from truepose.identification.signatures.weighed import blocks_of_every_set
@@ -40,7 +42,7 @@ class Linearisation:
     """Gram matrices of [J G F r] over the fitted readings at a fit, one for each kind of channel.
 
     J: free geometry in units of its prior scale (``free`` columns). G: candidates' coefficients in units of their
-    scale; ``columns[k]`` are those of candidate k. F: errors of form of the fit's effects, in units of their own prior
+    scale, or directions of many of them (``turns``); ``columns[k]`` are those of candidate k. F: errors of form of the fit's effects, in units of their own prior
     1-sigma (``forms`` columns). r: whitened residual. ``departure`` says how far the fit is from the drawing and from
     zero coefficients, so that any subset of candidates can be weighed from these matrices alone.
     """
@@ -58,6 +60,13 @@ class Linearisation:
     """Candidates of each cause whose signal the errors of form bend, in their order; each has as many columns of F."""
     sources: tuple[str, ...] = ()
     """Joints and drivers that bend them, ``PAIR`` columns each."""
+    turns: tuple[Array | None, ...] = ()
+    """Of each candidate the directions (c, r) of its coefficients that columns stand for; None: the coefficients."""
+
+    def turn(self, candidate: int) -> Array:
+        """(c, r) from the columns of a candidate to its coefficients."""
+        turn = self.turns[candidate] if self.turns else None
+        return np.eye(len(self.candidates[candidate].coefficients)) if turn is None else turn
 
     @cached_property
     def gram(self) -> Array:
@@ -80,16 +89,45 @@ class Signatures:
     def __init__(self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect]) -> None:
         self.machine, self.recording, self.candidates = machine, recording, tuple(candidates)
         self._shifts = _ShiftFunction(machine, recording, self.candidates)
-        sizes = [len(c.coefficients) for c in self.candidates]
-        ends = np.cumsum([0, *sizes])
+        self._predictors: dict[tuple[str, ...], Predictor] = {}
+        self._turn({})
+
+    def _turn(self, turns: Turns) -> None:
+        self._by_label = turns
+        self.turns = tuple(turns.get(c.label) for c in self.candidates)
+        pairs = zip(self.candidates, self.turns, strict=True)
+        ends = np.cumsum([0, *(len(c.coefficients) if t is None else t.shape[1] for c, t in pairs)])
         self.columns = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
         self.width = int(ends[-1])
-        self._predictors: dict[tuple[str, ...], Predictor] = {}
 
     def of(self, candidates: Sequence[PlacedEffect]) -> Signatures:
         """Signatures of other candidates on the same machine and recording; what was built for its fits is shared."""
         other = Signatures(self.machine, self.recording, candidates)
         other._predictors = self._predictors
+        other._turn(self._by_label)
+        return other
+
+    def seen_from(self, fit: Estimate) -> Signatures:
+        """The same with long series in the directions that the readings fitted there see; what has them keeps them."""
+        wide = series_ports(self.candidates, self._shifts.layout)
+        new = {k: port for k, port in wide.items() if self.candidates[k].label not in self._by_label}
+        if not new or any(sensor.compares for sensor in self.machine.sensors):
+            return self
+        ports = list(dict.fromkeys(new.values()))
+        shifts = self._every_shift(fit)[fit.used]
+        _, information, _ = self.scores(fit, ports, noise=np.ones(fit.residual.shape[1]))
+        other = copy(self)
+        other._turn(
+            {
+                **self._by_label,
+                **{
+                    self.candidates[k].label: seen_directions(
+                        shifts[:, self._shifts.layout[k][1]], information[:, ports.index(port)]
+                    )
+                    for k, port in new.items()
+                },
+            }
+        )
         return other
 
     def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
@@ -121,15 +159,19 @@ class Signatures:
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
             tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
-            self.candidates, tuple(tuple(own) for own in causes), forms.sources,
+            self.candidates, tuple(tuple(own) for own in causes), forms.sources, self.turns,
         )  # fmt: skip
 
-    def scores(self, fit: Estimate, ports: Sequence[str]) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Of each fitted row (k,) and port: J'r and J'J (k, p) of its shift, by the noise that the fit leaves of each kind."""
+    def scores(
+        self, fit: Estimate, ports: Sequence[str], noise: Array | None = None
+    ) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Of each fitted row (k,) and port: J'r and J'J (k, p) of its shift; by ``noise`` (m,) of each channel in stated
+        sigmas, by default what the fit leaves."""
         predictor = self._predictor(fit.effects)
         at = [predictor.model.names.index(name) for name in ports]
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
-        noise = np.sqrt(np.maximum(np.nanmean(fit.residual[fit.used] ** 2, axis=0), 1e-300))
+        if noise is None:
+            noise = np.sqrt(np.maximum(np.nanmean(fit.residual[fit.used] ** 2, axis=0), 1e-300))
         score, weight = list[Array](), list[Array]()
         for block in predictor.blocks(p, fit.x, fit.used * fit.weights):
             keep = np.flatnonzero(fit.used[block.rows])
@@ -146,7 +188,8 @@ class Signatures:
         )
         for effect in fit.fitted_effects():
             amplitudes = np.array(effect.amplitudes) / [c.scale for c in effect.coefficients]
-            out[effect.at_place][labels[effect.label]] = amplitudes
+            turn = self.turns[labels[effect.label]]
+            out[effect.at_place][labels[effect.label]] = amplitudes if turn is None else turn.T @ amplitudes
         return list(out.values())
 
     def indices(self, chosen: Sequence[int]) -> list[int]:
@@ -169,12 +212,11 @@ class Signatures:
             for rows in self._stacked(fit, forms, order):
                 yield Part(rows, np.arange(rows.shape[2]), None)
             return
-        free, predictor, shifts = self._geometry(fit), *self._shifted(fit, order)
-        ports = list(dict.fromkeys(n for names, _ in self._shifts.layout for n in names))
+        free, predictor = self._geometry(fit), self._predictor(fit.effects)
+        shifts, layout = self._shifted(fit, order)
+        ports = list(dict.fromkeys(n for names, _ in layout for n in names))
         at = [predictor.model.names.index(name) for name in ports]
-        where = Columns(
-            len(free), self.columns, self._shifts.layout, {name: k for k, name in enumerate(ports)}
-        )
+        where = Columns(len(free), self.columns, layout, {name: k for k, name in enumerate(ports)})
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
         for block in blocks_of_every_set(predictor, fit, p):
             keep = np.flatnonzero(fit.used[block.rows])
@@ -201,18 +243,23 @@ class Signatures:
         self, fit: Estimate, *, order: NDArray[np.intp] | None = None
     ) -> Iterator[tuple[slice, Block, Array]]:
         """Row ranges with their block and signatures (n, m, width)."""
-        predictor, shifts = self._shifted(fit, order)
+        predictor, (shifts, layout) = self._predictor(fit.effects), self._shifted(fit, order)
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
         place = {name: k for k, name in enumerate(predictor.model.names)}
         for block in blocks_of_every_set(predictor, fit, p):
-            yield block.rows, block, block.changes(self._apply(block.here, shifts[block.rows], place))
+            changes = self._apply(block.here, shifts[block.rows], layout, place)
+            yield block.rows, block, block.changes(changes)
 
-    def _shifted(self, fit: Estimate, order: NDArray[np.intp] | None) -> tuple[Predictor, Array]:
-        """What predicts at a fit, and the shifts (n, s) of all candidates there."""
+    def _shifted(self, fit: Estimate, order: NDArray[np.intp] | None) -> tuple[Array, Layout]:
+        """The shifts (n, s) of all candidates at a fit, and where they stand."""
+        shifts, layout = turned(self._every_shift(fit), self._shifts.layout, self.turns)
+        return shifts if order is None else shifts[order], layout
+
+    def _every_shift(self, fit: Estimate) -> Array:
+        """(n, s) of all candidates at a fit, by their coefficients."""
         predictor, x = self._predictor(fit.effects), fit.x
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
-        shifts = self._shifts(predictor.model.names, p, predictor.loads(p, x), predictor.states(p, x))
-        return predictor, shifts if order is None else shifts[order]
+        return self._shifts(predictor.model.names, p, predictor.loads(p, x), predictor.states(p, x))
 
     def _predictor(self, effects: Sequence[PlacedEffect]) -> Predictor:
         """The machine with these effects and every port; expressions are built once."""
@@ -221,9 +268,9 @@ class Signatures:
             self._predictors[key] = Predictor(self.machine, self.recording, effects, ports=True)
         return self._predictors[key]
 
-    def _apply(self, jacobian: Array, shifts: Array, place: dict[str, int]) -> Array:
+    def _apply(self, jacobian: Array, shifts: Array, layout: Layout, place: dict[str, int]) -> Array:
         out = np.zeros((*jacobian.shape[:2], self.width))
-        for columns, (ports, at) in zip(self.columns, self._shifts.layout, strict=True):
+        for columns, (ports, at) in zip(self.columns, layout, strict=True):
             where = [place[port] for port in ports]
             local = shifts[:, at].reshape(len(shifts), columns.stop - columns.start, len(ports))
             out[:, :, columns] = jacobian[:, :, where] @ local.transpose(0, 2, 1)

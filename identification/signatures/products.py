@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.prediction.by_ports import ByPorts, Part
+from truepose.identification.signatures.arcs import Layout
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-Layout = Sequence[tuple[list[str], slice]]
-"""Of each candidate: the ports that it moves, and where its shifts (ports times coefficients) stand."""
 
 
 @dataclass(frozen=True)
@@ -85,4 +84,4 @@ class Columns:
         return out
 
 
-__all__ = ["Columns", "Layout"]
+__all__ = ["Columns"]
