@@ -70,7 +70,7 @@ class Chains:
 
     def __init__(self, part: SpikeSlab, richness: Richness, chains: Sequence[Chain]) -> None:
         self._chains, self._richness = chains, richness
-        self._whole = SpikeSlab(part.design, part.unknowns, part.terms, part.sizes)
+        self._part = part
         self._logs = dict[tuple[Members, GridPoint], float]()
         self.tallies = [Tally(part) for _ in chains]
 
@@ -83,7 +83,9 @@ class Chains:
     def log_posterior(self, draw: tuple[Members, GridPoint]) -> float:
         """Of a state that was drawn, up to a constant."""
         if draw not in self._logs:
-            self._logs[draw] = log_posterior(self._whole, self._richness, *draw)
+            members, point = draw
+            free = tuple(m for m in members if m not in self._part.given)
+            self._logs[draw] = log_posterior(self._part, self._richness, free, point)
         return self._logs[draw]
 
     @property

@@ -15,6 +15,8 @@ from truepose.identification.prior import BOUND_DOUBT, Sizes
 Array = NDArray[np.float64]
 LARGEST_COST = 50.0
 """The most that a coefficient beyond its bound costs in the log."""
+ROW_BY_ROW = 18
+"""Columns up to which all terms and sizes are factored at once, row by row; wider ones are too few for that to pay."""
 
 
 def log_gains(marginals: Sequence[Marginal], sizes: Sizes) -> Array:
@@ -24,7 +26,8 @@ def log_gains(marginals: Sequence[Marginal], sizes: Sizes) -> Array:
     for k, group in enumerate(terms.by_size):
         block = np.array([m.blocks[k] for m in marginals])
         score = np.array([m.score[group.columns] * group.there for m in marginals])
-        gains = _bounded_gains if group.bounded else _gains
+        many = group.columns.shape[1] > ROW_BY_ROW
+        gains = _bounded_gains if group.bounded else _gains_of_many if many else _gains
         out[:, :, group.terms] = gains(group, block, score, sizes.values**2).swapaxes(0, 1)
     return out
 
@@ -44,6 +47,18 @@ def _gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array
         factor[k, k:] -= np.einsum("jspc,jkspc->kspc", factor[:k, k] / pivots[:k], factor[:k, k:])
         np.maximum(pivots[k], 1.0, out=pivots[k])  # smaller by rounding only
     return np.asarray(0.5 * np.sum(factor[:, -1] ** 2 / pivots - np.log(pivots), axis=0))
+
+
+def _gains_of_many(group: SameSize, block: Array, score: Array, squared: Array) -> Array:
+    """The same of terms of many columns, one matrix after another: the last row of its factor holds the scores turned by L."""
+    width, q = score.shape[2], squared[:, None, None, None]
+    bordered = np.zeros((len(squared), *score.shape[:2], width + 1, width + 1))
+    bordered[..., :-1, :-1] = q[..., None] * block + np.eye(width)
+    bordered[..., -1, :-1] = np.sqrt(q) * score
+    bordered[..., -1, -1] = 1.0 + np.sum(bordered[..., -1, :-1] ** 2, axis=-1)  # so that it has a factor, too
+    factor = np.linalg.cholesky(bordered)
+    pivots = np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]
+    return np.asarray(0.5 * np.sum(factor[..., -1, :-1] ** 2, axis=-1) - np.sum(np.log(pivots), axis=-1))
 
 
 def _bounded_gains(group: SameSize, block: Array, score: Array, squared: Array) -> Array:

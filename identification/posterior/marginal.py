@@ -221,6 +221,12 @@ class Marginal:
         root = _solved(factor, np.diag(sizes))
         return root.T @ turned, root.T @ root
 
+    def last(self, columns: Index, sizes: Array, number: int) -> tuple[Array, Array]:
+        """Mean and 1-sigma (``number``,) of the last coefficients of columns (k,) taken in together."""
+        factor, turned, _ = _taken(self.among(columns), self.scores(columns), sizes)
+        root = _solved(factor[-number:, -number:], np.diag(sizes[-number:]))
+        return root.T @ turned[-number:], np.sqrt(np.sum(root**2, axis=0))
+
     def among(self, columns: Index) -> Array:
         """(k, k) entries of M."""
         part = self._beside.of(columns)

@@ -258,14 +258,20 @@ class SpikeSlab:
         return base.log_evidence + (base.gain(*self.columns(members, self._open)) if members else 0.0)
 
     def log_bounds(self, point: GridPoint, members: Sequence[Member]) -> float:
-        """Log factor of the physical signs and bounds of members together, at a point; 0 where none has any."""
-        held = [self.terms.all[term] for term, _ in members]
-        lower = np.concatenate([np.array(t.lower) for t in held]) if held else np.zeros(0)
-        upper = np.concatenate([np.array(t.upper) for t in held]) if held else np.zeros(0)
-        if not np.any(np.isfinite(lower) | np.isfinite(upper)):
+        """Log factor of the physical signs and bounds of members (and of what is given) together, at a point; 0 where none
+        has any."""
+        free = [m for m in members if not self.terms.bounded[m[0]]]
+        held = [m for m in (*self.given, *members) if self.terms.bounded[m[0]]]
+        if not held:
             return 0.0
-        mean, covariance = self.root(point).posterior(*self.columns(members))
-        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        given = any(self.terms.bounded[term] for term, _ in self.given)
+        others = (*(m for m in self.given if m not in held), *free) if given else free
+        beside, terms = (self.root(point), None) if given else (self.base(point), self._open)
+        columns, sizes = self.columns([*others, *held], terms)
+        bounds = [self.terms.all[term] for term, _ in held]
+        lower = np.concatenate([np.array(t.lower) for t in bounds])
+        upper = np.concatenate([np.array(t.upper) for t in bounds])
+        mean, std = beside.last(columns, sizes, len(lower))
         return float(plausibility(mean[None, None], std[None, None], lower[None], upper[None])[0, 0])
 
     def log_prior(self, members: Sequence[Member]) -> float:

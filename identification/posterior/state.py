@@ -57,8 +57,8 @@ def slot_odds(richness: Richness, number: int) -> float:
 
 
 def log_posterior(spike_slab: SpikeSlab, richness: Richness, members: Members, point: GridPoint) -> float:
-    """Up to a constant, richness and the order of slots marginalised."""
-    number = sum(slot_odds(richness, k) for k in range(len(members)))
+    """Of members beside what is given, up to a constant, richness and the order of slots marginalised."""
+    number = sum(slot_odds(richness, k) for k in range(len(spike_slab.given) + len(members)))
     here = spike_slab.log_evidence(point, members) + spike_slab.log_bounds(point, members)
     return here + spike_slab.log_prior(members) + number
 

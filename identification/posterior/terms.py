@@ -68,6 +68,7 @@ class Terms:
         self.feature = np.array([t.feature for t in terms], dtype=np.intp)
         self.n_causes, self.kind = len(urn.kind), urn.kind[self.cause]
         self._share = np.array([t.log_share for t in terms])
+        self.bounded = np.array([bool(np.any(np.isfinite([t.lower, t.upper]))) for t in terms], dtype=bool)
 
     def restricted(self, kept: Sequence[int], place: Index) -> Terms:
         """Some of the terms, their columns renumbered by ``place``; causes keep their numbers."""
@@ -100,8 +101,7 @@ class Terms:
                 continue
             own = len(term.columns)
             width = next((w for w in WIDTHS if own <= w), own)
-            bounded = bool(np.any(np.isfinite([term.lower, term.upper])))
-            groups.setdefault((width, bounded), []).append(k)
+            groups.setdefault((width, bool(self.bounded[k])), []).append(k)
         return tuple(self._group(members, *like) for like, members in groups.items())
 
     def _group(self, members: Sequence[int], width: int, bounded: bool) -> SameSize:
