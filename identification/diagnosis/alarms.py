@@ -187,7 +187,7 @@ def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     ]
     jacobian = np.concatenate(rows).reshape(-1, len(free))
     # of A = J'J + prior one factor serves all draws; the fit's own factor has J'J
-    root = fit.known.root
+    root = fit.known.seen_root
     turned = jacobian @ root
     return lambda noise: np.asarray(noise.ravel() - turned @ (turned.T @ noise.ravel())).reshape(noise.shape)
 

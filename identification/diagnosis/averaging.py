@@ -192,8 +192,8 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
         p = start.copy()
         p[at] += unit[at] * part * mixture.shift
         p = np.clip(p, *coefficient_bounds(machine, terms))
-        problem = Problem(predictor, prior, p, likeliest.used)
-        plain = result(problem, replace(likeliest.solution, t=np.zeros(len(at))), terms)
+        problem = Problem(predictor, prior, p, likeliest.used, slim=True)
+        plain = result(problem, replace(likeliest.solution, t=problem.nothing), terms)
         if plain.chi2 <= (1.0 + WORSE) * likeliest.chi2:
             break
     own = np.zeros((len(at), likeliest.root.shape[1]))

@@ -78,7 +78,7 @@ def _studentised(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) ->
     if not len(rows) or any(sensor.compares for sensor in fit.machine.sensors):
         return np.asarray(np.sum(residual**2, axis=1))
     predictor, free, out = Predictor(fit.machine, recording, fit.effects).of_rows(rows), fit.prior.free, []
-    root = fit.known.root * fit.prior.scale[free][:, None]
+    root = fit.known.seen_root * fit.prior.scale[free][:, None]
     for block in predictor.blocks(fit.p, fit.x[rows], fit.weights[rows]):
         own = residual[block.rows]
         turned = block.jacobian[:, :, free] @ root * np.sqrt(fit.weights[rows][block.rows])[:, None, None]

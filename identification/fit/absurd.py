@@ -114,7 +114,7 @@ def _misfit(fit: Estimate) -> Misfit | None:
 
 def _allowed(fit: Estimate) -> float:
     """Expected sum of squares, in sigmas, that constants of the drawing make when they vary by their tolerances."""
-    total, steps = 0.0, fit.factor[:, : len(fit.prior.free)]
+    total, steps = 0.0, fit.slopes
     parameters = fit.machine.parameters
     for column, k in enumerate(fit.prior.free):
         if (

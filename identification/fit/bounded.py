@@ -63,19 +63,19 @@ def within_bounds(fit: Estimate, recording: Recording, exclude: Mask) -> Estimat
         if not beyond(current).any():
             break
     predictor = Predictor(fit.machine, recording, fit.effects)
-    problem = Problem(predictor, fit.prior, np.clip(current.p, low, high), current.used)
-    kept = result(problem, replace(current.solution, t=np.zeros(len(fit.prior.free))), fit.effects)
+    problem = Problem(predictor, fit.prior, np.clip(current.p, low, high), current.used, slim=True)
+    kept = result(problem, replace(current.solution, t=problem.nothing), fit.effects)
     return replace(kept, noise=fit.noise)
 
 
 def _bounded_step(fit: Estimate, low: Array, high: Array) -> Array:
     """(np,) the minimum of the linear problem at a fit, within bounds."""
     free = fit.prior.free
-    scale, n = fit.prior.scale[free], len(free)
+    scale = fit.prior.scale[free]
     weight = fit.prior_weight
     pull = np.where(weight > 0.0, weight * (fit.p - fit.prior.mean)[free] / scale, 0.0)
-    rows = np.vstack([fit.factor[:, :n], np.diag(weight)])
-    left = np.append(fit.factor[:, n], pull)
+    rows = np.vstack([fit.slopes, np.diag(weight)])
+    left = np.append(fit.factor[:, -1], pull)
     here = fit.p[free]
     least, most = (low[free] - here) / scale, (high[free] - here) / scale
     step = lsq_linear(rows, -left, (least, np.maximum(most, least + 1e-12)), method="bvls").x

@@ -149,9 +149,18 @@ class Decomposition:
         return np.asarray(basis @ solve_triangular(triangle, solve_triangular(triangle, moved.T, trans="T")))
 
     @property
+    def seen_root(self) -> Array:
+        """(n, k) as much of ``root`` as readings see."""
+        return self.root
+
+    @property
     def effective(self) -> float:
         """Degrees of freedom that the readings use: trace of their share of the information."""
         return float(np.sum(self._posterior[1] ** 2))
+
+    def share(self, factor: Array) -> float:
+        """Degrees of freedom that readings with this factor (k, n) use."""
+        return float(np.sum((factor @ self.root) ** 2))
 
     @property
     def std(self) -> Array:

@@ -79,7 +79,7 @@ def estimate(
     prior = prior.with_sigma(prior.sigma / noise) if noise != 1.0 else prior
     p = predictor.model.p_home.copy() if start is None else start.astype(float)
     used = ~recording.validation if exclude is None else ~recording.validation & ~exclude
-    problem = Problem(predictor, prior, p, used)
+    problem = Problem(predictor, prior, p, used, slim=solver is None and widen == 1.0)
     if widen != 1.0:
         prior = widened(problem, widen)
         problem = Problem(predictor, prior, p, used)
@@ -89,7 +89,8 @@ def estimate(
         if solution.status.ok:
             break
     else:
-        raise ConvergenceError("; ".join([blame(solution, prior), *predictor.cautions]))
+        moved = replace(solution, movement=problem.lifted(solution.movement))
+        raise ConvergenceError("; ".join([blame(moved, prior), *predictor.cautions]))
     return replace(result(problem, solution, tuple(effects)), noise=noise)
 
 
@@ -113,7 +114,8 @@ def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ..
     p = wrapped(problem.predictor.machine, problem.at(solution.t))
     x, _ = problem.predictor.assemble(p, problem.x)
     groups = list(channel_groups(problem.predictor.machine).values())
-    parts = triangular_parts(problem.data(p, x), len(problem.prior.free) + 1, groups)
+    columns = len(problem.nothing) + 1
+    parts = triangular_parts(problem.data(p, x), columns, groups)
     return Estimate(
         machine=problem.predictor.machine,
         effects=effects,
@@ -123,12 +125,13 @@ def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ..
         residual=problem.residuals(p, x),
         used=problem.used,
         weights=problem.weights,
-        factor=parts[0] if len(parts) == 1 else triangular(parts, len(problem.prior.free) + 1),
+        factor=parts[0] if len(parts) == 1 else triangular(parts, columns),
         solution=solution,
         unassembled=problem.unassembled,
         levels=problem.levels,
         lost=problem.lost,
         parts=tuple(parts),
+        turn=problem.turn,
     )
 
 

@@ -14,6 +14,7 @@ from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.noise import Scatter, channel_groups
 from truepose.identification.fit.problem import Prior
 from truepose.identification.fit.relinearised import Shrunk
+from truepose.identification.fit.turn import Turn, Turned
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 from truepose.shown.result import Shown, frame_of
@@ -33,7 +34,7 @@ class Estimate(Shown):
     p (np,) parameters then effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by
     sigma (NaN where a row cannot be assembled), used (n,) rows that were fitted, weights (n,) of the robust
     loss, factor: triangular factor of [J r] of the readings, columns scaled by ``prior.scale`` and restricted
-    to ``prior.free``.
+    to ``prior.free``, or by the fewer steps of long series that were solved for (``turn``).
     """
 
     machine: Machine
@@ -57,6 +58,8 @@ class Estimate(Shown):
     """``factor`` of each sensor's kinds of reading alone, where there are several (``noise.channel_groups``)."""
     noise: float = 1.0
     """Readings counted as so many times noisier than stated: ``prior`` then holds tolerances over it, which is the same."""
+    turn: Turn | None = None
+    """From the steps that were solved for to those of the free entries; None where they are the same."""
 
     def lost_among(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> NDArray[np.bool_] | None:
         """(k, m) channels of some rows whose reading was lost; None where none was."""
@@ -73,7 +76,14 @@ class Estimate(Shown):
     @cached_property
     def decomposition(self) -> Decomposition:
         """What readings and prior know of the free entries, in steps of ``prior.scale``: one SVD."""
-        return Decomposition.of(self.factor[:, : len(self.prior.free)], self.prior_weight)
+        if self.turn is not None:
+            return Turned.by(self.factor[:, :-1], self.prior_weight, self.turn)
+        return Decomposition.of(self.factor[:, :-1], self.prior_weight)
+
+    @property
+    def slopes(self) -> Array:
+        """(k, n_free) a factor of the readings' J by the free entries."""
+        return self.factor[:, :-1] if self.turn is None else self.factor[:, :-1] @ self.turn.matrix.T
 
     @property
     def known(self) -> Decomposition | Shrunk:
@@ -85,11 +95,11 @@ class Estimate(Shown):
         """The noise that the fitted readings were found to have, by sensor and kind of reading."""
         if not self.used.any():
             return Scatter((1.0,) * max(len(self.parts), 1))
-        residual, n = self.residual[self.used], len(self.prior.free)
+        residual = self.residual[self.used]
         groups, taken = [list(range(residual.shape[1]))], [self.effective_parameters]
         if len(self.parts) > 1 and self.shrunk is None:
             groups = list(channel_groups(self.machine).values())
-            taken = [float(np.sum((part[:, :n] @ self.decomposition.root) ** 2)) for part in self.parts]
+            taken = [self.decomposition.share(part[:, :-1]) for part in self.parts]
         levels = [self.levels * len(at) / residual.shape[1] for at in groups]
         used = [a + b for a, b in zip(taken, levels, strict=True)]
         return Scatter.of(residual, self.weights[self.used], groups, used)
@@ -99,13 +109,13 @@ class Estimate(Shown):
         """(n_free, k) F, in steps of ``prior.scale``: F F' is the covariance of what is determined, with the noise found."""
         if self.noise != 1.0:
             return np.asarray(self.noise * self.known.root)
-        found, n = self.scatter, len(self.prior.free)
+        found = self.scatter
         if found.as_stated:
             return self.known.root
         if self.shrunk is not None:
             return np.asarray(np.sqrt(found.variance[0]) * self.shrunk.root)
         pairs = zip(found.variance, self.parts or (self.factor,), strict=True)
-        return self.decomposition.root_with(found.slope, [np.sqrt(v) * part[:, :n] for v, part in pairs])
+        return self.decomposition.root_with(found.slope, [np.sqrt(v) * part[:, :-1] for v, part in pairs])
 
     @cached_property
     def posterior(self) -> Array:
@@ -129,7 +139,8 @@ class Estimate(Shown):
     def std(self) -> Array:
         """(np,) 1-sigma with the noise found; 0 for what is fixed."""
         out = np.zeros(len(self.p))
-        out[self.prior.free] = np.sqrt(np.diag(self.covariance))
+        spread = np.sum(self.root**2, axis=1) + UNKNOWN**2 * np.sum(self.known.unknown**2, axis=0)
+        out[self.prior.free] = np.sqrt(spread) * self.prior.scale[self.prior.free]
         return out
 
     @property

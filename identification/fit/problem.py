@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Rows
 from truepose.identification.fit.normal import NormalEquations
+from truepose.identification.fit.turn import LONG, Turn, turn_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
@@ -72,10 +74,13 @@ class Problem:
 
     ``used`` (n,) are the rows that are fitted (a row whose every reading was lost is none of them), ``lost`` (n, m) the
     channels that read nothing (None: all read), ``weights`` (n,) those of a robust loss, ``x`` (n, nx) the passive
-    coordinates at the latest step. Raises InputError when there are too few readings.
+    coordinates at the latest step. ``slim``: steps of long series are those that the readings see (``turn``), fewer than
+    n_free. Raises InputError when there are too few readings.
     """
 
-    def __init__(self, predictor: Predictor, prior: Prior, p: Array, used: NDArray[np.bool_]) -> None:
+    def __init__(
+        self, predictor: Predictor, prior: Prior, p: Array, used: NDArray[np.bool_], *, slim: bool = False
+    ) -> None:
         self.predictor, self.prior, self.p, self.used = predictor, prior, p, used
         self.weights = np.ones(len(used))
         self.x, good = predictor.assemble(p)
@@ -90,12 +95,47 @@ class Problem:
         gone = 0 if self.lost is None else int(self.lost[self.used].sum())
         self.n_observations = int(self.used.sum()) * len(predictor.channels) - gone - self.levels
         self._check_size()
-        self._normal = NormalEquations.of(predictor, prior.free)
+        self.turn: Turn | None = None
+        if slim:
+            self._slim()
+        self._normal = NormalEquations.of(predictor, prior.free) if self.turn is None else None
+
+    def _slim(self) -> None:
+        """Long series start where their prior is in what readings do not see, and stay there."""
+        free, scale = self.prior.free, self.prior.scale[self.prior.free]
+        places = {int(k): i for i, k in enumerate(free)}
+        ends = np.cumsum([len(self.predictor.machine.parameters), *self._lengths])
+        effects = [
+            np.array([places[k] for k in range(a, b) if k in places], dtype=np.intp)
+            for a, b in pairwise(ends)
+        ]
+        if len(free) < WIDE_PROBLEM or not any(len(at) > LONG for at in effects):
+            return
+        turn = turn_of(effects, self.data(self.p, self.x), scale / self.prior.sigma[free])
+        if turn is None or turn.matrix.shape[1] < WIDE_PROBLEM:
+            return
+        away = (self.p - self.prior.mean)[free] / scale
+        self.p = self.p.copy()
+        self.p[free] -= scale * (turn.rest @ (turn.rest.T @ away))
+        self.turn = turn
+
+    @property
+    def _lengths(self) -> list[int]:
+        return [len(effect.coefficients) for effect in self.predictor.model.effects]
+
+    @property
+    def nothing(self) -> Array:
+        """The step of zeros: (n_free,), or as many as long series are solved for."""
+        return np.zeros(len(self.prior.free) if self.turn is None else self.turn.matrix.shape[1])
+
+    def lifted(self, t: Array) -> Array:
+        """(n_free,) a step of the free entries."""
+        return t if self.turn is None else np.asarray(self.turn.matrix @ t)
 
     def at(self, t: Array) -> Array:
         """(np,) parameters at a step."""
         p = self.p.copy()
-        p[self.prior.free] += self.prior.scale[self.prior.free] * t
+        p[self.prior.free] += self.prior.scale[self.prior.free] * self.lifted(t)
         return p
 
     def blocks(self, t: Array) -> Iterable[Rows]:
@@ -129,7 +169,7 @@ class Problem:
         return [rows, *self._rows(self.predictor.of_rows(at), p, self.x[at], at)] if at.size else [rows]
 
     def data(self, p: Array, x: Array) -> Iterable[Rows]:
-        """Blocks (k, n + 1) of rows of [J r] of the readings alone, at ``p`` (np,) and ``x`` (rows, nx)."""
+        """Blocks (rows, k + 1) of [J r] of the readings alone, J by the k steps, at ``p`` (np,) and ``x`` (rows, nx)."""
         return self._rows(self.predictor, p, x, np.arange(len(self.used)))
 
     def _rows(self, predictor: Predictor, p: Array, x: Array, at: NDArray[np.intp]) -> Iterable[Rows]:
@@ -142,20 +182,22 @@ class Problem:
             rows = np.flatnonzero(used[block.rows])
             part = block.part(rows, place, self.prior.scale, root[block.rows][rows])
             if part is not None and len(free) >= WIDE_PROBLEM:
-                yield part
+                yield part if self.turn is None else self.turn.of_part(part)
                 continue
             w = root[block.rows][rows, None]
             jacobian = block.jacobian[rows][:, :, free] * self.prior.scale[free] * w[..., None]
             stacked = np.concatenate([jacobian, (block.residual[rows] * w)[..., None]], axis=2)
-            yield stacked.reshape(-1, len(free) + 1)
+            flat = stacked.reshape(-1, len(free) + 1)
+            yield flat if self.turn is None else self.turn.of_rows(flat)
 
     def prior_rows(self, p: Array) -> Array:
-        """(n, n + 1) rows of [J r] of the tolerances, one for each free parameter, at ``p`` (np,)."""
+        """(n, k + 1) rows of [J r] of the tolerances, one for each free parameter, at ``p`` (np,)."""
         free = self.prior.free
         sigma = self.prior.sigma[free]
         weight = np.where(np.isinf(sigma), 0.0, self.prior.scale[free] / sigma)
         pull = np.where(np.isinf(sigma), 0.0, (p[free] - self.prior.mean[free]) / sigma)
-        return np.column_stack([np.diag(weight), pull])
+        rows = np.column_stack([np.diag(weight), pull])
+        return rows if self.turn is None else self.turn.of_rows(rows)
 
     def residuals(self, p: Array, x: Array) -> Array:
         """(n, m) whitened residuals of all rows."""

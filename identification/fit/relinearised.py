@@ -52,6 +52,11 @@ class Shrunk:
     effective: float
     tuning: float
 
+    @property
+    def seen_root(self) -> Array:
+        """(n_free, k) as much of ``root`` as readings see: all of it."""
+        return self.root
+
 
 def linear_estimator(name: str, tuning: float | None = None) -> Linear:
     """The estimator of a name, by its own rule or with what tunes it (Liu's d, ridge's k, components) given."""

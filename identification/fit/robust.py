@@ -19,7 +19,7 @@ SETTLED = 3e-3
 
 def robust(problem: Problem, loss: str, solve: Callable[[Array], Solution]) -> Solution:
     """The minimum from scaled steps of zero: of plain least squares (``gauss``), or with ``problem.weights`` of the loss."""
-    solution = solve(np.zeros(len(problem.prior.free)))
+    solution = solve(problem.nothing)
     if loss == "gauss":
         return solution
     for _ in range(REWEIGHTINGS):  # far rows may be why plain least squares found no rest

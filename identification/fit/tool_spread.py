@@ -75,13 +75,13 @@ def _roots(fit: Estimate) -> dict[str, Array]:
     """Roots (n_free, k) of the covariance's parts, in steps of the prior's scale."""
     if fit.shrunk is not None:
         return {READINGS: fit.root}
-    scatter, n = fit.scatter, len(fit.prior.free)
-    known = fit.decomposition
+    scatter, known = fit.scatter, fit.decomposition
     if scatter.slope != 1.0:  # a robust loss holds on to its readings by its slope
-        known = Decomposition.of(np.sqrt(scatter.slope) * fit.factor[:, :n], fit.prior_weight)
+        known = Decomposition.of(np.sqrt(scatter.slope) * fit.slopes, fit.prior_weight)
     posterior = known.root @ known.root.T
     pairs = zip(scatter.variance, fit.parts or (fit.factor,), strict=True)
-    noise = np.vstack([np.sqrt(v) * part[:, :n] for v, part in pairs])
+    noise = np.vstack([np.sqrt(v) * part[:, :-1] for v, part in pairs])
+    noise = noise if fit.turn is None else noise @ fit.turn.matrix.T
     return {READINGS: posterior @ noise.T, TOLERANCES: posterior * fit.prior_weight}
 
 

@@ -35,7 +35,7 @@ class Columns:
         """Of a fit, at its parameters."""
         free = fit.prior.free
         names = tuple(fit.prior.names[k] for k in free)
-        return cls(names, fit.factor[:, : len(free)], fit.prior.scale[free])
+        return cls(names, fit.slopes, fit.prior.scale[free])
 
     @property
     def rank(self) -> int:

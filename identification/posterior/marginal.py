@@ -76,16 +76,28 @@ class Own:
 
 
 class Halves:
-    """What is taken in, turned by its triangular factor (r, r): its products ``rows`` (r, w) with all columns, and with e."""
+    """What is taken in, turned by its triangular factor (r, r): its products ``rows`` (r, w) with all columns, and with e.
 
-    def __init__(self, factor: Array, rows: Array, turned: Array) -> None:
-        self._factor, self._rows, self.turned = factor, rows, turned
+    Of what leaves another one, ``rows`` are ``turn`` (r, q) of those (q, w), worked out when they are asked for.
+    """
+
+    def __init__(
+        self, factor: Array, rows: Array, turned: Array, turn: Array | None = None, of: Halves | None = None
+    ) -> None:
+        self._factor, self._own, self.turned = factor, rows, turned
+        self._turn, self._of = turn, of
+
+    @property
+    def _rows(self) -> Array:
+        if self._turn is not None and self._of is not None:
+            self._own, self._turn, self._of = self._turn @ self._of.all, None, None
+        return self._own
 
     @cached_property
     def all(self) -> Array:
         """(r, w) of all columns; the rows that it follows from are not asked for again, and are let go."""
         found = _solved(self._factor, self._rows)
-        self._rows = found[:0]
+        self._own = found[:0]
         return found
 
     @cached_property
@@ -99,13 +111,19 @@ class Halves:
         factor = _cholesky(back @ back.T)
         turned = _solved(factor, back @ self.turned)
         gain = 0.5 * float(turned @ turned) + _half_log_det(factor)
-        return Halves(factor, back @ self.all, turned), gain
+        return Halves(factor, np.zeros((0, 0)), turned, back, self), gain
 
     def of(self, columns: Index) -> Array:
         """(r, k) of some columns."""
         if "all" in self.__dict__:
             return np.asarray(self.all[:, columns])
         return _solved(self._factor, self._rows[:, columns])
+
+    @property
+    def nbytes(self) -> int:
+        """What it takes of memory."""
+        arrays = [self._factor, self._own, self._turn, *(self.__dict__.get(name) for name in ("all", "_root"))]
+        return sum(array.nbytes for array in arrays if array is not None)
 
 
 class Told:
@@ -235,12 +253,10 @@ class Marginal:
 
 def nbytes(found: Marginal) -> int:
     """What a marginal takes of memory, without what it stands on."""
-    half, above = found._beside, found._above
-    arrays = [half._factor, half._rows, *(half.__dict__.get(name) for name in ("all", "_root"))]
-    arrays += list(found.__dict__.get("blocks", ()))
+    above = found._above
     rows = sum(row.nbytes for row in found._rows.values())
     told = above._matrix.nbytes if isinstance(above, Told) else 0
-    return rows + told + sum(array.nbytes for array in arrays if array is not None)
+    return rows + told + found._beside.nbytes + sum(b.nbytes for b in found.__dict__.get("blocks", ()))
 
 
 def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint) -> Marginal:

@@ -140,11 +140,7 @@ def nearest_top(
     while True:
         before = best
         for line in lines:
-            for step in STEPS:
-                moved = True
-                while moved:
-                    near = [p for p in (line(best, -step), line(best, step)) if unknowns.holds(p)]
-                    best, value, moved = _better(spike_slab, members, near, best, value)
+            best, value = _along(spike_slab, members, line, best, value)
         if thorough:
             best, value, _ = _better(spike_slab, members, unknowns.along(best, "widening"), best, value)
         if best == before or not thorough:
@@ -152,10 +148,34 @@ def nearest_top(
 
 
 Line = Callable[[GridPoint, int], GridPoint]
-_LINES: tuple[Line, ...] = (
-    lambda point, step: point.louder(step),
-    lambda point, step: point._replace(remainder=point.remainder + step),
-)
+
+
+def _along(
+    spike_slab: SpikeSlab, members: Sequence[Member], line: Line, best: GridPoint, value: float
+) -> tuple[GridPoint, float]:
+    """The best point of a line that longer and shorter steps reach, and its log evidence.
+
+    Evidence has one top along the noise: where neither neighbour is better, longer steps are not tried.
+    """
+
+    def stepped(step: int) -> tuple[GridPoint, float, bool]:
+        near = [p for p in (line(best, -step), line(best, step)) if spike_slab.unknowns.holds(p)]
+        return _better(spike_slab, members, near, best, value)
+
+    if line is not _along_remainder and not stepped(1)[2]:
+        return best, value
+    for step in STEPS:
+        moved = True
+        while moved:
+            best, value, moved = stepped(step)
+    return best, value
+
+
+def _along_remainder(point: GridPoint, step: int) -> GridPoint:
+    return point._replace(remainder=point.remainder + step)
+
+
+_LINES: tuple[Line, ...] = (lambda point, step: point.louder(step), _along_remainder)
 
 
 def _lines_of_kinds(count: int) -> list[Line]:

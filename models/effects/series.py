@@ -30,26 +30,26 @@ def series(site: Site, angle: ca.SX) -> ca.SX:
 
     Beyond that arc it fades. Without its mean it takes nothing from the joint's zero, which holds there, too.
     """
-    total, arc = ca.SX(0), _arc(site)
-    waves = _waves(angle, max(int(name[1:]) for name in site.c))
-    for name, c in site.c.items():
-        k = int(name[1:])
-        total += c * (waves[name[0]][k] - _mean(name[0], k, arc))
+    arc, c = _arc(site), ca.vertcat(*site.c.values())
+    orders = {name: int(name[1:]) for name in site.c}
+    waves = dict(zip("ab", _waves(angle, max(orders.values(), default=0)), strict=True))
+    own = ca.vertcat(*(waves[name[0]][k - 1] for name, k in orders.items()))
+    total = ca.dot(c, own - ca.DM([_mean(name[0], k, arc) for name, k in orders.items()]))
     return total if arc is None else total * _seen_share(angle, *arc)
 
 
-def _waves(angle: ca.SX, orders: int) -> dict[str, list[ca.SX]]:
-    """sin(k angle) (``a``) and cos(k angle) (``b``) for k = 0 ... orders: each turned on from the one before.
+def _waves(angle: ca.SX, orders: int) -> tuple[ca.SX, ca.SX]:
+    """sin(k angle) and cos(k angle) for k = 1 ... orders: those of 1 ... m turned on by m give the next m.
 
-    Four products cost far less than a sine and a cosine; rounding grows as k alone.
+    Four products cost far less than a sine and a cosine; rounding grows as the logarithm of k.
     """
-    sine, cosine = ca.sin(angle), ca.cos(angle)
-    sines, cosines = [ca.SX(0)], [ca.SX(1)]
-    for _ in range(orders):
-        s, c = sines[-1], cosines[-1]
-        sines.append(s * cosine + c * sine)
-        cosines.append(c * cosine - s * sine)
-    return {"a": sines, "b": cosines}
+    sines, cosines = ca.sin(angle), ca.cos(angle)
+    while sines.numel() < orders:
+        s, c, more = sines[-1], cosines[-1], min(sines.numel(), orders - sines.numel())
+        first, second = sines[:more], cosines[:more]
+        sines = ca.vertcat(sines, first * c + second * s)
+        cosines = ca.vertcat(cosines, second * c - first * s)
+    return sines, cosines
 
 
 def _arc(site: Site) -> tuple[float, float] | None:
