@@ -211,9 +211,9 @@ class _Seen:
     @classmethod
     def of(cls, lin: Linearisation) -> _Seen:
         """Of free geometry."""
-        n, weight = lin.free, lin.weight
+        n, weight, gram = lin.free, lin.weight, lin.gram
         known, unknown = np.flatnonzero(weight > 0), np.flatnonzero(weight == 0)
-        h, across = lin.gram[:n, :n], lin.gram[np.ix_(known, unknown)]
+        h, across = gram[:n, :n], gram[np.ix_(known, unknown)]
         solve = np.linalg.pinv(h[np.ix_(unknown, unknown)], rcond=1e-12, hermitian=True)
         reduced = h[np.ix_(known, known)] - across @ solve @ across.T
         values, vectors = np.linalg.eigh(reduced / np.outer(weight[known], weight[known]))
@@ -224,10 +224,9 @@ class _Seen:
 
     def squares(self, cross: Array, square: Array) -> tuple[Array, Array]:
         """(b, m) squared components of J'e in each combination over its h, and (b,) squared length left of e."""
-        n = self.lin.free
         pull = cross[:, self.unknown] @ self.solve
         left = square - np.sum(pull * cross[:, self.unknown], axis=1)
-        own = cross[:, self.known] - pull @ self.lin.gram[:n, :n][np.ix_(self.unknown, self.known)]
+        own = cross[:, self.known] - pull @ self.lin.among(self.unknown, self.known)
         z = (own / self.weight) @ self.vectors
         return z**2 / self.information, left
 
@@ -266,12 +265,11 @@ def conflict_with_tolerances(lin: Linearisation, noise: float) -> Alarm:
     The tests: identifiable combinations against their tolerances, and the prior-predictive e' V^-1 e. ``noise``
     (at least 1) scales sigma. Beyond the draws p is twice the smaller one of chi2.
     """
-    seen = _Seen.of(lin)
-    n, last = lin.free, len(lin.gram) - 1
-    # effects of the fit stay in the model: only geometry is taken back to the drawing
-    shift = np.append(np.where(np.arange(last) < n, lin.departure, 0.0), 0.0)
-    cross = (lin.gram[:, last] - lin.gram @ shift)[:n]
-    square = float(lin.gram[last, last] - 2 * shift @ lin.gram[:, last] + shift @ lin.gram @ shift)
+    lin = lin.bare()  # effects of the fit stay in the model: only geometry is taken back to the drawing
+    seen, gram = _Seen.of(lin), lin.gram
+    shift = np.append(lin.departure, 0.0)
+    cross = (gram[:, -1] - gram @ shift)[:-1]
+    square = float(gram[-1, -1] - 2 * shift @ gram[:, -1] + shift @ gram @ shift)
     statistic, log_p = seen.tests(*seen.squares(cross[None], np.array([square])), np.array([noise]))
     drawn = seen.draws(noise)
     _, null = seen.tests(*drawn, seen.noise(*drawn))

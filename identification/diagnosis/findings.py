@@ -23,11 +23,7 @@ from truepose.identification.diagnosis.result import (
     Remainder,
     Replication,
 )
-from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.state import best_point
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.driver import APPROACH, OF_THE_ORDER, STEP, Driver
@@ -38,8 +34,6 @@ from truepose.models.parameters import element_of
 from truepose.models.smooth import orthonormal, powers, scaled, waves
 
 Array = NDArray[np.float64]
-EVERY = 4
-"""Steps of the noise between the points at which candidates are weighed alone."""
 NOTABLE = 3.0
 """Log Bayes factor below which there is nothing to speak of: of a candidate alone, and between explanations as good."""
 _FROM_ORDER: Final = {
@@ -151,22 +145,6 @@ def _parameters(cat: Catalogue, after: Estimate, candidates: Sequence[int]) -> d
     return out
 
 
-def weighed_alone(problem: SelectionProblem, count: int) -> Array:
-    """(count,) log Bayes factor of each candidate alone, noise and tolerances marginalised; minus infinity for others."""
-    spike_slab = problem.spike_slab
-    points = _points(spike_slab)
-    null = np.array([spike_slab.root(p).log_evidence for p in points])
-    terms = np.array([np.logaddexp.reduce(spike_slab.log_odds(p, ()), axis=0) for p in points])
-    terms -= spike_slab.terms.log_first
-    # at a size that nobody would notice it says neither for nor against
-    unnoticed = np.where(spike_slab.noticeable, 0.0, np.exp(spike_slab.sizes.log_prior)[:, None]).sum(axis=0)
-    terms = np.logaddexp(terms, np.log(np.maximum(unnoticed, 1e-300)))
-    total = np.logaddexp.reduce(terms + null[:, None], axis=0) - np.logaddexp.reduce(null)
-    out = np.full(count, -np.inf)
-    out[list(problem.candidates)] = total
-    return out
-
-
 def ranked_alternatives(cat: Catalogue, gain: Array) -> tuple[Alternative, ...]:
     """Every candidate, best first, weighed alone against the model without effects: log Bayes factors (c,)."""
     odds = np.append(gain + np.array(cat.log_prior), 0.0)
@@ -187,14 +165,6 @@ def evidence_map(cat: Catalogue, gain: Array) -> dict[str, float]:
             part = element_of(place[0])
             out[part] = max(out.get(part, -np.inf), float(gain[i]))
     return dict(sorted(out.items(), key=lambda item: -item[1]))
-
-
-def _points(spike_slab: SpikeSlab) -> list[GridPoint]:
-    """Noises from the smallest to what nothing but noise would need, at stated tolerances and wider ones."""
-    unknowns, top = spike_slab.unknowns, best_point(spike_slab).noise[0]
-    widest = max(range(len(unknowns.widening)), key=lambda k: sum(unknowns.widening[k]))
-    noises = sorted({*range(0, top + 1, EVERY), top})
-    return [unknowns.all_at(k, widening) for k in noises for widening in {0, widest}]
 
 
 def remainder_of_residuals(fit: Estimate, recording: Recording, structure: Alarm) -> Remainder:

@@ -15,19 +15,20 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from truepose.identification import prior
-from truepose.identification.diagnosis.findings import NOTABLE, weighed_alone
-from truepose.identification.diagnosis.holdout import ROLE, Comparison, held_out_blocks, ratio_interval
+from truepose.identification.diagnosis.alone import weighed_alone
+from truepose.identification.diagnosis.black_box import black_box
+from truepose.identification.diagnosis.findings import NOTABLE
+from truepose.identification.diagnosis.holdout import Comparison, ratio_interval
 from truepose.identification.diagnosis.outliers import CHANCE
 from truepose.identification.diagnosis.posterior_summary import Named
 from truepose.identification.diagnosis.result import Proof, Replication
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
+from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.posterior.design import Design, GridPoint
+from truepose.identification.posterior.design import Design
 from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import slot_odds
-from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Signatures
@@ -109,52 +110,11 @@ def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequenc
     return Design(tuple(grams), design.counts, design.always)
 
 
-def black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:
-    """Held-out ratio of as many free waves of the readings, in each residual channel, as the terms have coefficients."""
-    count = sum(len(e.coefficients) for e in after.effects)
-    predictor = Predictor(before.machine, recording, before.effects)
-    free, m = before.prior.free, before.residual.shape[1]
-    if before.residual.size * (len(free) + count) > 60_000_000:
-        return None
-    parts = predictor.blocks(before.p, before.x, before.used)
-    jacobian = np.concatenate([b.jacobian[:, :, free] * before.prior.scale[free] for b in parts])
-    rng = np.random.default_rng(13)
-    t = (recording.q - recording.q.mean(axis=0)) / np.maximum(recording.q.std(axis=0), 1e-12)
-    waves = np.cos(t @ rng.normal(0, 1.0, (t.shape[1], count)) + rng.uniform(0, 2 * np.pi, count))
-    channel = rng.integers(0, m, count)
-    extra = np.zeros((len(t), m, count))
-    extra[:, channel, np.arange(count)] = waves
-    if before.lost is not None:
-        extra[before.lost] = 0.0
-    split, blocks = held_out_blocks(recording, before.used)
-    left, usable = [], np.isfinite(before.residual).all(axis=1) & ~outliers
-    for design in (jacobian, np.concatenate([jacobian, extra], axis=2)):
-        squares = [
-            linear_test(design, before, before.used & ~block.rows & usable, block.rows & usable)
-            for block in (blocks[-1:] if split == ROLE else blocks)
-        ]
-        left.append(np.concatenate(squares).mean())
-    return float(np.sqrt(left[1] / left[0]))
-
-
-def linear_test(design: Array, before: Estimate, train: Mask, test: Mask) -> Array:
-    """Squared residuals of held-out rows after one linear fit under tolerances from the training rows."""
-    free = before.prior.free
-    n, k = len(free), design.shape[2]
-    weight = np.concatenate([before.prior_weight, np.full(k - n, 0.1)])
-    moved = (before.p - before.prior.mean)[free] / before.prior.scale[free]
-    departure = np.concatenate([np.where(before.prior_weight > 0, moved, 0.0), np.zeros(k - n)])
-    rows = np.vstack([design[train].reshape(-1, k), np.diag(weight)])
-    right = np.concatenate([before.residual[train].ravel(), weight * departure])
-    step = -np.linalg.lstsq(rows, right, rcond=1e-12)[0]
-    out: Array = np.sum((before.residual[test] + design[test] @ step) ** 2, axis=1)
-    return out
-
-
 @dataclass(frozen=True)
-class _Half:
-    spike_slab: SpikeSlab
-    point: GridPoint
+class _InHalf:
+    """Of one name: its probability in a half, and its coefficients there (k,) with their covariance."""
+
+    probability: float
     mean: Array
     covariance: Array
 
@@ -163,40 +123,42 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
     """For each name; None where a half has fewer readings than the model has unknowns."""
     if not names:
         return ()
-    fit, halves = found.fit, list[_Half]()
+    fit, halves = found.fit, list[list[_InHalf]]()
     for part in np.array_split(found.signatures.recording.in_time(fit.used), 2):
         used = np.zeros(len(fit.used), dtype=bool)
         used[part] = True
         lin = found.signatures.linearise(replace(fit, used=used))
         if lin.n_observations <= lin.free + len(found.problem.spike_slab.columns(found.mode.members)[0]):
             return (None,) * len(names)
-        halves.append(_half(selection_problem(lin, found.catalogue, rms), found))
-    return tuple(_replicated(found, name, halves) for name in names)
+        problem = selection_problem(lin, found.catalogue, rms)
+        del lin  # a large matrix: the problem has its own
+        halves.append(_half(problem.spike_slab, found, names))
+    return tuple(_replicated(*pair) for pair in zip(*halves, strict=True))
 
 
-def _half(problem: SelectionProblem, found: Found) -> _Half:
-    """The likeliest point of a half with the mode's members, and their coefficients there."""
-    spike_slab, members = problem.spike_slab, found.mode.members  # the same catalogue: the same numbers
+def _half(spike_slab: SpikeSlab, found: Found, names: Sequence[Named]) -> list[_InHalf]:
+    """What half of the rows says of each name beside the mode's other members, at its likeliest point."""
+    members = found.mode.members  # the same catalogue: the same numbers
     point = nearest_top(spike_slab, spike_slab.unknowns.nearest(found.mode.point), members)
-    return _Half(spike_slab, point, *spike_slab.root(point).posterior(*spike_slab.columns(members)))
+    columns, sizes = spike_slab.columns(members)
+    mean, covariance = spike_slab.root(point).posterior(columns, sizes)
+    place, out = {int(c): k for k, c in enumerate(columns)}, list[_InHalf]()
+    for name in names:
+        own = [m for m in members if found.problem.candidates[m[0]] in name.candidates]
+        rest = tuple(m for m in members if m not in own)
+        shares = spike_slab.conditional(point, rest).terms(slot_odds(prior.RICHNESS, len(rest)))
+        causes = {int(spike_slab.terms.cause[term]) for term, _ in own}
+        said = float(min(sum(shares[spike_slab.terms.cause == k].sum() for k in causes), 1.0))
+        at = [place[c] for c in found.linearisation.indices(name.candidates)]
+        out.append(_InHalf(said, mean[at], covariance[np.ix_(at, at)]))
+    return out
 
 
-def _replicated(found: Found, name: Named, halves: Sequence[_Half]) -> Replication:
-    members, said, parts = found.mode.members, list[float](), []
-    own = [m for m in members if found.problem.candidates[m[0]] in name.candidates]
-    rest = tuple(m for m in members if m not in own)
-    for half in halves:
-        terms = half.spike_slab.terms
-        shares = half.spike_slab.conditional(half.point, rest).terms(slot_odds(prior.RICHNESS, len(rest)))
-        causes = {int(terms.cause[term]) for term, _ in own}
-        said.append(float(min(sum(shares[terms.cause == k].sum() for k in causes), 1.0)))
-        columns = half.spike_slab.columns(members)[0].tolist()
-        at = [columns.index(c) for c in found.linearisation.indices(name.candidates)]
-        parts.append((half.mean[at], half.covariance[np.ix_(at, at)]))
-    (a, first), (b, second) = parts
-    difference = a - b
-    statistic = float(difference @ np.linalg.lstsq(first + second, difference, rcond=1e-10)[0])
-    return Replication((said[0], said[1]), bool(chi2.sf(statistic, len(difference)) > CHANCE))
+def _replicated(first: _InHalf, second: _InHalf) -> Replication:
+    difference, spread = first.mean - second.mean, first.covariance + second.covariance
+    statistic = float(difference @ np.linalg.lstsq(spread, difference, rcond=1e-10)[0])
+    agree = bool(chi2.sf(statistic, len(difference)) > CHANCE)
+    return Replication((first.probability, second.probability), agree)
 
 
 def flip_inflation(found: Found, one: Named) -> float | None:

@@ -66,7 +66,7 @@ def remainder_shapes(found: Found) -> tuple[Shape, ...]:
     for i in cat.smooth:
         part = slice(at, at := at + len(cat.candidates[i].coefficients))
         columns = lin.free + problem.nameless[part]
-        signal = float(coefficients[part] @ lin.gram[np.ix_(columns, columns)] @ coefficients[part])
+        signal = float(coefficients[part] @ lin.among(columns) @ coefficients[part])
         shapes.append(Shape(i, sigma[part], signal))
     total = sum(s.share for s in shapes)
     if total <= 0.0:

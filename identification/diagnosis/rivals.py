@@ -89,9 +89,9 @@ def _bent(found: Found, name: Sequence[int]) -> float:
     straight = [i for i, c in enumerate(cat.candidates) if cat.cause(i) == cause and not c.bent]
     own, base = (lin.free + np.array(lin.indices(some), dtype=np.intp) for some in (name, straight))
     amplitude = lin.departure[own]
-    whole = float(amplitude @ lin.gram[np.ix_(own, own)] @ amplitude)
-    across = lin.gram[np.ix_(base, own)] @ amplitude
-    followed = float(across @ np.linalg.lstsq(lin.gram[np.ix_(base, base)], across, rcond=None)[0])
+    whole = float(amplitude @ lin.among(own) @ amplitude)
+    across = lin.among(base, own) @ amplitude
+    followed = float(across @ np.linalg.lstsq(lin.among(base), across, rcond=None)[0])
     return float(np.sqrt(max(1.0 - followed / whole, 0.0))) if whole > 0.0 else 0.0
 
 
@@ -112,9 +112,7 @@ def _gains(found: Found, wanted: Sequence[Sequence[Index]]) -> list[Array]:
     """(sources, shares) for each name: log Bayes factors of its modulated signal beside the likeliest set."""
     problem, lin = found.problem, found.linearisation
     columns, sizes = problem.spike_slab.columns(found.mode.members)
-    design = design_with_forms(lin, found.catalogue, problem)
-    forms = np.arange(design.width - lin.forms, design.width)
-    part = design.restricted(np.concatenate([columns, forms]).astype(np.intp))
+    part = design_with_forms(lin, found.catalogue, problem, columns)
     first, scale = len(columns), np.array(OFF_FORM) * np.sqrt(len(lin.sources)) / FORM_ERROR
     plain, best = -np.inf, [np.full((len(own), len(OFF_FORM)), -np.inf) for own in wanted]
     for step in (step for step in FINER if min(found.mode.point.noise) + step >= 0):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
+from truepose.identification.diagnosis.alone import weighed_alone
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import climbed
@@ -42,8 +43,8 @@ share of a value within which a neighbour is as good."""
 class Found:
     """The posterior at its last expansion point, its mode, and the nonlinear fit with what the mode holds.
 
-    accepted: candidates of the fit (index to spread, in scales), those that the file states among them; first: the problem at
-    the fit without effects, and its linearisation.
+    accepted: candidates of the fit (index to spread, in scales), those that the file states among them; alone (c,): log Bayes
+    factor of each candidate alone at the fit without effects; linearisation_before: of geometry, there.
     """
 
     problem: SelectionProblem
@@ -54,7 +55,7 @@ class Found:
     linearisation: Linearisation
     signatures: Signatures
     catalogue: Catalogue
-    first: SelectionProblem
+    alone: Array
     linearisation_before: Linearisation
 
 
@@ -92,10 +93,17 @@ class Expansion:
         self.linearisation = signatures.linearise(fit)
         self.problem = selection_problem(self.linearisation, cat, rms)
         self.spike_slab = self.problem.spike_slab.compressed()
-        here = self.problem, self.linearisation
-        self.first: tuple[SelectionProblem, Linearisation] = here if before is None else before[0].first
+        self.first: tuple[Array, Linearisation] | None = None if before is None else before[0].beginning
         self.known = [] if before is None else [self._of_this_grid(before[1])]
         self.exclude, self._rms, self._refined = exclude, rms, refined
+
+    @property
+    def beginning(self) -> tuple[Array, Linearisation]:
+        """At the fit without effects: the log Bayes factor (c,) of each candidate alone, and geometry's linearisation."""
+        if self.first is None:
+            alone = weighed_alone(self.problem, len(self.catalogue.candidates))
+            self.first = alone, self.linearisation.bare()
+        return self.first
 
     def _of_this_grid(self, state: State) -> State:
         """Its terms are the same: more candidates of a catalogue stand at its end."""
@@ -119,7 +127,9 @@ class Expansion:
         """The posterior here, drawn to the end."""
         posterior, best = self.sampled()
         own = self.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
-        return Found(self.problem, posterior, best, *own, *self.first)
+        alone, before = self.beginning
+        later = np.full(len(self.catalogue.candidates) - len(alone), -np.inf)
+        return Found(self.problem, posterior, best, *own, np.append(alone, later), before)
 
     def moved(self, best: State) -> Expansion | None:
         """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""

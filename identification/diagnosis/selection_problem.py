@@ -64,7 +64,7 @@ def _remainder(lin: Linearisation, cat: Catalogue, nameless: NDArray[np.intp]) -
     if not len(nameless):
         return np.zeros((0, 0))
     at = lin.free + nameless
-    gram = lin.gram[np.ix_(at, at)]
+    gram = lin.among(at)
     rms = np.sqrt(np.diag(gram) / lin.n_observations)
     sizes = [len(cat.candidates[i].coefficients) for i in cat.smooth]
     share = np.concatenate([np.full(k, (k * len(sizes)) ** -0.5) for k in sizes])
@@ -80,31 +80,35 @@ def _seen(gram: Array) -> Array:
     return np.asarray(vectors[:, values > FAINT])
 
 
-def design_with_forms(lin: Linearisation, cat: Catalogue, problem: SelectionProblem) -> Design:
-    """The design of a problem, with the errors of form as columns of G beside those of the candidates."""
-    return _design(lin, cat, problem.classes, problem.nameless, problem.remainder, lin.forms)
+def design_with_forms(
+    lin: Linearisation, cat: Catalogue, problem: SelectionProblem, columns: NDArray[np.intp]
+) -> Design:
+    """The design of a problem with some of its columns of G (k,) alone, and the errors of form behind them."""
+    width = lin.columns[-1].stop
+    wanted = np.concatenate([columns, np.arange(width, width + lin.forms)]).astype(np.intp)
+    return _design(lin, cat, problem.classes, problem.nameless, problem.remainder, wanted)
 
 
 def _design(
     lin: Linearisation, cat: Catalogue, classes: Sequence[PartClass], nameless: NDArray[np.intp], turn: Array,
-    bent: int = 0,
+    wanted: NDArray[np.intp] | None = None,
 ) -> Design:  # fmt: skip
     """Columns of every model (geometry, what the file states, errors of form, remainder), of terms, and the residual.
 
-    ``bent``: how many columns of errors of form stand among those of terms, too.
+    ``wanted``: columns of [G F] that stand for those of terms, by default all of G.
     """
     n, width = lin.free, lin.columns[-1].stop if lin.columns else 0
     stated = n + np.array(lin.indices(cat.stated), dtype=np.intp)
     forms = n + width + np.arange(lin.forms)
-    noise = max(float(lin.gram[-1, -1]) / lin.n_observations, 1.0)
-    bend = _seen(lin.gram[np.ix_(forms, forms)] / noise)
+    noise = max(sum(float(gram[-1, -1]) for gram in lin.grams) / lin.n_observations, 1.0)
+    bend = _seen(lin.among(forms) / noise)
     fixed = np.concatenate([np.arange(n), stated]).astype(np.intp)
     mixed = np.zeros((len(lin.grams[0]), bend.shape[1] + turn.shape[1] + 1))
     mixed[forms, : bend.shape[1]] = bend
     mixed[n + nameless, bend.shape[1] : -1] = turn
     # e: the residual at the drawing values without effects, as a reading less its prediction
     mixed[:-1, -1], mixed[-1, -1] = lin.departure, -1.0
-    picked = np.concatenate([fixed, n + np.arange(width + bent)]).astype(np.intp)
+    picked = np.concatenate([fixed, n + (np.arange(width) if wanted is None else wanted)]).astype(np.intp)
     own = np.divide(1.0, lin.weight, out=np.full(n, np.inf), where=lin.weight > 0.0)
     sigma = np.concatenate([own, np.full(len(stated), prior.STATED), np.ones(mixed.shape[1] - 1)])
     numbers = [classes.index(part) for part in lin.parts]
@@ -116,11 +120,15 @@ def _design(
 def _turned(gram: Array, picked: NDArray[np.intp], first: int, mixed: Array) -> Array:
     """The Gram matrix of the first ``picked`` columns, the ``mixed`` ones but the last, the other picked ones, the last."""
     product = gram @ mixed
-    across, own = product[picked], mixed.T @ product
     r, p = mixed.shape[1] - 1, len(picked)
-    order = np.concatenate([np.arange(first), p + np.arange(r), np.arange(first, p), [p + r]]).astype(np.intp)
-    whole = np.block([[gram[np.ix_(picked, picked)], across], [across.T, own]])
-    return np.asarray(whole[np.ix_(order, order)])
+    here = np.concatenate([np.arange(first), np.arange(first + r, p + r)])
+    there = np.append(np.arange(first, first + r), p + r)
+    out = np.empty((p + r + 1,) * 2)
+    out[np.ix_(here, here)] = gram[np.ix_(picked, picked)]
+    out[np.ix_(here, there)] = product[picked]
+    out[np.ix_(there, here)] = product[picked].T
+    out[np.ix_(there, there)] = mixed.T @ product
+    return out
 
 
 def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[EffectAtPlace, ...], Terms]:

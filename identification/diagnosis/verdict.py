@@ -16,7 +16,6 @@ from truepose.identification.diagnosis.findings import (
     ranked_alternatives,
     remainder_of_form,
     remainder_of_residuals,
-    weighed_alone,
 )
 from truepose.identification.diagnosis.holdout import Comparison
 from truepose.identification.diagnosis.naming import Summary, summarised
@@ -102,7 +101,7 @@ def _quiet(fits: Fits, found: Found, summary: Summary, choice: Choice) -> Diagno
     """What the posterior says, with plain calibration applied: where nothing is missing, this is all."""
     cat, machine, recording = found.catalogue, found.signatures.machine, found.signatures.recording
     raised = alarms_of(fits.free, fits.before, found.linearisation_before, recording)
-    alone, unknowns = weighed_alone(found.first, len(cat.candidates)), found.problem.spike_slab.unknowns
+    alone, unknowns = found.alone, found.problem.spike_slab.unknowns
     wider = _typical(found, lambda point: unknowns.widening[point.widening]).tolist()
     plain = choice.plain.against(choice.plain)
     return Diagnosis(

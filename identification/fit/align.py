@@ -57,7 +57,7 @@ def _align_session(
     base, tool = (_Frame(predictor.model.names, frame, session) for frame in ("base", "tool"))
     for _ in range(3):
         x, good = predictor.assemble(p)
-        names, values, _, poses = predictor.columns(p, x)
+        names, values, poses = predictor.values(p, x)
         rows = good & wanted
         predicted, measured = seen_points(predictor, names, values, rows)
         if len(predicted) < 3:
@@ -75,7 +75,7 @@ def _align_session(
 def _align_mount(predictor: Predictor, p: Array, name: str) -> None:
     """A further frame, in place: where its sensor's points put it, else how its own measured poses have it turned."""
     x, good = predictor.assemble(p)
-    names, values, _, _ = predictor.columns(p, x)
+    names, values, _ = predictor.values(p, x)
     rows = good & ~predictor.recording.validation
     at = [predictor.model.names.index(f"{name}.{a}") for a in AXES]
     turned = lie.rpy_matrix(p[at[3:]])

@@ -196,8 +196,9 @@ class Problem:
         sigma = self.prior.sigma[free]
         weight = np.where(np.isinf(sigma), 0.0, self.prior.scale[free] / sigma)
         pull = np.where(np.isinf(sigma), 0.0, (p[free] - self.prior.mean[free]) / sigma)
-        rows = np.column_stack([np.diag(weight), pull])
-        return rows if self.turn is None else self.turn.of_rows(rows)
+        if self.turn is not None:  # along what readings do not see there is no pull
+            weight, pull = self.turn.of_prior(weight, pull)
+        return np.column_stack([np.diag(weight), pull])
 
     def residuals(self, p: Array, x: Array) -> Array:
         """(n, m) whitened residuals of all rows."""

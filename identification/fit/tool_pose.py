@@ -66,7 +66,7 @@ def tool_points(predictor: Predictor, p: Array, x: Array, silent: Collection[str
     model, recording = predictor.model, predictor.recording
     quiet = p.copy()
     quiet[[name.rpartition(":")[0] in silent for name in model.names]] = 0.0
-    names, values, _, _ = predictor.columns(quiet, x)
+    names, values, _ = predictor.values(quiet, x)
     at = [c.name for c in predictor.channels if c.kind == "position" and c.name in names]
     columns = [names.index(name) for name in at]
     read = [recording.observations[name] for name in at]

@@ -72,7 +72,7 @@ def with_observations(machine: Machine, recording: Recording) -> Predictor:
     p = predictor.model.p_home
     x, good = predictor.assemble(p)
     x[~good] = predictor.model.home
-    names, values, _, _ = predictor.columns(p, x)
+    names, values, _ = predictor.values(p, x)
     read = dict(zip(names, np.where(good[:, None], values, 0.0).T, strict=True))
     complete = copy.copy(predictor)
     complete.recording = replace(recording, observations={**recording.observations, **read})

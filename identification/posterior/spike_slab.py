@@ -29,6 +29,8 @@ NOTICED = 4.0
 """Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
 WIDE, UNSEEN = 12, 1e-3
 """Columns beyond which a term is turned to what readings see; information about the largest usual size that is none."""
+FEWER = 0.9
+"""Share of the columns that turned terms must not exceed, for a problem of these to be worth its memory."""
 SETS = 200_000
 """Evidences that are kept."""
 Value = TypeVar("Value")
@@ -164,6 +166,8 @@ class SpikeSlab:
             terms.append(replace(term, columns=own, lower=term.lower[:width], upper=term.upper[:width]))
             turns.append(turn)
             at += width
+        if at > FEWER * self.design.width:
+            return self  # hardly any fewer
         columns = np.concatenate([*self.terms.columns, np.zeros(0, dtype=np.intp)]).astype(np.intp)
         return SpikeSlab(
             self.design.turned(columns, block_diag(*turns)),

@@ -175,6 +175,19 @@ class Predictor:
         values, slopes = np.hstack([v for v, _ in parts]), np.concatenate([j for _, j in parts], axis=1)
         return names, values, slopes, sight.pose
 
+    def values(self, p: Array, x: Array) -> tuple[list[str], Array, Array]:
+        """Column names, predicted values (n, k) and poses (n, 4, 4); some rows at a time."""
+        comparisons = self.comparisons()
+        names = [name for s in self.machine.sensors for name in s.columns]
+        step = _BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)
+        values, poses = [np.zeros((0, len(names)))], [np.zeros((0, 4, 4))]
+        for start in range(0, len(self.q), step):
+            sight = self._sight(slice(start, min(start + step, len(self.q))), p, x)
+            pairs = zip(self._sensors, comparisons, strict=True)
+            values.append(np.hstack([f.values(sight, p, c) for f, c in pairs]))
+            poses.append(sight.pose)
+        return names, np.concatenate(values), np.concatenate(poses)
+
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""
         sight = self._sight(slice(0, len(self.q)), p, x)

@@ -244,15 +244,26 @@ class SensorFunctions:
 
     def prediction(self, sight: Sight, p: Array, comparison: Comparison | None) -> tuple[Array, Array]:
         """(n, k) values of the sensor's columns and their (n, k, np) Jacobian."""
-        pose = sight.of(self.sensor.view)[0]
-        y = np.zeros((len(pose), len(self.sensor.columns)))
-        value, jacobian = self._evaluate(self._predict, sight, p, y, 1.0).whole(sight.at)
+        value, jacobian = self._predicted(sight, p).whole(sight.at)
         if not self.sensor.columns:
-            return y, np.zeros((len(pose), 0, len(p)))
+            return np.zeros((len(value), 0)), np.zeros((len(value), 0, len(p)))
+        changes = jacobian if comparison is None else comparison.changes(value, jacobian)
+        return self._as_read(sight, value, comparison), changes
+
+    def values(self, sight: Sight, p: Array, comparison: Comparison | None) -> Array:
+        """(n, k) values of the sensor's columns."""
+        value = self._predicted(sight, p).values
+        return self._as_read(sight, value, comparison) if self.sensor.columns else np.zeros((len(value), 0))
+
+    def _predicted(self, sight: Sight, p: Array) -> _Seen:
+        y = np.zeros((len(sight.pose), len(self.sensor.columns)))
+        return self._evaluate(self._predict, sight, p, y, 1.0)
+
+    def _as_read(self, sight: Sight, value: Array, comparison: Comparison | None) -> Array:
         if comparison is not None:
-            return comparison.values(value), comparison.changes(value, jacobian)
+            return comparison.values(value)
         shift = sight.shift[:, self._columns]
-        return self.sensor.values(pose, value - shift) + shift, jacobian
+        return self.sensor.values(sight.of(self.sensor.view)[0], value - shift) + shift
 
     def _evaluate(self, function: BatchFunction, sight: Sight, p: Array, y: Array, sign: float) -> _Seen:
         """Values and derivatives at ``y`` plus ``sign`` times what effects add to the columns."""

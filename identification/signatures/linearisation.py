@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import casadi as ca
@@ -68,10 +67,31 @@ class Linearisation:
         turn = self.turns[candidate] if self.turns else None
         return np.eye(len(self.candidates[candidate].coefficients)) if turn is None else turn
 
-    @cached_property
+    @property
     def gram(self) -> Array:
         """All kinds of channels together."""
         return np.asarray(sum(self.grams[1:], self.grams[0]))
+
+    def among(self, rows: NDArray[np.intp], columns: NDArray[np.intp] | None = None) -> Array:
+        """(k, l) entries of ``gram``, (k, k) where no columns are given."""
+        at = np.ix_(rows, rows if columns is None else columns)
+        return np.asarray(sum((gram[at] for gram in self.grams[1:]), self.grams[0][at]))
+
+    def bare(self) -> Linearisation:
+        """Of geometry and residual alone."""
+        kept = np.append(np.arange(self.free), len(self.grams[0]) - 1)
+        grams = tuple(gram[np.ix_(kept, kept)] for gram in self.grams)
+        return replace(
+            self,
+            grams=grams,
+            columns=(),
+            forms=0,
+            departure=self.departure[: self.free],
+            candidates=(),
+            bent=(),
+            sources=(),
+            turns=(),
+        )
 
     @property
     def n_observations(self) -> int:

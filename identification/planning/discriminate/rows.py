@@ -166,7 +166,7 @@ def _at_drawing(machine: Machine, recording: Recording) -> tuple[Estimate, Recor
     predictor = Predictor(machine, recording, machine.effects)
     prior, p = prior_of(machine, machine.effects), predictor.model.p_home
     x, good = predictor.assemble(p)
-    names, values, _, _ = predictor.columns(p, x)
+    names, values, _ = predictor.values(p, x)
     exact = {name: frozen(values[:, k].copy()) for k, name in enumerate(names)}
     nothing = np.zeros(len(prior.free))
     return Estimate(

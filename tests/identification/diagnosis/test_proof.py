@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
+from truepose.identification.diagnosis.black_box import Waves, black_box, linear_test
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
-from truepose.identification.diagnosis.proof import black_box, injected_recovered, linear_test
+from truepose.identification.diagnosis.proof import injected_recovered
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -49,6 +50,10 @@ def test_held_out_rows_are_judged_by_the_posterior_of_the_others(case: Case) -> 
     fit, _ = case
     rng, n, rows, channels, extra = np.random.default_rng(1), len(case[0].prior.free), 40, 3, 2
     design = rng.standard_normal((rows, channels, n + extra))
+    waves = Waves(rng.standard_normal((rows, extra)), np.array([2, 0]), rng.random((rows, channels)) < 0.1)
+    design[:, :, n:] = 0.0
+    for k, channel in enumerate(waves.channel):
+        design[:, channel, n + k] = np.where(waves.lost[:, channel], 0.0, waves.values[:, k])
     residual = rng.standard_normal((rows, channels))
     fit = replace(fit, residual=residual)
     train = np.arange(rows) % 3 > 0
@@ -60,7 +65,7 @@ def test_held_out_rows_are_judged_by_the_posterior_of_the_others(case: Case) -> 
     y = y - h[:, :n] @ away
     departure = -np.linalg.solve(h.T @ h + np.diag(tau**-2.0), h.T @ y)
     expected = residual[~train] + design[~train] @ (departure - np.append(away, np.zeros(extra)))
-    found = linear_test(design, fit, train, ~train)
+    found = linear_test(design[:, :, :n], fit, train, ~train, waves)
     np.testing.assert_allclose(found, np.sum(expected**2, axis=1), rtol=1e-8)
 
 
@@ -69,11 +74,11 @@ def test_a_prediction_is_exact_where_readings_are_linear_and_the_drawing_is_true
     rng, rows = np.random.default_rng(2), 60
     fit = replace(case[0], p=case[0].prior.mean.copy())
     n = len(fit.prior.free)
-    jacobian, wave = 1e-3 * rng.standard_normal((rows, 3, n)), rng.standard_normal((rows, 3, 1))
-    fit = replace(fit, residual=10.0 * wave[:, :, 0])
+    jacobian, wave = 1e-3 * rng.standard_normal((rows, 3, n)), rng.standard_normal((rows, 3))
+    fit = replace(fit, residual=10.0 * wave)
     train = rng.permutation(rows) < 40
     without = linear_test(jacobian, fit, train, ~train)
-    box = linear_test(np.concatenate([jacobian, wave], axis=2), fit, train, ~train)
+    box = linear_test(jacobian, fit, train, ~train, Waves(wave, np.arange(3), None))
     assert np.mean(box) < 1e-6 * np.mean(without)
 
 

@@ -12,7 +12,7 @@ from support.searched_arm import PLAY, ROWS, SCALE, WRONG_SIGN, Case, searched
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
 from truepose.identification.diagnosis import search as searching
-from truepose.identification.diagnosis.findings import weighed_alone
+from truepose.identification.diagnosis.alone import weighed_alone
 from truepose.identification.diagnosis.naming import named
 from truepose.identification.diagnosis.posterior_summary import Named, inclusion
 from truepose.identification.diagnosis.proof import flip_inflation, replications
@@ -142,10 +142,12 @@ def test_names_have_the_probability_of_their_slot_and_what_else_may_be_there(
 def test_every_candidate_is_weighed_alone(both: tuple[Case, Found]) -> None:
     """The best is a true one; the log Bayes factor of each is that of the evidence with it and without."""
     case, found = both
-    alone = weighed_alone(found.first, len(found.catalogue.candidates))
+    alone = found.alone
     assert found.catalogue.cause(int(np.argmax(alone))) in TRUE
-    assert np.isfinite(alone).sum() == len(found.first.candidates)
-    assert len(alone) >= len(case.cat.candidates)
+    count = len(case.cat.candidates)
+    assert len(alone) == len(found.catalogue.candidates) >= count and np.isfinite(alone[:count]).all()
+    first = selection_problem(case.signatures.linearise(case.null), case.cat, case.rms)
+    np.testing.assert_allclose(alone[:count], weighed_alone(first, count), rtol=1e-6, atol=1e-6)
 
 
 def test_an_effect_that_is_there_throughout_is_in_both_halves(both: tuple[Case, Found]) -> None:
@@ -168,7 +170,7 @@ def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_ro
     noise = int(np.argmin(np.abs(np.log(problem.spike_slab.unknowns.noise[0].values))))
     state = State(((term, 4),), GridPoint((noise,), 0, 0), 0.0)
     nothing = cast(Posterior, None)
-    found = Found(problem, nothing, state, {}, case.null, lin, case.signatures, case.cat, problem, lin)
+    found = Found(problem, nothing, state, {}, case.null, lin, case.signatures, case.cat, np.zeros(0), lin)
     name = Named(problem.causes[int(problem.spike_slab.terms.cause[term])], (at,), 1.0, 1.0, (), 9.0)
     (half,) = replications(found, [name], case.rms)
     assert half is not None and half.agree is agree
