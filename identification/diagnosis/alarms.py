@@ -181,14 +181,12 @@ def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     if fit.n_observations * len(free) > LARGEST_PROJECTION:
         return lambda noise: noise
     predictor = Predictor(fit.machine, recording, fit.effects)
-    rows = [
-        block.jacobian[fit.used[block.rows]][:, :, free] * fit.prior.scale[free]
-        for block in predictor.blocks(fit.p, fit.x, fit.used)
-    ]
-    jacobian = np.concatenate(rows).reshape(-1, len(free))
     # of A = J'J + prior one factor serves all draws; the fit's own factor has J'J
-    root = fit.known.seen_root
-    turned = jacobian @ root
+    root = fit.known.step_root
+    rows = [
+        fit.by_steps(block)[fit.used[block.rows]] @ root for block in predictor.blocks(fit.p, fit.x, fit.used)
+    ]
+    turned = np.concatenate(rows).reshape(-1, root.shape[1])
     return lambda noise: np.asarray(noise.ravel() - turned @ (turned.T @ noise.ravel())).reshape(noise.shape)
 
 

@@ -53,6 +53,7 @@ def diagnose(
         fits = _refit_null(machine, recording, fits, again)
         near = search(signatures, cat, fits.before, fits.outliers, fits.rms)
     found = near.found()
+    del near  # and what its chains remember
     progress("naming and proving")
     return concluded(fits, found)
 

@@ -77,11 +77,11 @@ def _studentised(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) ->
     residual = fit.residual[rows]
     if not len(rows) or any(sensor.compares for sensor in fit.machine.sensors):
         return np.asarray(np.sum(residual**2, axis=1))
-    predictor, free, out = Predictor(fit.machine, recording, fit.effects).of_rows(rows), fit.prior.free, []
-    root = fit.known.seen_root * fit.prior.scale[free][:, None]
+    predictor, out = Predictor(fit.machine, recording, fit.effects).of_rows(rows), list[Array]()
+    root = fit.known.step_root
     for block in predictor.blocks(fit.p, fit.x[rows], fit.weights[rows]):
         own = residual[block.rows]
-        turned = block.jacobian[:, :, free] @ root * np.sqrt(fit.weights[rows][block.rows])[:, None, None]
+        turned = fit.by_steps(block) @ root * np.sqrt(fit.weights[rows][block.rows])[:, None, None]
         left = np.eye(own.shape[1]) - turned @ turned.transpose(0, 2, 1)
         out.append(np.einsum("nm,nm->n", own, np.linalg.solve(left, own[..., None])[..., 0]))
     return np.concatenate(out)

@@ -126,6 +126,7 @@ class Expansion:
     def found(self) -> Found:
         """The posterior here, drawn to the end."""
         posterior, best = self.sampled()
+        self.problem.spike_slab.forget()
         own = self.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
         alone, before = self.beginning
         later = np.full(len(self.catalogue.candidates) - len(alone), -np.inf)

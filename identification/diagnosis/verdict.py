@@ -73,6 +73,7 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
     recording = found.signatures.recording
     model = _likeliest(fits, found)
     there = _there(found, model)
+    found = replace(found, linearisation=there.linearisation)  # large, and only its columns are asked for
     summary, nameless = summarised(there, model.fit), model.nameless(there)
     choice = Choice.of(there, fits.before, fits.outliers, _sure(summary, NAMED))
     quiet = _quiet(fits, found, summary, choice)

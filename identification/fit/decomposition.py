@@ -149,8 +149,8 @@ class Decomposition:
         return np.asarray(basis @ solve_triangular(triangle, solve_triangular(triangle, moved.T, trans="T")))
 
     @property
-    def seen_root(self) -> Array:
-        """(n, k) as much of ``root`` as readings see."""
+    def step_root(self) -> Array:
+        """(steps, k) ``root`` by the steps that were solved for: these."""
         return self.root
 
     @property

@@ -15,6 +15,7 @@ from truepose.identification.fit.noise import Scatter, channel_groups
 from truepose.identification.fit.problem import Prior
 from truepose.identification.fit.relinearised import Shrunk
 from truepose.identification.fit.turn import Turn, Turned
+from truepose.identification.prediction.sensor_rows import Block
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 from truepose.shown.result import Shown, frame_of
@@ -90,6 +91,14 @@ class Estimate(Shown):
         """Whose root and unknown directions are this estimate's: readings and prior, or a biased estimator."""
         return self.decomposition if self.shrunk is None else self.shrunk
 
+    def by_steps(self, block: Block) -> Array:
+        """(n, m, k) derivative of a block's residuals by the steps that were solved for; times ``known.step_root`` it is that
+        by independent unknowns of 1-sigma one."""
+        free, scale = self.prior.free, self.prior.scale
+        if self.turn is None:
+            return np.asarray(block.jacobian[:, :, free] * scale[free])
+        return self.turn.of_block(block, free, scale)
+
     @cached_property
     def scatter(self) -> Scatter:
         """The noise that the fitted readings were found to have, by sensor and kind of reading."""
@@ -117,22 +126,30 @@ class Estimate(Shown):
         pairs = zip(found.variance, self.parts or (self.factor,), strict=True)
         return self.decomposition.root_with(found.slope, [np.sqrt(v) * part[:, :-1] for v, part in pairs])
 
-    @cached_property
+    @property
     def posterior(self) -> Array:
         """(n_free, n_free) covariance if every sigma were as stated and the loss plain."""
-        return self._spread(self.known.root)
+        return self.posterior_among(np.arange(len(self.prior.free)))
 
-    @cached_property
+    def posterior_among(self, at: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
+        """(k, k) the same of some free entries."""
+        return self._spread(self.known.root, at)
+
+    @property
     def covariance(self) -> Array:
         """(n_free, n_free) covariance with the noise found; directions nothing determines have a variance of 1e30.
 
         Tolerances are taken as stated; readings as noisy as they were (``truepose.identification.fit.noise``).
         """
-        return self._spread(self.root)
+        return self.covariance_among(np.arange(len(self.prior.free)))
 
-    def _spread(self, root: Array) -> Array:
-        scale = self.prior.scale[self.prior.free][:, None]
-        out = np.hstack([root, UNKNOWN * self.known.unknown.T]) * scale
+    def covariance_among(self, at: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
+        """(k, k) the same of some free entries."""
+        return self._spread(self.root, at)
+
+    def _spread(self, root: Array, at: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
+        scale = self.prior.scale[self.prior.free][at, None]
+        out = np.hstack([root[at], UNKNOWN * self.known.unknown.T[at]]) * scale
         return np.asarray(out @ out.T)
 
     @property

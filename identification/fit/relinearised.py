@@ -53,8 +53,8 @@ class Shrunk:
     tuning: float
 
     @property
-    def seen_root(self) -> Array:
-        """(n_free, k) as much of ``root`` as readings see: all of it."""
+    def step_root(self) -> Array:
+        """(n_free, k) ``root`` by the steps that were solved for: these."""
         return self.root
 
 

@@ -62,7 +62,7 @@ def worst_allowed(fit: Estimate) -> float:
     known = np.isfinite(tolerance) & (free < len(fit.machine.parameters))
     if not known.any():
         return float("inf")
-    scaled = fit.posterior[np.ix_(known, known)] / np.outer(tolerance[known], tolerance[known])
+    scaled = fit.posterior_among(known) / np.outer(tolerance[known], tolerance[known])
     values, vectors = np.linalg.eigh(np.eye(int(known.sum())) - scaled)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     sample = root @ np.random.default_rng(SEED).standard_normal((root.shape[1], DRAWS))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.leastsquares import Rows
 from truepose.identification.prediction.by_ports import ByPorts, Part
+from truepose.identification.prediction.sensor_rows import Block
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -73,6 +74,21 @@ class Turn:
             values.append(ports.values[:, these] @ turn)
         by = ByPorts(ports.slopes, np.concatenate(port), np.concatenate(column), np.hstack(values))
         return Part(part.dense, place[part.at], by)
+
+    def of_block(self, block: Block, free: Index, scale: Array) -> Array:
+        """(n, m, k) derivative of a block's residuals by these steps; ``free`` (n_free,) entries of p, ``scale`` (np,)."""
+        place = np.full(len(scale), -1)
+        place[free] = np.arange(len(free))
+        rows = np.arange(len(block.residual))
+        part = block.part(rows, place, scale, np.ones(len(rows)))
+        if part is None:
+            return np.asarray(block.jacobian[:, :, free] * scale[free] @ self.matrix.toarray())
+        own = self.of_part(part)
+        assert own.ports is not None
+        out = np.empty((*own.dense.shape[:2], self.matrix.shape[1] + 1))
+        out[:, :, own.at] = own.dense
+        own.ports.put_into(out)
+        return out[:, :, :-1]
 
     def of_prior(self, weight: Array, pull: Array) -> tuple[Array, Array]:
         """Weights (k,) and pulls (k,) of the prior by these steps, from those of the free entries (n,)."""
@@ -136,7 +152,10 @@ def _information(part: Rows, these: Index) -> Array | None:
 
 @dataclass(frozen=True)
 class Turned(Decomposition):
-    """What is known of the free entries, from what is known of the steps that were solved for: ``own``."""
+    """What is known of the free entries, from what is known of the steps that were solved for: ``own``.
+
+    ``directions`` are not held: there are many.
+    """
 
     own: Decomposition
     turn: Turn
@@ -146,8 +165,17 @@ class Turned(Decomposition):
         """From a factor (k, steps) of the scaled Jacobian by the steps; weight (n,) of the free entries."""
         own = Decomposition.of(factor, turn.held(weight))
         singular = np.append(own.singular, np.zeros(turn.rest.shape[1]))
-        directions = np.vstack([own.directions @ turn.matrix.T, turn.rest.T.toarray()])
-        return cls(singular, directions, weight, own.rank, own, turn)
+        return cls(singular, np.zeros((0, len(weight))), weight, own.rank, own, turn)
+
+    @property
+    def seen(self) -> Array:
+        """(rank, n) orthonormal directions that the readings see, best first."""
+        return np.asarray(self.own.seen @ self.turn.matrix.T)
+
+    @property
+    def null_space(self) -> Array:
+        """(n - rank, n) orthonormal directions that no reading sees."""
+        return np.vstack([self.own.null_space @ self.turn.matrix.T, self.turn.rest.T.toarray()])
 
     @cached_property
     def unknown(self) -> Array:
@@ -168,9 +196,9 @@ class Turned(Decomposition):
         return np.hstack([self.turn.matrix @ root, (self.turn.rest.multiply(free[:, None])).toarray()])
 
     @property
-    def seen_root(self) -> Array:
-        """(n, k) as much of ``root`` as readings see."""
-        return np.asarray(self.turn.matrix @ self.own.root)
+    def step_root(self) -> Array:
+        """(steps, k) ``root`` by the steps that were solved for: as much of it as readings see."""
+        return self.own.root
 
     @property
     def effective(self) -> float:

@@ -23,7 +23,7 @@ Index = NDArray[np.intp]
 Member = tuple[int, int]
 """A term and the index of its size."""
 Members = tuple[Member, ...]
-REMEMBERED, MARGINALS = 150_000_000, 200
+REMEMBERED, MARGINALS = 80_000_000, 200
 """Bytes of each sort of marginals, and of conditionals, that are kept, and most marginals."""
 NOTICED = 4.0
 """Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
@@ -41,6 +41,10 @@ class Memory(Generic[Value]):
 
     def __init__(self, limit: int, size: Callable[[Value], int] | None = None) -> None:
         self._limit, self._values, self._size = max(limit, 4), OrderedDict[Hashable, Value](), size
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._values.clear()
 
     def get_or(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """The value of a key, made where it is not there."""
@@ -181,6 +185,11 @@ class SpikeSlab:
         other = SpikeSlab(self.design, self.unknowns, self.terms, self.sizes, given)
         other.__dict__["noticeable"] = self.noticeable
         return other
+
+    def forget(self) -> None:
+        """Let go of what was worked out: it takes much memory, and only chains come back to it all."""
+        for memory in (self._roots, self._bases, self._taken, self._priors, self._conditionals):
+            memory.clear()
 
     def root(self, point: GridPoint) -> Marginal:
         """Without any term, at a point."""

@@ -207,18 +207,18 @@ class Predictor:
         """Gravity's conjugate load (n,) at every port and parameter, by load case and name: N or N m."""
         m = self.model
         known = {*self.machine.geometry, *self.machine.ports}
-        scale = [(k, n, load_scale(self.machine, n)) for k, n in enumerate(m.names) if n in known]
+        at = [k for k, n in enumerate(m.names) if n in known]
+        scale = [(k, m.names[i], load_scale(self.machine, m.names[i])) for k, i in enumerate(at)]
         out: dict[str, Array] = {}
         for case, energy in m.energies.items():
-            gradient = BatchFunction(
-                "energy", [m.x, m.q, m.z, m.p], [ca.gradient(energy, m.x).T, ca.gradient(energy, m.p).T]
-            )
+            by_p = ca.gradient(energy, m.p)[at].T
+            gradient = BatchFunction("energy", [m.x, m.q, m.z, m.p], [ca.gradient(energy, m.x).T, by_p])
             vx, vp = gradient(x, self.q, self.z, p)
             force = -vp[:, 0, :]
             if x.shape[1]:
                 gx, gp = self._kinematics(x, self.q, self.z, p)[3:5]
                 multipliers = solved(gx.transpose(0, 2, 1), vx.transpose(0, 2, 1))[..., 0]
-                force += np.einsum("nk,nkp->np", multipliers, gp)
+                force += np.einsum("nk,nkp->np", multipliers, gp[:, :, at])
             out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
         return out
 

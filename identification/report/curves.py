@@ -166,7 +166,7 @@ def _evaluated(
     free = [k for k, name in enumerate(names) if name in place]
     at = [place[names[k]] for k in free]
     own = slopes[:, free]
-    std = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", own, fit.covariance[np.ix_(at, at)], own), 0.0))
+    std = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", own, fit.covariance_among(np.array(at)), own), 0.0))
     factor, _ = reading_unit(diagnosis.machine, reading)
     return Curve(factor * x, scale * y, scale * std, measured, "", ""), factor * period
 

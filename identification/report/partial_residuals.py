@@ -160,7 +160,7 @@ def _covariance(fit: Estimate, own: Sequence[int]) -> Array:
     out = np.zeros((len(own), len(own)))
     known = [k for k, entry in enumerate(own) if entry in place]
     at = [place[own[k]] for k in known]
-    out[np.ix_(known, known)] = fit.covariance[np.ix_(at, at)]
+    out[np.ix_(known, known)] = fit.covariance_among(np.array(at))
     return out
 
 

@@ -134,7 +134,7 @@ class Signatures:
         if not new or any(sensor.compares for sensor in self.machine.sensors):
             return self
         ports = list(dict.fromkeys(new.values()))
-        shifts = self._every_shift(fit)[fit.used]
+        shifts = self._every_shift(fit, np.flatnonzero(fit.used))
         _, information, _ = self.scores(fit, ports, noise=np.ones(fit.residual.shape[1]))
         other = copy(self)
         other._turn(
@@ -232,20 +232,21 @@ class Signatures:
             for rows in self._stacked(fit, forms, order):
                 yield Part(rows, np.arange(rows.shape[2]), None)
             return
-        free, predictor = self._geometry(fit), self._predictor(fit.effects)
-        shifts, layout = self._shifted(fit, order)
+        rows, free = np.flatnonzero(fit.used), self._geometry(fit)
+        shifts, layout = self._shifted(fit, order, rows)
+        modulations = forms.of_rows(rows)
+        fit = replace(fit, x=fit.x[rows], used=fit.used[rows], weights=fit.weights[rows])
+        predictor = self._predictor(fit.effects).of_rows(rows)
         ports = list(dict.fromkeys(n for names, _ in layout for n in names))
         at = [predictor.model.names.index(name) for name in ports]
         where = Columns(len(free), self.columns, layout, {name: k for k, name in enumerate(ports)})
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
         for block in blocks_of_every_set(predictor, fit, p):
-            keep = np.flatnonzero(fit.used[block.rows])
-            used = np.arange(len(fit.used))[block.rows][keep]
-            root = np.sqrt(fit.weights[used])[:, None, None]
-            derivative = block.columns([*free.tolist(), *at])[keep] * root
+            root = np.sqrt(fit.weights[block.rows])[:, None, None]
+            derivative = block.columns([*free.tolist(), *at]) * root
             yield where.part(
-                derivative[:, :, : len(free)] * fit.prior.scale[free], derivative[:, :, len(free) :], shifts[used],
-                forms.signals, forms.of_rows(used), block.residual[keep] * root[:, :, 0],
+                derivative[:, :, : len(free)] * fit.prior.scale[free], derivative[:, :, len(free) :],
+                shifts[block.rows], forms.signals, modulations[block.rows], block.residual * root[:, :, 0],
             )  # fmt: skip
 
     def _stacked(self, fit: Estimate, forms: Forms, order: NDArray[np.intp] | None) -> Iterator[Array]:
@@ -270,16 +271,19 @@ class Signatures:
             changes = self._apply(block.here, shifts[block.rows], layout, place)
             yield block.rows, block, block.changes(changes)
 
-    def _shifted(self, fit: Estimate, order: NDArray[np.intp] | None) -> tuple[Array, Layout]:
-        """The shifts (n, s) of all candidates at a fit, and where they stand."""
-        shifts, layout = turned(self._every_shift(fit), self._shifts.layout, self.turns)
-        return shifts if order is None else shifts[order], layout
+    def _shifted(
+        self, fit: Estimate, order: NDArray[np.intp] | None, rows: NDArray[np.intp] | None = None
+    ) -> tuple[Array, Layout]:
+        """The shifts (n, s) of all candidates at a fit in all rows or some, and where they stand."""
+        rows = np.arange(len(fit.used)) if rows is None else rows
+        shifts = self._every_shift(fit, rows if order is None else order[rows])
+        return turned(shifts, self._shifts.layout, self.turns)
 
-    def _every_shift(self, fit: Estimate) -> Array:
-        """(n, s) of all candidates at a fit, by their coefficients."""
-        predictor, x = self._predictor(fit.effects), fit.x
+    def _every_shift(self, fit: Estimate, rows: NDArray[np.intp]) -> Array:
+        """(k, s) of all candidates at a fit in some rows, by their coefficients."""
+        predictor, x = self._predictor(fit.effects).of_rows(rows), fit.x[rows]
         p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
-        return self._shifts(predictor.model.names, p, predictor.loads(p, x), predictor.states(p, x))
+        return self._shifts(predictor.model.names, p, predictor.loads(p, x), predictor.states(p, x), rows)
 
     def _predictor(self, effects: Sequence[PlacedEffect]) -> Predictor:
         """The machine with these effects and every port; expressions are built once."""
@@ -330,18 +334,19 @@ class _ShiftFunction:
         self._function = BatchFunction("shifts", inputs, [together], rows=len(recording.q))
 
     def __call__(
-        self, names: Sequence[str], p: Array, loads: Mapping[str, Array], states: Mapping[str, Array]
-    ) -> Array:
-        """(n, total) shift derivatives for every row."""
+        self, names: Sequence[str], p: Array, loads: Mapping[str, Array], states: Mapping[str, Array],
+        rows: NDArray[np.intp],
+    ) -> Array:  # fmt: skip
+        """(k, total) shift derivatives for some rows; loads and states (k,) are theirs."""
         at = {name: k for k, name in enumerate(names)}
         which = [at[name] for name in self._names]
         rec = self._recording
-        z = np.empty((len(rec.q), len(self._drivers)))
+        z = np.empty((len(rows), len(self._drivers)))
         for k, name in enumerate(self._drivers):
             recorded = rec.driver(name)
-            z[:, k] = driver_default(self._machine, name) if recorded is None else recorded
+            z[:, k] = driver_default(self._machine, name) if recorded is None else recorded[rows]
         force, state = (
-            np.column_stack([group[name] for name in wanted]) if wanted else np.zeros((len(rec.q), 0))
+            np.column_stack([group[name] for name in wanted]) if wanted else np.zeros((len(rows), 0))
             for group, wanted in ((loads, self._loads), (states, self._states))
         )
-        return self._function(rec.q, z, p[which], force, state)[0][..., 0]
+        return self._function(rec.q[rows], z, p[which], force, state)[0][..., 0]
