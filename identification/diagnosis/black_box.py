@@ -60,7 +60,11 @@ class Waves:
         for channel in range(jacobian.shape[1]):
             own = np.flatnonzero(self.channel == channel)
             at = np.concatenate([np.arange(n), n + own, [size - 1]])
-            columns = [jacobian[rows, channel], self._of(channel, own)[rows], residual[rows, channel][:, None]]
+            columns = [
+                jacobian[rows, channel],
+                self._of(channel, own)[rows],
+                residual[rows, channel][:, None],
+            ]
             part = np.hstack(columns)
             out[np.ix_(at, at)] += part.T @ part
         return out

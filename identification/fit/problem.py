@@ -17,6 +17,7 @@ from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Rows
 from truepose.identification.fit.normal import NormalEquations
 from truepose.identification.fit.turn import LONG, Turn, turn_of
+from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
@@ -112,7 +113,7 @@ class Problem:
         if len(free) < WIDE_PROBLEM or not any(len(at) > LONG for at in effects):
             return
         turn = turn_of(effects, self.data(self.p, self.x), scale / self.prior.sigma[free])
-        if turn is None or turn.matrix.shape[1] < WIDE_PROBLEM:
+        if turn is None:
             return
         away = (self.p - self.prior.mean)[free] / scale
         self.p = self.p.copy()
@@ -182,13 +183,18 @@ class Problem:
             rows = np.flatnonzero(used[block.rows])
             part = block.part(rows, place, self.prior.scale, root[block.rows][rows])
             if part is not None and len(free) >= WIDE_PROBLEM:
-                yield part if self.turn is None else self.turn.of_part(part)
+                yield part if self.turn is None else self._slimmed(self.turn.of_part(part))
                 continue
             w = root[block.rows][rows, None]
             jacobian = block.jacobian[rows][:, :, free] * self.prior.scale[free] * w[..., None]
             stacked = np.concatenate([jacobian, (block.residual[rows] * w)[..., None]], axis=2)
             flat = stacked.reshape(-1, len(free) + 1)
             yield flat if self.turn is None else self.turn.of_rows(flat)
+
+    def _slimmed(self, part: Part) -> Rows:
+        """As it is, or written out where so few steps are left that a factor of the rows pays."""
+        columns = len(self.nothing) + 1
+        return part if columns > WIDE_PROBLEM else part.written(columns).reshape(-1, columns)
 
     def prior_rows(self, p: Array) -> Array:
         """(n, k + 1) rows of [J r] of the tolerances, one for each free parameter, at ``p`` (np,)."""

@@ -27,7 +27,7 @@ LONG = 12
 """Coefficients of one effect beyond which it is a long series."""
 ALIKE = 1e-9
 """Share by which 1-sigmas of one series may differ: rounding."""
-UNSEEN = 1e-4
+UNSEEN = 1e-6
 """Information in units of the prior's below which a direction stays where it is: half of it is what it could gain, in nats."""
 
 
@@ -83,12 +83,7 @@ class Turn:
         part = block.part(rows, place, scale, np.ones(len(rows)))
         if part is None:
             return np.asarray(block.jacobian[:, :, free] * scale[free] @ self.matrix.toarray())
-        own = self.of_part(part)
-        assert own.ports is not None
-        out = np.empty((*own.dense.shape[:2], self.matrix.shape[1] + 1))
-        out[:, :, own.at] = own.dense
-        own.ports.put_into(out)
-        return out[:, :, :-1]
+        return self.of_part(part).written(self.matrix.shape[1] + 1)[:, :, :-1]
 
     def of_prior(self, weight: Array, pull: Array) -> tuple[Array, Array]:
         """Weights (k,) and pulls (k,) of the prior by these steps, from those of the free entries (n,)."""

@@ -122,7 +122,12 @@ class Halves:
     @property
     def nbytes(self) -> int:
         """What it takes of memory."""
-        arrays = [self._factor, self._own, self._turn, *(self.__dict__.get(name) for name in ("all", "_root"))]
+        arrays = [
+            self._factor,
+            self._own,
+            self._turn,
+            *(self.__dict__.get(name) for name in ("all", "_root")),
+        ]
         return sum(array.nbytes for array in arrays if array is not None)
 
 

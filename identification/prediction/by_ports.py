@@ -81,6 +81,14 @@ class Part:
                     out[np.ix_(beside, column)] = product.T
         return out
 
+    def written(self, width: int) -> Array:
+        """(n, m, width) all columns side by side."""
+        out = np.zeros((*self.dense.shape[:2], width))
+        out[:, :, self.at] = self.dense
+        if self.ports is not None:
+            self.ports.put_into(out)
+        return out
+
     def readings(self, channels: Sequence[int]) -> int:
         """How many rows have anything in each of some channels: a reading that was lost has nothing."""
         there = np.any(self.dense[:, list(channels)] != 0.0, axis=2)

@@ -43,7 +43,9 @@ def seen_directions(shifts: Array, information: Array) -> Array:
     return np.asarray(vectors[:, -max(int(np.sum(values > UNSEEN)), 1) :])
 
 
-def turned(shifts: Array, layout: Layout, turns: Sequence[Array | None]) -> tuple[Array, list[tuple[list[str], slice]]]:
+def turned(
+    shifts: Array, layout: Layout, turns: Sequence[Array | None]
+) -> tuple[Array, list[tuple[list[str], slice]]]:
     """Shifts (n, s) by the directions of each candidate (None: by its coefficients), and where they stand."""
     out, places, at = list[Array](), list[tuple[list[str], slice]](), 0
     for (names, where), turn in zip(layout, turns, strict=True):
