@@ -155,6 +155,32 @@ def flow_text(value: Any) -> str:
     return text.removesuffix("...\n").strip()
 
 
+class LongText(str):
+    """Letters, digits and ``+/=`` by the million, which are written in lines as they are: PyYAML looks at each of them."""
+
+
 def document_text(document: Mapping[str, Any]) -> str:
     """A mapping as YAML: key order kept, floats at full precision, flat lists on one line."""
-    return yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
+    long: list[LongText] = []
+    bare = _without_long(document, long)
+    text = yaml.dump(bare, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
+    for k, item in enumerate(long):
+        line = next(line for line in text.splitlines() if line.endswith(f": {_MARK}{k}"))
+        indent = "  " * (1 + (len(line) - len(line.lstrip())) // 2)
+        rows = [f"{indent}{item[at : at + _LINE]}" for at in range(0, len(item), _LINE)]
+        text = text.replace(f": {_MARK}{k}\n", "\n".join([": |-", *rows, ""]), 1)
+    return text
+
+
+_MARK: Final = "long-text-that-follows-"
+_LINE: Final = 110
+
+
+def _without_long(value: Any, long: list[LongText]) -> Any:
+    """The same with marks in place of long texts, which are collected."""
+    if isinstance(value, LongText):
+        long.append(value)
+        return f"{_MARK}{len(long) - 1}"
+    if isinstance(value, Mapping):
+        return {key: _without_long(item, long) for key, item in value.items()}
+    return [_without_long(item, long) for item in value] if isinstance(value, list) else value

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
+from truepose.identification.fit.turn import Turned
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording, frozen
 
@@ -60,7 +61,7 @@ def tool_spread(fit: Estimate, recording: Recording, rows: Rows, q: Array | None
     pose, twist = predictor.twists(fit.p, x)
     free = fit.prior.free
     slopes = twist[:, :3, free] * fit.prior.scale[free]
-    parts = {source: _spread(slopes, root) for source, root in _roots(fit).items()}
+    parts = _by_source(fit, slopes)
     whole, known = _spread(slopes, fit.root), sum(parts.values())
     further = np.maximum(whole - known, 0.0)
     if fit.shrunk is None and np.any(further > 1e-6 * whole):
@@ -71,23 +72,30 @@ def tool_spread(fit: Estimate, recording: Recording, rows: Rows, q: Array | None
     return ToolSpread(pose[:, :3, 3], parts)
 
 
-def _roots(fit: Estimate) -> dict[str, Array]:
-    """Roots (n_free, k) of the covariance's parts, in steps of the prior's scale."""
+def _by_source(fit: Estimate, slopes: Array) -> dict[str, Array]:
+    """Variance (n,) of positions with derivatives ``slopes`` (n, 3, n_free) by what it comes from."""
     if fit.shrunk is not None:
-        return {READINGS: fit.root}
-    scatter, known = fit.scatter, fit.decomposition
+        return {READINGS: _spread(slopes, fit.root)}
+    scatter, known, weight, rest = fit.scatter, fit.decomposition, fit.prior_weight, np.zeros(len(slopes))
+    if isinstance(known, Turned):  # what readings do not see of long series is all tolerance
+        turn, own = known.turn, known.own
+        free = turn.rest.multiply((1.0 / np.where(weight > 0.0, weight, 1.0))[:, None]).tocsr()
+        rest = np.sum((slopes.reshape(-1, len(weight)) @ free).reshape(len(slopes), -1) ** 2, axis=1)
+        slopes = (slopes.reshape(-1, len(weight)) @ turn.matrix).reshape(*slopes.shape[:2], -1)
+        known, weight = own, own.weight
     if scatter.slope != 1.0:  # a robust loss holds on to its readings by its slope
-        known = Decomposition.of(np.sqrt(scatter.slope) * fit.slopes, fit.prior_weight)
+        known = Decomposition.of(np.sqrt(scatter.slope) * fit.factor[:, :-1], weight)
     posterior = known.root @ known.root.T
     pairs = zip(scatter.variance, fit.parts or (fit.factor,), strict=True)
     noise = np.vstack([np.sqrt(v) * part[:, :-1] for v, part in pairs])
-    noise = noise if fit.turn is None else noise @ fit.turn.matrix.T
-    return {READINGS: posterior @ noise.T, TOLERANCES: posterior * fit.prior_weight}
+    by_readings = _spread(slopes, posterior @ noise.T)
+    return {READINGS: by_readings, TOLERANCES: _spread(slopes, posterior * weight) + rest}
 
 
 def _spread(slopes: Array, root: Array) -> Array:
-    """(n,) trace of J C J', from J (n, 3, k) and a root of C; a root that is wider than high is first made square."""
-    if root.shape[1] > root.shape[0]:
+    """(n,) trace of J C J', from J (n, 3, k) and a root of C; one that is far wider than high is first made square."""
+    rows, high, wide = slopes.shape[0] * slopes.shape[1], *root.shape
+    if high / max(rows, 1) + high / max(wide, 1) < 1.0:
         root = np.asarray(np.linalg.qr(root.T, mode="r")).T
     return np.asarray(np.sum((slopes @ root) ** 2, axis=(1, 2)))
 

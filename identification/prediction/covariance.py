@@ -7,6 +7,7 @@ rad and each effect's own.
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,12 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.models.yaml_document import LongText
 
 Array = NDArray[np.float64]
 Quantity = tuple[float, str]
 """A value in mm or rad, and which of the two."""
 UNSEEN = 1e-6
 """A reading sees an unknown direction that moves it by more than this share of what single parameters do."""
+
+
+MANY = 200
+"""Names beyond which a factor is packed: nobody reads so many numbers, and every one of them is looked at by a parser."""
+_FORM = "C = factor factor', factor lower triangular; mm, rad and each effect's own units"
+_PACKED = "rows one after the other, packed: base64 of little-endian 32-bit floats"
 
 
 @dataclass(frozen=True)
@@ -73,10 +81,7 @@ class Covariance:
         """From the section of a machine file. InputError when it is not what ``document`` writes."""
         try:
             names = tuple(str(name) for name in section["names"])
-            rows = [np.array(str(row).split(), dtype=float) for row in section["factor"]]
-            factor = np.zeros((len(names), len(names)))
-            for k, row in enumerate(rows):
-                factor[k, : k + 1] = row
+            factor, rows = _factor(section["factor"], len(names))
             unknown = np.array([str(row).split() for row in section.get("unknown", [])], dtype=float)
             own = {name: _quantity(item) for name, item in section.get("unexplained", {}).items()}
             seen = {str(name): _range(item) for name, item in section.get("seen", {}).items()}
@@ -84,10 +89,8 @@ class Covariance:
             raise InputError(
                 f"{where}: found a covariance that cannot be read ({exc!r}), expected names and factor"
             ) from None
-        if len(rows) != len(names) or not np.isfinite(factor).all():
-            raise InputError(
-                f"{where}: found {len(rows)} rows of factor, expected {len(names)} of finite numbers"
-            )
+        if rows != len(names) or not np.isfinite(factor).all():
+            raise InputError(f"{where}: found {rows} rows of factor, expected {len(names)} of finite numbers")
         for name, (value, unit) in own.items():
             if not 0.0 <= value < np.inf or unit not in ("mm", "rad"):
                 raise InputError(
@@ -96,11 +99,14 @@ class Covariance:
         return cls(names, factor, unknown.reshape(-1, len(names)), own, seen)
 
     def document(self) -> dict[str, Any]:
-        """Names, rows of the lower triangle as text, unknown directions as text."""
+        """Names, rows of the lower triangle as text (packed, where they are many), unknown directions as text."""
+        packed = len(self.names) > MANY
         out: dict[str, Any] = {
-            "form": "C = factor factor', factor lower triangular; mm, rad and each effect's own units",
+            "form": f"{_FORM}; {_PACKED}" if packed else _FORM,
             "names": list(self.names),
-            "factor": [_text(self.factor[k, : k + 1]) for k in range(len(self.names))],
+            "factor": _packed(self.factor)
+            if packed
+            else [_text(self.factor[k, : k + 1]) for k in range(len(self.names))],
         }
         if len(self.unknown):
             out["unknown"] = [_text(row) for row in self.unknown]
@@ -133,6 +139,28 @@ def _range(item: Sequence[float]) -> tuple[float, float]:
     if not -np.inf < low <= high < np.inf:
         raise ValueError(f"{low} to {high} is no range")
     return low, high
+
+
+def _packed(factor: Array) -> LongText:
+    """The lower triangle, row after row."""
+    lower = factor[np.tril_indices(len(factor))].astype("<f4")
+    return LongText(base64.b64encode(lower.tobytes()).decode("ascii"))
+
+
+def _factor(section: object, size: int) -> tuple[Array, int]:
+    """(n, n) of rows of numbers or of a packed text, and how many rows there were."""
+    factor = np.zeros((size, size))
+    if isinstance(section, str):
+        values = np.frombuffer(base64.b64decode("".join(section.split()), validate=True), dtype="<f4")
+        rows = int((np.sqrt(8.0 * len(values) + 1.0) - 1.0) / 2.0)
+        if len(values) == size * (size + 1) // 2:
+            factor[np.tril_indices(size)] = values
+        return factor, rows
+    if not isinstance(section, list):
+        raise TypeError(f"factor is a {type(section).__name__}")
+    for k, row in enumerate(section):
+        factor[k, : k + 1] = np.array(str(row).split(), dtype=float)
+    return factor, len(section)
 
 
 def _text(row: Array) -> str:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.searched_arm import ROWS, SCALE, Case
@@ -20,6 +23,7 @@ from truepose.identification.prior import FORM_ERROR
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
+from truepose.models.yaml_document import document_text, parse_document
 
 Array = NDArray[np.float64]
 COLUMNS = ("x", "y", "z")
@@ -92,3 +96,20 @@ def test_a_range_that_is_none_is_refused(wrong: object) -> None:
     section = {"names": ["a"], "factor": ["1.0"], "seen": {"q1": wrong}}
     with pytest.raises(InputError, match="cannot be read"):
         Covariance.read(section, "here")
+
+
+@given(st.integers(1, 30), st.integers(0, 2**32 - 1))
+def test_a_packed_covariance_is_the_one_that_was_written(size: int, seed: int) -> None:
+    """32-bit floats: seven digits of each entry of the factor."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((size, size)) * 10.0 ** rng.uniform(-9, 3, (size, 1))
+    written = Covariance.of([f"p{k}" for k in range(size)], np.ones(size), root, np.zeros((0, size)))
+    with mock.patch("truepose.identification.prediction.covariance.MANY", 0):
+        text = document_text({"covariance": written.document(), "after": [1, 2]})
+    document = parse_document(text, "packed.yaml")
+    assert document["after"] == [1, 2] and max(map(len, text.splitlines())) < 130
+    found = Covariance.read(document["covariance"], "packed.yaml: covariance")
+    np.testing.assert_allclose(found.factor, written.factor, rtol=1e-6, atol=1e-37)
+    document["covariance"]["factor"] = document["covariance"]["factor"][:-8]
+    with pytest.raises(InputError, match=r"packed.yaml: covariance: found"):
+        Covariance.read(document["covariance"], "packed.yaml: covariance")
