@@ -180,7 +180,8 @@ class DeclaredDriver:
     """A column that the machine file declares, or that a user tries.
 
     unit: inside the program, empty where nobody knows; written: of columns without a unit in their header; drives: in which way
-    it makes an error vary; tried: whether it stands for this run only.
+    it makes an error vary; tried: whether it stands for this run only; absent: what holds in a file that has no such column,
+    where anybody knows.
     """
 
     name: str
@@ -188,6 +189,7 @@ class DeclaredDriver:
     written: str
     drives: DriverKind
     tried: bool = False
+    absent: float | None = None
 
 
 def driven_by_unit(unit: str) -> DriverKind:

@@ -25,6 +25,7 @@ from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 from truepose.models.near_home import Stance, near_home
 from truepose.models.placed import PlacedEffect
+from truepose.models.potential import Still
 from truepose.models.states import (
     asked,
     directions,
@@ -91,6 +92,7 @@ class SymbolicModel:
     world: ca.SX
     worlds: Mapping[View, ca.SX]
     energies: Mapping[str, ca.SX]
+    still: Still
     reading_shift: ca.SX
     states: Mapping[str, ca.SX]
     values: Mapping[str, ca.SX]
@@ -162,6 +164,7 @@ def symbolic_model(
         world=worlds[TOOL_IN_WORLD],
         worlds=worlds,
         energies=assembly.energies,
+        still=assembly.still,
         reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), marks, seen)) if seen else shift,
         states=(present.directions() if ports else {}) | seen,
         values=shifted,
@@ -193,7 +196,8 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
     """Drivers that the model of these effects reads, each once, in a fixed order."""
     carries = any(m.name == PAYLOAD for m in machine.masses)
     elastic = machine.mechanism.loops == "elastic"
-    names = [PAYLOAD] if carries and (loads or elastic or any(e.needs_load for e in effects)) else []
+    asked = loads or elastic or any(e.needs_load for e in effects)
+    names = [*([PAYLOAD] if carries else []), *machine.force_columns] if asked else []
     for effect in effects:
         names += [name for name in effect.drivers if name not in names]
     return names

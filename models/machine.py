@@ -27,6 +27,9 @@ FRAMES = ("base", "tool")
 FRAME_OF: Mapping[str, str] = {f"{frame}.{axis}": frame for frame in FRAMES for axis in AXES}
 """The frame that each of the twelve parameters ``base.x`` ... ``tool.rz`` is of."""
 
+WEIGHT = "weight|"
+"""Load case of gravity alone, where measured forces push too."""
+
 
 @dataclass(frozen=True)
 class Port:
@@ -68,6 +71,22 @@ class Spring:
 
 
 @dataclass(frozen=True)
+class MeasuredForce:
+    """A force (N) that three columns hold, and its moment (N m) in three more, if any: what pushes at ``body`` in the point
+    ``at`` (mm) of its frame.
+
+    ``axes``: the body or frame along whose axes the columns are given; ``sign`` -1: they hold what the machine pushes with.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    body: str
+    at: tuple[float, float, float]
+    axes: str
+    sign: float = 1.0
+
+
+@dataclass(frozen=True)
 class Mount:
     """A further frame of the machine file, a tip or where a sensor rides: on ``body`` (or ``tool``, ``base``, ``world``)."""
 
@@ -95,6 +114,7 @@ class Machine(Shown):
     masses: tuple[Mass, ...] = ()
     mounts: tuple[Mount, ...] = ()
     springs: tuple[Spring, ...] = ()
+    forces: tuple[MeasuredForce, ...] = ()
     effects: tuple[PlacedEffect, ...] = ()
     drivers: tuple[str, ...] = ()
     file: MachineFile | None = None
@@ -178,8 +198,8 @@ class Machine(Shown):
 
     @property
     def stated_loads(self) -> bool:
-        """Whether anything is known to pull: masses in gravity, or springs."""
-        return self.weighs or bool(self.springs)
+        """Whether anything is known to pull: masses in gravity, springs, or measured forces."""
+        return self.weighs or bool(self.springs or self.forces)
 
     @property
     def loaded(self) -> bool:
@@ -187,13 +207,23 @@ class Machine(Shown):
         return self.stated_loads and self.mechanism.loops != "elastic"
 
     @property
+    def weight_case(self) -> str:
+        """The load case of gravity alone, which knows which way is down."""
+        return WEIGHT if self.forces and self.weighs else ""
+
+    @property
+    def force_columns(self) -> tuple[str, ...]:
+        """Columns of measured forces, each once."""
+        return tuple(dict.fromkeys(column for force in self.forces for column in force.columns))
+
+    @property
     def load_cases(self) -> tuple[str, ...]:
-        """What pulls: ``""`` for all stated masses and springs; without any, 1 kg at each far body's origin.
+        """What pulls: ``""`` for all stated masses, springs and forces; without any, 1 kg at each far body's origin.
 
         A compliance can then be seen although nobody weighed the arm: its product with the mass is found.
         """
         if self.loaded:
-            return ("",)
+            return tuple(dict.fromkeys(("", self.weight_case)))
         if self.gravity is None or not any(self.gravity) or self.masses or self.mechanism.passive:
             return ()
         return (*(f"{joint.child}|" for joint in self.mechanism.tree[1:]), "tool|")

@@ -44,8 +44,8 @@ def mounts(file: MachineFile, mechanism: Mechanism) -> tuple[Mount, ...]:
         if name not in _used(file):
             hint = close_matches(name, FRAMES)
             raise InputError(
-                f"{where}: found a frame that no sensor reads (`tip: {name}`), none stands in (`in: {name}`) and no mass "
-                f"or spring hangs in, expected one that does; {hint}"
+                f"{where}: found a frame that no sensor reads (`tip: {name}`), none stands in (`in: {name}`) and no mass, "
+                f"spring or force acts in, expected one that does; {hint}"
             )
         if spec.in_ in mechanism.table_frames:
             raise InputError(
@@ -93,7 +93,8 @@ def _used(file: MachineFile) -> set[object]:
         if isinstance(sensor.get(key), str)
     }
     hooked = (end.in_ for spring in file.loads.values() for end in (spring.from_, spring.to))
-    return {*read, *hooked, *(mass.in_ for mass in file.masses)}
+    pushed = (frame for force in file.forces.values() for frame in (force.in_, force.axes))
+    return {*read, *hooked, *pushed, *(mass.in_ for mass in file.masses)}
 
 
 __all__ = ["frame_parameters", "mounts"]

@@ -191,14 +191,14 @@ class Predictor:
         return dict(zip(names, values.T, strict=True))
 
     def loads(self, p: Array, x: Array) -> dict[str, Array]:
-        """Gravity's conjugate load (n,) at every port and parameter, by load case and name: N or N m."""
+        """Conjugate load (n,) of all that pulls, at every port and parameter, by load case and name: N or N m."""
         m = self.model
         known = {*self.machine.geometry, *self.machine.ports}
         scale = [(k, n, load_scale(self.machine, n)) for k, n in enumerate(m.names) if n in known]
         out: dict[str, Array] = {}
         for case, energy in m.energies.items():
             gradient = BatchFunction(
-                "energy", [m.x, m.q, m.z, m.p], [ca.gradient(energy, m.x).T, ca.gradient(energy, m.p).T]
+                "energy", [m.x, m.q, m.z, m.p], [m.still.slope(energy, by).T for by in (m.x, m.p)]
             )
             vx, vp = gradient(x, self.q, self.z, p)
             force = -vp[:, 0, :]

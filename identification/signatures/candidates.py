@@ -104,7 +104,7 @@ class Catalogue:
 def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
     found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(recording)
-    smooth = _smooth(recording)
+    smooth = _smooth(machine, recording)
     for effect in every_effect():
         places, reasons = places_of(effect, machine), list[str]()
         asked = of_such_machines(effect.slug, machine)
@@ -150,11 +150,16 @@ def _columns(placed: PlacedEffect) -> list[str]:
     return [Driver.of(name).now.name for name in placed.drivers]
 
 
-def _smooth(recording: Recording) -> dict[str, Array]:
+def _smooth(machine: Machine, recording: Recording) -> dict[str, Array]:
     """Smooth drivers in the calibration rows, by name."""
-    rows = ~recording.validation
+    rows, others = ~recording.validation, {*recording.joints, *_of_forces(machine)}
     columns = recording.columns(smooth=True)
-    return {name: values[rows] for name, values in columns.items() if name not in recording.joints}
+    return {name: values[rows] for name, values in columns.items() if name not in others}
+
+
+def _of_forces(machine: Machine) -> set[str]:
+    """Columns of measured forces, which are loads: they drive nothing by themselves, unless the file's ``drivers`` name them."""
+    return {*machine.force_columns} - {*machine.drivers}
 
 
 def _log_prior(machine: Machine, found: list[PlacedEffect]) -> tuple[float, ...]:
@@ -215,7 +220,7 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     each joint and mount as a curve in the load that it carries (lines of it have names), where the file states weights, each
     joint in what its drive was measured to hold; each sensor of points with a volume that bends.
     """
-    seen = _varied(recording)
+    seen = _varied(machine, recording)
     joints = [name for name in seen if name in machine.mechanism.readings]
     others = [name for name in seen if name not in joints]
     curves: list[Settings] = [seen_over({name: seen[name]}, CURVE) for name in seen]
@@ -235,10 +240,11 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     return tuple(out)
 
 
-def _varied(recording: Recording) -> dict[str, tuple[float, float]]:
+def _varied(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
     """Ranges of all that was varied: joints, payload, time, thermometers by name, however the file has its columns."""
     seen = {name: ends for name, ends in ranges(recording).items() if ends[1] > ends[0]}
-    own = sorted(seen.keys() - set(recording.joints), key=lambda name: (Driver.of(name).thermal, name))
+    others = seen.keys() - {*recording.joints, *_of_forces(machine)}
+    own = sorted(others, key=lambda name: (Driver.of(name).thermal, name))
     return {name: seen[name] for name in (*(n for n in recording.joints if n in seen), *own)}
 
 
