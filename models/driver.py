@@ -181,7 +181,7 @@ class DeclaredDriver:
 
     unit: inside the program, empty where nobody knows; written: of columns without a unit in their header; drives: in which way
     it makes an error vary; tried: whether it stands for this run only; absent: what holds in a file that has no such column,
-    where anybody knows.
+    where anybody knows; column: its header, where that is another; everywhere: whether it drives more than its own joint.
     """
 
     name: str
@@ -190,6 +190,8 @@ class DeclaredDriver:
     drives: DriverKind
     tried: bool = False
     absent: float | None = None
+    column: str = ""
+    everywhere: bool = False
 
 
 def driven_by_unit(unit: str) -> DriverKind:

@@ -10,7 +10,7 @@ from pathlib import Path
 from truepose.errors import InputError
 from truepose.models.builder import builders
 from truepose.models.context import BuildContext
-from truepose.models.declared import declared_drivers
+from truepose.models.declared import declared_drivers, driver_names
 from truepose.models.effect import effects
 from truepose.models.forces import measured_forces, with_columns
 from truepose.models.home_directions import home_directions
@@ -34,7 +34,7 @@ def build_machine(file: MachineFile) -> Machine:
     mechanism = builders.get(file.mechanism.get("type"), f"{context.where}.type")(file.mechanism, context)
     mechanism = replace(mechanism, home_directions=home_directions(mechanism, file))
     masses, gravity, notes = weights(file, mechanism)
-    forces = measured_forces(file, mechanism)
+    forces, declared = measured_forces(file, mechanism), declared_drivers(file, mechanism)
     machine = Machine(
         name=file.name,
         mechanism=mechanism,
@@ -45,11 +45,11 @@ def build_machine(file: MachineFile) -> Machine:
         mounts=mounts(file, mechanism),
         springs=springs(file, mechanism),
         forces=forces,
-        drivers=tuple(driver.name for driver in file.drivers),
+        drivers=driver_names(file, declared),
         file=file,
         notes=notes,
         set_up=tuple(name for name in FRAMES if getattr(file.frames, name).per_session),
-        declared_drivers=with_columns(declared_drivers(file, mechanism), forces, file),
+        declared_drivers=with_columns(declared, forces, file),
     )
     _check_names(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]
