@@ -20,6 +20,7 @@ from truepose.errors import InputError
 from truepose.models.assembly import assemble, symbols
 from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effect import Site
+from truepose.models.equipment import with_own_tools
 from truepose.models.home import closed_home, coordinate_scale, home_readings
 from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
@@ -129,6 +130,7 @@ def symbolic_model(
     values = {**theta, **{name: bare.get(name, ca.SX(0)) for name in machine.ports}}
     if weighed and f"{PAYLOAD}.kg" in values:
         values[f"{PAYLOAD}.kg"] = ca.SX(machine.geometry[f"{PAYLOAD}.kg"].nominal)
+    values = with_own_tools(machine, values, z)
     passive, x_home = _now_and_home(machine, x)
     statics = _statics(machine, effects, values, q, z, passive)
     loads = statics.loads(values) if statics else {}
@@ -198,6 +200,7 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
     elastic = machine.mechanism.loops == "elastic"
     asked = loads or elastic or any(e.needs_load for e in effects)
     names = [*([PAYLOAD] if carries else []), *machine.force_columns] if asked else []
+    names += [own.driver for own in machine.equipment if own.tool or (asked and own.mass)]
     for effect in effects:
         names += [name for name in effect.drivers if name not in names]
     return names

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from truepose.models.driver import DeclaredDriver, Driver, DriverKind
+from truepose.models.driver import RECORDING, DeclaredDriver, Driver, DriverKind
 from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import AXES, AXIS_UNITS, BASE, Mechanism
 from truepose.models.parameters import Parameter
@@ -87,6 +87,28 @@ class MeasuredForce:
 
 
 @dataclass(frozen=True)
+class Equipment:
+    """What some recordings were measured with: ``files`` (patterns) or ``sessions`` say which.
+
+    tool: x y z mm and roll pitch yaw rad on the flange in place of ``frames.tool``, or (``on_tool``) in its frame; mass: what
+    is carried in place of the payload; date: when the file was begun, s since 1970.
+    """
+
+    name: str
+    files: tuple[str, ...]
+    sessions: tuple[int, ...]
+    tool: tuple[float, ...] | None
+    on_tool: bool
+    mass: Mass | None
+    date: float | None
+
+    @property
+    def driver(self) -> str:
+        """What is 1 in their rows and 0 in others."""
+        return f"{RECORDING}.{self.name}"
+
+
+@dataclass(frozen=True)
 class Mount:
     """A further frame of the machine file, a tip or where a sensor rides: on ``body`` (or ``tool``, ``base``, ``world``)."""
 
@@ -115,6 +137,7 @@ class Machine(Shown):
     mounts: tuple[Mount, ...] = ()
     springs: tuple[Spring, ...] = ()
     forces: tuple[MeasuredForce, ...] = ()
+    equipment: tuple[Equipment, ...] = ()
     effects: tuple[PlacedEffect, ...] = ()
     drivers: tuple[str, ...] = ()
     file: MachineFile | None = None
@@ -131,8 +154,13 @@ class Machine(Shown):
     @property
     def pulling(self) -> tuple[Parameter, ...]:
         """Constants of masses and springs that are not exactly known: only effects of loads show them."""
-        weighing = (p for mass in self.masses for p in mass.parameters)
+        weighing = (p for mass in (*self.masses, *self.own_payloads) for p in mass.parameters)
         return (*weighing, *(p for spring in self.springs for p in spring.parameters))
+
+    @property
+    def own_payloads(self) -> tuple[Mass, ...]:
+        """Payloads that single recordings carry."""
+        return tuple(own.mass for own in self.equipment if own.mass is not None)
 
     @property
     def standing(self) -> tuple[str, ...]:
@@ -194,7 +222,7 @@ class Machine(Shown):
     @property
     def weighs(self) -> bool:
         """Whether gravity and at least one mass are known."""
-        return self.gravity is not None and any(self.gravity) and bool(self.masses)
+        return self.gravity is not None and any(self.gravity) and bool(self.masses or self.own_payloads)
 
     @property
     def stated_loads(self) -> bool:

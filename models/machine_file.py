@@ -39,6 +39,7 @@ from truepose.models.fields import (
     with_texts,
 )
 from truepose.models.force_section import ForceSection
+from truepose.models.recording_section import RecordingSection
 from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.spring_section import SpringSection
 from truepose.models.tolerances import Tolerances
@@ -161,6 +162,7 @@ class MachineFile:
     pose_error: ExpectedPose | None = None  # what its fit was worth to the tool; None where nobody judged it
     loads: Mapping[str, SpringSection] = field(default_factory=dict)
     forces: Mapping[str, ForceSection] = field(default_factory=dict)
+    recordings: Mapping[str, RecordingSection] = field(default_factory=dict)
     refused: tuple[str, ...] = ()  # why its fit may not be called a calibration
 
     def override_for(self, parameter: str, unit: str) -> float | None:
@@ -341,6 +343,8 @@ class MachineDocument(Section):
     """Springs, hoses and balancers between two bodies, by a name of your own; their energy counts with that of the masses."""
     forces: dict[str, ForceSection] = Field(default_factory=dict)
     """Forces that columns of the recording hold, by a name of your own: a load beside the weights, wherever they push."""
+    recordings: dict[str, RecordingSection] = Field(default_factory=dict)
+    """What differs between recordings, by a name of your own: a tool, a payload, a date of their own."""
     effects: list[dict[str, Any]] = Field(default_factory=list)
     """Physics beyond ideal geometry, one entry an effect at its place."""
     covariance: dict[str, Any] | None = None
@@ -407,6 +411,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         pose_error=_expected_pose(document.pose_error),
         loads=document.loads,
         forces=document.forces,
+        recordings=document.recordings,
         refused=_refused(document.judgement),
     )
 

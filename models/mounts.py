@@ -92,7 +92,10 @@ def _used(file: MachineFile) -> set[object]:
         for key in ("tip", "in")
         if isinstance(sensor.get(key), str)
     }
-    hooked = (end.in_ for spring in file.loads.values() for end in (spring.from_, spring.to))
+    hooked: tuple[str, ...] = tuple(
+        end.in_ for spring in file.loads.values() for end in (spring.from_, spring.to)
+    )
+    hooked = (*hooked, *(each.payload.in_ for each in file.recordings.values() if each.payload))
     pushed = (frame for force in file.forces.values() for frame in (force.in_, force.axes))
     return {*read, *hooked, *pushed, *(mass.in_ for mass in file.masses)}
 

@@ -48,9 +48,17 @@ def energies(
         probes = {case: frames[case.removesuffix("|")][:3, 3] for case in machine.load_cases}
         return {case: -ca.dot(down, at) for case, at in probes.items()}, _still([])
     weight = ca.SX(0)
+    carried = [own for own in machine.equipment if own.mass is not None]
+    others = 1 - sum((z.get(own.driver, ca.SX(0)) for own in carried), ca.SX(0)) if carried else 1
     for mass in machine.masses if machine.weighs else ():
         kg, com = _mass(mass, z, values)
+        kg *= others if mass.name == PAYLOAD else 1
         weight -= kg * ca.dot(down, in_base(frames[mass.body], com))
+    for own in carried if machine.weighs else ():
+        assert own.mass is not None
+        kg, com = of_mass(own.mass, values)
+        here = z.get(own.driver, ca.SX(0)) * kg
+        weight -= here * ca.dot(down, in_base(frames[own.mass.body], com))
     pulling = [_spring(spring, frames, values) for spring in machine.springs]
     pushing = [_work(force, frames, z) for force in machine.forces]
     whole = sum((*pulling, *(-work for work, _ in pushing)), weight)

@@ -17,6 +17,7 @@ from truepose.errors import InputError
 from truepose.identification.recording.file import LABEL, JointColumn
 from truepose.identification.recording.memory_tables import is_table
 from truepose.identification.recording.names import in_known_case
+from truepose.identification.recording.own_equipment import begun, with_own_equipment
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table, read_table, table_in_memory
@@ -88,7 +89,9 @@ def load_recording(
         optional_labels=optional,
         declared=machine.declared_drivers,
         shuffled=shuffled,
+        begun=begun(machine, [table.file for table in files]),
     )
+    recording = with_own_equipment(machine, recording)
     notes = (*machine.notes, *_without_force(machine, files))
     return replace(recording, notes=(*notes, *recording.notes)) if notes else recording
 

@@ -29,6 +29,7 @@ def read_recording(
     optional_labels: Sequence[str] = (),
     declared: Sequence[DeclaredDriver] = (),
     shuffled: bool = False,
+    begun: Mapping[str, float] | None = None,
 ) -> Recording:
     """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
 
@@ -42,6 +43,8 @@ def read_recording(
     asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
     needed = (*(sensor_columns if need_observations else ()), *required)
     parts = [read_part(path, joints, asked, units, needed, declared) for path in paths]
+    if begun:
+        parts = [replace(part, time=begun[part.file] + _own_time(part)) for part in parts]
     absent = {driver.name: driver.absent for driver in declared if driver.absent is not None}
     joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked), absent)
     told = [part.file for part in parts if shuffled or says_shuffled(part.file)]
@@ -49,6 +52,11 @@ def read_recording(
         joined = replace(joined, shuffled=True, notes=(*joined.notes, _without_order(told, parts)))
     written = written_units(joints, sensor_columns, tuple(joined.drivers), units, declared)
     return replace(joined, written=written)
+
+
+def _own_time(part: RecordingPart) -> FloatArray:
+    """(n,) s; all rows at once where the file has no clock."""
+    return np.zeros(len(part.q)) if part.time is None else part.time
 
 
 def _join(

@@ -26,7 +26,13 @@ COLUMNS = ("ft.x", "ft.y", "ft.z", "ft.mx", "ft.my", "ft.mz")
 
 
 def text(
-    *, gravity: str = "", force: str = "in: sensor", compliances: str = "", tolerance: float = 0.0
+    *,
+    gravity: str = "",
+    force: str = "in: sensor",
+    tolerance: float = 0.0,
+    base: str = "{}",
+    tool: str = "",
+    more: str = "",
 ) -> str:
     """The machine file."""
     joints = "\n".join(
@@ -38,13 +44,14 @@ def text(
     weights = f"gravity: {gravity}\nmasses:\n{masses}" if gravity else ""
     turn = np.degrees(SENSOR_TURN).tolist()
     frame = f"  sensor: {{in: flange, xyz: {SENSOR.tolist()}, rpy: {turn}}}\n" if "sensor" in force else ""
+    pushed = f"forces:\n  process: {{columns: [{', '.join(COLUMNS)}], {force}}}\n" if force else ""
     return (
         "schema: truepose/machine/1\nname: pushed\n"
         f"mechanism:\n  type: serial\n  joints:\n{joints}\n"
-        f"frames:\n{frame}  tool: {{in: flange, xyz: {TOOL.tolist()}}}\n"
+        f"frames:\n{frame}  base: {base}\n  tool: {{in: flange, xyz: {TOOL.tolist()}{tool}}}\n"
         "sensor: {type: position, sigma: {xyz: 0.02}}\n"
         f"tolerances: {{length: {tolerance}, angle: {tolerance / 5}, beta: 0}}\n{weights}"
-        f"forces:\n  process: {{columns: [{', '.join(COLUMNS)}], {force}}}\n{compliances}"
+        f"{pushed}{more}"
     )
 
 
