@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
+from truepose.identification.prediction.computed import computed_displacements
 from truepose.identification.prediction.loops import Loops
 from truepose.identification.prediction.lost import all_lost, lost_of
 from truepose.identification.prediction.port_kinematics import PortKinematics, twist_rows
@@ -64,6 +65,8 @@ class Predictor:
         """Normal equations by free entries of p, where a fit has asked for them."""
         n = self.evaluations
         self._loops = Loops(m, n)
+        computed = computed_displacements(m)
+        self._computed = BatchFunction("computed", inputs, [computed], rows=n) if computed.numel() else None
         self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
         self._by_ports = PortKinematics.of(m, n)
         if self._by_ports is None:
@@ -119,6 +122,8 @@ class Predictor:
         ``larger``: by how much ``p`` has the machine larger than its file.
         """
         x, good = self._loops.assemble(self.q, self.z, p, start, follow=follow, larger=larger)
+        if self._computed is not None:  # a formula has no value there: the root of a negative number
+            good &= np.isfinite(self._computed(x, self.q, self.z, p)[0][..., 0]).all(axis=1)
         return x, good if self.origin is None else good & good[self.origin]
 
     def poses(self, p: Array, x: Array | None = None) -> tuple[Array, Mask]:
