@@ -18,6 +18,7 @@ from truepose.wording import close_matches
 
 LONGEST: Final = 1000
 """Characters of a formula: a linkage's law takes a hundred."""
+Functions = Mapping[str, Callable[..., ca.SX]]
 _POWERS: Final[Mapping[type[ast.operator], Callable[[ca.SX, ca.SX], ca.SX]]] = {
     ast.Add: lambda a, b: a + b,
     ast.Sub: lambda a, b: a - b,
@@ -25,13 +26,12 @@ _POWERS: Final[Mapping[type[ast.operator], Callable[[ca.SX, ca.SX], ca.SX]]] = {
     ast.Div: lambda a, b: a / b,
     ast.Pow: lambda a, b: a**b,
 }
-_OF_ANGLES: Final = {"sin": ca.sin, "cos": ca.cos, "tan": ca.tan}
-_TO_ANGLES: Final = {"asin": ca.asin, "acos": ca.acos, "atan": ca.atan, "atan2": ca.atan2}
-_PLAIN: Final = {"sqrt": ca.sqrt, "abs": ca.fabs}
-_BY_NAME: Final[Mapping[str, Callable[..., ca.SX]]] = {**_OF_ANGLES, **_TO_ANGLES, **_PLAIN}
+_OF_ANGLES: Final[Functions] = {"sin": ca.sin, "cos": ca.cos, "tan": ca.tan}
+_TO_ANGLES: Final[Functions] = {"asin": ca.asin, "acos": ca.acos, "atan": ca.atan, "atan2": ca.atan2}
+_PLAIN: Final[Functions] = {"sqrt": ca.sqrt, "abs": ca.fabs}
+_BY_NAME: Final[Functions] = {**_OF_ANGLES, **_TO_ANGLES, **_PLAIN}
 _END, _LEAST = 1.0 - 1e-12, 1e-300
 """Where arcs and roots end: just inside, so that their derivatives are finite."""
-Functions = Mapping[str, Callable[..., ca.SX]]
 _TWO: Final = ("atan2",)
 FUNCTIONS: Final = tuple(_BY_NAME)
 
@@ -158,9 +158,13 @@ class _Check(ast.NodeVisitor):
 
     def visit_Constant(self, node: ast.Constant) -> None:
         value = node.value
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not abs(value) <= sys.float_info.max:
-            raise self._bad(node, "a number")
+        if (
+            isinstance(value, (int, float))
+            and not isinstance(value, bool)
+            and abs(value) <= sys.float_info.max
+        ):
+            return
+        raise self._bad(node, "a number")
 
     def generic_visit(self, node: ast.AST) -> None:
         raise self._bad(node, f"numbers, joints, + - * / **, brackets and {', '.join(FUNCTIONS)}")

@@ -183,8 +183,8 @@ def _parameters(
         offset = context.file.units.to_internal(joint.offset, joint.dimension)
         out.append(context.parameter(f"{joint.name}.offset", joint.unit, offset, ("joints", place, "offset")))
     for name, length in joint.lengths.items():
-        field = ("joints", place, "lengths", name)
-        out.append(context.parameter(f"{joint.name}.{name}", "mm", length, field, default=0.0))
+        bar = ("joints", place, "lengths", name)
+        out.append(context.parameter(f"{joint.name}.{name}", "mm", length, bar, default=0.0))
     for k, mimic in enumerate(joint.follows):
         unit = ratio_unit(joint.unit, others[mimic.joint].unit)
         own = context.file.units.written(unit)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
-import sympy
+import sympy  # type: ignore[import-untyped]
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -198,7 +198,9 @@ def test_the_c_moves_it_too(tmp_path: Path) -> None:
     machine = linkage(tmp_path)
     generate(machine, tmp_path / "c")
     source, library = tmp_path / "c" / "linkage_kin.c", tmp_path / "linkage.so"
-    subprocess.run([COMPILER, "-O1", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
+    subprocess.run(
+        [str(COMPILER), "-O1", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True
+    )
     code = ctypes.CDLL(str(library))
     for angle in (-1.0, 0.3, 1.2):
         q, moved, near, out = np.array([angle]), np.zeros(12), np.array([angle + 0.02]), np.zeros(1)

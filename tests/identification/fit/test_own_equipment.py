@@ -6,6 +6,7 @@ Readings come from an arm in plain numpy (``support.pushed_arm``).
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -41,9 +42,9 @@ OFF = {
 }
 
 
-def machine_of(folder: Path, more: str = "", **written: object) -> Machine:
+def machine_of(folder: Path, more: str = "", **written: Any) -> Machine:
     path = folder / "arm.yaml"
-    path.write_text(text(force="", more=more, **written), encoding="utf-8")  # type: ignore[arg-type]
+    path.write_text(text(force="", more=more, **written), encoding="utf-8")
     return load_machine(path)
 
 
@@ -155,7 +156,11 @@ def test_a_payload_column_is_that_of_the_other_files(tmp_path: Path) -> None:
 
 # -- what fits make of them ----------------------------------------------------------------------------
 
-UNKNOWN = {"base": "{tolerance: {xyz: .inf, rpy: .inf}}", "tool": ", tolerance: {xyz: 10}", "tolerance": 0.1}
+UNKNOWN: dict[str, Any] = {
+    "base": "{tolerance: {xyz: .inf, rpy: .inf}}",
+    "tool": ", tolerance: {xyz: 10}",
+    "tolerance": 0.1,
+}
 LONG = "recordings: {long: {files: tuesday.csv, tool: {in: tool, xyz: [0, 0, 50]}}}\n"
 
 

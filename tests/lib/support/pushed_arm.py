@@ -118,7 +118,7 @@ def torques(
             if joint > k:
                 centre = links.origins[joint - 1] + links.turns[joint - 1] @ np.array(com)
                 out[k] += z @ np.cross(centre - o, kg * np.asarray(gravity))
-    return out / 1000.0
+    return np.asarray(out / 1000.0)
 
 
 def held(q: Array, c: Array, wrench: Array, gravity: Array | None = None) -> Array:
