@@ -120,6 +120,41 @@ def test_it_goes_where_the_closed_loop_goes(tmp_path: Path) -> None:
     np.testing.assert_allclose(poses[0], poses[1], atol=1e-6)
 
 
+def test_a_loop_may_carry_one_or_hold_one(tmp_path: Path) -> None:
+    """Derivatives through the loop by bars of the formula and of the loop, against differences."""
+    path = tmp_path / "loop.yaml"
+    carried = (
+        "    - {name: nod, kind: revolute, parent: tip, child: hand, xyz: [0, 0, 10], "
+        "computed: 'sin(q1)*a', lengths: {a: 30}}\n"
+    )
+    ram = "    - {name: mid, kind: revolute, parent: crank, child: bar, xyz: [120, 0, 0]}\n"
+    held = (
+        "    - {name: ram, kind: prismatic, parent: crank, child: slid, axis: [1, 0, 0], "
+        "computed: 'l + 5*sin(q1)', lengths: {l: 120}}\n"
+        "    - {name: mid, kind: revolute, parent: slid, child: bar}\n"
+    )
+    text = LOOP.replace("  home:", carried + "  home:").replace("rocker, tip]", "rocker, tip, slid, hand]")
+    text = text.replace("flange: rocker", "flange: hand").replace(ram.replace("120,", f"{CRANK},"), held)
+    assert "ram" in text
+    path.write_text(HEAD.format(units="") + text, encoding="utf-8")
+    machine = load_machine(path)
+    q = {"q1": np.array([-40.0, 15.0, 60.0])}
+    predictor = Predictor(machine, load_recording(machine, q, need_observations=False))
+    p = predictor.model.p_home
+    x, good = predictor.assemble(p)
+    assert good.all()
+    pose, twist = predictor.twists(p, x)
+    names = list(predictor.model.names)
+    for name in ("nod.a", "ram.l", "shut.x", "rock.x", "q1.offset"):
+        k = names.index(name)
+        step = 1e-5 * np.eye(len(p))[k]
+        ends = [predictor.poses(p + sign * step)[0] for sign in (-1, 1)]
+        slope = (ends[1] - ends[0]) / 2e-5
+        np.testing.assert_allclose(twist[:, :3, k], slope[:, :3, 3], rtol=1e-5, atol=1e-5)
+        turn = slope[:, :3, :3] @ pose[:, :3, :3].transpose(0, 2, 1)
+        np.testing.assert_allclose(twist[:, 5, k], turn[:, 1, 0], rtol=1e-5, atol=1e-6)
+
+
 def test_derivatives_are_those_of_sympy(tmp_path: Path) -> None:
     """By a bar's length, the crank's reading offset and the ground's, of the formula derived in SymPy."""
     machine = linkage(tmp_path)
