@@ -244,6 +244,25 @@ def test_dated_files_share_a_clock(tmp_path: Path) -> None:
         load_recording(machine, [paths[0], *files(tmp_path, other=timed)], need_observations=False)
 
 
+def test_a_base_that_drifts_from_day_to_day_has_a_rate(tmp_path: Path) -> None:
+    """0.02 mm a day along x and 0.03 mm along z, over a fortnight; without dates it moves from session to session."""
+    days, paths, dated = (0, 1, 2, 5, 9, 14), [], "recordings:\n"
+    for k, day in enumerate(days):
+        rows = measured(joints(15, 100 + k), 0.0, 100 + k)
+        rows |= {"x": rows["x"] - 0.02 * day, "z": rows["z"] + 0.03 * day}
+        paths += files(tmp_path, **{f"day{k}": rows})
+        dated += f"  day{k}: {{files: day{k}.csv, date: 2026-03-{day + 1:02d}}}\n"
+    machine = machine_of(tmp_path, dated, **UNKNOWN)
+    (finding,) = truepose.diagnose(machine, load_recording(machine, paths)).findings
+    assert (finding.effect, finding.place, finding.levels.kind) == ("mount-drift", ("base",), "time")
+    for axis, rate in (("x", -0.02 / 24), ("y", 0.0), ("z", 0.03 / 24)):
+        found = finding.parameters[axis]
+        assert found.unit == "mm/h" and abs(found.value - rate) < 3 * found.std
+    plain = machine_of(tmp_path, **UNKNOWN)
+    (other,) = truepose.diagnose(plain, load_recording(plain, paths)).findings
+    assert other.effect == "frame-shift"
+
+
 # -- what is wrong is told -----------------------------------------------------------------------------
 
 
