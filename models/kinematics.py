@@ -20,11 +20,13 @@ from truepose.errors import InputError
 from truepose.models.assembly import assemble, symbols
 from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effect import Site
+from truepose.models.equipment import with_own_tools
 from truepose.models.home import closed_home, coordinate_scale, home_readings
 from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 from truepose.models.near_home import Stance, near_home
 from truepose.models.placed import PlacedEffect
+from truepose.models.potential import Still
 from truepose.models.states import (
     asked,
     directions,
@@ -91,6 +93,7 @@ class SymbolicModel:
     world: ca.SX
     worlds: Mapping[View, ca.SX]
     energies: Mapping[str, ca.SX]
+    still: Still
     reading_shift: ca.SX
     states: Mapping[str, ca.SX]
     values: Mapping[str, ca.SX]
@@ -127,6 +130,7 @@ def symbolic_model(
     values = {**theta, **{name: bare.get(name, ca.SX(0)) for name in machine.ports}}
     if weighed and f"{PAYLOAD}.kg" in values:
         values[f"{PAYLOAD}.kg"] = ca.SX(machine.geometry[f"{PAYLOAD}.kg"].nominal)
+    values = with_own_tools(machine, values, z)
     passive, x_home = _now_and_home(machine, x)
     statics = _statics(machine, effects, values, q, z, passive)
     loads = statics.loads(values) if statics else {}
@@ -162,6 +166,7 @@ def symbolic_model(
         world=worlds[TOOL_IN_WORLD],
         worlds=worlds,
         energies=assembly.energies,
+        still=assembly.still,
         reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), marks, seen)) if seen else shift,
         states=(present.directions() if ports else {}) | seen,
         values=shifted,
@@ -193,7 +198,9 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
     """Drivers that the model of these effects reads, each once, in a fixed order."""
     carries = any(m.name == PAYLOAD for m in machine.masses)
     elastic = machine.mechanism.loops == "elastic"
-    names = [PAYLOAD] if carries and (loads or elastic or any(e.needs_load for e in effects)) else []
+    asked = loads or elastic or any(e.needs_load for e in effects)
+    names = [*([PAYLOAD] if carries else []), *machine.force_columns] if asked else []
+    names += [own.driver for own in machine.equipment if own.tool or (asked and own.mass)]
     for effect in effects:
         names += [name for name in effect.drivers if name not in names]
     return names

@@ -38,6 +38,8 @@ from truepose.models.fields import (
     is_quantity,
     with_texts,
 )
+from truepose.models.force_section import ForceSection
+from truepose.models.recording_section import RecordingSection
 from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.spring_section import SpringSection
 from truepose.models.tolerances import Tolerances
@@ -159,6 +161,8 @@ class MachineFile:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # as written, in the file's units
     pose_error: ExpectedPose | None = None  # what its fit was worth to the tool; None where nobody judged it
     loads: Mapping[str, SpringSection] = field(default_factory=dict)
+    forces: Mapping[str, ForceSection] = field(default_factory=dict)
+    recordings: Mapping[str, RecordingSection] = field(default_factory=dict)
     refused: tuple[str, ...] = ()  # why its fit may not be called a calibration
 
     def override_for(self, parameter: str, unit: str) -> float | None:
@@ -337,6 +341,10 @@ class MachineDocument(Section):
     """What recordings log beyond the joints: names, or mappings with a unit. A declared column may drive any effect."""
     loads: dict[str, SpringSection] = Field(default_factory=dict)
     """Springs, hoses and balancers between two bodies, by a name of your own; their energy counts with that of the masses."""
+    forces: dict[str, ForceSection] = Field(default_factory=dict)
+    """Forces that columns of the recording hold, by a name of your own: a load beside the weights, wherever they push."""
+    recordings: dict[str, RecordingSection] = Field(default_factory=dict)
+    """What differs between recordings, by a name of your own: a tool, a payload, a date of their own."""
     effects: list[dict[str, Any]] = Field(default_factory=list)
     """Physics beyond ideal geometry, one entry an effect at its place."""
     covariance: dict[str, Any] | None = None
@@ -402,6 +410,8 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         bounds=document.bounds,
         pose_error=_expected_pose(document.pose_error),
         loads=document.loads,
+        forces=document.forces,
+        recordings=document.recordings,
         refused=_refused(document.judgement),
     )
 

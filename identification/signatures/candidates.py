@@ -103,8 +103,8 @@ class Catalogue:
 
 def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
-    found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(recording)
-    smooth = _smooth(recording)
+    found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(machine, recording)
+    smooth = _smooth(machine, recording)
     for effect in every_effect():
         places, reasons = places_of(effect, machine), list[str]()
         asked = of_such_machines(effect.slug, machine)
@@ -150,11 +150,27 @@ def _columns(placed: PlacedEffect) -> list[str]:
     return [Driver.of(name).now.name for name in placed.drivers]
 
 
-def _smooth(recording: Recording) -> dict[str, Array]:
+def _smooth(machine: Machine, recording: Recording) -> dict[str, Array]:
     """Smooth drivers in the calibration rows, by name."""
     rows = ~recording.validation
-    columns = recording.columns(smooth=True)
+    columns = _bending(machine, recording)
     return {name: values[rows] for name, values in columns.items() if name not in recording.joints}
+
+
+def _bending(machine: Machine, recording: Recording) -> dict[str, Array]:
+    """Joints and drivers (n,) that any part may err by.
+
+    What a joint's drive holds drives that joint alone, unless the file says what else it ``drives``. Columns of measured forces
+    are loads: alone they drive nothing, unless the file's ``drivers`` name them.
+    """
+    loads = {*machine.force_columns} - {*machine.drivers}
+    smooth = recording.columns(smooth=True)
+    columns = {name: values for name, values in smooth.items() if name not in loads}
+    for driver in machine.declared_drivers:
+        values = recording.driver(driver.name) if driver.everywhere else None
+        if values is not None:
+            columns[driver.name] = values
+    return columns
 
 
 def _log_prior(machine: Machine, found: list[PlacedEffect]) -> tuple[float, ...]:
@@ -215,7 +231,7 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     each joint and mount as a curve in the load that it carries (lines of it have names), where the file states weights, each
     joint in what its drive was measured to hold; each sensor of points with a volume that bends.
     """
-    seen = _varied(recording)
+    seen = _varied(machine, recording)
     joints = [name for name in seen if name in machine.mechanism.readings]
     others = [name for name in seen if name not in joints]
     curves: list[Settings] = [seen_over({name: seen[name]}, CURVE) for name in seen]
@@ -223,7 +239,7 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     lines: list[Settings] = [seen_over({name: seen[name]}, LINE) for name in seen]
     mounts: list[Settings] = [seen_over({name: seen[name]}, MOUNT_CURVE) for name in others]
     effect, out, loads = Empirical(), list[PlacedEffect](), _of_load(machine, recording)
-    held = _of_held_load(machine, recording)
+    held = _of_held_load(machine, recording, seen)
     for (name,) in effect.places(machine):
         if name in sensor_names(machine):
             forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
@@ -235,17 +251,17 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     return tuple(out)
 
 
-def _varied(recording: Recording) -> dict[str, tuple[float, float]]:
+def _varied(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
     """Ranges of all that was varied: joints, payload, time, thermometers by name, however the file has its columns."""
-    seen = {name: ends for name, ends in ranges(recording).items() if ends[1] > ends[0]}
+    seen = {name: ends for name, ends in ranges(machine, recording).items() if ends[1] > ends[0]}
     own = sorted(seen.keys() - set(recording.joints), key=lambda name: (Driver.of(name).thermal, name))
     return {name: seen[name] for name in (*(n for n in recording.joints if n in seen), *own)}
 
 
-def ranges(recording: Recording) -> dict[str, tuple[float, float]]:
+def ranges(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
     """Lowest and highest value in the calibration rows of joints, smooth drivers and, without a clock, the order of rows."""
     rows = ~recording.validation
-    columns = recording.columns(smooth=True)
+    columns = _bending(machine, recording)
     place = recording.driver(ROW)
     if place is not None:
         columns[ROW] = place
@@ -273,12 +289,17 @@ def _of_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]
     return out
 
 
-def _of_held_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]]:
-    """Forms of each joint in the torque or current of its own drive, where it was recorded."""
+def _of_held_load(machine: Machine, recording: Recording, seen: Collection[str]) -> dict[str, list[Settings]]:
+    """Forms of each joint in the torque or current of its own drive, where it was recorded and is not among those ``seen``."""
     rows, out = ~recording.validation, dict[str, list[Settings]]()
     for name, values in recording.drivers.items():
         driver, own = Driver.of(name), _range(values[rows])
-        if driver.kind in MEASURED_LOADS and driver.place in machine.mechanism.readings and own is not None:
+        if (
+            name not in seen
+            and driver.kind in MEASURED_LOADS
+            and driver.place in machine.mechanism.readings
+            and own is not None
+        ):
             out.setdefault(driver.place, []).append(seen_over({name: own}, LOAD_CURVE))
     return out
 

@@ -100,6 +100,24 @@ def test_the_improved_machine_reads_the_torque(folder: Path, found: Diagnosis) -
     np.testing.assert_allclose(np.radians(loaded - free), -given, rtol=0.02)
 
 
+def test_a_column_of_a_joints_drive_is_the_same_under_any_name(folder: Path, found: Diagnosis) -> None:
+    """The result still says whose it is; read again, it drives that joint alone."""
+    document = yaml.safe_load((folder / "arm.yaml").read_text(encoding="utf-8"))
+    document["drivers"] = [{"name": f"axis {j}", "unit": "N*m", "of": j} for j in arm.JOINTS]
+    (folder / "of.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    rows = pd.read_csv(folder / "rows.csv").rename(columns={f"torque.{j}": f"axis {j}" for j in arm.JOINTS})
+    machine = truepose.load_machine(folder / "of.yaml")
+    other = truepose.diagnose(machine, truepose.load_recording(machine, rows))
+    assert [(f.effect, f.place) for f in other.findings] == [(f.effect, f.place) for f in found.findings]
+    truepose.write_calibrated(folder / "of-improved.yaml", other.after, other.recording)
+    improved = truepose.load_machine(folder / "of-improved.yaml")
+    assert improved.drivers == machine.drivers == tuple(f"torque.{j}" for j in arm.JOINTS)
+    assert not any(driver.everywhere for driver in improved.declared_drivers)
+    again = truepose.predict(improved, truepose.load_recording(improved, rows))
+    off = np.concatenate([again[f"P1.{axis}"] - rows[f"P1.{axis}"] for axis in "xyz"])
+    assert np.sqrt(np.mean(off**2)) < 1.3 * arm.SIGMA
+
+
 def test_torques_need_no_declaration(folder: Path, found: Diagnosis) -> None:
     """And what they found is declared where the file is written."""
     document = yaml.safe_load((folder / "arm.yaml").read_text(encoding="utf-8"))
@@ -110,7 +128,10 @@ def test_torques_need_no_declaration(folder: Path, found: Diagnosis) -> None:
     assert [(f.effect, f.place) for f in bare.findings] == [(f.effect, f.place) for f in found.findings]
     truepose.write_calibrated(folder / "again.yaml", bare.after, bare.recording)
     (joint,) = bare.findings[0].place
-    assert f"torque.{joint}" in truepose.load_machine(folder / "again.yaml").drivers
+    again = truepose.load_machine(folder / "again.yaml")
+    assert f"torque.{joint}" in again.drivers
+    declared = again.declared(f"torque.{joint}")
+    assert declared is not None and not declared.everywhere
 
 
 @pytest.mark.parametrize("seed", [2, 3])
