@@ -15,6 +15,7 @@ from truepose.models.effect import effects
 from truepose.models.home_directions import home_directions
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.machine_file import EffectSpec, MachineFile, read_machine
+from truepose.models.mechanism import Mechanism
 from truepose.models.mounts import frame_parameters, mounts
 from truepose.models.placed import Place, PlacedEffect
 from truepose.models.sensor import Sensor, sensors
@@ -37,7 +38,7 @@ def build_machine(file: MachineFile) -> Machine:
         name=file.name,
         mechanism=mechanism,
         frames=frame_parameters(file, mechanism),
-        sensors=_sensors(file),
+        sensors=_sensors(file, mechanism),
         gravity=gravity,
         masses=masses,
         mounts=mounts(file, mechanism),
@@ -98,11 +99,11 @@ def _fits(place: Place, known: Sequence[Place]) -> bool:
     return bool(place) and alone and any(set(place) <= set(each) for each in known)
 
 
-def _sensors(file: MachineFile) -> tuple[Sensor, ...]:
+def _sensors(file: MachineFile, mechanism: Mechanism) -> tuple[Sensor, ...]:
     several = isinstance(file.raw.get("sensor"), list)
     out = []
     for k, section in enumerate(file.sensors):
-        context = BuildContext(file, ("sensor", k) if several else ("sensor",))
+        context = BuildContext(file, ("sensor", k) if several else ("sensor",), mechanism)
         sensor = sensors.get(section.get("type"), f"{context.where}.type").build(section, context)
         for channel in sensor.channels:  # a plug-in may not have checked its own
             if not 0.0 < channel.sigma < math.inf:

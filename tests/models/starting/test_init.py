@@ -88,8 +88,22 @@ def test_every_sensor_can_be_chosen(tmp_path: Path, sensor: str) -> None:
     load_recording(machine, [filled(path)], need_observations=False)
     tool = machine.geometry["tool.rx"].tolerance
     assert np.isinf(tool) == (
-        sensor in ("pose", "targets")
+        sensor in ("pose", "targets", "tilt")
     )  # unknown where readings show it, else as it stands
+
+
+def test_encoders_stand_beside_a_tracker(tmp_path: Path) -> None:
+    done = run("--arm", "gantry", "--sensor", "position,angle", "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 0, done.output
+    machine = load_machine(tmp_path / "m.yaml")
+    assert [s.type for s in machine.sensors] == ["position", "angle"]
+    assert list(machine.sensors[1].joints.values()) == list(machine.mechanism.readings)
+    assert np.isinf(machine.geometry["base.x"].tolerance)
+    load_recording(machine, [filled(tmp_path / "m.yaml")], need_observations=False)
+    assert (
+        "found 'angle' twice"
+        in run("--arm", "kr6", "--sensor", "angle,angle", "-o", tmp_path / "b.yaml").output
+    )
 
 
 def test_an_empty_recording_is_refused_for_want_of_rows(tmp_path: Path) -> None:
