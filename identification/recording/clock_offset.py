@@ -167,7 +167,7 @@ def _moving(motion: Motion, lag: float, step: float) -> NDArray[np.intp]:
     inside = (at > motion.span[0] + slack) & (at < motion.span[1] - slack)
     top = np.quantile(speed[inside], 0.9) if inside.any() else 0.0
     rows = np.flatnonzero(inside & (speed >= MOVING * top))
-    return rows[np.linspace(0, len(rows) - 1, min(len(rows), _ROWS)).astype(int)]
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, min(len(rows), _ROWS)).astype(int)])
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def _held_out(motion: Motion, at: Array, place: Array) -> _HeldOut:
             continue
         blocks = np.array_split(np.arange(len(at)), _BLOCKS)
         grams = [(here[b].T @ here[b], here[b].T @ place[b]) for b in blocks]
-        gram, right = (sum(part[k] for part in grams) for k in (0, 1))
+        gram, right = (np.sum([part[k] for part in grams], axis=0) for k in (0, 1))
         scale = np.eye(len(gram)) * np.trace(gram) / len(gram)
         for ridge in _RIDGES:
             residual, speed = np.empty_like(place), np.empty_like(place)

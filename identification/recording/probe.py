@@ -58,7 +58,7 @@ class Log:
         """(n,) times inside the log that are not in one of its gaps."""
         inside = (time >= self.time[0]) & (time <= self.time[-1])
         after = np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1)
-        return inside & (self.time[after] - self.time[after - 1] <= _GAP * self.step)
+        return np.asarray(inside & (self.time[after] - self.time[after - 1] <= _GAP * self.step))
 
 
 @dataclass(frozen=True)

@@ -94,6 +94,8 @@ PRESETS: Mapping[str, Preset] = {
     ),
 }
 """By the name of ``--sensor``."""
+STAR = "star"
+"""The sensor of a mount, whose angles are called as its axes."""
 _ENCODER = (("deg", "angle", "5 arcsec"), ("mm", "length", 0.001))
 """Unit of a joint, and the key and size of ``sigma`` of an encoder on it."""
 
@@ -105,12 +107,32 @@ def presets(names: str, readings: Mapping[str, str]) -> tuple[Preset, ...]:
     """
     parts = [part.strip() for part in names.split(",")]
     for part in parts:
-        if part not in PRESETS or parts.count(part) > 1:
+        if part not in (*PRESETS, STAR) or parts.count(part) > 1:
+            twice = " twice" * (parts.count(part) > 1)
             raise InputError(
-                f"--sensor: found {part!r}{' twice' * (part in PRESETS)}, expected one of {', '.join(PRESETS)}, or several "
-                "of them with commas between"
+                f"--sensor: found {part!r}{twice}, expected one of {', '.join(PRESETS)}, or several of them with commas between"
             )
-    return tuple(_encoders(readings) if part == "angle" else PRESETS[part] for part in parts)
+    return tuple(_preset(part, readings) for part in parts)
+
+
+def _preset(name: str, readings: Mapping[str, str]) -> Preset:
+    if name == STAR:
+        return _star(readings)
+    return _encoders(readings) if name == "angle" else PRESETS[name]
+
+
+def _star(readings: Mapping[str, str]) -> Preset:
+    """The preset of stars seen through a tube, told by the angles of its two axes. Raises InputError where they are not two."""
+    if list(readings.values()) != ["deg", "deg"]:
+        raise InputError(
+            f"--sensor: found {STAR!r} for {len(readings)} joints, expected the two axes of a mount"
+        )
+    return Preset(
+        {"type": "direction", "name": STAR, "angles": list(readings), "sigma": {"angle": "5 arcsec"}},
+        {f"{STAR}.{axis}": "deg" for axis in readings},
+        "stars in the middle of the field, told by the two angles of where they really stood",
+        sees_place=False,
+    )
 
 
 def _encoders(readings: Mapping[str, str]) -> Preset:

@@ -27,6 +27,7 @@ _WORDS = {
 }
 _FORMS = {
     "6-ups": "Six legs from a (base) to b (platform).",
+    "mount": "Two axes that point a tube. CHECK latitude (north counts positive): it says which way gravity pulls.",
     "graph": "A joint's frame stands at xyz, rpy in its parent; it moves about or along axis.",
     "urdf": "The chain between two links of a URDF.",
 }
@@ -91,7 +92,7 @@ def _machine_text(start: Start, asked: Asked, chosen: Sequence[Preset]) -> str:
             frames=_frames(start, asked, chosen),
             sensors=[preset.section for preset in chosen],
             sensor_words=joined(preset.words for preset in chosen),
-            example_body="platform" if mechanism["type"] == "6-ups" else "flange",
+            example_body={"6-ups": "platform", "mount": "tube"}.get(mechanism["type"], "flange"),
             first_joint=next(iter(_readings(start))),
         )
     )

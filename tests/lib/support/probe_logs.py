@@ -42,7 +42,7 @@ def joints_at(time: Array, period: float = 0.0) -> Array:
     s = np.clip((time / 3 - k) / 0.7, 0, 1)
     last = round(period / 3) if period else 400
     way = (s**3 * (10 - 15 * s + 6 * s * s))[:, None]
-    return goals[k] + (goals[(k + 1) % last] - goals[k]) * way
+    return np.asarray(goals[k] + (goals[(k + 1) % last] - goals[k]) * way)
 
 
 def pose_of(q: Array) -> tuple[Array, Array]:
