@@ -12,6 +12,8 @@ from truepose.commands.common import FileOption, JsonOption, check_file, finish,
 from truepose.files import atomic_write_text, write_table
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from truepose.identification.recording.table import Table
 
 FileArg = Annotated[
@@ -121,26 +123,13 @@ def import_(
     A probe and a robot with a clock each: truepose import probe.csv --log robot.csv --model cell.yaml -o recording.csv
     """
     with reported():
-        from truepose.errors import InputError
         from truepose.identification.recording import importing
         from truepose.identification.recording.table import read_table
         from truepose.identification.recording.turns import with_rotation_vector
 
         check_file(output)
-        if log is None and (offset is not None or every or model is not None):
-            raise InputError("--offset, --every, --model: found without --log, expected the robot's log")
-        if log is not None and joints is not None:
-            raise InputError("--log, --joints: found both, expected the joints from one of them")
-        if machine is not None:
-            check_file(machine)
-            if machine.exists():
-                raise InputError(f"{machine}: found a file that is there already, expected another name")
-        names = {}
-        for text in rename or ():
-            old, sign, new = text.partition("=")
-            if not sign or not old or not new:
-                raise InputError(f"--rename: found {text!r}, expected OLD=NEW")
-            names[old] = new
+        _refuse(log, joints, machine, log_needed=offset is not None or bool(every) or model is not None)
+        names = _new_names(rename or ())
         with progress("importing"):
             table = importing.read_foreign(file, form, unit=unit, topic=topic, joints=joint or ())
             if log is not None or rotation != "auto":
@@ -157,16 +146,49 @@ def import_(
             write_table(output, frame, table.notes)
             if machine is not None and started is not None:
                 atomic_write_text(machine, started)
-        columns = [str(name) for name in frame.columns]
-        files = [str(path) for path in (output, machine) if path is not None]
-        summary = {"command": "import", "rows": len(frame), "columns": columns, "files": files}
-        lines = [f"{output}: {len(frame)} rows: {', '.join(columns)}"]
-        if machine is not None:
-            lines += [
-                f"{machine}: a machine file to start from; the lines marked CHECK are yours to check",
-                f"then: truepose diagnose {machine} {output} -o result",
-            ]
-        finish(summary, lines, table.notes, as_json=as_json)
+        _finish(frame, table.notes, output, machine, as_json=as_json)
+
+
+def _refuse(log: Path | None, joints: Path | None, machine: Path | None, *, log_needed: bool) -> None:
+    """Raise InputError for options that do not go together, and for a machine file that is there already."""
+    from truepose.errors import InputError
+
+    if log is None and log_needed:
+        raise InputError("--offset, --every, --model: found without --log, expected the robot's log")
+    if log is not None and joints is not None:
+        raise InputError("--log, --joints: found both, expected the joints from one of them")
+    if machine is not None:
+        check_file(machine)
+        if machine.exists():
+            raise InputError(f"{machine}: found a file that is there already, expected another name")
+
+
+def _new_names(rename: Sequence[str]) -> dict[str, str]:
+    """New names of columns by their old ones. Raises InputError for what is no OLD=NEW."""
+    from truepose.errors import InputError
+
+    names = {}
+    for text in rename:
+        old, sign, new = text.partition("=")
+        if not sign or not old or not new:
+            raise InputError(f"--rename: found {text!r}, expected OLD=NEW")
+        names[old] = new
+    return names
+
+
+def _finish(
+    frame: pd.DataFrame, notes: Sequence[str], output: Path, machine: Path | None, *, as_json: bool
+) -> None:
+    columns = [str(name) for name in frame.columns]
+    files = [str(path) for path in (output, machine) if path is not None]
+    summary = {"command": "import", "rows": len(frame), "columns": columns, "files": files}
+    lines = [f"{output}: {len(frame)} rows: {', '.join(columns)}"]
+    if machine is not None:
+        lines += [
+            f"{machine}: a machine file to start from; the lines marked CHECK are yours to check",
+            f"then: truepose diagnose {machine} {output} -o result",
+        ]
+    finish(summary, lines, notes, as_json=as_json)
 
 
 def _paired(

@@ -22,6 +22,7 @@ from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.planning.information import PoseInformation
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -159,51 +160,54 @@ def test_a_calibrated_file_says_the_zeros(tmp_path: Path) -> None:
     assert back.geometry["angle.zero.q3"].nominal == pytest.approx(_told(fit, "angle.zero.q3")[0], rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["arm", "6-pus", "6-ups"])
-def test_jacobians_and_planned_information_are_those_of_the_residuals(tmp_path: Path, name: str) -> None:
-    sensor = "sensor:\n  - {type: pose, sigma: {xyz: 0.02, rot: 0.01}}\n"
-    sensor += (
-        "  - {type: angle, name: scale, sigma: {angle: 1, length: 0.1}, tolerance: {angle: 1, length: 1}}\n"
-    )
+def _scaled(folder: Path, name: str) -> tuple[Machine, Recording]:
+    """An open chain or a hexapod with a scale or an encoder on every joint, in five poses."""
+    sensor = "sensor:\n  - {type: pose, sigma: {xyz: 0.02, rot: 0.01}}\n  - {type: angle, name: scale, "
+    sensor += "sigma: {angle: 1, length: 0.1}, tolerance: {angle: 1, length: 1}}\n"
     body = MACHINES[name]
-    machine = machine_of(tmp_path, body[: body.rindex("sensor:")] + sensor, name)
-    q = readings(machine, np.random.default_rng(2), 5)
-    joints = machine.mechanism.readings
-    effects = [
-        parse_effect(f"{slug}@{joints[0]}:{value}", machine)
-        for slug, value in (("actuator-scale", "s=1e-3"), ("backlash", "b=0.01[mm]"))
-    ]
-    columns = {n: np.zeros(5) for s in machine.sensors for n in s.columns}
+    machine = machine_of(folder, body[: body.rindex("sensor:")] + sensor, name)
+    q, joints = readings(machine, np.random.default_rng(2), 5), machine.mechanism.readings
     unit = {"mm": 1.0, "rad": 180 / np.pi}
-    table = {j: q[:, k] * unit[machine.mechanism.reading_units[j]] for k, j in enumerate(joints)} | columns
-    recording = load_recording(machine, table | {f"approach.{joints[0]}": np.array([1, -1, 1, 1, -1])})
-    predictor = Predictor(machine, recording, effects)
-    p = predictor.model.p_home
-    first = -len(joints)
+    table = {j: q[:, k] * unit[machine.mechanism.reading_units[j]] for k, j in enumerate(joints)}
+    table |= {n: np.zeros(5) for s in machine.sensors for n in s.columns}
+    table[f"approach.{joints[0]}"] = np.array([1.0, -1.0, 1.0, 1.0, -1.0])
+    return machine, load_recording(machine, table)
+
+
+@pytest.mark.parametrize("name", ["arm", "6-pus", "6-ups"])
+def test_jacobians_are_those_of_the_readings(tmp_path: Path, name: str) -> None:
+    machine, recording = _scaled(tmp_path, name)
+    first = machine.mechanism.readings[0]
+    texts = [f"actuator-scale@{first}:s=1e-3", f"backlash@{first}:b=0.01[mm]"]
+    predictor = Predictor(machine, recording, [parse_effect(text, machine) for text in texts])
+    p, own = predictor.model.p_home, slice(-len(machine.mechanism.readings), None)
 
     def seen(at: Array) -> Array:
         x, _ = predictor.assemble(at)
-        return predictor.columns(at, x)[1][:, first:]
+        return predictor.columns(at, x)[1][:, own]
 
     x, _ = predictor.assemble(p)
-    exact = predictor.columns(p, x)[2][:, first:]
-    step = 1e-6 * np.array(
-        [100.0 if machine.parameter_units.get(n) == "mm" else 1.0 for n in predictor.model.names]
-    )
-    for k in range(len(p)):
+    exact = predictor.columns(p, x)[2][:, own]
+    for k, parameter in enumerate(predictor.model.names):
         move = np.zeros(len(p))
-        move[k] = step[k]
-        slope = (seen(p + move) - seen(p - move)) / (2 * step[k])
+        move[k] = 1e-4 if machine.parameter_units.get(parameter) == "mm" else 1e-6
+        slope = (seen(p + move) - seen(p - move)) / (2 * move[k])
         np.testing.assert_allclose(slope, exact[:, :, k], atol=1e-6 * max(1.0, np.abs(exact[:, :, k]).max()))
-    plain = Predictor(machine, recording)
-    x, _ = plain.assemble(plain.model.p_home)
+
+
+@pytest.mark.parametrize("name", ["arm", "6-pus", "6-ups"])
+def test_planned_information_is_that_of_the_readings(tmp_path: Path, name: str) -> None:
+    machine, recording = _scaled(tmp_path, name)
+    predictor, own = Predictor(machine, recording), slice(-len(machine.mechanism.readings), None)
+    p = predictor.model.p_home
+    x, _ = predictor.assemble(p)
     information = PoseInformation(machine)
-    at = [plain.model.names.index(n) for n in information.names]
-    told = information.at(q).signature[:, first:]
-    scale = np.array([plain.model.machine.geometry[n].scale for n in information.names])
-    whitened = plain.columns(plain.model.p_home, x)[2][:, first:, at]
-    whitened /= np.array([c.sigma for c in machine.channels])[first:, None]
-    np.testing.assert_allclose(told, whitened * scale, rtol=1e-6, atol=1e-6 * np.abs(told).max())
+    at = [predictor.model.names.index(n) for n in information.names]
+    scale = np.array([machine.geometry[n].scale for n in information.names])
+    sigma = np.array([c.sigma for c in machine.channels])[own]
+    expected = predictor.columns(p, x)[2][:, own, at] * scale / sigma[:, None]
+    told = information.at(recording.q).signature[:, own]
+    np.testing.assert_allclose(told, expected, rtol=1e-6, atol=1e-6 * np.abs(told).max())
 
 
 def test_a_tracker_that_lags_does_not_move_the_encoders(tmp_path: Path) -> None:
