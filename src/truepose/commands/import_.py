@@ -131,6 +131,7 @@ def import_(
         _refuse(log, joints, machine, log_needed=offset is not None or bool(every) or model is not None)
         names = _new_names(rename or ())
         with progress("importing"):
+            form = "table" if log is not None and form == "auto" else form
             table = importing.read_foreign(file, form, unit=unit, topic=topic, joints=joint or ())
             if log is not None or rotation != "auto":
                 table = with_rotation_vector(table, rotation)

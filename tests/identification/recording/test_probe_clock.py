@@ -83,6 +83,21 @@ def test_what_was_stated_and_logged_is_kept(tmp_path: Path) -> None:
     assert np.degrees((read.inv() * Rotation.from_matrix(turn)).magnitude().max()) < 0.01
 
 
+def test_markers_tell_the_clocks_too(tmp_path: Path) -> None:
+    written(tmp_path, 90.0)
+    probe = pd.read_csv(tmp_path / "probe.csv")[["time", "x", "y", "z"]]
+    probe.columns = pd.Index(["time", "P1.x", "P1.y", "P1.z"])
+    probe["P1.x"] = probe["P1.x"].where(np.arange(len(probe)) % 7 > 0)  # seen no more
+    probe.to_csv(tmp_path / "probe.csv", index=False)
+    done = imported(tmp_path, "--every", 1)
+    assert done.exit_code == 0, done.output
+    rows = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert list(rows.columns)[-3:] == ["P1.x", "P1.y", "P1.z"]
+    assert rows["P1.x"].isna().any()
+    offset = float(" ".join(done.output.split()).partition("probe.csv plus ")[2].split()[0])
+    assert abs(offset - OFFSET) < 0.02
+
+
 def test_logged_velocities_make_a_cubic_exact(tmp_path: Path) -> None:
     time = np.arange(0, 2.01, 0.1)
     log = {
