@@ -135,6 +135,12 @@ def displacement_of(
     return offset + gain * q[reading] + values[actuator.displacement]
 
 
+def way_of(machine: Machine, reading: str, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX]) -> ca.SX:
+    """How far a joint is from where its reading is 0, mm or rad: gain * reading + what effects add."""
+    offset = machine.mechanism.actuator(reading).offset
+    return displacement_of(machine, reading, values, q) - (values[offset] if offset else 0)
+
+
 def displacements(machine: Machine, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     """Displacement of every joint and rod that readings move, mm or rad, by its name."""
     mechanism = machine.mechanism

@@ -67,7 +67,7 @@ class SymbolicModel:
     pose (4, 4)             nominal base frame to tool
     world (4, 4)            sensor frame to tool
     worlds                  the same of each of the machine's views: what its sensors read, and from where
-    reading_shift (k,)      what effects add to the columns of all sensors, mm or rad
+    reading_shift (k,)      what effects, and joints that are read, add to the columns of all sensors, mm or rad
     states                  by name, what effects may ask of the present state (``truepose.models.states``)
     values                  of all parameters and ports by name, with the shifts of effects
     held                    the same world and reading_shift by the ports that effects move; None where loops close or
@@ -145,7 +145,7 @@ def symbolic_model(
     assembly = near_home(machine, stance, x_home, z) if x_home.numel() else stance.assembled(machine, z)
     names, p_home = _constants(machine, effects, tuple(bare))
     worlds = {view: assembly.seen(view, shifted) for view in machine.views}
-    shift, seen = reading_shifts(machine, worlds, values, shifted)
+    shift, seen = reading_shifts(machine, worlds, values, shifted, q)
     model = SymbolicModel(
         machine=machine,
         effects=tuple(effects),
@@ -264,7 +264,7 @@ def _held(present: _Present, shifted: Mapping[str, ca.SX], stance: Stance) -> He
     values = dict(shifted) | ports
     assembly = replace(stance, values=values).assembled(machine, present.z)
     world = assembly.seen(TOOL_IN_WORLD, values)
-    shift, seen = reading_shifts(machine, {TOOL_IN_WORLD: world}, present.values, values)
+    shift, seen = reading_shifts(machine, {TOOL_IN_WORLD: world}, present.values, values, present.q)
     put = ca.vertcat(*put_in_place(ca.vertsplit(shift), present.marks, seen)) if seen else shift
     if not moved:
         return Held(ca.SX(0, 1), ca.SX(0, 1), world, put)
