@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from real_data import SENSORS, leg_errors, panda_files, panda_scatter
+from real_recordings.panda import SENSORS, panda_files, panda_scatter
 
 from support.examples import NIGHT, one_in
+from support.leg_errors import leg_errors
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
