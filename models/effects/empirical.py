@@ -29,7 +29,6 @@ from truepose.models.effects.empirical_sources import (
     FROM,
     LINE,
     LOAD,
-    LOAD_CURVE,
     MOMENT,
     MOUNT_CURVE,
     OF_WEIGHT,
@@ -249,4 +248,4 @@ def _of(stem: str, site: Site) -> dict[int, ca.SX]:
     return {int(n.removeprefix(stem)): c for n, c in site.c.items() if n.rstrip("0123456789") == stem}
 
 
-__all__ = ["CURVE", "LINE", "LOAD", "LOAD_CURVE", "MOMENT", "MOUNT_CURVE", "TURNS", "Empirical", "seen_over"]
+__all__ = ["TURNS", "WIDTH", "Empirical"]
