@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.models.assembly import assemble, symbols
+from truepose.models.assembly import symbols
 from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effect import Site
 from truepose.models.equipment import with_own_tools
@@ -27,12 +27,10 @@ from truepose.models.mechanism import COORDINATES, Mechanism
 from truepose.models.near_home import Stance, near_home
 from truepose.models.placed import PlacedEffect
 from truepose.models.potential import Still
+from truepose.models.present import Present
 from truepose.models.states import (
-    asked,
-    directions,
     put_in_place,
     reading_shifts,
-    refuse_sight,
     state_names,
 )
 from truepose.models.statics import Statics
@@ -139,7 +137,7 @@ def symbolic_model(
         Site(machine, effect.place, effect.settings_map, own, q, z, values, loads, marks)
         for effect, own in zip(effects, c, strict=True)
     ]
-    present = _Present(machine, values, q, z, passive, marks)
+    present = Present(machine, values, q, z, passive, marks)
     shifted = present.in_place(_shifted(values, effects, sites))
     stance = Stance(shifted, q, passive)
     assembly = near_home(machine, stance, x_home, z) if x_home.numel() else stance.assembled(machine, z)
@@ -212,40 +210,6 @@ def driver_default(machine: Machine, name: str) -> float:
     return next(masses, Driver.of(name).default)
 
 
-@dataclass(frozen=True)
-class _Present:
-    """The state of the machine without effects, where they ask for it."""
-
-    machine: Machine
-    values: Mapping[str, ca.SX]
-    q: Mapping[str, ca.SX]
-    z: Mapping[str, ca.SX]
-    x: ca.SX
-    marks: Mapping[str, ca.SX]
-
-    def directions(self) -> dict[str, ca.SX]:
-        """The states ``axis.*``."""
-        placed = assemble(self.machine, self.values, self.q, self.z, self.x)
-        return directions(self.machine, placed.bodies, self.values)
-
-    def in_place(self, shifted: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-        """Port values with the directions that they ask for in place; only readings may depend on what is seen."""
-        read = self.machine.ports_of("reading")
-        moving = {name: v for name, v in shifted.items() if name not in read}
-        names = asked(list(moving.values()), self.marks)
-        if not names:
-            return dict(shifted)
-        refuse_sight(names, self.machine.name)
-        if self.machine.mechanism.loops != "exact":
-            raise InputError(
-                f"{self.machine.name}: found an effect of joint directions on loops that close about home only "
-                "(model: linear or stiffness), expected model: spherical or beam"
-            )
-        changed = [name for name, v in moving.items() if v is not self.values[name]]
-        placed = put_in_place([moving[n] for n in changed], self.marks, self.directions())
-        return dict(shifted) | dict(zip(changed, placed, strict=True))
-
-
 def _shifted(
     values: Mapping[str, ca.SX], effects: Sequence[PlacedEffect], sites: Sequence[Site]
 ) -> dict[str, ca.SX]:
@@ -257,7 +221,7 @@ def _shifted(
     return out
 
 
-def _held(present: _Present, shifted: Mapping[str, ca.SX], stance: Stance) -> Held:
+def _held(present: Present, shifted: Mapping[str, ca.SX], stance: Stance) -> Held:
     machine, read = present.machine, present.machine.ports_of("reading")
     moved = [name for name, v in shifted.items() if v is not present.values[name] and name not in read]
     ports = symbols("port.", moved)

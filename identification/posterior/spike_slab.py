@@ -33,6 +33,9 @@ FEWER = 0.9
 """Share of the columns that turned terms must not exceed, for a problem of these to be worth its memory."""
 SETS = 200_000
 """Evidences that are kept."""
+FRESH = 8
+"""Memory is measured when one in so many values is new: this costs little, and ``REMEMBERED`` is passed by an eighth at
+most where values are alike."""
 Value = TypeVar("Value")
 
 
@@ -41,6 +44,7 @@ class Memory(Generic[Value]):
 
     def __init__(self, limit: int, size: Callable[[Value], int] | None = None) -> None:
         self._limit, self._values, self._size = max(limit, 4), OrderedDict[Hashable, Value](), size
+        self._fresh = 0
 
     def clear(self) -> None:
         """Forget all."""
@@ -62,13 +66,15 @@ class Memory(Generic[Value]):
             self._values.move_to_end(key)
         while len(self._values) > self._limit:
             self._values.popitem(last=False)
-        if new and self._size is not None:
+        self._fresh += len(new)
+        if self._size is not None and new and FRESH * self._fresh >= len(self._values):
             self._shrink(len(keys))
         return found
 
     def _shrink(self, least: int) -> None:
         """Values grow while they are used: what they take is asked anew."""
         assert self._size is not None
+        self._fresh = 0
         sizes = [self._size(value) for value in self._values.values()]
         total = sum(sizes)
         for size in sizes[: -max(least, 1)]:

@@ -28,7 +28,8 @@ from truepose.identification.signatures.untestable import (
 from truepose.models.driver import MEASURED_LOADS, ROW, Driver
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
-from truepose.models.effects.empirical import (
+from truepose.models.effects.empirical import TURNS, WIDTH, Empirical
+from truepose.models.effects.empirical_sources import (
     CURVE,
     FROM,
     LINE,
@@ -36,9 +37,6 @@ from truepose.models.effects.empirical import (
     LOAD_CURVE,
     MOMENT,
     MOUNT_CURVE,
-    TURNS,
-    WIDTH,
-    Empirical,
     seen_over,
 )
 from truepose.models.effects.sights import XYZ, point_names
