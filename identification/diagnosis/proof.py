@@ -29,7 +29,6 @@ from truepose.identification.posterior.design import Design
 from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import slot_odds
-from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Signatures
 

@@ -41,8 +41,8 @@ class Linearisation:
     """Gram matrices of [J G F r] over the fitted readings at a fit, one for each kind of channel.
 
     J: free geometry in units of its prior scale (``free`` columns). G: candidates' coefficients in units of their
-    scale, or directions of many of them (``turns``); ``columns[k]`` are those of candidate k. F: errors of form of the fit's effects, in units of their own prior
-    1-sigma (``forms`` columns). r: whitened residual. ``departure`` says how far the fit is from the drawing and from
+    scale, or directions of many of them (``turns``); ``columns[k]`` are those of candidate k. F: errors of form of the
+    fit's effects, in units of their own prior 1-sigma (``forms`` columns). r: whitened residual. ``departure`` says how far the fit is from the drawing and from
     zero coefficients, so that any subset of candidates can be weighed from these matrices alone.
     """
 
