@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import ELSEWHERE, TOGETHER
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import tried
+from truepose.identification.signatures.load_forms import forms_of_held_load, forms_of_load
 from truepose.identification.signatures.untestable import (
     Untestable,
     every_effect,
@@ -28,14 +28,11 @@ from truepose.identification.signatures.untestable import (
 from truepose.models.driver import MEASURED_LOADS, ROW, Driver
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
-from truepose.models.effects.empirical import TURNS, WIDTH, Empirical
+from truepose.models.effects.empirical import WIDTH, Empirical
 from truepose.models.effects.empirical_sources import (
     CURVE,
     FROM,
     LINE,
-    LOAD,
-    LOAD_CURVE,
-    MOMENT,
     MOUNT_CURVE,
     seen_over,
 )
@@ -44,8 +41,6 @@ from truepose.models.machine import FRAMES, Machine
 from truepose.models.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
-SAME = 1e-6
-"""Share of a load (N, N m) below which its changes are rounding."""
 
 
 @dataclass(frozen=True)
@@ -236,8 +231,8 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     curves += [seen_over({a: seen[a], b: seen[b]}) for a, b in itertools.combinations(joints, 2)]
     lines: list[Settings] = [seen_over({name: seen[name]}, LINE) for name in seen]
     mounts: list[Settings] = [seen_over({name: seen[name]}, MOUNT_CURVE) for name in others]
-    effect, out, loads = Empirical(), list[PlacedEffect](), _of_load(machine, recording)
-    held = _of_held_load(machine, recording, seen)
+    effect, out, loads = Empirical(), list[PlacedEffect](), forms_of_load(machine, recording)
+    held = forms_of_held_load(machine, recording, seen)
     for (name,) in effect.places(machine):
         if name in sensor_names(machine):
             forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
@@ -264,49 +259,6 @@ def ranges(machine: Machine, recording: Recording) -> dict[str, tuple[float, flo
     if place is not None:
         columns[ROW] = place
     return {name: (float(np.min(v[rows])), float(np.max(v[rows]))) for name, v in columns.items()}
-
-
-def _of_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]]:
-    """Forms of each joint and mount whose load varies, by the loads (N, N m) at the drawing's geometry."""
-    if not machine.loaded:
-        return {}
-    predictor = Predictor(machine, recording, ports=True)
-    x, assembled = predictor.assemble(predictor.model.p_home)
-    loads = predictor.loads(predictor.model.p_home, x)
-    rows = assembled & ~recording.validation
-    out: dict[str, list[Settings]] = {}
-    for name in machine.mechanism.readings:
-        own = _range(loads[machine.mechanism.actuator(name).displacement][rows])
-        if own is not None:
-            out[name] = [seen_over({LOAD: own}, LOAD_CURVE)]
-    for mount in FRAMES:
-        moment = np.array([loads[f"{mount}.motion.{axis}"][rows] for axis in TURNS])
-        each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
-        if each is not None and size is not None:
-            out[mount] = [seen_over({LOAD: each}, LOAD_CURVE), seen_over({MOMENT: size}, LOAD_CURVE)]
-    return out
-
-
-def _of_held_load(machine: Machine, recording: Recording, seen: Collection[str]) -> dict[str, list[Settings]]:
-    """Forms of each joint in the torque or current of its own drive, where it was recorded and is not among those ``seen``."""
-    rows, out = ~recording.validation, dict[str, list[Settings]]()
-    for name, values in recording.drivers.items():
-        driver, own = Driver.of(name), _range(values[rows])
-        if (
-            name not in seen
-            and driver.kind in MEASURED_LOADS
-            and driver.place in machine.mechanism.readings
-            and own is not None
-        ):
-            out.setdefault(driver.place, []).append(seen_over({name: own}, LOAD_CURVE))
-    return out
-
-
-def _range(load: Array) -> tuple[float, float] | None:
-    """Smallest and largest; None where nothing is carried, or always the same."""
-    if not len(load) or np.ptp(load) <= SAME * max(float(np.max(np.abs(load))), SAME):
-        return None
-    return float(np.min(load)), float(np.max(load))
 
 
 def _reach(machine: Machine, recording: Recording) -> float:
