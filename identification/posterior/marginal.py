@@ -19,10 +19,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrsm
-from scipy.linalg.lapack import dpotrf
 
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
+from truepose.identification.posterior.halves import Halves, cholesky, half_log_det, solved, taken
 from truepose.identification.posterior.terms import SameSize, Terms
 
 Array = NDArray[np.float64]
@@ -73,62 +72,6 @@ class Own:
         for gram, weight in zip(grams[1:], self._weights[1:], strict=True):
             out += gram[at] * weight
         return out
-
-
-class Halves:
-    """What is taken in, turned by its triangular factor (r, r): its products ``rows`` (r, w) with all columns, and with e.
-
-    Of what leaves another one, ``rows`` are ``turn`` (r, q) of those (q, w), worked out when they are asked for.
-    """
-
-    def __init__(
-        self, factor: Array, rows: Array, turned: Array, turn: Array | None = None, of: Halves | None = None
-    ) -> None:
-        self._factor, self._own, self.turned = factor, rows, turned
-        self._turn, self._of = turn, of
-
-    @property
-    def _rows(self) -> Array:
-        if self._turn is not None and self._of is not None:
-            self._own, self._turn, self._of = self._turn @ self._of.all, None, None
-        return self._own
-
-    @cached_property
-    def all(self) -> Array:
-        """(r, w) of all columns; the rows that it follows from are not asked for again, and are let go."""
-        found = _solved(self._factor, self._rows)
-        self._own = found[:0]
-        return found
-
-    @cached_property
-    def _root(self) -> Array:
-        """(r, r) inverse of the factor."""
-        return _solved(self._factor, np.eye(len(self._factor)))
-
-    def without(self, at: Index) -> tuple[Halves, float]:
-        """What the rows ``at`` (k,) alone add to the others, and their log Bayes factor beside them."""
-        back = self._root[:, at].T
-        factor = _cholesky(back @ back.T)
-        turned = _solved(factor, back @ self.turned)
-        gain = 0.5 * float(turned @ turned) + _half_log_det(factor)
-        return Halves(factor, np.zeros((0, 0)), turned, back, self), gain
-
-    def of(self, columns: Index) -> Array:
-        """(r, k) of some columns."""
-        if "all" in self.__dict__:
-            return np.asarray(self.all[:, columns])
-        return _solved(self._factor, self._rows[:, columns])
-
-    @property
-    def nbytes(self) -> int:
-        """What it takes of memory."""
-        arrays = [
-            self._factor,
-            self._own,
-            self._turn,
-            *(self.__dict__.get(name) for name in ("all", "_root")),
-        ]
-        return sum(array.nbytes for array in arrays if array is not None)
 
 
 class Told:
@@ -214,7 +157,7 @@ class Marginal:
         if not len(columns):
             return self
         rows = self.rows(columns)
-        factor, turned, gain = _taken(rows[:, columns], self.score[columns], sizes)
+        factor, turned, gain = taken(rows[:, columns], self.score[columns], sizes)
         half = Halves(factor, rows * sizes[:, None], turned)
         return Marginal(self.terms, self, half, self.log_evidence + gain)
 
@@ -223,8 +166,8 @@ class Marginal:
         half, rows = self._beside.of(np.concatenate([columns, left])), len(columns)
         both = self._above.among(np.concatenate([columns, left])) + self._sign * (half.T @ half)
         score = self.scores(np.concatenate([columns, left]))
-        factor, turned, gain = _taken(both[:rows, :rows], score[:rows], sizes)
-        across = _solved(factor, both[:rows, rows:] * sizes[:, None])
+        factor, turned, gain = taken(both[:rows, :rows], score[:rows], sizes)
+        across = solved(factor, both[:rows, rows:] * sizes[:, None])
         told = Told(terms, score[rows:] - across.T @ turned, both[rows:, rows:] - across.T @ across)
         nothing = Halves(np.zeros((0, 0)), np.zeros((0, len(left))), np.zeros(0))
         return Marginal(terms, told, nothing, self.log_evidence + gain)
@@ -236,18 +179,18 @@ class Marginal:
 
     def gain(self, columns: Index, sizes: Array) -> float:
         """Log Bayes factor of columns (k,) together, N(0, size^2) each."""
-        return _taken(self.among(columns), self.scores(columns), sizes)[2]
+        return taken(self.among(columns), self.scores(columns), sizes)[2]
 
     def posterior(self, columns: Index, sizes: Array) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the coefficients of columns taken in together."""
-        factor, turned, _ = _taken(self.among(columns), self.scores(columns), sizes)
-        root = _solved(factor, np.diag(sizes))
+        factor, turned, _ = taken(self.among(columns), self.scores(columns), sizes)
+        root = solved(factor, np.diag(sizes))
         return root.T @ turned, root.T @ root
 
     def last(self, columns: Index, sizes: Array, number: int) -> tuple[Array, Array]:
         """Mean and 1-sigma (``number``,) of the last coefficients of columns (k,) taken in together."""
-        factor, turned, _ = _taken(self.among(columns), self.scores(columns), sizes)
-        root = _solved(factor[-number:, -number:], np.diag(sizes[-number:]))
+        factor, turned, _ = taken(self.among(columns), self.scores(columns), sizes)
+        root = solved(factor[-number:, -number:], np.diag(sizes[-number:]))
         return root.T @ turned[-number:], np.sqrt(np.sum(root**2, axis=0))
 
     def among(self, columns: Index) -> Array:
@@ -274,43 +217,16 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint)
     scale = 1.0 / np.sqrt(np.maximum(rows[np.arange(len(inside)), inside] + sigma**-2.0, 1e-300))
     a = rows[:, inside] * scale[:, None] * scale
     a[np.diag_indices(len(a))] += (scale / sigma) ** 2 + ROUNDING
-    factor = _cholesky(a)
-    turned = _solved(factor, rows[:, -1] * scale)
+    factor = cholesky(a)
+    turned = solved(factor, rows[:, -1] * scale)
     beside = rows[:, design.n : -1] * scale[:, None] * design.seen
     square = sum(gram[-1, -1] * weight for gram, weight in zip(design.grams, weights, strict=True))
     known = np.isfinite(sigma)
-    log_det = _half_log_det(factor) + float(np.sum(np.log(sigma[known])) - np.sum(np.log(scale)))
+    log_det = half_log_det(factor) + float(np.sum(np.log(sigma[known])) - np.sum(np.log(scale)))
     log_evidence = -float(np.array(design.counts) @ np.log(scales)) - log_det
     log_evidence -= 0.5 * float(square - turned @ turned)
     own = Own(design, terms, weights)
     return Marginal(terms, own, Halves(factor, beside, turned), log_evidence + unknowns.log_prior(point))
-
-
-def _taken(among: Array, scores: Array, sizes: Array) -> tuple[Array, Array, float]:
-    """Triangular factor of I + Q M Q of some columns, its solution of Q t, and the columns' log Bayes factor."""
-    factor = _cholesky(sizes[:, None] * among * sizes + np.eye(len(sizes)))
-    turned = _solved(factor, sizes * scores)
-    return factor, turned, 0.5 * float(turned @ turned) - _half_log_det(factor)
-
-
-def _cholesky(matrix: Array) -> Array:
-    """Lower triangular factor. Small matrices are many here: LAPACK itself, without what scipy wraps around it."""
-    factor, failed = dpotrf(matrix, lower=1)
-    if failed:
-        raise np.linalg.LinAlgError(f"pivot {failed} is not positive")
-    return np.asarray(factor)
-
-
-def _solved(factor: Array, right: Array) -> Array:
-    """A lower triangular factor's solution of ``right`` (r,) or (r, k), row by row in memory as it came."""
-    if not right.size:
-        return right
-    rows = right.reshape(len(factor), -1)
-    return np.asarray(dtrsm(1.0, factor, rows.T, side=1, lower=1, trans_a=1).T.reshape(right.shape))
-
-
-def _half_log_det(factor: Array) -> float:
-    return float(np.sum(np.log(np.diag(factor))))
 
 
 def _sigma(design: Design, unknowns: Unknowns, point: GridPoint) -> tuple[Array, NDArray[np.bool_]]:

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.revisits import revisits
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.identifiability.note import Note
+from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import tried
+from truepose.identification.report.numbers import measure
 from truepose.wording import joined
 
 _SAID = {
@@ -39,7 +43,31 @@ def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
     ]
     if not 0.8 < found.noise < 1.25:
         said.append(f"without effects the readings scatter {found.noise:.2g} times the stated sigma")
-    return (*recording.notes, *driver_notes(found), *said, *tolerance_notes(found.inflation))
+    return (
+        *recording.notes,
+        *driver_notes(found),
+        *said,
+        *tolerance_notes(found.inflation),
+        *repeat_notes(found.after, recording),
+    )
+
+
+def repeat_notes(fit: Estimate, recording: Recording) -> list[str]:
+    """How far readings repeat where the arm came back, beside what the model leaves there."""
+    seen = revisits(fit, recording)
+    if seen is None:
+        return []
+    units = fit.machine.residual_units
+
+    def told(values: Mapping[str, float]) -> str:
+        return joined(f"{measure(value, units[kind])} ({kind})" for kind, value in values.items())
+
+    within = {"turn": "rad", "slide": "mm"}
+    apart = joined(measure(value, within[name]) for name, value in seen.apart.items())
+    return [
+        f"where the machine came back to the same joints ({seen.pairs} pairs of rows, within {apart}), a row repeats to"
+        f" {told(seen.scatter)}, and no model of joints and loads leaves less; this one leaves {told(seen.left)}"
+    ]
 
 
 def driver_notes(found: Diagnosis) -> list[str]:

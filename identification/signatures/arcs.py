@@ -1,9 +1,10 @@
 """Series over the arcs that were seen: there, waves of many orders do no more than a few combinations of them.
 
-A joint that turned by a third of a turn cannot tell 60 orders (120 coefficients) apart. With S (n, c) what each coefficient does
-to the joint in each row, and W the rows' information about a shift of it, S'WS = V L V'. The coefficients are N(0, q^2) each,
-so those of orthonormal directions are, too: what V turns them to, without directions of no information, is the same problem
-with fewer columns. Coefficients follow as V times those of the directions; the others stay at nothing, as their prior has them.
+A joint that turned by a third of a turn cannot tell 60 orders (120 coefficients) apart. With S (n, c) what each coefficient
+does to the joint in each row, and W the rows' information about a shift of it, S'WS = V L V'. The coefficients are
+N(0, q^2) each, so those of orthonormal directions are, too: what V turns them to, without directions of no information, is
+the same problem with fewer columns. Coefficients follow as V times those of the directions; along the others they stay at
+nothing, as their prior has them.
 """
 
 from __future__ import annotations

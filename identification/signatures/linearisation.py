@@ -7,16 +7,14 @@ signature costs one small product a row. All of it is kept as one Gram matrix of
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass, part_classes
 from truepose.identification.prediction.by_ports import Part
@@ -26,12 +24,11 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.arcs import Layout, Turns, seen_directions, series_ports, turned
 from truepose.identification.signatures.forms import Forms
 from truepose.identification.signatures.products import Columns
+from truepose.identification.signatures.shift_function import ShiftFunction
 from truepose.identification.signatures.weighed import blocks_of_every_set
-from truepose.models.effects.base import PlacedEffect, Site
-from truepose.models.kinematics import driver_default
+from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 from truepose.models.placed import EffectAtPlace
-from truepose.models.states import state_names
 
 Array = NDArray[np.float64]
 
@@ -42,8 +39,9 @@ class Linearisation:
 
     J: free geometry in units of its prior scale (``free`` columns). G: candidates' coefficients in units of their
     scale, or directions of many of them (``turns``); ``columns[k]`` are those of candidate k. F: errors of form of the
-    fit's effects, in units of their own prior 1-sigma (``forms`` columns). r: whitened residual. ``departure`` says how far the fit is from the drawing and from
-    zero coefficients, so that any subset of candidates can be weighed from these matrices alone.
+    fit's effects, in units of their own prior 1-sigma (``forms`` columns). r: whitened residual. ``departure`` says how
+    far the fit is from the drawing and from zero coefficients, so that any subset of candidates can be weighed from these
+    matrices alone.
     """
 
     grams: tuple[Array, ...]
@@ -108,7 +106,7 @@ class Signatures:
 
     def __init__(self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect]) -> None:
         self.machine, self.recording, self.candidates = machine, recording, tuple(candidates)
-        self._shifts = _ShiftFunction(machine, recording, self.candidates)
+        self._shifts = ShiftFunction(machine, recording, self.candidates)
         self._predictors: dict[tuple[str, ...], Predictor] = {}
         self._turn({})
 
@@ -299,54 +297,3 @@ class Signatures:
             local = shifts[:, at].reshape(len(shifts), columns.stop - columns.start, len(ports))
             out[:, :, columns] = jacobian[:, :, where] @ local.transpose(0, 2, 1)
         return out
-
-
-class _ShiftFunction:
-    """All candidates' shifts by their coefficients (in units of scale), as one function of a row."""
-
-    def __init__(self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect]) -> None:
-        self._machine, self._recording = machine, recording
-        self._names = [*(p.name for p in machine.parameters), *machine.ports]
-        self._drivers = list(dict.fromkeys(name for c in candidates for name in c.drivers))
-        q = {name: ca.SX.sym(name) for name in machine.mechanism.readings}
-        z = {name: ca.SX.sym(name) for name in self._drivers}
-        values = {name: ca.SX.sym(name) for name in self._names}
-        self._loads = [f"{case}{name}" for case in machine.load_cases for name in self._names]
-        loads = {name: ca.SX.sym(f"load.{name}") for name in self._loads}
-        self._states = state_names(machine)
-        states = {name: ca.SX.sym(name) for name in self._states}
-        outputs, layout, offset = [], [], 0
-        for candidate in candidates:
-            c = {item.name: ca.SX.sym(item.name) for item in candidate.coefficients}
-            site = Site(machine, candidate.place, candidate.settings_map, c, q, z, values, loads, states)
-            shifts = candidate.effect.shifts(site)
-            stacked, symbols = ca.vertcat(*shifts.values()), ca.vertcat(*c.values())
-            local = ca.substitute(ca.jacobian(stacked, symbols), symbols, ca.SX.zeros(len(c)))
-            local = local @ ca.diag(ca.DM([item.scale for item in candidate.coefficients]))
-            outputs.append(ca.vec(ca.densify(local)))
-            size = local.numel()
-            layout.append(([site.checked(port, candidate) for port in shifts], slice(offset, offset + size)))
-            offset += size
-        self.layout: list[tuple[list[str], slice]] = layout
-        groups = (q, z, values, loads, states)
-        inputs = [ca.vertcat(*group.values()) if group else ca.SX(0, 1) for group in groups]
-        together = ca.vertcat(*outputs) if outputs else ca.SX(0, 1)
-        self._function = BatchFunction("shifts", inputs, [together], rows=len(recording.q))
-
-    def __call__(
-        self, names: Sequence[str], p: Array, loads: Mapping[str, Array], states: Mapping[str, Array],
-        rows: NDArray[np.intp],
-    ) -> Array:  # fmt: skip
-        """(k, total) shift derivatives for some rows; loads and states (k,) are theirs."""
-        at = {name: k for k, name in enumerate(names)}
-        which = [at[name] for name in self._names]
-        rec = self._recording
-        z = np.empty((len(rows), len(self._drivers)))
-        for k, name in enumerate(self._drivers):
-            recorded = rec.driver(name)
-            z[:, k] = driver_default(self._machine, name) if recorded is None else recorded[rows]
-        force, state = (
-            np.column_stack([group[name] for name in wanted]) if wanted else np.zeros((len(rows), 0))
-            for group, wanted in ((loads, self._loads), (states, self._states))
-        )
-        return self._function(rec.q[rows], z, p[which], force, state)[0][..., 0]

@@ -1,0 +1,96 @@
+"""Triangular factors of what is taken in, and its products with all columns turned by them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dtrsm
+from scipy.linalg.lapack import dpotrf
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+class Halves:
+    """What is taken in, turned by its triangular factor (r, r): its products ``rows`` (r, w) with all columns, and with e.
+
+    Of what leaves another one, ``rows`` are ``turn`` (r, q) of those (q, w), worked out when they are asked for.
+    """
+
+    def __init__(
+        self, factor: Array, rows: Array, turned: Array, turn: Array | None = None, of: Halves | None = None
+    ) -> None:
+        self._factor, self._own, self.turned = factor, rows, turned
+        self._turn, self._of = turn, of
+
+    @property
+    def _rows(self) -> Array:
+        if self._turn is not None and self._of is not None:
+            self._own, self._turn, self._of = self._turn @ self._of.all, None, None
+        return self._own
+
+    @cached_property
+    def all(self) -> Array:
+        """(r, w) of all columns; the rows that it follows from are not asked for again, and are let go."""
+        found = solved(self._factor, self._rows)
+        self._own = found[:0]
+        return found
+
+    @cached_property
+    def _root(self) -> Array:
+        """(r, r) inverse of the factor."""
+        return solved(self._factor, np.eye(len(self._factor)))
+
+    def without(self, at: Index) -> tuple[Halves, float]:
+        """What the rows ``at`` (k,) alone add to the others, and their log Bayes factor beside them."""
+        back = self._root[:, at].T
+        factor = cholesky(back @ back.T)
+        turned = solved(factor, back @ self.turned)
+        gain = 0.5 * float(turned @ turned) + half_log_det(factor)
+        return Halves(factor, np.zeros((0, 0)), turned, back, self), gain
+
+    def of(self, columns: Index) -> Array:
+        """(r, k) of some columns."""
+        if "all" in self.__dict__:
+            return np.asarray(self.all[:, columns])
+        return solved(self._factor, self._rows[:, columns])
+
+    @property
+    def nbytes(self) -> int:
+        """What it takes of memory."""
+        arrays = [
+            self._factor,
+            self._own,
+            self._turn,
+            *(self.__dict__.get(name) for name in ("all", "_root")),
+        ]
+        return sum(array.nbytes for array in arrays if array is not None)
+
+
+def taken(among: Array, scores: Array, sizes: Array) -> tuple[Array, Array, float]:
+    """Triangular factor of I + Q M Q of some columns, its solution of Q t, and the columns' log Bayes factor."""
+    factor = cholesky(sizes[:, None] * among * sizes + np.eye(len(sizes)))
+    turned = solved(factor, sizes * scores)
+    return factor, turned, 0.5 * float(turned @ turned) - half_log_det(factor)
+
+
+def cholesky(matrix: Array) -> Array:
+    """Lower triangular factor. Small matrices are many here: LAPACK itself, without what scipy wraps around it."""
+    factor, failed = dpotrf(matrix, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError(f"pivot {failed} is not positive")
+    return np.asarray(factor)
+
+
+def solved(factor: Array, right: Array) -> Array:
+    """A lower triangular factor's solution of ``right`` (r,) or (r, k), row by row in memory as it came."""
+    if not right.size:
+        return right
+    rows = right.reshape(len(factor), -1)
+    return np.asarray(dtrsm(1.0, factor, rows.T, side=1, lower=1, trans_a=1).T.reshape(right.shape))
+
+
+def half_log_det(factor: Array) -> float:
+    return float(np.sum(np.log(np.diag(factor))))

@@ -1,0 +1,76 @@
+"""Laws of visits to one place: they tell the noise of a row, whatever the model leaves out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from support.sensor_bench import Bench
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.revisits import FEWEST, revisits
+from truepose.identification.recording.recording import Recording, frozen
+from truepose.identification.report.notes import repeat_notes
+
+PLACES = 120
+
+
+@pytest.fixture(scope="module")
+def visited(tmp_path_factory: pytest.TempPathFactory) -> tuple[Estimate, Recording]:
+    """A fit of an arm, its rows twice in another order, residuals of 3 sigma that follow the place and noise of 1 sigma."""
+    bench = Bench(tmp_path_factory.mktemp("visits"), "arm")
+    fit, recording = estimate(bench.machine, bench.recording()), bench.recording()
+    rng = np.random.default_rng(4)
+    place = rng.integers(0, len(recording), PLACES)
+    rows = np.concatenate([place, rng.permutation(place)])
+    q = recording.q[rows] + 1e-3 * rng.standard_normal((2 * PLACES, recording.q.shape[1]))
+    q[:PLACES] = rng.uniform(-1.0, 1.0, (PLACES, q.shape[1]))
+    there = rng.permutation(PLACES)
+    q[PLACES:] = q[:PLACES][there] + 1e-5 * rng.uniform(-1.0, 1.0, q[:PLACES].shape)
+    model = 3.0 * rng.standard_normal((PLACES, fit.residual.shape[1]))
+    residual = np.concatenate([model, model[there]]) + rng.standard_normal(
+        (2 * PLACES, fit.residual.shape[1])
+    )
+    two = replace(recording.subset(rows), q=frozen(q), source_row=frozen(np.arange(2 * PLACES)))
+    return replace(fit, residual=residual, used=np.ones(2 * PLACES, dtype=bool), lost=None), two
+
+
+def test_visits_tell_the_noise_of_a_row(visited: tuple[Estimate, Recording]) -> None:
+    """1 sigma of three channels, to a few 1-sigma of 120 pairs (4 %); what the model leaves is sqrt(10) times that."""
+    fit, recording = visited
+    seen = revisits(fit, recording)
+    assert seen is not None and FEWEST <= seen.pairs <= PLACES
+    sigma = np.sqrt(sum(c.sigma**2 for c in fit.machine.channels if c.kind == "position"))
+    assert seen.scatter["position"] == pytest.approx(sigma, rel=0.15)
+    assert seen.left["position"] == pytest.approx(np.sqrt(10.0) * sigma, rel=0.2)
+    assert 0.0 < seen.apart["turn"] <= 2e-5
+    (note,) = repeat_notes(fit, recording)
+    assert f"{seen.pairs} pairs of rows" in note and "repeats to" in note
+
+
+def test_the_order_of_the_file_does_not_matter_where_a_clock_tells_it(
+    visited: tuple[Estimate, Recording],
+) -> None:
+    fit, recording = visited
+    order = np.random.default_rng(9).permutation(len(recording))
+    timed = replace(recording, time=frozen(np.arange(len(recording), dtype=float)))
+    moved = replace(timed.subset(order), source_row=frozen(np.arange(len(order))))
+    one, other = revisits(fit, timed), revisits(replace(fit, residual=fit.residual[order]), moved)
+    assert one is not None and other is not None
+    assert other.scatter == pytest.approx(one.scatter) and other.pairs == one.pairs
+
+
+def test_an_arm_that_stands_still_or_never_comes_back_tells_nothing(
+    visited: tuple[Estimate, Recording],
+) -> None:
+    fit, recording = visited
+    first = np.arange(PLACES)
+    once = replace(fit, residual=fit.residual[:PLACES], used=fit.used[:PLACES])
+    assert (
+        revisits(once, recording.subset(first)) is None and repeat_notes(once, recording.subset(first)) == []
+    )
+    still = np.repeat(first, 2)  # every row twice, one after the other
+    same = replace(recording.subset(still), source_row=frozen(np.arange(len(still))))
+    twice = replace(fit, residual=fit.residual[still], used=np.ones(len(still), dtype=bool))
+    assert revisits(twice, same) is None
