@@ -87,6 +87,11 @@ class Decomposition:
         """(n - rank, n) orthonormal directions that no reading sees."""
         return self.directions[self.rank :]
 
+    @property
+    def lengths(self) -> Array:
+        """(n,) length of each column of the scaled Jacobian."""
+        return np.asarray(np.linalg.norm(self.singular[:, None] * self.directions, axis=0))
+
     @cached_property
     def unknown(self) -> Array:
         """(k, n) orthonormal directions that neither readings nor prior determine."""

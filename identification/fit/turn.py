@@ -171,6 +171,12 @@ class Turned(Decomposition):
         """(n - rank, n) orthonormal directions that no reading sees."""
         return np.vstack([self.own.null_space @ self.turn.matrix.T, self.turn.rest.T.toarray()])
 
+    @property
+    def lengths(self) -> Array:
+        """(n,) length of each column of the scaled Jacobian."""
+        rows = self.own.singular[:, None] * self.own.directions
+        return np.asarray(np.linalg.norm(rows @ self.turn.matrix.T, axis=0))
+
     @cached_property
     def unknown(self) -> Array:
         """(k, n) orthonormal directions that neither readings nor prior determine."""

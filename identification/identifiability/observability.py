@@ -73,8 +73,7 @@ class Knowledge:
 
         Entries of one unit share the median of their columns of the Jacobian; without one, ``LEVER`` serves.
         """
-        parts = self.decomposition
-        column = np.linalg.norm(parts.singular[:, None] * parts.directions, axis=0) / self.scale
+        column = self.decomposition.lengths / self.scale
         mm = _typical(column, [unit == "mm" for unit in self.units])
         out = np.ones(len(self.names))
         for unit in set(self.units) - {"mm"}:

@@ -117,6 +117,8 @@ def test_directions_that_no_reading_sees_change_nothing(
     block = next(iter(Predictor(machine, recording, terms).blocks(slim.p, slim.x)))
     written = block.jacobian[:, :, slim.prior.free] * slim.prior.scale[slim.prior.free]
     np.testing.assert_allclose(slim.by_steps(block), written @ slim.turn.matrix.toarray(), atol=1e-9)
+    np.testing.assert_allclose(slim.decomposition.lengths, np.linalg.norm(slim.slopes, axis=0), atol=1e-9)
+    np.testing.assert_allclose(slim.decomposition.std / whole.decomposition.std, 1.0, atol=2e-5)
     blind = slim.null_space @ slim.turn.matrix
     assert np.linalg.norm(slim.slopes @ slim.null_space.T) < 1e-2 * np.linalg.norm(slim.slopes)
     assert blind.shape[0] == free - slim.rank
