@@ -33,9 +33,6 @@ FEWER = 0.9
 """Share of the columns that turned terms must not exceed, for a problem of these to be worth its memory."""
 SETS = 200_000
 """Evidences that are kept."""
-FRESH = 8
-"""Memory is measured when one in so many values is new: this costs little, and ``REMEMBERED`` is passed by an eighth at
-most where values are alike."""
 Value = TypeVar("Value")
 
 
@@ -44,11 +41,13 @@ class Memory(Generic[Value]):
 
     def __init__(self, limit: int, size: Callable[[Value], int] | None = None) -> None:
         self._limit, self._values, self._size = max(limit, 4), OrderedDict[Hashable, Value](), size
-        self._fresh = 0
+        self._sizes, self._total = dict[Hashable, int](), 0
 
     def clear(self) -> None:
         """Forget all."""
         self._values.clear()
+        self._sizes.clear()
+        self._total = 0
 
     def get_or(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """The value of a key, made where it is not there."""
@@ -64,24 +63,23 @@ class Memory(Generic[Value]):
         for key, value in zip(keys, found, strict=True):
             self._values[key] = value
             self._values.move_to_end(key)
-        while len(self._values) > self._limit:
-            self._values.popitem(last=False)
-        self._fresh += len(new)
-        if self._size is not None and new and FRESH * self._fresh >= len(self._values):
-            self._shrink(len(keys))
+            self._measure(key, value)
+        while len(self._values) > self._limit or self._total > REMEMBERED:
+            if len(self._values) <= len(keys):
+                break  # what was asked for stays, however large
+            self._let_go()
         return found
 
-    def _shrink(self, least: int) -> None:
-        """Values grow while they are used: what they take is asked anew."""
-        assert self._size is not None
-        self._fresh = 0
-        sizes = [self._size(value) for value in self._values.values()]
-        total = sum(sizes)
-        for size in sizes[: -max(least, 1)]:
-            if total <= REMEMBERED:
-                break
-            self._values.popitem(last=False)
-            total -= size
+    def _measure(self, key: Hashable, value: Value) -> None:
+        """Values grow while they are used: what one takes is asked anew whenever it is."""
+        if self._size is not None:
+            size = self._size(value)
+            self._total += size - self._sizes.get(key, 0)
+            self._sizes[key] = size
+
+    def _let_go(self) -> None:
+        key, _ = self._values.popitem(last=False)
+        self._total -= self._sizes.pop(key, 0)
 
 
 @dataclass(frozen=True)
