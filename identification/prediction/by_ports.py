@@ -68,17 +68,16 @@ class Part:
         out[np.ix_(self.at, self.at)] = flat.T @ flat
         if self.ports is None:
             return out
-        slopes = self.ports.slopes[:, kind]
-        for k, column, values in self._by_port():
+        slopes, groups = self.ports.slopes[:, kind], list(self._by_port())
+        for first, (k, column, values) in enumerate(groups):
             across = np.einsum("nmd,nm->nd", dense, slopes[:, :, k]).T @ values
             out[np.ix_(self.at, column)] = across
             out[np.ix_(column, self.at)] = across.T
-            for other, beside, factors in self._by_port():
-                if other >= k:
-                    both = np.einsum("nm,nm->n", slopes[:, :, k], slopes[:, :, other])
-                    product = values.T @ (both[:, None] * factors)
-                    out[np.ix_(column, beside)] = product
-                    out[np.ix_(beside, column)] = product.T
+            for other, beside, factors in groups[first:]:
+                both = np.einsum("nm,nm->n", slopes[:, :, k], slopes[:, :, other])
+                product = values.T @ (both[:, None] * factors)
+                out[np.ix_(column, beside)] = product
+                out[np.ix_(beside, column)] = product.T
         return out
 
     def written(self, width: int) -> Array:

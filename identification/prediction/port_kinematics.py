@@ -22,12 +22,18 @@ MANY = 100
 
 @dataclass(frozen=True)
 class PortKinematics:
-    """``at`` (w,): unknowns of p whose derivatives are written out; ``port``, ``column`` (c,): of those that move one port."""
+    """``at`` (w,): unknowns of p whose derivatives are written out; ``port``, ``column`` (c,): of those that move one port.
+
+    waves: how far the first of the latter move their ports, by readings and drivers alone, so that they are worked out once
+    for all p; ``shifted`` (f,) are the ports that they move.
+    """
 
     function: BatchFunction
+    waves: BatchFunction
     at: Index
     port: Index
     column: Index
+    shifted: Index
 
     @classmethod
     def of(cls, model: SymbolicModel, rows: int) -> PortKinematics | None:
@@ -43,33 +49,64 @@ class PortKinematics:
         reads = np.array(reading[:, own].sparsity().get_triplet()[1], dtype=np.intp)
         alone = np.bincount(column, minlength=coefficients) == 1
         alone[reads] = False
-        follows = alone[column]
-        port, column = port[follows], column[follows] + first
+        follows = np.flatnonzero(alone[column])
+        values = ca.vertcat(*(by_port.nz[k] for k in follows.tolist()))
+        by_p = ca.jacobian_sparsity(values, model.p).get_triplet()[0]
+        moving = np.isin(np.arange(len(follows)), by_p)
+        order = np.argsort(moving, kind="stable")
+        port, column, fixed = port[follows][order], column[follows][order] + first, int(np.sum(~moving))
         at = np.setdiff1d(np.arange(len(model.names)), column)
-        values = ca.vertcat(*(by_port.nz[k] for k in np.flatnonzero(follows).tolist()))
-        outputs = _outputs(model, at, reading, values)
-        function = BatchFunction("kinematics", [model.q, model.z, model.p], outputs, rows=rows)
-        return cls(function, at, port, column)
+        shifted = np.unique(port[:fixed])
+        outputs = _Outputs(model, at, reading, column[:fixed], shifted)
+        moved = [values[k] for k in order[fixed:].tolist()]
+        function = BatchFunction("kinematics", outputs.inputs, outputs.of(ca.vertcat(*moved)), rows=rows)
+        waves = ca.vertcat(*(values[k] for k in order[:fixed].tolist()))
+        return cls(function, BatchFunction("waves", [model.q, model.z], [waves]), at, port, column, shifted)
 
-    def sight(self, q: Array, z: Array, p: Array) -> Sight:
-        """What the sensors have before them in rows of readings q (n, nq) and drivers z (n, nz)."""
-        pose, twist, slopes, shift, shift_by, values = self.function(q, z, p)
-        ports = ByPorts(slopes, self.port, self.column, values[..., 0])
+    def values(self, q: Array, z: Array) -> Array:
+        """(n, f) what does not depend on p, of rows of readings q (n, nq) and drivers z (n, nz)."""
+        return self.waves(q, z)[0][..., 0]
+
+    def sight(self, q: Array, z: Array, p: Array, values: Array) -> Sight:
+        """What the sensors have before them in rows of readings q (n, nq) and drivers z (n, nz), with their ``values``."""
+        own = self.port[: values.shape[1]]
+        shifts = np.column_stack(
+            [values[:, own == k] @ p[self.column[: len(own)][own == k]] for k in self.shifted]
+            or [np.zeros((len(q), 0))]
+        )
+        pose, twist, slopes, shift, shift_by, moving = self.function(q, z, p, shifts)
+        ports = ByPorts(slopes, self.port, self.column, np.hstack([values, moving[..., 0]]))
         return Sight(pose, twist, shift[..., 0], shift_by, at=self.at, ports=ports)
 
 
-def _outputs(model: SymbolicModel, at: Index, reading: ca.SX, values: ca.SX) -> list[ca.SX]:
-    """Pose, its twist by unknowns ``at``, slopes of twist and columns by ports, shifts of columns, their slopes, ``values``."""
-    held = model.held
-    assert held is not None
-    flat, rows = ca.vec(held.world[:3, :]), twist_rows(held.world)
-    places = at.tolist()
-    moved = ca.jacobian(held.values, model.p)[:, places]
-    by_ports = ca.vertcat(rows @ ca.jacobian(flat, held.ports), ca.jacobian(held.reading_shift, held.ports))
-    twist = rows @ ca.jacobian(flat, model.p)[:, places] + by_ports[:6, :] @ moved
-    shift_by = reading[:, places] + by_ports[6:, :] @ moved
-    outputs = [held.world, twist, by_ports, held.reading_shift, shift_by, values]
-    return list(ca.substitute([ca.densify(o) for o in outputs], [held.ports], [held.values]))
+class _Outputs:
+    """Of the kinematics as a function of q, z, p and what ``fixed`` coefficients shift the ports ``shifted`` (f,) by."""
+
+    def __init__(self, model: SymbolicModel, at: Index, reading: ca.SX, fixed: Index, shifted: Index) -> None:
+        held = model.held
+        assert held is not None
+        self._held, self._model, self._at, self._reading = held, model, at, reading
+        self._shift = ca.SX.sym("shift", len(shifted))
+        places = fixed.tolist()
+        values = ca.substitute(held.values, model.p[places], ca.SX.zeros(len(places)))
+        for k, port in enumerate(shifted.tolist()):
+            values[port] += self._shift[k]
+        self._values = values
+        self.inputs = [model.q, model.z, model.p, self._shift]
+
+    def of(self, moving: ca.SX) -> list[ca.SX]:
+        """Pose, its twist by unknowns ``at``, slopes of twist and columns by ports, shifts of columns, their slopes, and the
+        values of coefficients that depend on p."""
+        held, p, places = self._held, self._model.p, self._at.tolist()
+        flat, rows = ca.vec(held.world[:3, :]), twist_rows(held.world)
+        moved = ca.jacobian(self._values, p)[:, places]
+        by_ports = ca.vertcat(
+            rows @ ca.jacobian(flat, held.ports), ca.jacobian(held.reading_shift, held.ports)
+        )
+        twist = rows @ ca.jacobian(flat, p)[:, places] + by_ports[:6, :] @ moved
+        shift_by = self._reading[:, places] + by_ports[6:, :] @ moved
+        outputs = [held.world, twist, by_ports, held.reading_shift, shift_by, moving]
+        return list(ca.substitute([ca.densify(o) for o in outputs], [held.ports], [self._values]))
 
 
 def twist_rows(world: ca.SX) -> ca.SX:

@@ -34,6 +34,8 @@ from truepose.models.statics import load_scale
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _BLOCK = 1024
+REMEMBERED = 30_000_000
+"""Most numbers that are kept of what does not change with p."""
 FIT = 5
 """How often a fit visits each row, about."""
 
@@ -81,6 +83,7 @@ class Predictor:
 
     def _read(self, recording: Recording) -> None:
         self.recording, self.q = recording, recording.q
+        self._values: Array | None = None
         self.z = np.empty((len(self.q), len(self.model.drivers)))
         for k, name in enumerate(self.model.drivers):
             recorded = recording.driver(name)
@@ -162,6 +165,7 @@ class Predictor:
         part = copy(self)
         part.recording = self.recording.subset(rows)
         part.q, part.z = self.q[rows], self.z[rows]
+        part._values = None if self._values is None else self._values[rows]
         part._lost = [None if gone is None else gone[rows] for gone in self._lost]
         return part
 
@@ -227,10 +231,19 @@ class Predictor:
             out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
         return out
 
+    def _waves(self, rows: slice) -> Array:
+        """(n, f) what coefficients move their ports by, whatever p: worked out once where it takes little memory."""
+        assert self._by_ports is not None
+        if len(self.q) * len(self._by_ports.column) > REMEMBERED:
+            return self._by_ports.values(self.q[rows], self.z[rows])
+        if self._values is None:
+            self._values = self._by_ports.values(self.q, self.z)
+        return self._values[rows]
+
     def _sight(self, rows: slice, p: Array, x: Array) -> Sight:
         """What the sensors have before them, with total derivatives by p."""
         if self._by_ports is not None:
-            return self._by_ports.sight(self.q[rows], self.z[rows], p)
+            return self._by_ports.sight(self.q[rows], self.z[rows], p, self._waves(rows))
         every = self._kinematics(x[rows], self.q[rows], self.z[rows], p)
         (gx, gp, shift, sx, sp), seen = every[3:8], (*every[:3], *every[8:])
         by_p = solved(gx, gp) if x.shape[1] else None
