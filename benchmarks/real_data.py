@@ -1,44 +1,42 @@
-"""Figures on real recordings: UR10 with a laser tracker, a Stewart platform with motion capture, a Panda in sockets.
+"""Recordings that others measured (docs/results/real-recordings.md): tables of what ``truepose diagnose`` makes of them.
 
-    python benchmarks/real_data.py stewart DATA_FOLDER
-    python benchmarks/real_data.py ur10 DATA_FOLDER WORK_FOLDER
-    python benchmarks/real_data.py remainder DATA_FOLDER WORK_FOLDER
-    python benchmarks/real_data.py panda DATA_FOLDER WORK_FOLDER
-    python benchmarks/real_data.py unseen DATA_FOLDER WORK_FOLDER [RECORDING ...]
-    python benchmarks/real_data.py carried DATA_FOLDER WORK_FOLDER
-    python benchmarks/real_data.py cuts DATA_FOLDER
-    python benchmarks/real_data.py mount DATA_FOLDER WORK_FOLDER
+    python benchmarks/real_data.py prepare DATA WORK [RECORDING ...]
+    python benchmarks/real_data.py unseen DATA WORK [RECORDING ...]
+    python benchmarks/real_data.py campaigns DATA WORK ONE OTHER
+    python benchmarks/real_data.py panda DATA WORK
 
-DATA_FOLDER holds ``ur10-laser-tracker/``, ``stewart-mocap/`` and ``panda-ball-socket/``. For the UR10 the rows whose
-goal modulo 10 is 3, 6 or 9 are marked validation; each file is diagnosed through the command line (results stay in
-WORK_FOLDER), then the periodic joint functions of the two files are compared and carried from one file to the other;
-``remainder`` asks what is left. For the Panda it is every fifth row of a socket. ``unseen``: what the
-diagnosed models are worth on rows and campaigns that they have not seen, and whether halves agree; ``carried``: how far any
-model of one campaign of the UR10 can be carried to another; ``cuts``: what is applied after 60, 120 and 240 rows;
-``mount``: an amateur telescope's mount (``telescope-mount/``) as a machine of two axes.
+DATA holds ``ur10-laser-tracker/``, ``stewart-mocap/``, ``panda-ball-socket/`` and ``telescope-mount/``, WORK is any folder.
+``prepare`` writes each recording with the column ``role`` and prints the command that diagnoses it; ``unseen`` diagnoses
+it, too, and tells what the model is worth on the rows held out; ``campaigns`` compares two campaigns of the UR10;
+``panda`` calibrates an arm by a ball in sockets. Halves of these recordings, and cuts to a few rows, are parts of
+``python -m challenge.battery``.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from real_recordings.carried import carried
-from real_recordings.cuts import cuts
-from real_recordings.mount import mount
-from real_recordings.panda import SENSORS, panda, panda_files, panda_scatter
-from real_recordings.remainder import remainder
-from real_recordings.stewart import leg_errors, stewart
+from real_recordings.campaigns import campaigns
+from real_recordings.panda import panda
+from real_recordings.prepared import NAMES, prepared
 from real_recordings.unseen import unseen
-from real_recordings.ur10 import ur10
 
-__all__ = ["SENSORS", "leg_errors", "panda_files", "panda_scatter"]
+
+def lines(study: str, data: Path, work: Path, names: Sequence[str]) -> Iterator[str]:
+    """What a study prints, line by line. Raises KeyError for one that does not exist."""
+    if study == "prepare":
+        for name in names or NAMES:
+            machine, recording = prepared(data, work, name)
+            yield f"truepose diagnose {machine} {recording} -o {work / name}"
+    elif study == "panda":
+        yield from panda(data, work)
+    else:
+        yield from {"unseen": unseen, "campaigns": campaigns}[study](data, work, names)
+
 
 if __name__ == "__main__":
-    studies = {"carried": carried, "mount": mount, "panda": panda, "remainder": remainder, "ur10": ur10}
-    if sys.argv[1] in ("stewart", "cuts"):
-        {"stewart": stewart, "cuts": cuts}[sys.argv[1]](Path(sys.argv[2]))
-    elif sys.argv[1] == "unseen":
-        unseen(Path(sys.argv[2]), Path(sys.argv[3]), sys.argv[4:])
-    else:
-        studies[sys.argv[1]](Path(sys.argv[2]), Path(sys.argv[3]))
+    for line in lines(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]), sys.argv[4:]):
+        sys.stdout.write(line + "\n")
+        sys.stdout.flush()

@@ -12,16 +12,16 @@ import numpy as np
 from truepose.models import flexure, lie
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Rod
-from truepose.models.potential import energies, in_base
+from truepose.models.potential import MM_PER_M, Still, energies, in_base
 from truepose.models.view import TOOL, WORLD, View
 
-MM_PER_M = 1000.0
 _TURNS = {"rx": lie.rot_x, "ry": lie.rot_y, "rz": lie.rot_z}
 
 
 @dataclass(frozen=True)
 class Assembly:
-    """Bodies placed for given port values: poses, closure residual, potential energy of load cases (N mm).
+    """Bodies placed for given port values: poses, closure residual, potential energy of load cases (N mm), and what stands
+    still when it is varied.
 
     ``carried`` are the frames that the machine carries, by name: the tool, and the further ones of its file.
     """
@@ -31,6 +31,7 @@ class Assembly:
     gap: ca.SX
     tool: ca.SX
     energies: Mapping[str, ca.SX]
+    still: Still
     carried: Mapping[str, ca.SX]
 
     def seen(self, view: View, values: Mapping[str, ca.SX]) -> ca.SX:
@@ -78,7 +79,8 @@ def assemble(
     gap = ca.vertcat(*closure) if closure else ca.SX(0, 1)
     square = _least_squares(gap, x) if gap.numel() > x.numel() else gap
     carried = _carried(machine, bodies, tool, values)
-    return Assembly(bodies, square, gap, tool, energies(machine, {**bodies, **carried}, z, values), carried)
+    energy, still = energies(machine, {**bodies, **carried}, z, values)
+    return Assembly(bodies, square, gap, tool, energy, still, carried)
 
 
 def _carried(
@@ -133,6 +135,12 @@ def displacement_of(
     return offset + gain * q[reading] + values[actuator.displacement]
 
 
+def way_of(machine: Machine, reading: str, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX]) -> ca.SX:
+    """How far a joint is from where its reading is 0, mm or rad: gain * reading + what effects add."""
+    offset = machine.mechanism.actuator(reading).offset
+    return displacement_of(machine, reading, values, q) - (values[offset] if offset else 0)
+
+
 def displacements(machine: Machine, values: Mapping[str, ca.SX], q: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     """Displacement of every joint and rod that readings move, mm or rad, by its name."""
     mechanism = machine.mechanism
@@ -141,6 +149,8 @@ def displacements(machine: Machine, values: Mapping[str, ca.SX], q: Mapping[str,
     for follower in mechanism.followers:
         carried = (values[ratio] * own[reading] for reading, ratio in follower.terms)
         out[follower.joint] = sum(carried, values[follower.offset])
+        if follower.law is not None:
+            out[follower.joint] += follower.law.value(own, values)
     return out
 
 

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from truepose.models.fields import Section
 from truepose.models.machine_file import MachineFile, input_error
+from truepose.models.mechanism import Mechanism
 from truepose.models.parameters import Parameter
 
 S = TypeVar("S", bound=Section)
@@ -17,10 +18,11 @@ S = TypeVar("S", bound=Section)
 
 @dataclass(frozen=True)
 class BuildContext:
-    """The machine file around a section, and the section's field path in it."""
+    """The machine file around a section, and the section's field path in it; sensors know the mechanism that they read."""
 
     file: MachineFile
     path: tuple[str | int, ...]
+    mechanism: Mechanism | None = None
 
     @property
     def field(self) -> str:

@@ -15,6 +15,8 @@ from truepose.models.units import compatible
 
 SESSION, TIME, TEMPERATURE, VELOCITY, APPROACH = "session", "time", "temperature", "velocity", "approach"
 PAYLOAD = "payload"
+RECORDING = "recording"
+"""``recording.NAME``: 1 in the rows of recordings that the machine file calls so, 0 in others."""
 ROW = "row"
 """Place in the order of acquisition, where no clock was recorded: 0 at the end of the longest session, rows before it below."""
 TORQUE, CURRENT, FORCE, MOMENT, PRESSURE = "torque", "current", "force", "moment", "pressure"
@@ -48,6 +50,7 @@ _NAME: Final = re.compile(
 _AFTER: Final = re.compile(r"after\.(\d+)")
 _KINDS: Final[Mapping[str, tuple[str, float]]] = {
     SESSION: ("1", 1.0),
+    RECORDING: ("1", 0.0),
     TIME: ("s", 0.0),
     ROW: ("1", 0.0),
     PRESSURE: ("hPa", 1013.25),
@@ -75,6 +78,7 @@ _BY_DIMENSION: Final[Mapping[str, DriverKind]] = {
 """What a column makes vary, by what its unit is of; a motor's current and a cylinder's pressure hold loads, power heats."""
 _DRIVES: Final[Mapping[str, DriverKind]] = {
     SESSION: "session",
+    RECORDING: "session",
     TIME: "time",
     ROW: "time",
     "creep": "time",
@@ -180,7 +184,8 @@ class DeclaredDriver:
     """A column that the machine file declares, or that a user tries.
 
     unit: inside the program, empty where nobody knows; written: of columns without a unit in their header; drives: in which way
-    it makes an error vary; tried: whether it stands for this run only.
+    it makes an error vary; tried: whether it stands for this run only; absent: what holds in a file that has no such column,
+    where anybody knows; column: its header, where that is another; everywhere: whether it drives more than its own joint.
     """
 
     name: str
@@ -188,6 +193,9 @@ class DeclaredDriver:
     written: str
     drives: DriverKind
     tried: bool = False
+    absent: float | None = None
+    column: str = ""
+    everywhere: bool = False
 
 
 def driven_by_unit(unit: str) -> DriverKind:
@@ -204,6 +212,7 @@ __all__ = [
     "OF_THE_ORDER",
     "OF_THE_WAY",
     "PAYLOAD",
+    "RECORDING",
     "ROW",
     "SESSION",
     "STEP",

@@ -13,11 +13,12 @@ from truepose.models.fields import Section
 
 @dataclass(frozen=True)
 class DriverSpec:
-    """A driver as the file declares it; unit and what it drives are None where the file leaves them out."""
+    """A driver as the file declares it; unit, what it drives and whose it is are None where the file leaves them out."""
 
     name: str
     unit: str | None = None
     drives: DriverKind | None = None
+    of: str | None = None
 
 
 class DriverEntry(Section):
@@ -29,9 +30,11 @@ class DriverEntry(Section):
     """Unit of the column where its header names none: N*m, A, deg, bar ..."""
     drives: DriverKind | None = None
     """In which way it makes an error vary; left out: as its unit says (N, N*m, A, kg, bar: `load`; degC, W: `temperature`)."""
+    of: str | None = None
+    """Joint whose drive it tells of (N*m, A; N of a slide): the column then stands for `torque.JOINT` or `current.JOINT`."""
 
     def spec(self) -> DriverSpec:
-        return DriverSpec(self.name, self.unit, self.drives)
+        return DriverSpec(self.name, self.unit, self.drives, self.of)
 
 
 def _named_driver(value: object) -> object:

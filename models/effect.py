@@ -58,7 +58,7 @@ class Site:
         return self.z[name]
 
     def load(self, port: str, case: str = "") -> ca.SX:
-        """Gravity's conjugate load at a port: N along lengths, N m about angles; a probe ``case`` is 1 kg.
+        """Conjugate load of all that pulls, at a port: N along lengths, N m about angles; a probe ``case`` is 1 kg.
 
         Raises InputError where the machine weighs nothing.
         """

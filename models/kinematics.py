@@ -17,20 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.models.assembly import assemble, symbols
+from truepose.models.assembly import symbols
 from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effect import Site
+from truepose.models.equipment import with_own_tools
 from truepose.models.home import closed_home, coordinate_scale, home_readings
 from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 from truepose.models.near_home import Stance, near_home
 from truepose.models.placed import PlacedEffect
+from truepose.models.potential import Still
+from truepose.models.present import Present
 from truepose.models.states import (
-    asked,
-    directions,
     put_in_place,
     reading_shifts,
-    refuse_sight,
     state_names,
 )
 from truepose.models.statics import Statics
@@ -65,7 +65,7 @@ class SymbolicModel:
     pose (4, 4)             nominal base frame to tool
     world (4, 4)            sensor frame to tool
     worlds                  the same of each of the machine's views: what its sensors read, and from where
-    reading_shift (k,)      what effects add to the columns of all sensors, mm or rad
+    reading_shift (k,)      what effects, and joints that are read, add to the columns of all sensors, mm or rad
     states                  by name, what effects may ask of the present state (``truepose.models.states``)
     values                  of all parameters and ports by name, with the shifts of effects
     held                    the same world and reading_shift by the ports that effects move; None where loops close or
@@ -91,6 +91,7 @@ class SymbolicModel:
     world: ca.SX
     worlds: Mapping[View, ca.SX]
     energies: Mapping[str, ca.SX]
+    still: Still
     reading_shift: ca.SX
     states: Mapping[str, ca.SX]
     values: Mapping[str, ca.SX]
@@ -127,6 +128,7 @@ def symbolic_model(
     values = {**theta, **{name: bare.get(name, ca.SX(0)) for name in machine.ports}}
     if weighed and f"{PAYLOAD}.kg" in values:
         values[f"{PAYLOAD}.kg"] = ca.SX(machine.geometry[f"{PAYLOAD}.kg"].nominal)
+    values = with_own_tools(machine, values, z)
     passive, x_home = _now_and_home(machine, x)
     statics = _statics(machine, effects, values, q, z, passive)
     loads = statics.loads(values) if statics else {}
@@ -135,13 +137,13 @@ def symbolic_model(
         Site(machine, effect.place, effect.settings_map, own, q, z, values, loads, marks)
         for effect, own in zip(effects, c, strict=True)
     ]
-    present = _Present(machine, values, q, z, passive, marks)
+    present = Present(machine, values, q, z, passive, marks)
     shifted = present.in_place(_shifted(values, effects, sites))
     stance = Stance(shifted, q, passive)
     assembly = near_home(machine, stance, x_home, z) if x_home.numel() else stance.assembled(machine, z)
     names, p_home = _constants(machine, effects, tuple(bare))
     worlds = {view: assembly.seen(view, shifted) for view in machine.views}
-    shift, seen = reading_shifts(machine, worlds, values, shifted)
+    shift, seen = reading_shifts(machine, worlds, values, shifted, q)
     model = SymbolicModel(
         machine=machine,
         effects=tuple(effects),
@@ -162,6 +164,7 @@ def symbolic_model(
         world=worlds[TOOL_IN_WORLD],
         worlds=worlds,
         energies=assembly.energies,
+        still=assembly.still,
         reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), marks, seen)) if seen else shift,
         states=(present.directions() if ports else {}) | seen,
         values=shifted,
@@ -193,7 +196,9 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
     """Drivers that the model of these effects reads, each once, in a fixed order."""
     carries = any(m.name == PAYLOAD for m in machine.masses)
     elastic = machine.mechanism.loops == "elastic"
-    names = [PAYLOAD] if carries and (loads or elastic or any(e.needs_load for e in effects)) else []
+    asked = loads or elastic or any(e.needs_load for e in effects)
+    names = [*([PAYLOAD] if carries else []), *machine.force_columns] if asked else []
+    names += [own.driver for own in machine.equipment if own.tool or (asked and own.mass)]
     for effect in effects:
         names += [name for name in effect.drivers if name not in names]
     return names
@@ -203,40 +208,6 @@ def driver_default(machine: Machine, name: str) -> float:
     """Value of a driver where nothing is recorded: the nominal payload, else as its kind has it."""
     masses = (m.kg for m in machine.masses if m.name == PAYLOAD == name)
     return next(masses, Driver.of(name).default)
-
-
-@dataclass(frozen=True)
-class _Present:
-    """The state of the machine without effects, where they ask for it."""
-
-    machine: Machine
-    values: Mapping[str, ca.SX]
-    q: Mapping[str, ca.SX]
-    z: Mapping[str, ca.SX]
-    x: ca.SX
-    marks: Mapping[str, ca.SX]
-
-    def directions(self) -> dict[str, ca.SX]:
-        """The states ``axis.*``."""
-        placed = assemble(self.machine, self.values, self.q, self.z, self.x)
-        return directions(self.machine, placed.bodies, self.values)
-
-    def in_place(self, shifted: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-        """Port values with the directions that they ask for in place; only readings may depend on what is seen."""
-        read = self.machine.ports_of("reading")
-        moving = {name: v for name, v in shifted.items() if name not in read}
-        names = asked(list(moving.values()), self.marks)
-        if not names:
-            return dict(shifted)
-        refuse_sight(names, self.machine.name)
-        if self.machine.mechanism.loops != "exact":
-            raise InputError(
-                f"{self.machine.name}: found an effect of joint directions on loops that close about home only "
-                "(model: linear or stiffness), expected model: spherical or beam"
-            )
-        changed = [name for name, v in moving.items() if v is not self.values[name]]
-        placed = put_in_place([moving[n] for n in changed], self.marks, self.directions())
-        return dict(shifted) | dict(zip(changed, placed, strict=True))
 
 
 def _shifted(
@@ -250,14 +221,14 @@ def _shifted(
     return out
 
 
-def _held(present: _Present, shifted: Mapping[str, ca.SX], stance: Stance) -> Held:
+def _held(present: Present, shifted: Mapping[str, ca.SX], stance: Stance) -> Held:
     machine, read = present.machine, present.machine.ports_of("reading")
     moved = [name for name, v in shifted.items() if v is not present.values[name] and name not in read]
     ports = symbols("port.", moved)
     values = dict(shifted) | ports
     assembly = replace(stance, values=values).assembled(machine, present.z)
     world = assembly.seen(TOOL_IN_WORLD, values)
-    shift, seen = reading_shifts(machine, {TOOL_IN_WORLD: world}, present.values, values)
+    shift, seen = reading_shifts(machine, {TOOL_IN_WORLD: world}, present.values, values, present.q)
     put = ca.vertcat(*put_in_place(ca.vertsplit(shift), present.marks, seen)) if seen else shift
     if not moved:
         return Held(ca.SX(0, 1), ca.SX(0, 1), world, put)

@@ -10,11 +10,14 @@ from pathlib import Path
 from truepose.errors import InputError
 from truepose.models.builder import builders
 from truepose.models.context import BuildContext
-from truepose.models.declared import declared_drivers
+from truepose.models.declared import declared_drivers, driver_names
 from truepose.models.effect import effects
+from truepose.models.equipment import equipment, with_recordings
+from truepose.models.forces import measured_forces, with_columns
 from truepose.models.home_directions import home_directions
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.machine_file import EffectSpec, MachineFile, read_machine
+from truepose.models.mechanism import Mechanism
 from truepose.models.mounts import frame_parameters, mounts
 from truepose.models.placed import Place, PlacedEffect
 from truepose.models.sensor import Sensor, sensors
@@ -33,20 +36,25 @@ def build_machine(file: MachineFile) -> Machine:
     mechanism = builders.get(file.mechanism.get("type"), f"{context.where}.type")(file.mechanism, context)
     mechanism = replace(mechanism, home_directions=home_directions(mechanism, file))
     masses, gravity, notes = weights(file, mechanism)
+    read = _sensors(file, mechanism)
+    own = equipment(file, mechanism, read)
+    forces, declared = measured_forces(file, mechanism), declared_drivers(file, mechanism)
     machine = Machine(
         name=file.name,
         mechanism=mechanism,
         frames=frame_parameters(file, mechanism),
-        sensors=_sensors(file),
+        sensors=read,
         gravity=gravity,
         masses=masses,
         mounts=mounts(file, mechanism),
         springs=springs(file, mechanism),
-        drivers=tuple(driver.name for driver in file.drivers),
+        forces=forces,
+        equipment=own,
+        drivers=driver_names(file, declared),
         file=file,
         notes=notes,
         set_up=tuple(name for name in FRAMES if getattr(file.frames, name).per_session),
-        declared_drivers=declared_drivers(file, mechanism),
+        declared_drivers=with_recordings(with_columns(declared, forces, file), own, masses),
     )
     _check_names(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]
@@ -98,11 +106,11 @@ def _fits(place: Place, known: Sequence[Place]) -> bool:
     return bool(place) and alone and any(set(place) <= set(each) for each in known)
 
 
-def _sensors(file: MachineFile) -> tuple[Sensor, ...]:
+def _sensors(file: MachineFile, mechanism: Mechanism) -> tuple[Sensor, ...]:
     several = isinstance(file.raw.get("sensor"), list)
     out = []
     for k, section in enumerate(file.sensors):
-        context = BuildContext(file, ("sensor", k) if several else ("sensor",))
+        context = BuildContext(file, ("sensor", k) if several else ("sensor",), mechanism)
         sensor = sensors.get(section.get("type"), f"{context.where}.type").build(section, context)
         for channel in sensor.channels:  # a plug-in may not have checked its own
             if not 0.0 < channel.sigma < math.inf:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from truepose.models.driver import DeclaredDriver, Driver, DriverKind
+from truepose.models.driver import RECORDING, DeclaredDriver, Driver, DriverKind
 from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import AXES, AXIS_UNITS, BASE, Mechanism
 from truepose.models.parameters import Parameter
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 FRAMES = ("base", "tool")
 FRAME_OF: Mapping[str, str] = {f"{frame}.{axis}": frame for frame in FRAMES for axis in AXES}
 """The frame that each of the twelve parameters ``base.x`` ... ``tool.rz`` is of."""
+
+WEIGHT = "weight|"
+"""Load case of gravity alone, where measured forces push too."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,44 @@ class Spring:
 
 
 @dataclass(frozen=True)
+class MeasuredForce:
+    """A force (N) that three columns hold, and its moment (N m) in three more, if any: what pushes at ``body`` in the point
+    ``at`` (mm) of its frame.
+
+    ``axes``: the body or frame along whose axes the columns are given; ``sign`` -1: they hold what the machine pushes with.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    body: str
+    at: tuple[float, float, float]
+    axes: str
+    sign: float = 1.0
+
+
+@dataclass(frozen=True)
+class Equipment:
+    """What some recordings were measured with: ``files`` (patterns) or ``sessions`` say which.
+
+    tool: x y z mm and roll pitch yaw rad on the flange in place of ``frames.tool``, or (``on_tool``) in its frame; mass: what
+    is carried in place of the payload; date: when the file was begun, s since 1970.
+    """
+
+    name: str
+    files: tuple[str, ...]
+    sessions: tuple[int, ...]
+    tool: tuple[float, ...] | None
+    on_tool: bool
+    mass: Mass | None
+    date: float | None
+
+    @property
+    def driver(self) -> str:
+        """What is 1 in their rows and 0 in others."""
+        return f"{RECORDING}.{self.name}"
+
+
+@dataclass(frozen=True)
 class Mount:
     """A further frame of the machine file, a tip or where a sensor rides: on ``body`` (or ``tool``, ``base``, ``world``)."""
 
@@ -95,6 +136,8 @@ class Machine(Shown):
     masses: tuple[Mass, ...] = ()
     mounts: tuple[Mount, ...] = ()
     springs: tuple[Spring, ...] = ()
+    forces: tuple[MeasuredForce, ...] = ()
+    equipment: tuple[Equipment, ...] = ()
     effects: tuple[PlacedEffect, ...] = ()
     drivers: tuple[str, ...] = ()
     file: MachineFile | None = None
@@ -111,8 +154,13 @@ class Machine(Shown):
     @property
     def pulling(self) -> tuple[Parameter, ...]:
         """Constants of masses and springs that are not exactly known: only effects of loads show them."""
-        weighing = (p for mass in self.masses for p in mass.parameters)
+        weighing = (p for mass in (*self.masses, *self.own_payloads) for p in mass.parameters)
         return (*weighing, *(p for spring in self.springs for p in spring.parameters))
+
+    @property
+    def own_payloads(self) -> tuple[Mass, ...]:
+        """Payloads that single recordings carry."""
+        return tuple(own.mass for own in self.equipment if own.mass is not None)
 
     @property
     def standing(self) -> tuple[str, ...]:
@@ -174,12 +222,12 @@ class Machine(Shown):
     @property
     def weighs(self) -> bool:
         """Whether gravity and at least one mass are known."""
-        return self.gravity is not None and any(self.gravity) and bool(self.masses)
+        return self.gravity is not None and any(self.gravity) and bool(self.masses or self.own_payloads)
 
     @property
     def stated_loads(self) -> bool:
-        """Whether anything is known to pull: masses in gravity, or springs."""
-        return self.weighs or bool(self.springs)
+        """Whether anything is known to pull: masses in gravity, springs, or measured forces."""
+        return self.weighs or bool(self.springs or self.forces)
 
     @property
     def loaded(self) -> bool:
@@ -187,13 +235,23 @@ class Machine(Shown):
         return self.stated_loads and self.mechanism.loops != "elastic"
 
     @property
+    def weight_case(self) -> str:
+        """The load case of gravity alone, which knows which way is down."""
+        return WEIGHT if self.forces and self.weighs else ""
+
+    @property
+    def force_columns(self) -> tuple[str, ...]:
+        """Columns of measured forces, each once."""
+        return tuple(dict.fromkeys(column for force in self.forces for column in force.columns))
+
+    @property
     def load_cases(self) -> tuple[str, ...]:
-        """What pulls: ``""`` for all stated masses and springs; without any, 1 kg at each far body's origin.
+        """What pulls: ``""`` for all stated masses, springs and forces; without any, 1 kg at each far body's origin.
 
         A compliance can then be seen although nobody weighed the arm: its product with the mass is found.
         """
         if self.loaded:
-            return ("",)
+            return tuple(dict.fromkeys(("", self.weight_case)))
         if self.gravity is None or not any(self.gravity) or self.masses or self.mechanism.passive:
             return ()
         return (*(f"{joint.child}|" for joint in self.mechanism.tree[1:]), "tool|")

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from truepose.errors import InputError
+from truepose.models.formula import Law
 from truepose.models.parameters import Parameter
 
 JointKind = Literal["revolute", "prismatic", "universal", "spherical", "free", "fixed"]
@@ -145,13 +146,15 @@ class Actuator:
 class Follower:
     """A joint without a reading that driven ones carry along: displacement = offset + sum of ratio * their displacements.
 
-    ``terms`` are (reading of the driven joint, parameter of the ratio); ``unit`` is that of the displacement (mm or rad).
+    ``terms`` are (reading of the driven joint, parameter of the ratio); ``unit`` is that of the displacement (mm or rad). A
+    ``law`` stands in place of the sum.
     """
 
     joint: str
     unit: str
     offset: str
     terms: tuple[tuple[str, str], ...]
+    law: Law | None = None
 
 
 @dataclass(frozen=True)

@@ -44,8 +44,8 @@ def mounts(file: MachineFile, mechanism: Mechanism) -> tuple[Mount, ...]:
         if name not in _used(file):
             hint = close_matches(name, FRAMES)
             raise InputError(
-                f"{where}: found a frame that no sensor reads (`tip: {name}`), none stands in (`in: {name}`) and no mass "
-                f"or spring hangs in, expected one that does; {hint}"
+                f"{where}: found a frame that no sensor reads (`tip: {name}`), none stands in (`in: {name}`) and no mass, "
+                f"spring or force acts in, expected one that does; {hint}"
             )
         if spec.in_ in mechanism.table_frames:
             raise InputError(
@@ -92,8 +92,12 @@ def _used(file: MachineFile) -> set[object]:
         for key in ("tip", "in")
         if isinstance(sensor.get(key), str)
     }
-    hooked = (end.in_ for spring in file.loads.values() for end in (spring.from_, spring.to))
-    return {*read, *hooked, *(mass.in_ for mass in file.masses)}
+    hooked: tuple[str, ...] = tuple(
+        end.in_ for spring in file.loads.values() for end in (spring.from_, spring.to)
+    )
+    hooked = (*hooked, *(each.payload.in_ for each in file.recordings.values() if each.payload))
+    pushed = (frame for force in file.forces.values() for frame in (force.in_, force.axes))
+    return {*read, *hooked, *pushed, *(mass.in_ for mass in file.masses)}
 
 
 __all__ = ["frame_parameters", "mounts"]

@@ -70,7 +70,7 @@ def _to_first_order(machine: Machine, home: Stance, now: Stance, z: Mapping[str,
 
 
 def _out_of_balance(machine: Machine, home: tuple[Stance, Assembly], now: tuple[Stance, Assembly]) -> ca.SX:
-    """(nx,) slope of the rods' strain energy and of gravity's by every passive coordinate, as mm of rod.
+    """(nx,) slope of the rods' strain energy and of the loads' by every passive coordinate, as mm of rod.
 
     It is the balance of wrenches of every free body (Gayral and Daney 2012, eq. 19), moments transported by the
     chain rule.
@@ -81,7 +81,7 @@ def _out_of_balance(machine: Machine, home: tuple[Stance, Assembly], now: tuple[
     x = now[0].x
     natural = coordinate_scale(machine, 2 * x.numel(), 0).size[: x.numel()]
     stiffness = float(np.mean([rod.elastic.stiffness for rod in rods if rod.elastic is not None]))
-    return ca.gradient(energy, x) * ca.DM(natural / (natural.max() * stiffness))
+    return now[1].still.slope(energy, x) * ca.DM(natural / (natural.max() * stiffness))
 
 
 def _strain(rod: Rod, home: tuple[Stance, Assembly], now: tuple[Stance, Assembly]) -> ca.SX:

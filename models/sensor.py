@@ -100,6 +100,12 @@ class Sensor(ABC):
     """Text columns that it reads where they are."""
 
     @property
+    def joints(self) -> Mapping[str, str]:
+        """Columns that read a joint itself: to what ``predict`` says of each, the joint's way from its zero is added, after all
+        that effects do to it. By column, the joint's reading."""
+        return {}
+
+    @property
     def compares(self) -> bool:
         """Whether readings follow from several rows (see ``comparison``)."""
         return self.differs_from_row

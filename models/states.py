@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truepose.errors import InputError
-from truepose.models.assembly import placed_frame, rod_ends
+from truepose.models.assembly import placed_frame, rod_ends, way_of
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Direction, Joint
 from truepose.models.view import View
@@ -95,12 +95,17 @@ def _components(name: str, vector: ca.SX) -> dict[str, ca.SX]:
 
 
 def reading_shifts(
-    machine: Machine, worlds: Mapping[View, ca.SX], plain: Mapping[str, ca.SX], shifted: Mapping[str, ca.SX]
+    machine: Machine,
+    worlds: Mapping[View, ca.SX],
+    plain: Mapping[str, ca.SX],
+    shifted: Mapping[str, ca.SX],
+    q: Mapping[str, ca.SX],
 ) -> tuple[ca.SX, dict[str, ca.SX]]:
-    """(k,) what effects add to the columns of all sensors, in order; and the states ``seen.*``.
+    """(k,) what is added to the columns of all sensors, in order: by effects, and by the joints that a column reads; and the
+    states ``seen.*``.
 
     ``worlds`` are poses (4, 4) by view. ``plain`` and ``shifted`` are values of parameters and ports without and with the
-    effects' shifts. Effects at a sensor's own parameters act through what it would read with them.
+    effects' shifts, ``q`` the readings. Effects at a sensor's own parameters act through what it would read with them.
     """
     parts, seen = [], {}
     for sensor in machine.sensors:
@@ -110,7 +115,9 @@ def reading_shifts(
         without = sensor.predict(world, {name: plain[name] for name in own}) if moved else now
         shift = now - without if moved else ca.SX.zeros(len(sensor.columns))
         for k, column in enumerate(sensor.columns):
-            seen[f"{SEEN}{column}"] = now[k]
+            way = way_of(machine, sensor.joints[column], shifted, q) if column in sensor.joints else 0
+            seen[f"{SEEN}{column}"] = now[k] + way
+            shift[k] += way
             if f"{column}.reading" in shifted:
                 shift[k] += shifted[f"{column}.reading"]
         parts.append(shift)

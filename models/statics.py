@@ -1,4 +1,4 @@
-"""Gravity's loads at ports: minus the derivative of the potential energy, through closed loops too."""
+"""Loads at ports: minus the derivative of the energy of weights, springs and measured forces, through closed loops too."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from truepose.models.assembly import MM_PER_M, assemble, symbols
+from truepose.models.assembly import assemble, symbols
 from truepose.models.machine import Machine
+from truepose.models.potential import MM_PER_M, Still
 
 
 @dataclass(frozen=True)
 class Statics:
-    """Gravity's potential (N mm) as a function of the ports, which are symbols of their own.
+    """Potential (N mm) of all loads as a function of the ports, which are symbols of their own.
 
     In closed loops ``forces`` are the closure's multipliers, unknowns that ``balance`` determines.
     """
@@ -23,6 +24,7 @@ class Statics:
     x: ca.SX
     forces: ca.SX
     potentials: Mapping[str, ca.SX]
+    still: Still
 
     @classmethod
     def of(
@@ -39,13 +41,14 @@ class Statics:
         count = raw.closure.numel()
         forces = ca.SX.sym("force", count) if count else ca.SX(0, 1)
         work = ca.dot(forces, raw.closure)
-        return cls(machine, ports, x, forces, {case: energy + work for case, energy in raw.energies.items()})
+        potentials = {case: energy + work for case, energy in raw.energies.items()}
+        return cls(machine, ports, x, forces, potentials, raw.still)
 
     def loads(self, values: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-        """Conjugate gravity load of every port, by load case and name: N along lengths, N m about angles."""
+        """Conjugate load of every port, by load case and name: N along lengths, N m about angles."""
         out: dict[str, ca.SX] = {}
         for case, potential in self.potentials.items():
-            force = self._at(values, -ca.gradient(potential, ca.vertcat(*self.ports.values())))
+            force = self._at(values, -self.still.slope(potential, ca.vertcat(*self.ports.values())))
             out |= {
                 f"{case}{name}": force[k] / load_scale(self.machine, name)
                 for k, name in enumerate(self.ports)
@@ -56,7 +59,7 @@ class Statics:
         """(nx,) zero when the forces hold the passive coordinates where they are."""
         if not self.forces.numel():
             return self.forces
-        return self._at(values, ca.gradient(self.potentials[""], self.x))
+        return self._at(values, self.still.slope(self.potentials[""], self.x))
 
     def _at(self, values: Mapping[str, ca.SX], expression: ca.SX) -> ca.SX:
         symbols = ca.vertcat(*self.ports.values())

@@ -14,7 +14,6 @@ import casadi as ca
 
 from truepose.models import lie
 from truepose.models.assembly import (
-    MM_PER_M,
     across_of,
     assemble,
     axis_of,
@@ -25,6 +24,7 @@ from truepose.models.assembly import (
 )
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.mechanism import BASE, COORDINATES, Joint, Rod
+from truepose.models.potential import MM_PER_M
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ def weights(
     What the file states wins: any mass but the payload, or an empty ``masses:``, stands in place of all inertials, and
     ``gravity:`` in place of the description's. Raises InputError for a mass on an unknown body.
     """
-    stated = tuple(_mass(mechanism, mass, file) for mass in file.masses)
+    stated = tuple(mass_of(mechanism, mass, file, ("masses", mass.name)) for mass in file.masses)
     own = "masses" in file.raw and (not stated or any(mass.name != PAYLOAD for mass in stated))
     if own or not mechanism.inertials:
         return stated, file.gravity, ()
@@ -46,22 +46,29 @@ def _note(file: MachineFile, read: tuple[Mass, ...], gravity: Triple | None) -> 
     return f"{text}; gravity [{values}] is that of its root link standing upright: state `gravity:` if it does not"
 
 
-def _mass(mechanism: Mechanism, mass: MassSpec, file: MachineFile) -> Mass:
+def mass_of(mechanism: Mechanism, mass: MassSpec, file: MachineFile, field: tuple[str | int, ...]) -> Mass:
+    """A mass that the file states in ``field``. Raises InputError for an unknown body."""
     body = mass.in_ if mass.in_ in file.frames.further else body_of(mechanism, mass.in_)
     if body is None:
         hint = close_matches(mass.in_, (*mechanism.bodies, "flange", "tool", *file.frames.further))
-        raise InputError(f"{file.path}: masses.{mass.name}.in: found {mass.in_!r}, expected a body; {hint}")
+        raise InputError(f"{file.path}: {_path(field)}.in: found {mass.in_!r}, expected a body; {hint}")
     com = in_body(mechanism, body, mass.com)
-    return Mass(mass.name, mass.kg, com, body, () if mass.known else _parameters(mass, com, mechanism, file))
+    return Mass(
+        mass.name, mass.kg, com, body, () if mass.known else _parameters(mass, com, mechanism, file, field)
+    )
+
+
+def _path(field: tuple[str | int, ...]) -> str:
+    return ".".join(str(key) for key in field)
 
 
 def _parameters(
-    mass: MassSpec, com: Triple, mechanism: Mechanism, file: MachineFile
+    mass: MassSpec, com: Triple, mechanism: Mechanism, file: MachineFile, place: tuple[str | int, ...]
 ) -> tuple[Parameter, ...]:
     """kg, then the centre in the body's frame, mm."""
     if mass.in_ in mechanism.table_frames and any(mass.com_tolerance):
         raise InputError(
-            f"{file.path}: masses.{mass.name}.tolerance.com: found one of a mass on a link of a standard table, expected "
+            f"{file.path}: {_path(place)}.tolerance.com: found one of a mass on a link of a standard table, expected "
             "the table in the modified convention, whose links have the frames of their joints"
         )
 
@@ -70,7 +77,7 @@ def _parameters(
     ) -> Parameter:
         stated = file.override_for(f"{mass.name}.{name}", unit)
         known = tolerance if stated is None else stated
-        return Parameter(f"{mass.name}.{name}", unit, value, known, kind, ("masses", mass.name, *field))
+        return Parameter(f"{mass.name}.{name}", unit, value, known, kind, (*place, *field))
 
     centre = (
         parameter(axis, "mm", com[k], mass.com_tolerance[k], "centre", ("com", k))
@@ -89,4 +96,4 @@ def in_body(mechanism: Mechanism, body: str, com: Triple) -> Triple:
     return (a + x, c * y - s * z, s * y + c * z)
 
 
-__all__ = ["in_body", "weights"]
+__all__ = ["in_body", "mass_of", "weights"]

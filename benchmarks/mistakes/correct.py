@@ -75,13 +75,13 @@ def _panda(folder: Path, sets: tuple[str, ...]) -> None:
 
 
 def _mount(folder: Path) -> None:
-    _beside()
-    from real_recordings.mount import MACHINE as TEXT
-    from real_recordings.mount import stars
+    """As ``truepose import --machine`` has it."""
+    from truepose.identification.recording.importing import frame_of, machine_of, read_foreign
 
+    stars = DATA / "telescope-mount" / "gem-28.dat"
     folder.mkdir(parents=True)
-    (folder / MACHINE).write_text(TEXT, encoding="utf-8")
-    stars(DATA / "telescope-mount" / "gem-28.dat").to_csv(folder / "recording.csv", index=False)
+    (folder / MACHINE).write_text(machine_of(stars), encoding="utf-8")
+    frame_of(read_foreign(stars)).to_csv(folder / "recording.csv", index=False)
 
 
 def _beside() -> None:

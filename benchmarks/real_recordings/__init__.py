@@ -1,7 +1,5 @@
-"""Studies of recordings that others measured: UR10 with a laser tracker, Stewart platform, Panda in sockets.
+"""Recordings that others measured: what ``truepose diagnose`` says of them, and what it cannot say by itself.
 
-``stewart``, ``panda`` and ``ur10`` show what ``diagnose`` names and what is held out. ``remainder`` asks what is left
-of the UR10 by linear least squares on top of one fit of geometry: ``linearised`` holds the derivatives,
-``ladder`` adds one cause after the other, ``hypotheses`` tests what is not in it, ``repeats`` and ``orders`` look at
-what no cause explains.
+``prepared`` marks rows that are held out, ``unseen`` tells what a diagnosis is worth on them, ``campaigns`` compares what
+two campaigns of one arm say of its joints, and ``panda`` calibrates an arm by a ball in sockets.
 """

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from real_recordings.common import rms, say
-from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.fit.estimate import Estimate, estimate
+import truepose
+from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 EVERY = 5
@@ -43,18 +40,20 @@ SENSORS = {
 }
 
 
-def panda_files(data: Path, work: Path, sets: Sequence[str] = tuple(SENSORS)) -> tuple[Path, Path]:
+def panda_files(
+    data: Path, work: Path, sets: Sequence[str] = tuple(SENSORS), name: str = "panda"
+) -> tuple[Path, Path]:
     """Machine file and recording of some sets, every fifth row of a socket for validation."""
     folder = data / "panda-ball-socket"
     table = pd.read_csv(folder / "configurations.csv")
     place = table.groupby(["set", "placement", "socket"]).cumcount()
     table["role"] = np.where(place % EVERY == EVERY - 1, "validation", "calibration")
-    table[table["set"].isin(sets)].to_csv(work / "panda.csv", index=False)
+    table[table["set"].isin(sets)].to_csv(work / f"{name}.csv", index=False)
     joints = ", ".join(f"panda_joint{k}: q{k}" for k in range(1, 8))
-    sensors = "".join(f"  - {SENSORS[name]}\n" for name in sets)
+    sensors = "".join(f"  - {SENSORS[one]}\n" for one in sets)
     text = PANDA.format(urdf=(folder / "panda.urdf").resolve(), joints=joints, sensors=sensors)
-    (work / "panda.yaml").write_text(text, encoding="utf-8")
-    return work / "panda.yaml", work / "panda.csv"
+    (work / f"{name}.yaml").write_text(text, encoding="utf-8")
+    return work / f"{name}.yaml", work / f"{name}.csv"
 
 
 def panda_scatter(recording: Recording, fit: Estimate) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -78,75 +77,40 @@ def panda_scatter(recording: Recording, fit: Estimate) -> dict[str, tuple[np.nda
     return out
 
 
-def panda(data: Path, work: Path) -> None:
-    """All sets with one geometry, then each set alone; the physics found beside it."""
-    work.mkdir(parents=True, exist_ok=True)
-    by_placement(data, work, "panda_1")
-    for sets in (tuple(SENSORS), *((name,) for name in SENSORS)):
-        files = panda_files(data, work, sets)
-        machine = load_machine(files[0])
-        recording = load_recording(machine, [files[1]])
-        fit = estimate(machine, recording)
-        scatter = panda_scatter(recording, fit)
-        for name, (own, seat) in {**scatter, **_pooled(scatter)}.items():
-            say(
-                f"{' + '.join(sets)}, {name}: {rms(own):.3f} mm from the held-out rows' mean, "
-                f"{rms(seat):.3f} mm from the fitted socket ({len(own)} rows)"
-            )
-        say(
-            f"  chi2 per degree of freedom {fit.chi2_per_dof:.2f}; worst {fit.worst_parameter_sigma:.1f} tolerances"
-        )
-        _diagnosed(sets, files)
-        for joint in SAGGING:
-            _gives_way(*files, sets, joint)
-
-
-def by_placement(data: Path, work: Path, name: str) -> None:
-    """Each placement of one set fitted alone: does what is left come from between them?"""
-    machine_file, recording_file = panda_files(data, work, (name,))
-    machine = load_machine(machine_file)
-    recording = load_recording(machine, [recording_file])
-    place = np.array(recording.labels["placement"])
-    for one in np.unique(place).tolist():
-        fit = estimate(machine, recording.subset(place == one))
-        say(f"{name}, placement {one} alone: chi2 per degree of freedom {fit.chi2_per_dof:.1f}")
-
-
 def with_gravity(machine_file: Path) -> Machine:
     """The machine, where gravity pulls down in the arm's frame; its file says so from now on."""
     text = machine_file.read_text(encoding="utf-8") + "gravity: [0, 0, -9.80665]\n"
     machine_file.write_text(text, encoding="utf-8")
-    return load_machine(machine_file)
+    return truepose.load_machine(machine_file)
 
 
-def _diagnosed(sets: Sequence[str], files: tuple[Path, Path]) -> None:
-    machine = with_gravity(files[0])
-    found = diagnose(machine, load_recording(machine, [files[1]]))
-    say(f"  diagnosed {' + '.join(sets)}: {found.verdict}; remainder {found.remainder}")
-    for f in found.findings:
-        rivals = ", ".join(f"{e.effect}@{'+'.join(e.place)} {e.probability:.2f}" for e in f.equivalents)
-        say(
-            f"    {f.effect}@{'+'.join(f.place)} {f.probability:.2f}; class: {rivals or 'alone'}; {f.experiment}"
-        )
-    held = [found.fits[stage].validation_rms or {} for stage in ("before", "after")]
-    say(
-        f"    from the fitted socket {held[0]['position']:.3f} mm before, {held[1]['position']:.3f} mm after; "
-        f"chi2 per degree of freedom {found.fits['before'].chi2_per_dof:.2f}, {found.fits['after'].chi2_per_dof:.2f}"
-    )
+def panda(data: Path, work: Path) -> Iterator[str]:
+    """Lines of a table: both sets with one geometry, then each alone; and whether loads bend the same joint the same way."""
+    work.mkdir(parents=True, exist_ok=True)
+    yield "| fit | set | rows | from the held-out rows' mean | from the fitted socket |"
+    yield "|---|---|---|---|---|"
+    weighed = []
+    for sets in (tuple(SENSORS), *((name,) for name in SENSORS)):
+        machine_file, rows = panda_files(data, work, sets)
+        machine = truepose.load_machine(machine_file)
+        recording = truepose.load_recording(machine, [rows])
+        scatter = panda_scatter(recording, truepose.calibrate(machine, recording).fit)
+        told = " + ".join(sets)
+        for name, (own, seat) in {**scatter, **_pooled(scatter)}.items():
+            yield f"| {told} | {name} | {len(own)} | {_rms(own):.3f} mm | {_rms(seat):.3f} mm |"
+        heavy = with_gravity(machine_file)
+        weighed += [_gives_way(heavy, recording, told, joint) for joint in SAGGING]
+    yield from weighed
 
 
-def _gives_way(machine_file: Path, recording_file: Path, sets: Sequence[str], joint: str) -> None:
+def _gives_way(machine: Machine, recording: Recording, sets: str, joint: str) -> str:
     """Compliance of one joint alone, 1 kg in the hand, its sigma widened by what is left."""
-    machine = load_machine(machine_file)
-    recording = load_recording(machine, [recording_file])
-    carries = {"carries": float(len(machine.load_cases) - 1)}
-    term = PlacedEffect.at(effects.get("joint-compliance", "compliance")(), machine, (joint,), carries)
-    fit = estimate(machine, recording, [term])
+    carried = len(machine.load_cases) - 1
+    term = truepose.parse_effect(f"joint-compliance@{joint}:carries={carried}", machine)
+    fit = truepose.estimate(machine, recording, [replace(term, spread=1.0)])
     wide = max(1.0, fit.chi2_per_dof) ** 0.5
-    say(
-        f"  {' + '.join(sets)}: compliance of {joint} times the mass in the hand {1e6 * fit.p[-1]:.0f} +- "
-        f"{1e6 * wide * fit.std[-1]:.0f} urad/(N m) kg; chi2 per degree of freedom {fit.chi2_per_dof:.2f}"
-    )
+    amount, std = 1e6 * fit.p[-1], 1e6 * wide * fit.std[-1]
+    return f"{sets}: compliance of {joint} {amount:.0f} ± {std:.0f} µrad/(N m) times kg in the hand"
 
 
 def _pooled(scatter: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -154,3 +118,7 @@ def _pooled(scatter: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[str, tupl
         return {}
     own, seat = zip(*scatter.values(), strict=True)
     return {"together": (np.concatenate(own), np.concatenate(seat))}
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -18,7 +18,10 @@ from challenge.battery.parts import CASES, Index
 from challenge.examinee import DIAGNOSIS
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from truepose.identification.fit.estimate import Estimate
+    from truepose.identification.fit.tool_pose import ToolPoints
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine import Machine
 
@@ -75,12 +78,37 @@ def compared(
 
     Balls in sockets tell no position of the tool; their readings count in stated sigmas.
     """
-    from real_recordings.cuts import errors
-
     if any(sensor.label_columns for sensor in plain.machine.sensors):
         return (_seated(plain, rest), _seated(applied, rest)), None
     (before, tool_before), (after, tool_after) = (errors(fit, fitted, rest) for fit in (plain, applied))
     return (before, after), (tool_before, tool_after)
+
+
+def errors(fit: Estimate, fitted: Recording, rest: Recording) -> tuple[float, float]:
+    """Rms, mm, of points as the sensor should read them and of the tool's own, on rows that were not in the file.
+
+    The tool's are moved rigidly onto the fitted rows first, and what the model says of the sensor is left out.
+    """
+    from truepose.identification.fit.tool_pose import ToolPoints
+
+    silent = {effect.label for effect in fit.effects if effect.kind == "sensor"}
+    other = _points(fit, rest, ())
+    read = float(np.sqrt(np.mean(np.sum((other.predicted - other.read) ** 2, axis=2))))
+    own, other = (_points(fit, part, silent) for part in (fitted, rest))
+    both = ToolPoints(
+        np.concatenate([own.predicted, other.predicted]), np.concatenate([own.read, other.read])
+    )
+    first = np.arange(len(both.read)) < len(own.read)
+    return read, float(np.sqrt(np.mean(both.squares(first, ~first))))
+
+
+def _points(fit: Estimate, recording: Recording, silent: Collection[str]) -> ToolPoints:
+    from truepose.identification.fit.tool_pose import tool_points
+    from truepose.identification.prediction.predictor import Predictor
+
+    predictor = Predictor(fit.machine, recording, fit.effects)
+    x, _ = predictor.assemble(fit.p)
+    return tool_points(predictor, fit.p, x, silent)
 
 
 def _seated(fit: Estimate, rest: Recording) -> float:

@@ -2,7 +2,7 @@
 
 Measured poses M_k = B F_k T of flange poses F_k give rotations from one null vector (M_k Y = B F_k with Y the inverse of T;
 Shah, J. Mechanisms Robotics 5, 2013, in its linear form) and translations from one linear system. Points alone give B by
-a rigid motion for the tool as it is stated.
+a rigid motion for the tool as it is stated, and directions alone as ``truepose.identification.fit.sighted`` has it.
 """
 
 from __future__ import annotations
@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.fit.align import rigid_motion
+from truepose.identification.fit.sighted import base_of, station_of
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine import Machine
+from truepose.models.sensors.direction import ORIGIN, Direction
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets
+from truepose.models.view import TOOL_IN_WORLD
 
 Array = NDArray[np.float64]
 Frames = tuple[Array, Array]
@@ -50,11 +53,23 @@ def starts(
             # the tool as it is stated, none, and where the base is said to be: a wrong one leads into a false minimum
             for tool in (stated[1], np.eye(4), stated[0]):
                 yield _by_points(seen, read[:, None], np.zeros((1, 3)), tool)
+        elif isinstance(sensor, Direction) and sensor.view == TOOL_IN_WORLD:
+            yield from _by_directions(sensor, seen @ stated[1], read, stated)
         elif isinstance(sensor, Targets) and points is not None:
             clouds = read.reshape(len(read), -1, 3)
             yield _by_points(seen, clouds, points, stated[1])
             if _spread_out(points):
                 yield from _by_poses(seen, _poses_of(clouds, points), stated[1])
+
+
+def _by_directions(sensor: Direction, tool: Array, read: Array, stated: Frames) -> Iterator[Frames]:
+    """The base that turns poses (n, 4, 4) of the tool to the directions (n, k) read."""
+    found = base_of(sensor, tool, read, station_of(sensor, (p.nominal for p in sensor.own)))
+    if found is not None:
+        base = found[0]
+        if sensor.of != ORIGIN:
+            base[:3, 3] = stated[0][:3, 3]
+        yield base, stated[1]
 
 
 def _spread_out(points: Array) -> bool:

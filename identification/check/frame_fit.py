@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.check.scene import Array, Mask, Scene, Stand
+from truepose.identification.fit.align import transform
 from truepose.identification.prediction.lost import lost_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import SensorFunctions, Sight, joined
-from truepose.models import lie
 from truepose.models.machine import FRAME_OF, Machine
 
 KEPT = 0.8
@@ -134,13 +134,6 @@ class FrameFit:
         block = joined(rows, [f.block(sight, t, self.rows, rows, c, gone) for f, c, gone in every])
         residual = np.nan_to_num(block.residual, nan=1e12)
         return residual * self.scale, block.jacobian * self.scale[:, None]
-
-
-def transform(t: Array) -> Array:
-    """(4, 4) transform of x y z and roll pitch yaw (6,)."""
-    out = np.eye(4)
-    out[:3, 3], out[:3, :3] = t[:3], lie.rpy_matrix(t[3:])
-    return out
 
 
 def _turning(rpy: Array) -> Array:

@@ -7,18 +7,21 @@ damped Gauss-Newton steps over a few dozen rows.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from truepose.identification.check.alignment import Frames, starts
 from truepose.identification.check.frame_fit import FEW, KEPT, STEPS, Ends, FrameFit, transform
 from truepose.identification.check.scene import Array, Mask, Scene, Stand, chosen, differs
+from truepose.identification.fit.sighted import ZEROS, unknown_zeros
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import sights
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine import FRAME_OF, FRAMES, Machine
 from truepose.models.mechanism import AXES
+from truepose.models.sensors.direction import Direction
 from truepose.models.sensors.pose import Pose
 from truepose.models.sensors.targets import Targets
 
@@ -56,6 +59,29 @@ class Rig:
         )
         spans = np.ptp(recording.q, axis=0)
         self.still = tuple(n for n, span in zip(recording.joints, spans, strict=True) if span == 0.0)
+        self.scene = self._with_zeros()
+
+    def _with_zeros(self) -> Scene:
+        """The scene with zeros of joints that nobody knows where directions fit best.
+
+        Only where nobody knows how the base is turned either: a base that is nearly known shows the zeros by itself.
+        """
+        scene, unknown = self.scene, unknown_zeros(self.machine)
+        turned = np.isinf(self.tolerance[self.at["base"][3:]]).all()
+        seeing = all(isinstance(sensor, Direction) for sensor in self.machine.sensors)
+        if not (unknown and turned and seeing):
+            return scene
+        best = self.stand(scene, ("base",), quick=True)
+        for name in unknown:
+            if best.misfit <= ABSURD * motion(self, best):
+                break
+            for away in ZEROS:
+                p = scene.p.copy()
+                p[self.names.index(name)] += away
+                tried = self.stand(replace(scene, p=p), ("base",), quick=True)
+                best = min(best, tried, key=lambda stand: stand.misfit)
+            scene = best.scene
+        return scene
 
     def frames_of(self, p: Array) -> Frames:
         """Base and tool (4, 4) that constants have."""

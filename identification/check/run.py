@@ -8,6 +8,7 @@ from pathlib import Path
 
 from truepose.errors import InputError
 from truepose.identification.check.bare import bare, no_tolerances, out_of_range
+from truepose.identification.check.encoders import encoders
 from truepose.identification.check.judging import shown
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
@@ -79,7 +80,8 @@ def unbounded(machine: Machine) -> Machine:
 
 def of_the_tool(machine: Machine) -> Machine:
     """The machine with those of its sensors only that see the tool from the world."""
-    return replace(machine, sensors=tuple(s for s in machine.sensors if s.view == TOOL_IN_WORLD))
+    seeing = (s for s in machine.sensors if s.view == TOOL_IN_WORLD and not s.joints)
+    return replace(machine, sensors=tuple(seeing))
 
 
 def check_loaded(machine: Machine, recording: Recording) -> Check:
@@ -88,7 +90,7 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
         raise InputError(
             f"{', '.join(recording.files)}: found rows of role 'validation' only, expected rows to fit"
         )
-    found: list[Found] = list(bare(machine, recording))
+    found: list[Found] = [*bare(machine, recording), *encoders(machine, recording)]
     if any(f.verdict == "wrong" for f in found):
         return Check(tuple(found), len(recording), None)
     machine = of_the_tool(machine)

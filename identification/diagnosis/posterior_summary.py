@@ -74,10 +74,11 @@ def driver_of(kind: DriverKind) -> str:
 
 
 def parts_of(machine: Machine, slug: str, place: Iterable[str]) -> tuple[str, ...]:
-    """The parts that an effect is at, one name each: a leg is its actuator's joint, a constant its element, a coupled axis
-    the one that is driven."""
+    """The parts that an effect is at, one name each: a leg is its actuator's joint, a constant its element, an encoder on a
+    load side itself, a coupled axis the one that is driven."""
     joints = {limb.name: limb.reading for limb in machine.mechanism.limbs}
-    elements = [element_of(part) for part in place]
+    encoders = {column for sensor in machine.sensors for column in sensor.joints}
+    elements = [part if part in encoders else element_of(part) for part in place]
     if slug == "axis-coupling":
         elements = elements[:1]
     return tuple(dict.fromkeys(joints.get(one, one) for one in elements))

@@ -2,8 +2,9 @@
 
 A frame of infinite or wide tolerance may be anywhere, and Gauss-Newton needs to start within about a
 radian of it. Points of the sensor (position channels, three a point) give the base by a rigid fit
-(Kabsch); rotation channels give the tool's turn as the mean rotation left over. Further frames of the machine file
-follow in the same ways: one that a sensor rides on as the base, a tip as the tool.
+(Kabsch), directions alone as ``truepose.identification.fit.sighted`` has it; rotation channels give the tool's
+turn as the mean rotation left over. Further frames of the machine file follow in the same ways: one that a
+sensor rides on as the base, a tip as the tool.
 """
 
 from __future__ import annotations
@@ -12,17 +13,28 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from truepose.identification.fit.set_ups import set_up_label
+from truepose.identification.fit.sighted import (
+    ZEROS,
+    base_of,
+    sensors_of_directions,
+    station_of,
+    unknown_zeros,
+)
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
+from truepose.models.sensors.direction import ORIGIN, Direction
 from truepose.models.view import TOOL_IN_WORLD, WORLD
 
 Array = NDArray[np.float64]
 WIDE_ANGLE = 0.2
 WIDE_LENGTH = 50.0
+NEAR = 4e-4
+"""Mean square (rad^2) that directions may be off, 0.02 rad, where a joint's zero is near enough to search no farther."""
 
 
 def aligned_start(predictor: Predictor) -> Array:
@@ -61,6 +73,7 @@ def _align_session(
         rows = good & wanted
         predicted, measured = seen_points(predictor, names, values, rows)
         if len(predicted) < 3:
+            _align_by_directions(predictor, p, base, rows)
             return
         rotation, shift = rigid_motion(predicted, measured)
         at = base.value(p)
@@ -70,6 +83,50 @@ def _align_session(
             return
         at = tool.value(p)
         tool.put(p, np.concatenate([at[:3], _rpy(lie.rpy_matrix(at[3:]) @ turn)]))
+
+
+def _align_by_directions(predictor: Predictor, p: Array, base: _Frame, rows: NDArray[np.bool_]) -> None:
+    """The base in ``p`` (np,) where directions alone put it, with zeros of joints that nobody knows where those fit best.
+
+    Of the place that axes do not tell, what is there stays.
+    """
+    seeing = sensors_of_directions(predictor.machine)
+    best = _by_directions(predictor, p, base, rows, seeing[0]) if seeing else None
+    if best is None:
+        return
+    for name in unknown_zeros(predictor.machine):
+        k, left = predictor.model.names.index(name), best[1]
+
+        def at(zero: float, k: int = k) -> tuple[Array, float]:
+            other = p.copy()
+            other[k] = zero
+            return _by_directions(predictor, other, base, rows, seeing[0]) or (other, np.inf)
+
+        if left >= NEAR:
+            best = min(best, *(at(p[k] + away) for away in ZEROS), key=lambda found: found[1])
+        here, step = best[0][k], ZEROS[0]
+        fine = minimize_scalar(lambda v: at(v)[1], bounds=(here - step, here + step), method="bounded")
+        best = min(best, at(float(fine.x)), key=lambda found: found[1])
+        p[:] = best[0]
+    p[:] = best[0]
+
+
+def _by_directions(
+    predictor: Predictor, p: Array, base: _Frame, rows: NDArray[np.bool_], sensor: Direction
+) -> tuple[Array, float] | None:
+    """Parameters ``p`` (np,) with the base where a sensor's directions put it, and what is left of those."""
+    out, at, names = p.copy(), base.value(p), predictor.model.names
+    x, good = predictor.assemble(p)
+    rows = rows & good
+    here = np.linalg.inv(transform(at)) @ predictor.poses(p, x)[0][rows]
+    read = np.column_stack([predictor.recording.observations[c][rows] for c in sensor.columns])
+    station = station_of(sensor, (p[names.index(parameter.name)] for parameter in sensor.own))
+    found = base_of(sensor, here, read, station)
+    if found is None:
+        return None
+    place = found[0][:3, 3] if sensor.of == ORIGIN else at[:3]
+    base.put(out, np.concatenate([place, _rpy(found[0][:3, :3])]))
+    return out, found[1]
 
 
 def _align_mount(predictor: Predictor, p: Array, name: str) -> None:
@@ -145,6 +202,13 @@ def seen_points(
         predicted.append(values[rows][:, [names.index(c) for c in triple]][whole])
         measured.append(points[whole])
     return (np.vstack(predicted), np.vstack(measured)) if predicted else (np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def transform(t: Array) -> Array:
+    """(4, 4) transform of x y z and roll pitch yaw (6,)."""
+    out = np.eye(4)
+    out[:3, 3], out[:3, :3] = t[:3], lie.rpy_matrix(t[3:])
+    return out
 
 
 def rigid_motion(source: Array, target: Array) -> tuple[Array, Array]:

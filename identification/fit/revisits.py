@@ -70,7 +70,9 @@ def _pairs(q: Array, order: Index) -> tuple[Index, Array]:
     if len(q) < 2 or not np.any(np.ptp(q, axis=0) > 0.0):
         return np.zeros((0, 2), dtype=np.intp), np.zeros(0)
     count = min(NEIGHBOURS, len(q) - 1) + 1
-    distance, near = cKDTree(scaled).query(scaled, count, p=np.inf, distance_upper_bound=CLOSE)
+    distance, near = map(
+        np.asarray, cKDTree(scaled).query(scaled, count, p=np.inf, distance_upper_bound=CLOSE)
+    )
     found = near < len(q)
     later = np.abs(order[np.where(found, near, 0)] - order[:, None]) > 1
     distance = np.where(found & later, distance, np.inf)

@@ -51,9 +51,8 @@ class Turn:
         return self._placed(turns, np.ones(0))
 
     def _placed(self, turns: Sequence[Array], plain: Array) -> sp.csr_array:
-        own = sp.block_diag([sp.diags_array(plain), *turns], format="csr")
+        own = sp.coo_array(sp.block_diag([sp.diags_array(plain), *turns], format="csr"))
         rows = np.concatenate([self.plain[: len(plain)], *(at for at, _ in self.series)])
-        own = sp.coo_array(own)
         size = len(self.plain) + sum(len(at) for at, _ in self.series)
         return sp.csr_array((own.data, (rows[own.coords[0]], own.coords[1])), shape=(size, own.shape[1]))
 

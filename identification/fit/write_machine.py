@@ -23,7 +23,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import ROW
+from truepose.models.driver import MEASURED_LOADS, ROW, DeclaredDriver, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine, Mass
 from truepose.models.machine_file import ExpectedPose, write_machine
@@ -224,13 +224,24 @@ def _declare_drivers(document: dict[str, Any], estimate: Estimate) -> None:
     """What effects read and the file does not name is declared from now on: columns that were tried, torques and currents."""
     machine = estimate.machine
     named = {d.name for d in machine.file.drivers} if machine.file else set()
+    named |= {
+        d.name for d in machine.declared_drivers if d.column or d.absent is not None
+    }  # the file has them otherwise
     read = dict.fromkeys(name for effect in estimate.effects for name in effect.drivers)
     known = {d.name: d for d in map(machine.declared, read) if d is not None and d.name not in named}
     added = [
-        {"name": d.name, **({"unit": d.unit} if d.unit else {}), "drives": d.drives} for d in known.values()
+        {"name": d.name}
+        | ({"unit": d.unit} if d.unit else {})
+        | ({"drives": d.drives} if _says_more(d) else {})
+        for d in known.values()
     ]
     if added:
         document["drivers"] = [*document.get("drivers", ()), *added]
+
+
+def _says_more(driver: DeclaredDriver) -> bool:
+    """Whether what it drives must be said: what a joint's drive holds would drive other joints then."""
+    return driver.everywhere or Driver.of(driver.name).kind not in MEASURED_LOADS
 
 
 def effect_entry(effect: PlacedEffect, std: Mapping[str, float]) -> dict[str, Any]:

@@ -169,9 +169,11 @@ class PoseInformation:
         spread = np.zeros((len(model.names), len(self._free)))
         spread[self._free, np.arange(len(self._free))] = self._scale
         p = ca.DM(model.p_home) + ca.sparsify(ca.DM(spread)) @ t
-        worlds, closure, values = _with(model, p)
-        by_t = ca.vertcat(*(_by(s, worlds[s.view], values, t) for s in model.machine.sensors))
-        by_x = ca.vertcat(*(_by(s, worlds[s.view], values, model.x) for s in model.machine.sensors))
+        worlds, closure, added, values = _with(model, p)
+        by_t, by_x = (
+            ca.vertcat(*(_by(s, worlds[s.view], values, added, v) for s in model.machine.sensors))
+            for v in (t, model.x)
+        )
         gx, gq = ca.jacobian(closure, model.x), ca.jacobian(closure, model.q)
         here = [by_t, by_x, gx, ca.jacobian(closure, t), gq]
         here = [ca.substitute(e, t, ca.SX.zeros(t.numel())) for e in here]
@@ -190,18 +192,25 @@ def _dot(a: ca.SX, b: ca.SX) -> ca.SX:
     return ca.dot(a, ca.densify(b))
 
 
-def _with(model: SymbolicModel, p: ca.SX) -> tuple[dict[View, ca.SX], ca.SX, dict[str, ca.SX]]:
-    """What sensors see, by view, and closure with constants ``p`` and drivers at their defaults; constants by name."""
+def _with(
+    model: SymbolicModel, p: ca.SX
+) -> tuple[dict[View, ca.SX], ca.SX, dict[str, ca.SX], dict[str, ca.SX]]:
+    """What sensors see, by view, closure, and what is added to each column, with constants ``p`` and drivers at their defaults;
+    constants by name."""
     home = ca.DM(model.z_home) if len(model.z_home) else ca.DM(0, 1)
-    *seen, closure = (
+    *seen, closure, added = (
         ca.substitute(ca.substitute(e, model.z, ca.SX(home)), model.p, p)
-        for e in (*model.worlds.values(), model.closure)
+        for e in (*model.worlds.values(), model.closure, model.reading_shift)
     )
     worlds = dict(zip(model.worlds, seen, strict=True))
-    return worlds, closure, {name: p[k] for k, name in enumerate(model.names)}
+    columns = [column for sensor in model.machine.sensors for column in sensor.columns]
+    by_column = {column: added[k] for k, column in enumerate(columns)}
+    return worlds, closure, by_column, {name: p[k] for k, name in enumerate(model.names)}
 
 
-def _by(sensor: Sensor, world: ca.SX, values: Mapping[str, ca.SX], variables: ca.SX) -> ca.SX:
+def _by(
+    sensor: Sensor, world: ca.SX, values: Mapping[str, ca.SX], added: Mapping[str, ca.SX], variables: ca.SX
+) -> ca.SX:
     """(m, v) derivative of one sensor's readings, in sigmas, by ``variables`` of the pose and the constants."""
     names = [*(parameter.name for parameter in sensor.parameters), *sensor.reads]
     s = {name: values[name] for name in names}
@@ -211,6 +220,9 @@ def _by(sensor: Sensor, world: ca.SX, values: Mapping[str, ca.SX], variables: ca
         turns = [ca.jacobian(world[:3, k], variables) for k in range(3)]
         spin = sum((0.5 * lie.skew(world[:3, k]) @ turn for k, turn in enumerate(turns)), ca.SX(0))
         out = ca.vertcat(ca.jacobian(world[:3, 3], variables), spin)
+    elif sensor.joints:
+        read = ca.vertcat(*(added[column] for column in sensor.columns))
+        out = ca.jacobian(sensor.predict(world, s) + read, variables)
     elif type(sensor).residual is Sensor.residual:
         out = ca.jacobian(sensor.predict(world, s), variables)
     else:

@@ -204,7 +204,8 @@ def nbytes(found: Marginal) -> int:
     above = found._above
     rows = sum(row.nbytes for row in found._rows.values())
     told = above._matrix.nbytes if isinstance(above, Told) else 0
-    return rows + told + found._beside.nbytes + sum(b.nbytes for b in found.__dict__.get("blocks", ()))
+    blocks = sum(int(block.nbytes) for block in found.__dict__.get("blocks", ()))
+    return rows + told + found._beside.nbytes + blocks
 
 
 def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint) -> Marginal:

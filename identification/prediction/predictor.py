@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
+from truepose.identification.prediction.computed import computed_displacements
 from truepose.identification.prediction.loops import Loops
 from truepose.identification.prediction.lost import all_lost, lost_of
 from truepose.identification.prediction.port_kinematics import PortKinematics, twist_rows
@@ -66,6 +67,8 @@ class Predictor:
         """Normal equations by free entries of p, where a fit has asked for them."""
         n = self.evaluations
         self._loops = Loops(m, n)
+        computed = computed_displacements(m)
+        self._computed = BatchFunction("computed", inputs, [computed], rows=n) if computed.numel() else None
         self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
         self._by_ports = PortKinematics.of(m, n)
         if self._by_ports is None:
@@ -122,6 +125,8 @@ class Predictor:
         ``larger``: by how much ``p`` has the machine larger than its file.
         """
         x, good = self._loops.assemble(self.q, self.z, p, start, follow=follow, larger=larger)
+        if self._computed is not None:  # a formula has no value there: the root of a negative number
+            good &= np.isfinite(self._computed(x, self.q, self.z, p)[0][..., 0]).all(axis=1)
         return x, good if self.origin is None else good & good[self.origin]
 
     def poses(self, p: Array, x: Array | None = None) -> tuple[Array, Mask]:
@@ -208,15 +213,15 @@ class Predictor:
         return dict(zip(names, values.T, strict=True))
 
     def loads(self, p: Array, x: Array) -> dict[str, Array]:
-        """Gravity's conjugate load (n,) at every port and parameter, by load case and name: N or N m."""
+        """Conjugate load (n,) of all that pulls, at every port and parameter, by load case and name: N or N m."""
         m = self.model
         known = {*self.machine.geometry, *self.machine.ports}
         at = [k for k, n in enumerate(m.names) if n in known]
         scale = [(k, m.names[i], load_scale(self.machine, m.names[i])) for k, i in enumerate(at)]
         out: dict[str, Array] = {}
         for case, energy in m.energies.items():
-            by_p = ca.gradient(energy, m.p)[at].T
-            gradient = BatchFunction("energy", [m.x, m.q, m.z, m.p], [ca.gradient(energy, m.x).T, by_p])
+            by_p = m.still.slope(energy, m.p)[at].T
+            gradient = BatchFunction("energy", [m.x, m.q, m.z, m.p], [m.still.slope(energy, m.x).T, by_p])
             vx, vp = gradient(x, self.q, self.z, p)
             force = -vp[:, 0, :]
             if x.shape[1]:

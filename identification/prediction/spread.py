@@ -98,7 +98,7 @@ def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
         over = effect.effect.overshoot(machine, effect.place, effect.settings_map, at)
         whole = over is not None or effect.effect.slug == Empirical.slug
         if over is None:
-            weight = (PAYLOAD,) if effect.needs_load else ()
+            weight = (PAYLOAD, *machine.force_columns) if effect.needs_load else ()
             over = _outside(seen, at, {*model.readings, *effect.drivers, *weight})
         signal = jacobian[..., own] * effect.amplitudes
         moved = np.sum(signal**2, axis=2) if whole else (FORM_ERROR * np.sum(signal, axis=2)) ** 2

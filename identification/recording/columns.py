@@ -128,6 +128,13 @@ READINGS: Final = (
         )
         for axis in "xy"
     ),
+    KnownColumn(
+        "angle.<joint>",
+        "number",
+        "reading",
+        "What an encoder on the load side of a joint, or a scale along a slide, reads; opened by the sensor's `name`.",
+        sensor=("angle",),
+    ),
     KnownColumn("placement", "text", "", "Label of where the sockets stood.", sensor=("socket",)),
     KnownColumn("socket", "text", "", "Label of the socket that held the ball.", sensor=("socket",)),
     KnownColumn("set", "text", "", "Label of a mounting of the tool.", "one set", sensor=("socket",)),

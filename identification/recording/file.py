@@ -80,7 +80,9 @@ def read_part(
     names = [joint.name for joint in joints]
     declared = [d for d in declared if d.name not in (*names, *sensor_columns, *OF_ROWS)]
     logged = [*LOGGED, *_of_joints(joints), *(d.name for d in declared)]
-    table = in_known_case(table, (*names, *sensor_columns, *logged, *OF_ROWS))
+    headers = [d.column for d in declared if d.column]
+    table = in_known_case(table, (*names, *sensor_columns, *logged, *OF_ROWS, *headers))
+    table = _under_drivers_names(table, declared)
     unread = [name for name, unit in sensor_columns.items() if unit != LABEL and _all_empty(table, name)]
     table = table.without([name for name in unread if name not in needed])
     _check_there(table, (*names, *needed), unread, (*names, *sensor_columns, *logged, *OF_ROWS))
@@ -108,6 +110,20 @@ def read_part(
         said=said,
         untried=untried_columns(table, known),
     )
+
+
+def _under_drivers_names(table: Table, declared: Sequence[DeclaredDriver]) -> Table:
+    """The table with columns that are of a joint's drive under its name; a note says so."""
+    called = {d.column: d.name for d in declared if d.column and d.column in table}
+    for column, name in called.items():
+        if name in table:
+            raise InputError(
+                f"{table.file}: found the columns {column!r} and {name!r}, expected one of them: both are {name!r}"
+            )
+    if not called:
+        return table
+    told = ", ".join(f"{column!r} as {name!r}" for column, name in called.items())
+    return table.renamed(called).with_note(f"{table.file}: read {told}")
 
 
 def _check_there(table: Table, needed: Sequence[str], empty: Collection[str], known: Sequence[str]) -> None:

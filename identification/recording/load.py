@@ -16,6 +16,8 @@ import pandas as pd
 from truepose.errors import InputError
 from truepose.identification.recording.file import LABEL, JointColumn
 from truepose.identification.recording.memory_tables import is_table
+from truepose.identification.recording.names import in_known_case
+from truepose.identification.recording.own_equipment import begun, with_own_equipment
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table, read_table, table_in_memory
@@ -76,8 +78,9 @@ def load_recording(
     if without:
         required = (*required, *(name for name in columns if name != without))
         need_observations = False
+    files = tables(source)
     recording = read_recording(
-        tables(source),
+        files,
         joint_columns(machine),
         columns,
         machine.units,
@@ -86,8 +89,27 @@ def load_recording(
         optional_labels=optional,
         declared=machine.declared_drivers,
         shuffled=shuffled,
+        begun=begun(machine, [table.file for table in files]),
     )
-    return replace(recording, notes=(*machine.notes, *recording.notes)) if machine.notes else recording
+    recording = with_own_equipment(machine, recording)
+    notes = (*machine.notes, *_without_force(machine, files))
+    return replace(recording, notes=(*notes, *recording.notes)) if notes else recording
+
+
+def _without_force(machine: Machine, files: Sequence[Table]) -> list[str]:
+    """A note on each file without a measured force. Raises InputError for a file that has some of its columns only."""
+    notes = []
+    for table in (in_known_case(table, machine.force_columns) for table in files):
+        for force in machine.forces:
+            stated = f"forces.{force.name}.columns: {', '.join(force.columns)}"
+            missing = [column for column in force.columns if column not in table]
+            if missing and len(missing) < len(force.columns):
+                raise InputError(
+                    f"{table.file}: missing column {missing[0]!r}, expected all or none of {stated}"
+                )
+            if missing:
+                notes.append(f"{table.file}: found no column of {stated}; this force counts as 0 there")
+    return notes
 
 
 def as_recording(

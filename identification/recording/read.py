@@ -29,6 +29,7 @@ def read_recording(
     optional_labels: Sequence[str] = (),
     declared: Sequence[DeclaredDriver] = (),
     shuffled: bool = False,
+    begun: Mapping[str, float] | None = None,
 ) -> Recording:
     """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
 
@@ -42,7 +43,10 @@ def read_recording(
     asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
     needed = (*(sensor_columns if need_observations else ()), *required)
     parts = [read_part(path, joints, asked, units, needed, declared) for path in paths]
-    joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked))
+    if begun:
+        parts = [replace(part, time=begun[part.file] + _own_time(part)) for part in parts]
+    absent = {driver.name: driver.absent for driver in declared if driver.absent is not None}
+    joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked), absent)
     told = [part.file for part in parts if shuffled or says_shuffled(part.file)]
     if told:
         joined = replace(joined, shuffled=True, notes=(*joined.notes, _without_order(told, parts)))
@@ -50,8 +54,16 @@ def read_recording(
     return replace(joined, written=written)
 
 
+def _own_time(part: RecordingPart) -> FloatArray:
+    """(n,) s; all rows at once where the file has no clock."""
+    return np.zeros(len(part.q)) if part.time is None else part.time
+
+
 def _join(
-    parts: Sequence[RecordingPart], joints: tuple[str, ...], sensor_columns: tuple[str, ...]
+    parts: Sequence[RecordingPart],
+    joints: tuple[str, ...],
+    sensor_columns: tuple[str, ...],
+    absent: Mapping[str, float],
 ) -> Recording:
     sizes = [len(part.q) for part in parts]
     starts = np.cumsum([0, *sizes[:-1]])
@@ -70,7 +82,7 @@ def _join(
         labels={
             name: _labels(parts, name) for name in sensor_columns if any(name in p.labels for p in parts)
         },
-        drivers=_common(parts, "drivers", tuple(names), notes),
+        drivers=_common(parts, "drivers", tuple(names), notes, absent),
         files=tuple(part.file for part in parts),
         source_file=frozen(np.repeat(np.arange(len(parts)), sizes)),
         source_row=frozen(np.concatenate([np.arange(1, size + 1) for size in sizes])),
@@ -108,11 +120,19 @@ def _if_all(arrays: Sequence[Any], parts: Sequence[RecordingPart], name: str, no
 
 
 def _common(
-    parts: Sequence[RecordingPart], group: str, names: Sequence[str], notes: list[str]
+    parts: Sequence[RecordingPart],
+    group: str,
+    names: Sequence[str],
+    notes: list[str],
+    absent: Mapping[str, float] | None = None,
 ) -> dict[str, FloatArray]:
-    joined = {}
+    """Columns of all files end to end; in a file that has none, what is known to hold then (``absent``)."""
+    joined, known = {}, absent or {}
     for name in names:
         arrays = [_column(getattr(part, group), name) for part in parts]
+        if name in known:
+            pairs = zip(parts, arrays, strict=True)
+            arrays = [np.full(len(part.q), known[name]) if own is None else own for part, own in pairs]
         values = _if_all(arrays, parts, name, notes)
         if values is not None:
             joined[name] = values

@@ -15,7 +15,7 @@ SAID = 0.9
 PLACES = 6
 """Most places of one driver that are listed."""
 _ONE: Mapping[DriverKind, str] = {
-    "load": "gives way under the weight that it carries",
+    "load": "gives way under the load that it carries",
     "position-periodic": "errs in waves of its own position",
     "position": "errs smoothly with its own position",
     "arrival": "stands where it does by the side from which it arrived",
@@ -27,7 +27,7 @@ _ONE: Mapping[DriverKind, str] = {
     "constant": "has a wrong constant",
 }
 _MANY: Mapping[DriverKind, str] = {
-    "load": "give way under the weight that they carry",
+    "load": "give way under the load that they carry",
     "position-periodic": "err in waves of their own positions",
     "position": "err smoothly with their own positions",
     "arrival": "stand where they do by the side from which they arrived",
@@ -96,7 +96,7 @@ def known_words(finding: Finding) -> tuple[str, str]:
 
 
 def together_words(one: Together) -> str:
-    """``q2, link2 or base gives way under the weight that it carries (over 99.9 %), which of them is not known``."""
+    """``q2, link2 or base gives way under the load that it carries (over 99.9 %), which of them is not known``."""
     places = shortened(list(one.places), PLACES) if len(one.places) > PLACES else joined(one.places, "or")
     return (
         f"{places} {_ONE[one.driver]} ({percent(one.probability)} that at least one does), which is not known"

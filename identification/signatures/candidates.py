@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import ELSEWHERE, TOGETHER
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import tried
+from truepose.identification.signatures.load_forms import forms_of_held_load, forms_of_load
 from truepose.identification.signatures.untestable import (
     Untestable,
     every_effect,
@@ -28,17 +28,12 @@ from truepose.identification.signatures.untestable import (
 from truepose.models.driver import MEASURED_LOADS, ROW, Driver
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
-from truepose.models.effects.empirical import (
+from truepose.models.effects.empirical import WIDTH, Empirical
+from truepose.models.effects.empirical_sources import (
     CURVE,
     FROM,
     LINE,
-    LOAD,
-    LOAD_CURVE,
-    MOMENT,
     MOUNT_CURVE,
-    TURNS,
-    WIDTH,
-    Empirical,
     seen_over,
 )
 from truepose.models.effects.sights import XYZ, point_names
@@ -46,8 +41,6 @@ from truepose.models.machine import FRAMES, Machine
 from truepose.models.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
-SAME = 1e-6
-"""Share of a load (N, N m) below which its changes are rounding."""
 
 
 @dataclass(frozen=True)
@@ -103,8 +96,8 @@ class Catalogue:
 
 def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
-    found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(recording)
-    smooth = _smooth(recording)
+    found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(machine, recording)
+    smooth = _smooth(machine, recording)
     for effect in every_effect():
         places, reasons = places_of(effect, machine), list[str]()
         asked = of_such_machines(effect.slug, machine)
@@ -150,11 +143,27 @@ def _columns(placed: PlacedEffect) -> list[str]:
     return [Driver.of(name).now.name for name in placed.drivers]
 
 
-def _smooth(recording: Recording) -> dict[str, Array]:
+def _smooth(machine: Machine, recording: Recording) -> dict[str, Array]:
     """Smooth drivers in the calibration rows, by name."""
     rows = ~recording.validation
-    columns = recording.columns(smooth=True)
+    columns = _bending(machine, recording)
     return {name: values[rows] for name, values in columns.items() if name not in recording.joints}
+
+
+def _bending(machine: Machine, recording: Recording) -> dict[str, Array]:
+    """Joints and drivers (n,) that any part may err by.
+
+    What a joint's drive holds drives that joint alone, unless the file says what else it ``drives``. Columns of measured forces
+    are loads: alone they drive nothing, unless the file's ``drivers`` name them.
+    """
+    loads = {*machine.force_columns} - {*machine.drivers}
+    smooth = recording.columns(smooth=True)
+    columns = {name: values for name, values in smooth.items() if name not in loads}
+    for driver in machine.declared_drivers:
+        values = recording.driver(driver.name) if driver.everywhere else None
+        if values is not None:
+            columns[driver.name] = values
+    return columns
 
 
 def _log_prior(machine: Machine, found: list[PlacedEffect]) -> tuple[float, ...]:
@@ -215,15 +224,15 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     each joint and mount as a curve in the load that it carries (lines of it have names), where the file states weights, each
     joint in what its drive was measured to hold; each sensor of points with a volume that bends.
     """
-    seen = _varied(recording)
+    seen = _varied(machine, recording)
     joints = [name for name in seen if name in machine.mechanism.readings]
     others = [name for name in seen if name not in joints]
     curves: list[Settings] = [seen_over({name: seen[name]}, CURVE) for name in seen]
     curves += [seen_over({a: seen[a], b: seen[b]}) for a, b in itertools.combinations(joints, 2)]
     lines: list[Settings] = [seen_over({name: seen[name]}, LINE) for name in seen]
     mounts: list[Settings] = [seen_over({name: seen[name]}, MOUNT_CURVE) for name in others]
-    effect, out, loads = Empirical(), list[PlacedEffect](), _of_load(machine, recording)
-    held = _of_held_load(machine, recording)
+    effect, out, loads = Empirical(), list[PlacedEffect](), forms_of_load(machine, recording)
+    held = forms_of_held_load(machine, recording, seen)
     for (name,) in effect.places(machine):
         if name in sensor_names(machine):
             forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
@@ -235,59 +244,21 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     return tuple(out)
 
 
-def _varied(recording: Recording) -> dict[str, tuple[float, float]]:
+def _varied(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
     """Ranges of all that was varied: joints, payload, time, thermometers by name, however the file has its columns."""
-    seen = {name: ends for name, ends in ranges(recording).items() if ends[1] > ends[0]}
+    seen = {name: ends for name, ends in ranges(machine, recording).items() if ends[1] > ends[0]}
     own = sorted(seen.keys() - set(recording.joints), key=lambda name: (Driver.of(name).thermal, name))
     return {name: seen[name] for name in (*(n for n in recording.joints if n in seen), *own)}
 
 
-def ranges(recording: Recording) -> dict[str, tuple[float, float]]:
+def ranges(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
     """Lowest and highest value in the calibration rows of joints, smooth drivers and, without a clock, the order of rows."""
     rows = ~recording.validation
-    columns = recording.columns(smooth=True)
+    columns = _bending(machine, recording)
     place = recording.driver(ROW)
     if place is not None:
         columns[ROW] = place
     return {name: (float(np.min(v[rows])), float(np.max(v[rows]))) for name, v in columns.items()}
-
-
-def _of_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]]:
-    """Forms of each joint and mount whose load varies, by the loads (N, N m) at the drawing's geometry."""
-    if not machine.loaded:
-        return {}
-    predictor = Predictor(machine, recording, ports=True)
-    x, assembled = predictor.assemble(predictor.model.p_home)
-    loads = predictor.loads(predictor.model.p_home, x)
-    rows = assembled & ~recording.validation
-    out: dict[str, list[Settings]] = {}
-    for name in machine.mechanism.readings:
-        own = _range(loads[machine.mechanism.actuator(name).displacement][rows])
-        if own is not None:
-            out[name] = [seen_over({LOAD: own}, LOAD_CURVE)]
-    for mount in FRAMES:
-        moment = np.array([loads[f"{mount}.motion.{axis}"][rows] for axis in TURNS])
-        each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
-        if each is not None and size is not None:
-            out[mount] = [seen_over({LOAD: each}, LOAD_CURVE), seen_over({MOMENT: size}, LOAD_CURVE)]
-    return out
-
-
-def _of_held_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]]:
-    """Forms of each joint in the torque or current of its own drive, where it was recorded."""
-    rows, out = ~recording.validation, dict[str, list[Settings]]()
-    for name, values in recording.drivers.items():
-        driver, own = Driver.of(name), _range(values[rows])
-        if driver.kind in MEASURED_LOADS and driver.place in machine.mechanism.readings and own is not None:
-            out.setdefault(driver.place, []).append(seen_over({name: own}, LOAD_CURVE))
-    return out
-
-
-def _range(load: Array) -> tuple[float, float] | None:
-    """Smallest and largest; None where nothing is carried, or always the same."""
-    if not len(load) or np.ptp(load) <= SAME * max(float(np.max(np.abs(load))), SAME):
-        return None
-    return float(np.min(load)), float(np.max(load))
 
 
 def _reach(machine: Machine, recording: Recording) -> float:

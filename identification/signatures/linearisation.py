@@ -227,8 +227,8 @@ class Signatures:
     def _parts(self, fit: Estimate, forms: Forms, order: NDArray[np.intp] | None) -> Iterator[Part]:
         """Columns of the fitted readings, some rows at a time."""
         if any(sensor.compares for sensor in self.machine.sensors):
-            for rows in self._stacked(fit, forms, order):
-                yield Part(rows, np.arange(rows.shape[2]), None)
+            for stacked in self._stacked(fit, forms, order):
+                yield Part(stacked, np.arange(stacked.shape[2]), None)
             return
         rows, free = np.flatnonzero(fit.used), self._geometry(fit)
         shifts, layout = self._shifted(fit, order, rows)

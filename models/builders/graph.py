@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
+from truepose.models.builders.followers import Mimic, check_lengths, law_of, ratio_name, ratio_unit
 from truepose.models.builders.limbs import limbs_of, thermal_lengths
 from truepose.models.context import BuildContext
 from truepose.models.fields import (
@@ -41,15 +42,6 @@ PLATFORM = "platform"
 Home = Annotated[float | tuple[float, ...], Field()]
 
 
-class Mimic(Section):
-    """Another joint that carries this one along."""
-
-    joint: str
-    """A joint of the graph that is `actuated`."""
-    ratio: Number = 1.0
-    """Displacement of this joint for a unit of the other's, in the file's units (mm/deg of a slide that a turn moves)."""
-
-
 class GraphJoint(Section):
     """A joint: its frame in the parent (``xyz``, ``rpy``), then its motion about or along ``axis``."""
 
@@ -71,8 +63,12 @@ class GraphJoint(Section):
     """Whether it is driven and its reading recorded; revolute and prismatic joints only."""
     mimic: Mimic | tuple[Mimic, ...] = ()
     """It has no reading: `{joint: q2, ratio: -1}` moves it with that joint; several in a list add up."""
+    computed: str | None = None
+    """It has no reading: a formula of driven joints, `90 - q2 - q3`, in the file's units; see below."""
+    lengths: dict[str, Length] = Field(default_factory=dict)
+    """Lengths that the formula names, such as a linkage's bars: parameters `J.NAME`."""
     offset: Annotated[Number, In("reading")] = 0.0
-    """Added to the reading, or to what `mimic` says."""
+    """Added to the reading, or to what `mimic` or `computed` says."""
     range: Range | None = None
     """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Number | None = None
@@ -88,6 +84,12 @@ class GraphJoint(Section):
             raise bad_value("actuated: true on a revolute or prismatic joint only", self.kind)
         if self.follows and (self.actuated or self.kind not in _ONE_AXIS):
             raise bad_value("mimic on a revolute or prismatic joint that is not actuated", self.kind)
+        if self.computed is not None and (self.actuated or self.follows or self.kind not in _ONE_AXIS):
+            raise bad_value(
+                "computed on a revolute or prismatic joint without `actuated` or `mimic`", self.kind
+            )
+        if self.lengths and self.computed is None:
+            raise bad_value("lengths beside `computed`, whose formula names them", dict(self.lengths))
         if not any(self.axis):
             raise bad_value("axis: a direction", self.axis)
         return self
@@ -104,8 +106,13 @@ class GraphJoint(Section):
 
     @property
     def follows(self) -> tuple[Mimic, ...]:
-        """The joints that carry it along."""
+        """The joints that carry it along by a ratio."""
         return (self.mimic,) if isinstance(self.mimic, Mimic) else self.mimic
+
+    @property
+    def carried(self) -> bool:
+        """Whether others move it: by ratios or by a formula."""
+        return bool(self.follows) or self.computed is not None
 
 
 class Graph(Section):
@@ -146,7 +153,7 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
         placement = tuple(Step(kind, f"{joint.name}.{axis}") for kind, axis in _PLACEMENT)
         parent, child = (BASE if end == base else end for end in (joint.parent, joint.child))
         axis = (np.array(joint.axis) / np.linalg.norm(joint.axis)).tolist()
-        start = () if joint.actuated or joint.follows else home.get(joint.name, ())
+        start = () if joint.actuated or joint.carried else home.get(joint.name, ())
         joints.append(Joint(joint.name, joint.kind, parent, child, placement, tuple(axis), start))
         if joint.actuated:
             actuators.append(_actuator(joint, home.get(joint.name), context))
@@ -156,7 +163,7 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
         tuple(actuators),
         parsed.flange or (FLANGE if FLANGE in parsed.bodies else parsed.bodies[-1]),
         platform=PLATFORM if PLATFORM in parsed.bodies else None,
-        followers=tuple(_follower(joint) for joint in parsed.joints if joint.follows),
+        followers=tuple(_follower(k, parsed, context) for k, j in enumerate(parsed.joints) if j.carried),
     )
     _check_reach(mechanism, parsed, context)
     named = {joint: limb for limb, joint in parsed.limbs.items()}
@@ -172,9 +179,12 @@ def _parameters(
         unit, part = ("mm", "xyz") if k < 3 else ("rad", "rpy")
         field = ("joints", place, part, k % 3)
         out.append(context.parameter(f"{joint.name}.{axis}", unit, values[k], field))
-    if joint.actuated or joint.follows:
+    if joint.actuated or joint.carried:
         offset = context.file.units.to_internal(joint.offset, joint.dimension)
         out.append(context.parameter(f"{joint.name}.offset", joint.unit, offset, ("joints", place, "offset")))
+    for name, length in joint.lengths.items():
+        bar = ("joints", place, "lengths", name)
+        out.append(context.parameter(f"{joint.name}.{name}", "mm", length, bar, default=0.0))
     for k, mimic in enumerate(joint.follows):
         unit = ratio_unit(joint.unit, others[mimic.joint].unit)
         own = context.file.units.written(unit)
@@ -185,19 +195,16 @@ def _parameters(
     return out
 
 
-def ratio_name(joint: str, other: str) -> str:
-    """The parameter of how far ``joint`` moves for a unit of another."""
-    return f"{joint}.ratio.{other}"
-
-
-def ratio_unit(unit: str, other: str) -> str:
-    """Unit of a ratio of displacements."""
-    return "1" if unit == other else f"{unit}/{other}"
-
-
-def _follower(joint: GraphJoint) -> Follower:
+def _follower(place: int, parsed: Graph, context: BuildContext) -> Follower:
+    joint = parsed.joints[place]
     terms = tuple((mimic.joint, ratio_name(joint.name, mimic.joint)) for mimic in joint.follows)
-    return Follower(joint.name, joint.unit, f"{joint.name}.offset", terms)
+    driven = {other.name: other.dimension for other in parsed.joints if other.actuated}
+    where = f"{context.where}.joints[{place}]"
+    law = None
+    if joint.computed is not None:
+        check_lengths(joint.lengths, driven, where)
+        law = law_of(joint.computed, joint.name, joint.dimension, driven, joint.lengths, context, where)
+    return Follower(joint.name, joint.unit, f"{joint.name}.offset", terms, law)
 
 
 def _actuator(joint: GraphJoint, home: tuple[float, ...] | None, context: BuildContext) -> Actuator:

@@ -17,7 +17,8 @@ from pydantic import Field
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
-from truepose.models.builders.graph import Graph, mechanism_of, ratio_unit
+from truepose.models.builders.followers import ratio_unit
+from truepose.models.builders.graph import Graph, mechanism_of
 from truepose.models.builders.urdf_file import Robot
 from truepose.models.builders.urdf_inertials import gravity_in, inertials_of
 from truepose.models.context import BuildContext

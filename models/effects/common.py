@@ -17,6 +17,7 @@ from truepose.models.effects.base import Coefficient, Observed, Place, Settings,
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, Actuator, Direction, Joint, Limb
 from truepose.models.sensors.base import Sensor
+from truepose.wording import joined
 
 SECONDS_PER_HOUR = 3600.0
 ARCSEC = 206264.8
@@ -121,8 +122,18 @@ def piezo_like(actuator: Actuator) -> bool:
 
 def down(site: Site, joint: str) -> ca.SX:
     """(3,) which way gravity pulls, a unit vector in the frame of the body that a joint moves; weights cancel."""
-    force = ca.vertcat(*(site.load(f"{joint}.motion.{axis}") for axis in AXES[:3]))
+    case = site.machine.weight_case
+    force = ca.vertcat(*(site.load(f"{joint}.motion.{axis}", case) for axis in AXES[:3]))
     return force / ca.norm_2(force)
+
+
+def carried(machine: Machine) -> str:
+    """What its parts carry, in words."""
+    names = joined([f"`{force.name}`" for force in machine.forces])
+    if not names:
+        return "the weight it carries"
+    force = f"the measured force {names}"
+    return f"the weight it carries and {force}" if machine.weighs or machine.springs else force
 
 
 def points_only(machine: Machine) -> bool:

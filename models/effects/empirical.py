@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.errors import InputError
-from truepose.models.driver import TIME, Driver
+from truepose.models.driver import TIME
 from truepose.models.effects.base import (
     Coefficient,
     DriverKind,
@@ -22,8 +21,23 @@ from truepose.models.effects.base import (
     Site,
     effects,
 )
-from truepose.models.effects.common import SECONDS_PER_HOUR, sensor_at, sensor_names, sensors_where, singly
-from truepose.models.effects.curves import LINE_END, Source, outside, series, total, yielding
+from truepose.models.effects.common import sensor_at, sensor_names, sensors_where, singly
+from truepose.models.effects.curves import LINE_END, outside, series, total, yielding
+from truepose.models.effects.empirical_sources import (
+    CURVE,
+    DEGREE,
+    FROM,
+    LINE,
+    LOAD,
+    MOMENT,
+    MOUNT_CURVE,
+    OF_WEIGHT,
+    degree_of,
+    seen_over,
+    sources_of,
+    travel_of,
+    usual_range,
+)
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.mechanism import AXES, AXIS_UNITS
@@ -31,29 +45,14 @@ from truepose.wording import joined
 
 Array = NDArray[np.float64]
 LARGEST = {"mm": 1.0, "rad": 0.01}
-CURVE, LINE = 4, 1
-MOUNT_CURVE, LOAD_CURVE = 2, 3
-"""Degrees of a mount's six motions, and of what yields to a load: its slope, and how that bends to either side."""
 LINES = 0.5
 """How likely a line is beside a curve."""
 REACH = 1000.0
-TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
-"""Half of a joint's travel where its file states no range."""
+WIDTH = "reach"
 WARP = ("xx", "yy", "zz", "xy", "yz", "zx")
 """Squares and products of a point's coordinates: how a measuring volume bends; its linear part is scale and frame."""
-FROM, TO, DEGREE, WIDTH = "from.", "to.", "degree", "reach"
-OF_WEIGHT = LOAD, MOMENT = "load", "moment"
-"""Sources that no column holds: gravity's load at the place itself, N along a length, N m about an angle (at a mount, about
-each axis its own), and the size of the moment on a mount."""
 TURNS = ("rx", "ry", "rz")
 """Motions of a mount under load: it turns with gravity's moment."""
-
-
-def seen_over(ranges: Mapping[str, tuple[float, float]], degree: int | None = None) -> dict[str, float]:
-    """Settings of a form in the sources of ``ranges``, lowest and highest value seen (mm, rad, or the driver's unit)."""
-    own = {} if degree is None else {DEGREE: float(degree)}
-    lows = {f"{FROM}{name}": float(low) for name, (low, _) in ranges.items()}
-    return own | lows | {f"{TO}{name}": float(high) for name, (_, high) in ranges.items()}
 
 
 @effects.add("empirical")
@@ -98,10 +97,10 @@ class Empirical(Effect):
             return ({WIDTH: REACH},)
         of_load = OF_WEIGHT if place[0] in FRAMES else (LOAD,)
         weighs = of_load if machine.loaded else ()
-        drivers = {name: _usual_range(name) for name in dict.fromkeys((TIME, *machine.drivers, *weighs))}
+        drivers = {name: usual_range(name) for name in dict.fromkeys((TIME, *machine.drivers, *weighs))}
         if place[0] in FRAMES:
             return [seen_over({name: usual}, MOUNT_CURVE) for name, usual in drivers.items()]
-        travel = {name: _travel(machine, name) for name in machine.mechanism.readings}
+        travel = {name: travel_of(machine, name) for name in machine.mechanism.readings}
         own = {place[0]: travel[place[0]]}
         curves = [seen_over({name: usual}, CURVE) for name, usual in (own | travel | drivers).items()]
         pairs = itertools.combinations(travel, 2)
@@ -112,11 +111,11 @@ class Empirical(Effect):
         if place[0] in sensor_names(machine):
             largest = _stated_sigma(machine, place[0])
             return tuple(Coefficient(f"{axis}.{pair}", "mm", largest) for axis in XYZ for pair in WARP)
-        sources = _sources(machine, place, settings)
+        sources = sources_of(machine, place, settings)
         if place[0] in FRAMES:
             return tuple(
                 Coefficient(f"{axis}{k}", unit, LARGEST[unit] / k)
-                for k in range(1, _degree(settings, MOUNT_CURVE) + 1)
+                for k in range(1, degree_of(settings, MOUNT_CURVE) + 1)
                 for axis, unit in AXIS_UNITS.items()
                 if axis in TURNS or not self.reads_load(settings)
             )
@@ -124,7 +123,7 @@ class Empirical(Effect):
         if len(sources) == 2:
             return (Coefficient("c", unit, LARGEST[unit]),)
         first = 2 if sources[0].name == place[0] else 1
-        degrees = range(first, max(_degree(settings, CURVE), first) + 1)
+        degrees = range(first, max(degree_of(settings, CURVE), first) + 1)
         return tuple(Coefficient(f"c{k}", unit, LARGEST[unit] / k) for k in degrees)
 
     def weight(self, settings: Settings) -> float:
@@ -135,7 +134,7 @@ class Empirical(Effect):
         """The sources that are columns and no joints."""
         if place[0] in sensor_names(machine):
             return ()
-        names = [source.name for source in _sources(machine, place, settings)]
+        names = [source.name for source in sources_of(machine, place, settings)]
         return tuple(name for name in names if name not in (*machine.mechanism.readings, *OF_WEIGHT))
 
     def reads_load(self, settings: Settings) -> bool:
@@ -146,7 +145,7 @@ class Empirical(Effect):
         """The joint's own position, another joint, or what kind of driver its source is."""
         if place[0] in sensor_names(machine):
             return "sensor"
-        names = [source.name for source in _sources(machine, place, settings)]
+        names = [source.name for source in sources_of(machine, place, settings)]
         if self.reads_load(settings):
             return "load"
         joints = machine.mechanism.readings
@@ -162,7 +161,7 @@ class Empirical(Effect):
         place = site.place[0]
         if place in sensor_names(site.machine):
             return _warp(site)
-        sources = _sources(site.machine, site.place, site.settings)
+        sources = sources_of(site.machine, site.place, site.settings)
         end = LINE_END if len(sources) == 1 and site.settings.get(DEGREE) == LINE else 1.0
         if len(sources) == 2:
             t, u = (source.within(_value(site, source.name)) for source in sources)
@@ -192,9 +191,9 @@ class Empirical(Effect):
         if self.reads_load(settings):
             return None
         if place[0] not in sensor_names(machine):
-            sources = _sources(machine, place, settings)
+            sources = sources_of(machine, place, settings)
             usual = MOUNT_CURVE if place[0] in FRAMES else CURVE
-            steep = _degree(settings, usual) ** 2 if len(sources) == 1 else 1
+            steep = degree_of(settings, usual) ** 2 if len(sources) == 1 else 1
             return np.asarray(steep * np.sum([s.overshoot(at[s.name]) for s in sources], axis=0))
         names = [f"{p}{a}" for p in point_names(sensor_at(machine, place[0])) for a in XYZ]
         reach = settings.get(WIDTH, REACH)
@@ -225,62 +224,6 @@ def _stated_sigma(machine: Machine, sensor: str) -> float:
     return max(c.sigma for c in sensor_at(machine, sensor).channels if c.kind == "position")
 
 
-def _usual(machine: Machine, place: Place) -> dict[str, float]:
-    """What a place without settings means: a joint in its own reading, a mount in the course of time."""
-    if place[0] in FRAMES:
-        return seen_over({TIME: _usual_range(TIME)}, MOUNT_CURVE)
-    return seen_over({place[0]: _travel(machine, place[0])}, CURVE)
-
-
-def _usual_range(driver: str) -> tuple[float, float]:
-    """An hour, or ten units of a driver from its default on."""
-    low = Driver.of(driver).default
-    return low, low + (SECONDS_PER_HOUR if driver == TIME else 10.0)
-
-
-def _travel(machine: Machine, reading: str) -> tuple[float, float]:
-    actuator = machine.mechanism.actuator(reading)
-    half = TRAVEL.get(actuator.reading_unit, 1.0)
-    return actuator.range or (-half, half)
-
-
-def _sources(machine: Machine, place: Place, settings: Settings) -> tuple[Source, ...]:
-    """What the settings say it is a function of. Raises InputError where they do not say it well."""
-    where = f"{machine.name}: effect empirical at {place[0]}"
-    if not any(key.startswith((FROM, TO)) for key in settings):
-        settings = {**_usual(machine, place), **settings}
-    for key, value in settings.items():
-        number = isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value)
-        if not number or not (key == DEGREE or key.startswith((FROM, TO))):
-            raise InputError(
-                f"{where}: found {key}: {value!r}, expected numbers {FROM}NAME and {TO}NAME for each source, and {DEGREE}"
-            )
-    names = dict.fromkeys(key.partition(".")[2] for key in settings if key != DEGREE)
-    out = []
-    for name in names:
-        low, high = (settings.get(f"{end}{name}") for end in (FROM, TO))
-        if low is None or high is None or not low < high:
-            raise InputError(
-                f"{where}: found {FROM}{name}: {low} and {TO}{name}: {high}, expected two numbers, the first smaller"
-            )
-        out.append(Source(name, low, high))
-    if MOMENT in names and place[0] not in FRAMES:
-        raise InputError(f"{where}: found source {MOMENT}, expected {LOAD}: only a mount has a moment")
-    most = 1 if place[0] in FRAMES else 2
-    if len(out) > most:
-        raise InputError(
-            f"{where}: found sources {joined(list(names))}, expected {'one' if most == 1 else 'one or two'}"
-        )
-    return tuple(out)
-
-
-def _degree(settings: Settings, usual: int) -> int:
-    degree = settings.get(DEGREE, usual)
-    if degree < 1 or degree != round(degree):
-        raise InputError(f"effect empirical: found {DEGREE}: {degree}, expected a whole number from 1 on")
-    return round(degree)
-
-
 def _warp(site: Site) -> Shifts:
     """Each coordinate of each point by squares and products of them, of about 1 at the points' distance."""
     shifts: dict[str, ca.SX] = {}
@@ -305,4 +248,4 @@ def _of(stem: str, site: Site) -> dict[int, ca.SX]:
     return {int(n.removeprefix(stem)): c for n, c in site.c.items() if n.rstrip("0123456789") == stem}
 
 
-__all__ = ["CURVE", "LINE", "LOAD", "LOAD_CURVE", "MOMENT", "MOUNT_CURVE", "TURNS", "Empirical", "seen_over"]
+__all__ = ["TURNS", "WIDTH", "Empirical"]

@@ -11,7 +11,11 @@ from truepose.models.machine import Machine
 
 @effects.add("encoder-eccentricity")
 class EncoderEccentricity(Effect):
-    """Once per turn with one read head, twice per turn with an oval disc or two opposite heads."""
+    """Once per turn with one read head, twice per turn with an oval disc or two opposite heads.
+
+    The disc is that of the joint's reading, or that of an encoder on its load side: the place is then its column,
+    ``angle.q1``, and the error is that of the column.
+    """
 
     slug = "encoder-eccentricity"
     driven_by = "position-periodic"
@@ -25,18 +29,29 @@ class EncoderEccentricity(Effect):
     settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        return singly(a.reading for a in machine.mechanism.actuators if a.unit == "rad")
+        turning = [a.reading for a in machine.mechanism.actuators if a.unit == "rad"]
+        return singly([*turning, *(c for c, joint in _on_load_side(machine).items() if joint in turning)])
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         return sine_coefficients("rad", 3e-3)
 
     def shifts(self, site: Site) -> Shifts:
-        actuator = actuator_at(site.machine, site.place[0])
+        (place,) = site.place
+        joint = _on_load_side(site.machine).get(place)
+        actuator = actuator_at(site.machine, joint or place)
         phase = site.settings.get("order", 1.0) * site.moved(actuator.reading)
-        return {actuator.displacement: sine_pair(site, phase)}
+        return {f"{place}.reading" if joint else actuator.displacement: sine_pair(site, phase)}
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         return ({"order": 1.0}, {"order": 2.0})
 
     def explain(self, machine: Machine, place: Place) -> str:
-        return f"The encoder disc of joint {place[0]} is off its axis: it errs by a sine of the angle."
+        whose = (
+            f"on the load side, {place[0]}," if place[0] in _on_load_side(machine) else f"of joint {place[0]}"
+        )
+        return f"The encoder disc {whose} is off its axis: it errs by a sine of the angle."
+
+
+def _on_load_side(machine: Machine) -> dict[str, str]:
+    """The joint of each column that an encoder on a load side has."""
+    return {column: joint for sensor in machine.sensors for column, joint in sensor.joints.items()}

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import points_only, singly
+from truepose.models.effects.common import carried, points_only, singly
 from truepose.models.machine import Machine
 
 LARGEST = {"base": 1e-5, "tool": 1e-4}
@@ -18,7 +18,7 @@ a scale that errs as much, which from one side of an alt-az mount is the same.""
 
 @effects.add("gravity-sag")
 class GravitySag(Effect):
-    """The mount turns by c times gravity's moment about its origin, equally about every axis."""
+    """The mount turns by c times the moment of gravity (and measured forces) about its origin, equally about every axis."""
 
     slug = "gravity-sag"
     title = "Mount that sags"
@@ -37,8 +37,9 @@ class GravitySag(Effect):
     def places(self, machine: Machine) -> Sequence[Place]:
         if not machine.loaded:
             return []
-        heavy = {"tool" if m.name == PAYLOAD else m.body for m in machine.masses} & {*machine.standing}
-        return singly(name for name in machine.standing if name == "base" or name in heavy)
+        heavy = {"tool" if m.name == PAYLOAD else m.body for m in machine.masses}
+        loaded = heavy | {force.body for force in machine.forces}
+        return singly(name for name in machine.standing if name == "base" or name in loaded)
 
     def likely(self, machine: Machine, place: Place) -> float:
         """Tubes of telescopes droop."""
@@ -52,4 +53,4 @@ class GravitySag(Effect):
         return {port: site.c["c"] * site.load(port) for port in ports}
 
     def explain(self, machine: Machine, place: Place) -> str:
-        return f"The mount of the {place[0]} yields: it turns with the moment of the weight it carries."
+        return f"The mount of the {place[0]} yields: it turns with the moment of {carried(machine)}."

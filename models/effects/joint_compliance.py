@@ -8,7 +8,7 @@ import casadi as ca
 
 from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import actuator_at, drives_joint, joint_unit, singly
+from truepose.models.effects.common import actuator_at, carried, drives_joint, joint_unit, singly
 from truepose.models.effects.measured_loads import (
     is_measured,
     measured_coefficient,
@@ -25,7 +25,7 @@ BENT_AT = 100.0
 
 @effects.add("joint-compliance")
 class JointCompliance(Effect):
-    """dq = c * load, what gravity exerts at the joint: minus the derivative of the potential energy.
+    """dq = c * load, what gravity exerts at the joint, with springs and measured forces: minus the derivative of the energy.
 
     A gear that stiffens under load (or gives way more) has a further term, setting ``bend`` 2 or 3: d tau |tau| or
     d tau^3, both odd, in units of c at 100 N m (N).
@@ -41,7 +41,7 @@ class JointCompliance(Effect):
     title = "Compliant joint"
     counted = True
     formula = (
-        "dq = c tau, tau the torque (sliding joint: force) that gravity exerts at the joint; "
+        "dq = c tau, tau the torque (sliding joint: force) that gravity (springs, measured forces) exerts at the joint; "
         "bent: + d tau |tau| / 100 N*m, or d tau^3 / (100 N*m)^2; or tau as measured, torque.JOINT or current.JOINT"
     )
     size = "industrial arms 1e5 to 6e6 N*m/rad: c of 1.6e-7 to 1e-5 rad/(N*m); small arms give way more"
@@ -116,7 +116,7 @@ class JointCompliance(Effect):
 
     def explain(self, machine: Machine, place: Place) -> str:
         unknown = "" if machine.loaded else " (masses are not stated: compliance times carried mass is found)"
-        return f"Joint {place[0]} gives way under the weight it carries, in proportion to the load{unknown}."
+        return f"Joint {place[0]} gives way under {carried(machine)}, in proportion to the load{unknown}."
 
 
 def _pulling(machine: Machine, place: Place) -> list[int]:

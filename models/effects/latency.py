@@ -16,6 +16,7 @@ LONGEST = 0.5
 class Latency(Effect):
     """What is seen at a row is where the joints stood tau earlier, for all sensors of the machine alike.
 
+    Encoders on the load side are read with the joints, by their controller, and do not lag.
     tau < 0 where the controller logs its joints late. Setting ``still.J``: joint J never moves, or its velocity
     is not logged; it is left out.
     """
@@ -34,17 +35,21 @@ class Latency(Effect):
 
     def places(self, machine: Machine) -> Sequence[Place]:
         names = sensor_names(machine)
-        return [names] if names and machine.mechanism.readings else []
+        apart = any(not sensor.joints for sensor in machine.sensors)
+        return [names] if apart and machine.mechanism.readings else []
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         return (Coefficient("tau", "s", 0.01, -LONGEST, LONGEST),)
 
     def shifts(self, site: Site) -> Shifts:
         out = {}
+        with_joints = [each for sensor in site.machine.sensors for each in sensor.joints.items()]
         for driver in self.drivers(site.machine, site.place, site.settings):
             actuator = actuator_at(site.machine, Driver.of(driver).place)
             gain = site.values[actuator.gain] if actuator.gain else 1
             out[actuator.displacement] = -site.c["tau"] * gain * site.driver(driver)
+            own = site.c["tau"] * gain * site.driver(driver)
+            out |= {f"{column}.reading": own for column, joint in with_joints if joint == actuator.reading}
         return out
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:

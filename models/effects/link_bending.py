@@ -12,7 +12,7 @@ from truepose.errors import InputError
 from truepose.models.assembly import axis_of, frame_of, placed_frame
 from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import drives_joint, own_offset, singly
+from truepose.models.effects.common import carried, drives_joint, own_offset, singly
 from truepose.models.loops import looped
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, Joint
@@ -89,8 +89,8 @@ class LinkBending(Effect):
 
     def explain(self, machine: Machine, place: Place) -> str:
         if _link(machine, place).short:
-            return f"{place[0]} gives way across its joint under the weight it carries: bearings and housing."
-        return f"The link {place[0]} bends under the weight it carries, like a cantilever."
+            return f"{place[0]} gives way across its joint under {carried(machine)}: bearings and housing."
+        return f"The link {place[0]} bends under {carried(machine)}, like a cantilever."
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _link(machine: Machine, place: Place) -> _Link:
 
 
 def _yielding(site: Site, link: _Link) -> dict[str, ca.SX]:
-    """Turns about the axes across a joint, by the moments that gravity exerts about them (N m)."""
+    """Turns about the axes across a joint, by the moments that the load exerts about them (N m)."""
     ports = [f"{link.joint.name}.motion.{axis}" for axis in AXES[3:]]
     moment = ca.vertcat(*(site.load(port) for port in ports))
     axis = axis_of(link.joint, site.values)
@@ -191,8 +191,9 @@ def _bent(site: Site, link: _Link) -> tuple[ca.SX, ca.SX, ca.SX]:
     moment -= ca.cross(root, force)  # from here on about the root
     turn, move = ca.SX.zeros(3), ca.SX.zeros(3)
     twisting = (1.0 + POISSON) * site.settings.get("twist", 0.0)
-    down = float(np.linalg.norm(site.machine.gravity or (0.0,))) * force / ca.norm_2(force)
-    for kg, at in _own(site, link, frames):
+    own = _own(site, link, frames)
+    down = _down(site, link.joint.name) if own else ca.SX.zeros(3)
+    for kg, at in own:
         weight, lever = kg * down, at - root
         a = ca.fmax(ca.dot(lever, along), 0.0)
         across = weight - ca.dot(weight, along) * along
@@ -218,10 +219,16 @@ def _reading(machine: Machine, joint: Joint) -> str:
     return next(a.reading for a in machine.mechanism.actuators if a.drives == joint.name)
 
 
-def _loads(site: Site, joint: str) -> tuple[ca.SX, ca.SX]:
-    """Force (N) and moment (N mm) of gravity on all that the joint carries, at its child's origin and in its frame."""
+def _down(site: Site, joint: str) -> ca.SX:
+    """(3,) gravity, m/s^2, in the frame of a joint's child."""
+    weight, _ = _loads(site, joint, site.machine.weight_case)
+    return float(np.linalg.norm(site.machine.gravity or (0.0,))) * weight / ca.norm_2(weight)
+
+
+def _loads(site: Site, joint: str, case: str = "") -> tuple[ca.SX, ca.SX]:
+    """Force (N) and moment (N mm) on all that the joint carries, at its child's origin and in its frame."""
     ports = [f"{joint}.motion.{axis}" for axis in AXES]
-    values = [site.load(port) * load_scale(site.machine, port) for port in ports]
+    values = [site.load(port, case) * load_scale(site.machine, port) for port in ports]
     return ca.vertcat(*values[:3]), ca.vertcat(*values[3:])
 
 
@@ -229,7 +236,12 @@ def _own(site: Site, link: _Link, frames: dict[str, ca.SX]) -> list[tuple[Number
     """Masses (kg) fixed to the link itself with their centres (3,); what is on the tool, or a payload, lies beyond."""
     out = []
     for mass in site.machine.masses:
-        if mass.body in frames and (mass.kg or mass.parameters) and mass.name != PAYLOAD:
+        if (
+            site.machine.weighs
+            and mass.body in frames
+            and (mass.kg or mass.parameters)
+            and mass.name != PAYLOAD
+        ):
             kg, com = of_mass(mass, site.values)
             out.append((kg, in_base(frames[mass.body], com)))
     return out

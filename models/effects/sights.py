@@ -18,12 +18,14 @@ from truepose.models.sensors.direction import ORIGIN, Direction
 XYZ = AXES[:3]
 NEAR_ZENITH = 1e-12
 """Square of the zenith distance (rad) below which nothing is lifted any way."""
-TACTILE = ("ballbar", "socket")
-"""Sensors that touch what they measure: no light goes through the air."""
+TACTILE = ("ballbar", "socket", "angle")
+"""Sensors that touch what they measure, or sit on it: no light goes through the air."""
 
 
 def point_names(sensor: Sensor) -> list[str]:
     """Points that a sensor sees, by the beginning of their columns: ``P1.`` of P1.x P1.y P1.z, empty of x y z."""
+    if sensor.joints:  # joints may be called x, y and z
+        return []
     names = [column[:-1] for column in sensor.shiftable if column.rpartition(".")[2] == "x"]
     return [name for name in names if all(f"{name}{axis}" in sensor.shiftable for axis in XYZ)]
 

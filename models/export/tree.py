@@ -85,7 +85,7 @@ def tree_of(machine: Machine, values: Mapping[str, float], what: str) -> Tree:
     drives = {actuator.drives: actuator for actuator in mechanism.actuators}
     still = dict.fromkeys(mechanism.readings, ca.SX(0))
     zero = {name: float(value) for name, value in displacements(machine, symbols, still).items()}
-    follows = {f.joint: (f.terms[0][0], values[f.terms[0][1]]) for f in mechanism.followers}
+    follows = {f.joint: (f.terms[0][0], values[f.terms[0][1]]) for f in mechanism.followers if f.terms}
     offsets = {BASE: _motion(symbols, BASE)}
     joints = []
     for joint in mechanism.tree:
@@ -140,6 +140,11 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
     if several:
         raise InputError(
             f"{machine.name}: joint {several[0]!r}: found a joint that follows several others, expected one for {what}"
+        )
+    computed = [follower.joint for follower in mechanism.followers if follower.law is not None]
+    if computed:
+        raise InputError(
+            f"{machine.name}: joint {computed[0]!r}: found a joint that a formula moves, expected a ratio to another for {what}"
         )
     held = {mount.name for mount in machine.mounts}
     hung = [mass.name for mass in machine.masses if mass.body in held]

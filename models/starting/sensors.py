@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+from truepose.errors import InputError
 
 
 @dataclass(frozen=True)
 class Preset:
     """A sensor's section in mm and deg, its columns with their units (empty for labels and numbers of rows), what it is in a
-    line, and whether its readings show how the tool is turned."""
+    line, and whether its readings show how the tool is turned, and where it is."""
 
     section: Mapping[str, Any]
     columns: Mapping[str, str]
     words: str
     sees_rotation: bool = True
+    sees_place: bool = True
 
 
 PRESETS: Mapping[str, Preset] = {
@@ -70,7 +73,78 @@ PRESETS: Mapping[str, Preset] = {
         "an interferometer: change of the distance along a beam to a mirror on the flange since row from: dL",
         sees_rotation=False,
     ),
+    "direction": Preset(
+        {"type": "direction", "of": "origin", "sigma": {"angle": "1 arcsec"}},
+        {"azimuth": "deg", "elevation": "deg"},
+        "a theodolite at the origin of the sensor's frame that sights the tool frame's origin: azimuth (clockwise) elevation",
+        sees_rotation=False,
+    ),
+    "tilt": Preset(
+        {"type": "tilt", "sigma": {"angle": "2 arcsec"}, "tolerance": {"zero": 0.1}},
+        {"tilt.x": "deg", "tilt.y": "deg"},
+        "an inclinometer on the tool: how far its x and y axes point above the horizon: tilt.x tilt.y",
+        sees_place=False,
+    ),
+    "angle": Preset(
+        {"type": "angle"},
+        {},
+        "encoders on the load side of the joints, after gear and play; joints: [..] where not all have one",
+        sees_rotation=False,
+        sees_place=False,
+    ),
 }
 """By the name of ``--sensor``."""
+STAR = "star"
+"""The sensor of a mount, whose angles are called as its axes."""
+_ENCODER = (("deg", "angle", "5 arcsec"), ("mm", "length", 0.001))
+"""Unit of a joint, and the key and size of ``sigma`` of an encoder on it."""
 
-__all__ = ["PRESETS", "Preset"]
+
+def presets(names: str, readings: Mapping[str, str]) -> tuple[Preset, ...]:
+    """The presets of names with commas between them, for a machine whose joints are ``readings`` (columns with mm or deg).
+
+    Raises InputError for a name that is none, and for one that stands twice.
+    """
+    parts = [part.strip() for part in names.split(",")]
+    for part in parts:
+        if part not in (*PRESETS, STAR) or parts.count(part) > 1:
+            twice = " twice" * (parts.count(part) > 1)
+            raise InputError(
+                f"--sensor: found {part!r}{twice}, expected one of {', '.join(PRESETS)}, or several of them with commas between"
+            )
+    return tuple(_preset(part, readings) for part in parts)
+
+
+def _preset(name: str, readings: Mapping[str, str]) -> Preset:
+    if name == STAR:
+        return _star(readings)
+    return _encoders(readings) if name == "angle" else PRESETS[name]
+
+
+def _star(readings: Mapping[str, str]) -> Preset:
+    """The preset of stars seen through a tube, told by the angles of its two axes. Raises InputError where they are not two."""
+    if list(readings.values()) != ["deg", "deg"]:
+        raise InputError(
+            f"--sensor: found {STAR!r} for {len(readings)} joints, expected the two axes of a mount"
+        )
+    return Preset(
+        {"type": "direction", "name": STAR, "angles": list(readings), "sigma": {"angle": "5 arcsec"}},
+        {f"{STAR}.{axis}": "deg" for axis in readings},
+        "stars in the middle of the field, told by the two angles of where they really stood",
+        sees_place=False,
+    )
+
+
+def _encoders(readings: Mapping[str, str]) -> Preset:
+    """The preset of encoders on all joints of a machine."""
+    kinds = [(key, size) for unit, key, size in _ENCODER if unit in readings.values()]
+    section = {
+        "type": "angle",
+        "sigma": dict(kinds),
+        "tolerance": {key: float("inf") for key, _ in kinds},
+    }
+    columns = {f"angle.{joint}": unit for joint, unit in readings.items()}
+    return replace(PRESETS["angle"], section=section, columns=columns)
+
+
+__all__ = ["PRESETS", "Preset", "presets"]

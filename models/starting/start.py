@@ -37,9 +37,11 @@ class Start:
 
 
 def readings_of(mechanism: Mapping[str, Any]) -> dict[str, str]:
-    """Columns of the joints, each with its unit (mm or deg), of a section ``serial``, ``graph`` or ``6-ups``."""
+    """Columns of the joints, each with its unit (mm or deg), of a section ``serial``, ``graph``, ``6-ups`` or ``mount``."""
     if mechanism["type"] == "6-ups":
         return {leg["joint"]: "mm" for leg in mechanism["legs"]}
+    if mechanism["type"] == "mount":
+        return {mechanism[axis]["name"]: "deg" for axis in ("first", "second")}
     moving = [j for j in mechanism["joints"] if mechanism["type"] == "serial" or j.get("actuated")]
     return {joint["name"]: "mm" if joint["kind"] == "prismatic" else "deg" for joint in moving}
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import jinja2
 
-from truepose.errors import InputError
 from truepose.files import atomic_write_text
 from truepose.models.schema_line import SCHEMA_LINE
-from truepose.models.starting.sensors import PRESETS, Preset
+from truepose.models.starting.sensors import Preset, presets
 from truepose.models.starting.start import UPRIGHT, Start, readings_of, tidy
 from truepose.models.yaml_document import flow_text, parse_document
+from truepose.wording import joined
 
 _UNKNOWN = float("inf")
 _TOLD = {"xyz": 1.0, "rpy": 0.5}
@@ -27,6 +27,7 @@ _WORDS = {
 }
 _FORMS = {
     "6-ups": "Six legs from a (base) to b (platform).",
+    "mount": "Two axes that point a tube. CHECK latitude (north counts positive): it says which way gravity pulls.",
     "graph": "A joint's frame stands at xyz, rpy in its parent; it moves about or along axis.",
     "urdf": "The chain between two links of a URDF.",
 }
@@ -56,11 +57,8 @@ class Written:
 
 def written(start: Start, asked: Asked) -> Written:
     """Both texts; nothing is written. Raises InputError for an unknown sensor."""
-    sensor = asked.sensor or start.sensor
-    if sensor not in PRESETS:
-        raise InputError(f"--sensor: found {sensor!r}, expected one of {', '.join(PRESETS)}")
-    text = _machine_text(start, asked, PRESETS[sensor])
-    return Written(text, _recording_text(start, PRESETS[sensor]))
+    chosen = presets(asked.sensor or start.sensor, _readings(start))
+    return Written(_machine_text(start, asked, chosen), _recording_text(start, chosen))
 
 
 def verify(files: Written, path: Path) -> None:
@@ -80,7 +78,7 @@ def write(files: Written, path: Path, recording: Path | None) -> None:
         atomic_write_text(recording, files.recording_text)
 
 
-def _machine_text(start: Start, asked: Asked, preset: Preset) -> str:
+def _machine_text(start: Start, asked: Asked, chosen: Sequence[Preset]) -> str:
     mechanism = tidy(dict(start.mechanism))
     return (
         _environment()
@@ -91,10 +89,10 @@ def _machine_text(start: Start, asked: Asked, preset: Preset) -> str:
             upright=start.gravity == UPRIGHT,
             mechanism=textwrap.indent(_mechanism_text(mechanism), "  "),
             mechanism_words=_mechanism_words(mechanism),
-            frames=_frames(start, asked, preset),
-            sensor=preset.section,
-            sensor_words=preset.words,
-            example_body="platform" if mechanism["type"] == "6-ups" else "flange",
+            frames=_frames(start, asked, chosen),
+            sensors=[preset.section for preset in chosen],
+            sensor_words=joined(preset.words for preset in chosen),
+            example_body={"6-ups": "platform", "mount": "tube"}.get(mechanism["type"], "flange"),
             first_joint=next(iter(_readings(start))),
         )
     )
@@ -117,9 +115,10 @@ def _mechanism_text(mechanism: Mapping[str, Any]) -> str:
     return "\n".join(out)
 
 
-def _frames(start: Start, asked: Asked, preset: Preset) -> dict[str, Any]:
-    base = _frame("world", asked.base, sees_rotation=True)
-    tool = _frame("flange", asked.tool, sees_rotation=preset.sees_rotation)
+def _frames(start: Start, asked: Asked, chosen: Sequence[Preset]) -> dict[str, Any]:
+    place, turn = any(p.sees_place for p in chosen), any(p.sees_rotation for p in chosen)
+    base = _frame("world", asked.base, sees_place=place, sees_rotation=place or turn)
+    tool = _frame("flange", asked.tool, sees_place=place, sees_rotation=turn)
     own = start.frames
     return {
         "base": own["base"] if asked.base is None and "base" in own else base,
@@ -127,10 +126,14 @@ def _frames(start: Start, asked: Asked, preset: Preset) -> dict[str, Any]:
     }
 
 
-def _frame(parent: str, told: tuple[float, ...] | None, *, sees_rotation: bool) -> dict[str, Any]:
-    """A frame told or unknown; a rotation that no reading shows is taken as it stands."""
+def _frame(
+    parent: str, told: tuple[float, ...] | None, *, sees_place: bool, sees_rotation: bool
+) -> dict[str, Any]:
+    """A frame told or unknown; a place and a rotation that no reading shows are taken as they stand."""
     values = [*(told or ()), *([0.0] * (6 - len(told or ())))]
     tolerance = dict(_TOLD) if told else {"xyz": _UNKNOWN, "rpy": _UNKNOWN}
+    if not sees_place:
+        tolerance["xyz"] = 0.0
     if not sees_rotation:
         tolerance["rpy"] = 0.0
     return {"in": parent, "xyz": values[:3], "rpy": values[3:], "tolerance": tolerance}
@@ -140,9 +143,9 @@ def _readings(start: Start) -> Mapping[str, str]:
     return start.readings or readings_of(start.mechanism)
 
 
-def _recording_text(start: Start, preset: Preset) -> str:
+def _recording_text(start: Start, chosen: Sequence[Preset]) -> str:
     readings = _readings(start)
-    columns = {**readings, **preset.columns}
+    columns = {**readings, **{name: unit for preset in chosen for name, unit in preset.columns.items()}}
     by_unit: dict[str, list[str]] = {}
     for name, unit in columns.items():
         by_unit.setdefault(unit, []).append(name)

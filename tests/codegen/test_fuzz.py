@@ -21,6 +21,7 @@ from truepose.models.kinematics import symbolic_model
 
 DRIVER = TESTS / "lib" / "support" / "hostile.c"
 ROUNDS = examples(120)
+"""Of each machine: with fewer, some function meets hostile input that it refuses ten times or less."""
 TURN_ABOUT = [case for k, case in enumerate(CASES) if case[0] in ("arm", "rails") or (k % 2 == 0)]
 """An open chain and a closed one in either precision, the other machines in one of them: templates are the same in both."""
 TRIED = CASES if NIGHT else TURN_ABOUT

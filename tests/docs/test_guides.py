@@ -11,6 +11,7 @@ from support.documents import blocks, write_files
 from support.generated_c import COMPILER
 from support.guide_bag import write_bag
 from support.guides import run_page, shown
+from support.probe_logs import written
 
 DOCS = ROOT / "docs"
 HOWTOS = sorted((DOCS / "howto").glob("*.md"))
@@ -18,7 +19,7 @@ PAGES = [DOCS / "tutorial.md", *HOWTOS]
 LANGUAGES = {"sh", "text", "csv", "txt", "yaml", "python", "c"}
 NAMES = {
     *("apply-c", "apply-plc", "apply-ur", "backlash-or-friction", "drift"),
-    *("hexapod", "ros-bag", "thermal", "urdf"),
+    *("hexapod", "probe-clock", "ros-bag", "thermal", "urdf"),
 }
 
 
@@ -31,6 +32,8 @@ def test_a_guide_s_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.
     if page.stem == "ros-bag":
         pytest.importorskip("rosbags")
         write_bag(tmp_path)
+    if page.stem == "probe-clock":
+        written(tmp_path, 90.0, 40.0)
     if any(block.language == "c" for block in blocks(page)) and COMPILER is None:
         pytest.skip("no C compiler found")
     write_files(page, tmp_path)

@@ -153,7 +153,18 @@ def test_the_machines_that_were_promised_are_there() -> None:
         "iiwa7",
         "iiwa14",
     }
-    promised |= {"panda", "fr3", "meca500", "puma560", "xarm6", "gough", "gantry", "telescope-mount"}
+    promised |= {
+        "panda",
+        "fr3",
+        "meca500",
+        "puma560",
+        "xarm6",
+        "gough",
+        "gantry",
+        "telescope-mount",
+        "alt-az",
+        "equatorial",
+    }
     assert set(bundled_names()) == promised
     assert set(bundled()) == promised
 
@@ -161,7 +172,10 @@ def test_the_machines_that_were_promised_are_there() -> None:
 @pytest.mark.parametrize("name", bundled_names())
 def test_a_machine_is_built_and_says_where_its_numbers_are_from(name: str) -> None:
     machine = built(name)
-    assert machine.gravity == (0.0, 0.0, -9.80665)
+    down = (
+        (-np.sqrt(0.5), 0.0, -np.sqrt(0.5)) if name == "equatorial" else (0.0, 0.0, -1.0)
+    )  # at a latitude of 45 deg
+    assert machine.gravity == pytest.approx([9.80665 * v for v in down], abs=1e-12)
     assert machine.name == name
     document = read_document(ROOT / "models" / "arms" / f"{name}.yaml")
     assert document["sources"]

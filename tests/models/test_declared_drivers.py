@@ -73,6 +73,34 @@ def test_what_is_wrong_is_told_with_file_and_field(tmp_path: Path, drivers: str,
     assert str(told.value).startswith(f"{tmp_path / 'arm.yaml'}: {said}")
 
 
+@pytest.mark.parametrize(
+    ("unit", "name", "inside"), [("A", "current.q2", "A"), ("lbf*ft", "torque.q2", "N*m")]
+)
+def test_a_column_may_be_of_a_joint(tmp_path: Path, unit: str, name: str, inside: str) -> None:
+    machine = declaring(tmp_path, f"[payload, {{name: axis2, unit: '{unit}', of: q2}}]")
+    assert machine.drivers == ("payload", name)
+    known = machine.declared(name)
+    assert known is not None
+    assert (known.column, known.unit, known.written, known.everywhere) == ("axis2", inside, unit, False)
+    said = declaring(tmp_path, f"[{{name: axis2, unit: '{unit}', of: q2, drives: load}}]").declared(name)
+    assert said is not None and said.everywhere
+
+
+@pytest.mark.parametrize(
+    ("drivers", "said"),
+    [
+        ("[{name: i, unit: A, of: q9}]", "drivers[0].of: found 'q9', expected a joint; known: q1"),
+        ("[{name: i, of: q2}]", "drivers[0].unit: found None, expected N*m or A: what the drive of q2 holds"),
+        ("[{name: i, unit: degC, of: q2}]", "drivers[0].unit: found 'degC', expected N*m or A"),
+        ("[current.q2, {name: i, unit: A, of: q2}]", "drivers[1].of: found 'q2', of which 'current.q2' already is"),
+    ],
+)  # fmt: skip
+def test_a_column_of_a_joint_that_cannot_be_is_told(tmp_path: Path, drivers: str, said: str) -> None:
+    with pytest.raises(InputError) as told:
+        declaring(tmp_path, drivers)
+    assert str(told.value).startswith(f"{tmp_path / 'arm.yaml'}: {said}")
+
+
 def test_what_a_slides_drive_holds_is_a_force() -> None:
     joints = {"q1": "rad", "slide": "mm", "long": "in", "motor": "turn"}
     units = {name: Driver("torque", name).unit(joints) for name in joints}

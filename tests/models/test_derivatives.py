@@ -37,6 +37,7 @@ SENSORS: Mapping[str, str] = {
     "ballbar": "{type: ballbar, centre: [100, 20, 30], ball: [1, 2, 3], sigma: {distance: 0.001}}",
     "socket": "{type: socket, ball: [1, 2, 30], sigma: {xyz: 0.01}}",
     "direction": "{type: direction, station: {xyz: [5, 9, 3], rpy: [1, 2, 3]}, sigma: {angle: 0.001}}",
+    "angle": "{type: angle, zero: {q1: 0.3, q3: -0.2}, sigma: {angle: 0.001, length: 0.01}}",
     "tilt": "{type: tilt, zero: {x: 0.1, y: -0.2}, sigma: {angle: 0.001}}",
 }
 

@@ -19,6 +19,7 @@ from truepose.models.sensors.base import Channel, Sensor, sensors
 
 CAVITY = "beam: {xyz: [0, 0, 0], rx: 90}, mirror: {z: 1}, sigma: {distance: S}"
 SECTIONS = {
+    "angle": "{type: angle, sigma: {angle: R}}",
     "ballbar": "{type: ballbar, centre: [400, 100, 50], ball: [0, 0, 60], sigma: {distance: S}}",
     "direction": "{type: direction, sigma: {angle: R}}",
     "distance": f"{{type: distance, {CAVITY}}}",

@@ -209,7 +209,8 @@ def _values(on: Race, design: Sequence[int]) -> Array:
 
 def _in_order(rows: Rows) -> Rows:
     """As one would measure: by session and time, and what takes long to change is changed seldom."""
-    slow = sorted(rows.drivers, key=lambda name: _SLOW.index(Driver.of(name).kind))
+    pace = {kind: k for k, kind in enumerate(_SLOW)}  # of what has no pace of its own: as the payload
+    slow = sorted(rows.drivers, key=lambda name: pace.get(Driver.of(name).kind, pace[PAYLOAD]))
     keys = [
         *(rows.q[:, k] for k in range(rows.q.shape[1] - 1, -1, -1)),
         *(rows.drivers[n] for n in reversed(slow)),

@@ -110,12 +110,12 @@ def settings(varied: Sequence[Factor], rng: np.random.Generator) -> Array:
 
 
 def _read(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> list[str]:
-    """Drivers that the explanations read, payload where they ask for loads that it can change."""
+    """Drivers that the explanations read, payload and measured forces where they ask for loads that they can change."""
     names: list[str] = []
     for part in parts:
         names += [_column(name) for name in part.drivers]
         if part.needs_load and machine.loaded:
-            names.append(PAYLOAD)
+            names += [PAYLOAD, *machine.force_columns]
     if AIR in offer.levels:  # one thermometer, whatever it stands for
         names = [Driver.of(name).served_by(offer.levels) for name in names]
     return list(dict.fromkeys(names))
@@ -163,6 +163,7 @@ def _usual(machine: Machine, name: str) -> tuple[float, ...]:
 def _check_driver(machine: Machine, driver: str, text: str, complete: bool) -> None:
     known = [*USUAL_WEATHER, *(Driver(VELOCITY, joint).name for joint in machine.mechanism.readings), AIR]
     known += [Driver(TEMPERATURE, part).name for part in (*machine.mechanism.lengths, "tool")]
+    known += machine.force_columns
     if not complete or (driver not in known and not Driver.of(driver).thermal):
         raise InputError(
             f"{text!r}: expected DRIVER=value,value,... such as temperature.leg1=15,20,30; "

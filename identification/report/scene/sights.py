@@ -47,7 +47,7 @@ def sights(fit: Estimate, recording: Recording) -> Sights:
         missed = -fit.residual[:, own] * [channel.sigma for channel in sensor.channels]
         if fit.lost is not None:
             missed = np.where(fit.lost[:, own], np.nan, missed)
-        if sensor.view.relative:  # its readings are in a frame that moves
+        if sensor.view.relative or sensor.joints:  # its readings are in a frame that moves, or in none
             continue
         for place, arrow in _of_sensor(sensor, machine, fit, recording, tool, missed):
             points.append((place - base[:3, 3]) @ base[:3, :3])

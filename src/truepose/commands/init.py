@@ -68,7 +68,9 @@ ListOption = Annotated[bool, typer.Option("--list", help="List the bundled machi
 SensorOption = Annotated[
     str,
     typer.Option(
-        metavar="NAME", help="pose, position, targets, ballbar, socket or distance.", show_default=False
+        metavar="NAME",
+        help="pose, position, targets, ballbar, socket, distance, direction, tilt or angle; several with commas.",
+        show_default=False,
     ),
 ]
 BaseOption = Annotated[

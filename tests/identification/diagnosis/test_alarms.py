@@ -119,7 +119,7 @@ def test_random_residuals_are_projected_on_what_a_fit_leaves_unless_that_is_too_
     taken = np.sum(noise * (noise - left))  # that of about as many directions as the fit has free parameters
     assert taken == pytest.approx(fit.effective_parameters, abs=4.0 * np.sqrt(2.0 * len(fit.prior.free)))
     steps = fit.prior.scale * np.random.default_rng(5).uniform(0.05, 20.0, len(fit.prior.scale))
-    factor = fit.factor[:, : len(fit.prior.free)] * (steps / fit.prior.scale)[fit.prior.free]
+    factor = fit.factor * np.append((steps / fit.prior.scale)[fit.prior.free], 1.0)
     # in whatever steps parameters are counted
     stepped = replace(fit, prior=replace(fit.prior, scale=steps), factor=factor)
     np.testing.assert_allclose(alarms.projector(stepped, recording)(noise), left, atol=1e-6)

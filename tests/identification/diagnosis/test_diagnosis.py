@@ -1,14 +1,12 @@
-"""The diagnosis on small recordings whose truth is not the catalogue's formula but a mechanism of its own.
+"""The diagnosis on small recordings: what is adequate, what is named, what nothing explains, and what changes nothing.
 
-Play is a state carried through the sequence, heat follows its thermometer through a simulated body, a gear
-stiffens, a platform bends like a beam; the engine has to name and place them and get sign and size right.
+Play is a state carried through the sequence, and no formula of the catalogue.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,133 +15,22 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom, kstest
 
-from support.moving_machines import written
-from support.telescope_legs import FLEXURED
+from support.shifting_bench import Bench, clock, the_only
 from truepose.identification.diagnosis import alarms
-from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.result import UNNAMED, Diagnosis, Finding
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import FREE_WIDENING, estimate, prior_of
-from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
-from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import form_words
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.linearisation import Signatures
-from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
-
-TOLERANCES = "tolerances: {length: 0.1, angle: 0.05}\n"
-TABLE = """
-mechanism:
-  type: serial
-  joints:
-    - {name: s, kind: prismatic, range: [-100, 100]}
-    - {name: q, kind: revolute, alpha: -90, d: 60, r: 400, range: [-170, 170]}
-frames: {tool: {in: flange, xyz: [200, 0, 30], tolerance: {xyz: 0.5, rpy: 0}}}
-sensor: {type: position, sigma: {xyz: 0.01}}
-"""
-ARM = """
-gravity: [0, 0, -9.80665]
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: revolute, r: 400, range: [-170, 170]}
-    - {name: q2, kind: revolute, alpha: 90, d: 50, range: [-100, 100]}
-frames: {tool: {in: flange, xyz: [500, 0, 0], tolerance: {xyz: 0.5, rpy: 0}}}
-sensor: {type: position, sigma: {xyz: 0.01}}
-masses: {payload: {kg: 2, com: [0, 0, 0], in: tool}}
-"""
-HEXAPOD = FLEXURED + "sensor: {type: pose, sigma: {xyz: 0.002, rot: 0.0005}}\n"
-TEXTS = {"table": TABLE, "arm": ARM, "hexapod": HEXAPOD}
-
-
-class Bench:
-    """A machine, its true parameters (drawn within tolerances) and recordings of what it really does."""
-
-    def __init__(self, folder: Path, name: str, seed: int) -> None:
-        self.folder, self.rng = folder, np.random.default_rng(seed)
-        self.machine: Machine = written(folder, TOLERANCES + TEXTS[name], name)
-        prior = prior_of(self.machine)
-        self.true: Array = prior.mean + 0.7 * prior.sigma * self.rng.standard_normal(len(prior.mean))
-
-    def readings(self, rows: int) -> Array:
-        """Random readings (rows, nq) within the joints' ranges."""
-        limits = [a.range for a in self.machine.mechanism.actuators]
-        return np.column_stack([self.rng.uniform(*limit, rows) for limit in limits if limit is not None])
-
-    def frame(
-        self,
-        q: Array,
-        stands: Array | None = None,
-        shifts: Mapping[str, Array] | None = None,
-        **columns: Any,
-    ) -> pd.DataFrame:
-        """What is recorded at commands ``q`` when joints stand at ``stands`` and parameters are shifted."""
-        rows = len(q)
-        units = [a.reading_unit for a in self.machine.mechanism.actuators]
-        names = [f"{n} [{u}]" for n, u in zip(self.machine.mechanism.readings, units, strict=True)]
-        true = q if stands is None else stands
-        recording = load_recording(
-            self.machine, [self.csv(pd.DataFrame(true, columns=names))], need_observations=False
-        )
-        predictor = Predictor(self.machine, recording)
-        place = {name: k for k, name in enumerate(predictor.model.names)}
-        parameters = np.tile(self.true, (rows, 1))
-        for name, shift in (shifts or {}).items():
-            parameters[:, place[name]] += shift
-        read: list[Array] = []
-        for k, p in enumerate(parameters if shifts else parameters[:1]):
-            titles, values, _, _ = predictor.columns(p, predictor.assemble(p)[0])
-            read.append(values[k] if shifts else values)
-        (sensor,) = self.machine.sensors
-        noisy = sensor.noisy(np.array(read) if shifts else read[0], self.rng)
-        columns_of = dict(zip(titles, noisy.T, strict=True))
-        unit = sensor.columns
-        data = {f"{n} [{unit[n]}]" if unit[n] in ("mm", "rad") else n: v for n, v in columns_of.items()}
-        return pd.DataFrame({**dict(zip(names, q.T, strict=True)), **data, **columns})
-
-    def diagnose(self, frame: pd.DataFrame) -> Diagnosis:
-        return diagnose(self.machine, self.recording(frame))
-
-    def recording(self, frame: pd.DataFrame) -> Recording:
-        return load_recording(self.machine, [self.csv(frame)])
-
-    def csv(self, frame: pd.DataFrame) -> Path:
-        path = self.folder / f"{self.machine.name}-{len(list(self.folder.iterdir()))}.csv"
-        frame.to_csv(path, index=False)
-        return path
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], Bench]:
     folder = tmp_path_factory.mktemp("benches")
     return lambda name, seed: Bench(folder, name, seed)
-
-
-def clock(rows: int, step: float = 60.0) -> Array:
-    """Seconds since the start (rows,)."""
-    return np.arange(rows, dtype=np.float64) * step
-
-
-def the_only(diagnosis: Diagnosis, effect: str, *place: str, alike: tuple[str, ...] = ()) -> Finding:
-    """The one finding; ``alike``: effects that such a recording cannot tell from it, all together less likely than it.
-
-    What is only like it, and has no name, takes less than a third beside it, whatever the form of the effect.
-    """
-    assert diagnosis.verdict == "missing-physics"
-    names = [(f.effect, f.place) for f in diagnosis.findings]
-    assert names == [(effect, place)]
-    (finding,) = diagnosis.findings
-    rivals = {other.effect: other.probability for other in finding.equivalents}
-    only_alike = rivals.pop(UNNAMED, 0.0)
-    assert set(rivals) <= set(alike)
-    assert only_alike < 1 / 3
-    assert finding.probability > (sum(rivals.values()) if rivals else 0.9 - only_alike)
-    assert finding.probability + sum(rivals.values()) + only_alike > 0.9
-    assert finding.explanation
-    assert finding.experiment
-    return finding
 
 
 # -- nothing missing ------------------------------------------------------------------------------------
@@ -278,89 +165,6 @@ def test_what_cannot_be_tested_is_listed_with_its_reason(
     why = {u.effect: u.why for u in catalogue(table.machine, shuffled).untestable}
     assert "no approach" in why["backlash"] and "shuffled" in why["backlash"]
     assert "no time column" in why["mount-drift"]
-
-
-def test_a_body_that_lags_its_thermometer_is_thermal_expansion(bench: Callable[[str, int], Bench]) -> None:
-    """The column follows the air with a lag that the catalogue does not have; its length is 400 mm."""
-    arm, rows, lag, alpha = bench("arm", 7), 60, 1300.0, 2.0e-5
-    seconds = clock(rows, 90.0)
-    air = 20 + 6 * np.sin(seconds / 1500) + 4 * (seconds > 3000)
-    body = np.empty(rows)
-    body[0] = air[0]
-    for k in range(1, rows):  # small explicit steps between the rows
-        fine, here = np.linspace(air[k - 1], air[k], 50), body[k - 1]
-        for outside in fine:
-            here += (90.0 / 50) / lag * (outside - here)
-        body[k] = here
-    frame = arm.frame(
-        arm.readings(rows),
-        shifts={"q1.r": 400 * alpha * (body - 20)},
-        time=seconds,
-        **{"temperature.base": air},
-    )
-    finding = the_only(arm.diagnose(frame), "thermal-expansion", "base")
-    assert finding.parameters["alpha"].value == pytest.approx(alpha, rel=0.25)
-    assert finding.settings[0]["lag"] > 0
-
-
-def test_a_gear_that_stiffens_is_a_compliant_joint(bench: Callable[[str, int], Bench]) -> None:
-    """Torque winds the joint up, less and less as it grows."""
-    arm, rows = bench("arm", 8), 60
-    q, kg = arm.readings(rows), np.tile([0.0, 4.0, 8.0], rows // 3)
-    torque = -9.80665 * kg * 0.5 * np.cos(q[:, 1])
-    yields = 8e-6 * torque / (1 + np.abs(torque) / 150)
-    frame = arm.frame(q, q + np.outer(yields, [0, 1]), payload=kg)
-    # the load hangs at the end of the one link that the joint carries, whose far half is the tool
-    finding = the_only(arm.diagnose(frame), "joint-compliance", "q2", alike=("link-bending", "gravity-sag"))
-    c = finding.parameters["c"]
-    assert c.unit == "rad/(N*m)"
-    assert 5e-6 < c.value < 8e-6
-
-
-def test_slack_that_weight_takes_up_is_not_surely_a_compliant_joint(
-    bench: Callable[[str, int], Bench],
-) -> None:
-    """Bends of the compliance follow it, but they carry so much of it that the form is another."""
-    arm, rows = bench("arm", 8), 60
-    q, kg = arm.readings(rows), np.tile([0.0, 4.0, 8.0], rows // 3)
-    torque = -9.80665 * kg * 0.5 * np.cos(q[:, 1])
-    frame = arm.frame(q, q + np.outer(3e-4 * np.tanh(torque / 5.0), [0, 1]), payload=kg)
-    found = arm.diagnose(frame)
-    assert found.verdict != "adequate"
-    assert all(f.probability < 0.9 for f in found.findings if f.effect == "joint-compliance")
-
-
-def test_a_sigma_that_is_stated_too_small_takes_no_name_away(bench: Callable[[str, int], Bench]) -> None:
-    """Most of the misfit is noise then, which no effect explains; it speaks against none."""
-    arm, rows = bench("arm", 11), 240
-    q, kg = arm.readings(rows), np.tile([0.0, 4.0, 8.0], rows // 3)
-    torque = -9.80665 * kg * 0.5 * np.cos(q[:, 1])
-    frame = arm.frame(q, q + np.outer(5e-6 * torque, [0, 1]), payload=kg)
-    frame[["x [mm]", "y [mm]", "z [mm]"]] += arm.rng.normal(0.0, 0.023, (rows, 3))
-    found = arm.diagnose(frame)
-    after, before = (found.fits[stage].chi2_per_dof for stage in ("after", "before"))
-    assert after > 4.0 and before - after < 0.5 * (before - 1.0)
-    (finding,) = found.findings
-    names = {finding.effect, *(other.effect for other in finding.equivalents)}
-    assert "joint-compliance" in names
-    assert finding.certainty > 0.45
-
-
-def test_a_platform_that_bends_like_a_beam_is_named(bench: Callable[[str, int], Bench]) -> None:
-    """Each leg lifts its own end; the others follow with the squared cosine of the angle between them."""
-    hexapod, rows = bench("hexapod", 9), 40
-    q = hexapod.readings(rows)
-    ends = [hexapod.machine.geometry[f"leg{k}.b.{c}"].nominal for k in range(1, 7) for c in "xy"]
-    x, y = np.reshape(ends, (6, 2)).T
-    angle = np.arctan2(y, x)
-    follow = np.cos(angle[:, None] - angle) ** 2 - 0.4
-    lift = 0.01 * q @ follow.T
-    frame = hexapod.frame(q, shifts={f"leg{k + 1}.b.z": lift[:, k] for k in range(6)})
-    found = hexapod.diagnose(frame)
-    finding = the_only(found, "platform-deformation", "platform")
-    own = [v.value for name, v in finding.parameters.items() if name in ("kappa", "K[1,1]")]
-    assert own[0] > 0
-    assert found.evidence_map["platform"] == max(found.evidence_map.values())
 
 
 def test_a_misread_drawing_is_concealed_by_the_free_fit(bench: Callable[[str, int], Bench]) -> None:

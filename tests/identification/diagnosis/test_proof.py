@@ -52,6 +52,7 @@ def test_held_out_rows_are_judged_by_the_posterior_of_the_others(case: Case) -> 
     design = rng.standard_normal((rows, channels, n + extra))
     waves = Waves(rng.standard_normal((rows, extra)), np.array([2, 0]), rng.random((rows, channels)) < 0.1)
     design[:, :, n:] = 0.0
+    assert waves.lost is not None
     for k, channel in enumerate(waves.channel):
         design[:, channel, n + k] = np.where(waves.lost[:, channel], 0.0, waves.values[:, k])
     residual = rng.standard_normal((rows, channels))

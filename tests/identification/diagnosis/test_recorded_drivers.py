@@ -16,6 +16,7 @@ from drivers.study import heated, soft_arm
 from typer.testing import CliRunner
 
 import truepose
+from support.tiny_machine import MACHINE
 from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.recording.tried import try_columns
@@ -100,6 +101,24 @@ def test_the_improved_machine_reads_the_torque(folder: Path, found: Diagnosis) -
     np.testing.assert_allclose(np.radians(loaded - free), -given, rtol=0.02)
 
 
+def test_a_column_of_a_joints_drive_is_the_same_under_any_name(folder: Path, found: Diagnosis) -> None:
+    """The result still says whose it is; read again, it drives that joint alone."""
+    document = yaml.safe_load((folder / "arm.yaml").read_text(encoding="utf-8"))
+    document["drivers"] = [{"name": f"axis {j}", "unit": "N*m", "of": j} for j in arm.JOINTS]
+    (folder / "of.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    rows = pd.read_csv(folder / "rows.csv").rename(columns={f"torque.{j}": f"axis {j}" for j in arm.JOINTS})
+    machine = truepose.load_machine(folder / "of.yaml")
+    other = truepose.diagnose(machine, truepose.load_recording(machine, rows))
+    assert [(f.effect, f.place) for f in other.findings] == [(f.effect, f.place) for f in found.findings]
+    truepose.write_calibrated(folder / "of-improved.yaml", other.after, other.recording)
+    improved = truepose.load_machine(folder / "of-improved.yaml")
+    assert improved.drivers == machine.drivers == tuple(f"torque.{j}" for j in arm.JOINTS)
+    assert not any(driver.everywhere for driver in improved.declared_drivers)
+    again = truepose.predict(improved, truepose.load_recording(improved, rows))
+    off = np.concatenate([again[f"P1.{axis}"] - rows[f"P1.{axis}"] for axis in "xyz"])
+    assert np.sqrt(np.mean(off**2)) < 1.3 * arm.SIGMA
+
+
 def test_torques_need_no_declaration(folder: Path, found: Diagnosis) -> None:
     """And what they found is declared where the file is written."""
     document = yaml.safe_load((folder / "arm.yaml").read_text(encoding="utf-8"))
@@ -110,7 +129,10 @@ def test_torques_need_no_declaration(folder: Path, found: Diagnosis) -> None:
     assert [(f.effect, f.place) for f in bare.findings] == [(f.effect, f.place) for f in found.findings]
     truepose.write_calibrated(folder / "again.yaml", bare.after, bare.recording)
     (joint,) = bare.findings[0].place
-    assert f"torque.{joint}" in truepose.load_machine(folder / "again.yaml").drivers
+    again = truepose.load_machine(folder / "again.yaml")
+    assert f"torque.{joint}" in again.drivers
+    declared = again.declared(f"torque.{joint}")
+    assert declared is not None and not declared.everywhere
 
 
 @pytest.mark.parametrize("seed", [2, 3])
@@ -137,8 +159,6 @@ def tilting(folder: Path, **more: np.ndarray) -> Path:
 def test_a_column_that_is_tried_is_found_and_then_declared(tmp_path: Path) -> None:
     rows = tilting(tmp_path, noise=np.random.default_rng(1).normal(size=70))
     command = ["diagnose", str(tmp_path / "arm.yaml"), str(rows), "-o", str(tmp_path / "out")]
-    plain = CliRunner().invoke(app, command)
-    assert "no driver: incline and noise; --try-columns tries them" in " ".join(plain.output.split())
     done = CliRunner().invoke(app, [*command, "--try-columns"])
     assert done.exit_code == 0, done.output
     said = " ".join(done.output.split())
@@ -149,8 +169,22 @@ def test_a_column_that_is_tried_is_found_and_then_declared(tmp_path: Path) -> No
     assert written["drivers"] == [{"name": "incline", "unit": "rad", "drives": "coupling"}]
     named = CliRunner().invoke(app, [*command, "--try-columns", "inclin"])
     assert named.exit_code == 2 and "did you mean 'incline'?" in named.output
-    first = ["diagnose", "--try-columns", *command[1:]]
-    assert CliRunner().invoke(app, first).exit_code == 0
+
+
+def test_columns_are_tried_when_asked_and_wherever_the_option_stands(tmp_path: Path) -> None:
+    """Whatever they hold: a small arm says as much of it as a large one."""
+    (tmp_path / "arm.yaml").write_text(MACHINE.format(length=0.1, angle=0.03, sigma=0.01), encoding="utf-8")
+    rng = np.random.default_rng(3)
+    q1, q2, incline, noise = rng.uniform(-80, 80, (4, 20))
+    table = pd.DataFrame({"q1": q1, "q2": q2, "incline": incline, "noise": noise})
+    plain = truepose.simulate(truepose.load_machine(tmp_path / "arm.yaml"), table[["q1", "q2"]], seed=1)
+    table.join(plain[["x", "y", "z"]]).to_csv(tmp_path / "r.csv", index=False)
+    files = [str(tmp_path / "arm.yaml"), str(tmp_path / "r.csv"), "-o", str(tmp_path / "out")]
+    said = CliRunner().invoke(app, ["diagnose", *files])
+    assert "no driver: incline and noise; --try-columns tries them" in " ".join(said.output.split())
+    first = CliRunner().invoke(app, ["diagnose", "--try-columns", *files])
+    assert first.exit_code == 0, first.output
+    assert "tried as drivers: incline and noise" in " ".join(first.output.split())
 
 
 def test_columns_that_are_tried_weigh_together_what_one_driver_weighs(tmp_path: Path) -> None:

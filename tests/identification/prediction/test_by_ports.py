@@ -98,7 +98,7 @@ def test_directions_that_no_reading_sees_change_nothing(
     assert slim.turn is not None
     steps, free = len(slim.factor) - 1, len(slim.prior.free)
     assert steps < 0.9 * free and slim.factor.shape == (steps + 1, steps + 1)
-    monkeypatch.setattr(Problem, "_slim", lambda problem: None)
+    monkeypatch.setattr(f"{Problem.__module__}.WIDE_PROBLEM", 10 * free)
     whole = estimate(machine, recording, terms)
     assert whole.turn is None
     std = np.where(whole.std > 0.0, whole.std, 1.0)

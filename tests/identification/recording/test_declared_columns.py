@@ -14,6 +14,7 @@ from truepose.errors import InputError
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import tried, try_columns, with_measured_loads
+from truepose.identification.signatures.candidates import catalogue
 from truepose.models.machine import Machine
 
 DRIVERS = "drivers: [{name: tilt.column, unit: deg}, {name: torque.q2, unit: kN*m}, note]\n"
@@ -82,6 +83,45 @@ def test_a_column_that_nobody_declared_is_left_out_and_may_be_tried(tmp_path: Pa
         try_columns(machine, rows, ["tlt"])
     with pytest.raises(InputError, match="has none"):
         try_columns(machine, table(), ["tilt"])
+
+
+def test_a_column_of_a_joints_drive_is_read_under_its_name(tmp_path: Path) -> None:
+    machine = arm(tmp_path, "drivers: [{name: axis2, unit: mA, of: q2}]\n")
+    recording = load_recording(machine, table(axis2=2000.0, Note=1.0))
+    assert values(recording, "current.q2") == [2.0] * 5 and recording.driver("axis2") is None
+    assert any("read 'axis2' as 'current.q2'" in note for note in recording.notes)
+    assert values(load_recording(machine, recording.to_frame()), "current.q2") == [2.0] * 5
+    with pytest.raises(
+        InputError, match=r"found the columns .axis2. and .current\.q2., expected one of them"
+    ):
+        load_recording(machine, table(**{"axis2": 1.0, "current.q2": 1.0}))
+
+
+@pytest.mark.parametrize(
+    ("drivers", "elsewhere"),
+    [
+        ("", False),
+        ("drivers: [torque.q2]\n", False),
+        ("drivers: [{name: axis2, unit: N*m, of: q2}]\n", False),
+        ("drivers: [{name: torque.q2, drives: load}]\n", True),
+        ("drivers: [{name: axis2, unit: N*m, of: q2, drives: load}]\n", True),
+        ("drivers: [{name: axis2, unit: N*m}]\n", True),
+    ],
+)
+def test_what_a_joint_holds_drives_that_joint_alone_unless_the_file_says_so(
+    tmp_path: Path, drivers: str, elsewhere: bool
+) -> None:
+    rng = np.random.default_rng(1)
+    header = "axis2" if "axis2" in drivers else "torque.q2"
+    q = {f"q{k}": rng.uniform(-40, 40, 20) for k in range(1, 5)}
+    rows = pd.DataFrame({**q, "x": rng.normal(size=20), "y": 2.0, "z": 3.0, header: rng.normal(size=20)})
+    machine = arm(tmp_path, drivers)
+    recording = load_recording(machine, rows)
+    found = catalogue(with_measured_loads(machine, recording), recording).candidates
+    labels = [placed.label for placed in found]
+    assert len(set(labels)) == len(labels)
+    reading = {placed.place[0] for placed in found if {"axis2", "torque.q2"} & {*placed.drivers}}
+    assert reading == ({"q1", "q2", "q3", "q4", "base", "tool"} if elsewhere else {"q2"})
 
 
 def test_columns_that_only_some_files_have_are_not_offered(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def test_places_of_one_driver_stand_together_with_what_is_known_of_their_laws() 
     bent = finding("link-bending", "link2", 0.4, 0.95, 1.0)
     curve = finding("empirical", "q5", 0.0, 0.95, 1.0, "coupling")
     load, other = driver_clauses([*soft, curve, bent])
-    assert load.startswith("link2, q2 and q3 give way under the weight that they carry (")
+    assert load.startswith("link2, q2 and q3 give way under the load that they carry (")
     assert f"{title('joint-compliance')}: 57 % to 62 %" in load and f"{title('link-bending')}: 40 %" in load
     assert other == "q5 follows the position of other joints"
 
@@ -107,7 +107,7 @@ def test_a_finding_is_called_by_the_deepest_level_that_is_known() -> None:
         "98.0 %",
     )
     said, sure = known_words(finding("joint-compliance", "q2", 0.007, 0.9995, 0.9995))
-    assert said == "q2 gives way under the weight that it carries"
+    assert said == "q2 gives way under the load that it carries"
     assert sure == "over 99.9 %; this law 0.7 %"
     said, sure = known_words(finding("empirical", "q5", 0.0, 0.95, 0.99, "coupling"))
     assert (said, sure) == ("q5 follows the position of other joints", "95.0 %")

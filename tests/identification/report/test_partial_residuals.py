@@ -122,7 +122,7 @@ def test_std_is_that_of_the_formula_and_scales_with_the_noise(machines: Mapping[
     f = np.column_stack([np.sin(3 * q), np.cos(3 * q)])
     np.testing.assert_allclose(shift.std, np.sqrt(np.einsum("nk,kl,nl->n", f, c, f)), rtol=1e-6)
     wider = replace(fit)
-    object.__setattr__(wider, "covariance", 9.0 * fit.covariance)
+    object.__setattr__(wider, "root", 3.0 * fit.root)  # covariance: nine times as wide
     (three,) = port_shifts(wider, recording, [term], ["q1.displacement"])
     np.testing.assert_allclose(three.std, 3.0 * shift.std)
     assert np.array_equal(three.rows, shift.rows)

@@ -115,6 +115,10 @@ MOUNT = """
 mechanism: {type: mount, kind: equatorial, latitude: 39}
 sensor: {type: direction, sigma: {angle: 1 arcsec}}
 """
+ENCODED = ARM.replace(
+    "sensor: {type: position, sigma: {xyz: 0.01}}",
+    "sensor:\n  - {type: position, sigma: {xyz: 0.01}}\n  - {type: angle, joints: [q1, q3], sigma: {angle: 2 arcsec}}",
+)
 TEXTS = {
     "mount": MOUNT,
     "arm": ARM,
@@ -127,6 +131,7 @@ TEXTS = {
     "graph": GRAPH,
     "camera": CAMERA,
     "cavity": CAVITY,
+    "encoded": ENCODED,
 }
 READINGS = {
     "mount": [0.4, 0.7],
@@ -140,6 +145,7 @@ READINGS = {
     "graph": [0.5, -0.4, 80.0],
     "camera": [0.5, -0.4],
     "cavity": [1.5, -0.7, 0.03],
+    "encoded": [0.5, -0.4, 0.8],
 }
 STRAIGHT = {"hybrid": [730.0, 730.0, 730.0, 0.0, 0.0, 0.0]}
 

@@ -70,7 +70,7 @@ def still() -> object:
         "p": np.zeros(0),
         "std": np.zeros(0),
         "in_tolerances": np.zeros(0),
-        "factor": np.zeros((0, 1)),
+        "slopes": np.zeros((0, 0)),
         "n_observations": 10,
         "chi2_per_dof": 1.0,
     }

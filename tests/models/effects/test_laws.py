@@ -27,7 +27,7 @@ from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.units import parse_unit
 
-LOADED = ("arm", "telescope", "gough", "hybrid", "planar", "graph", "mount")
+LOADED = ("arm", "telescope", "gough", "hybrid", "planar", "graph", "mount", "encoded")
 EFFECTS = list(effects)
 PLACED = [slug for slug in effects if slug not in OF_ROWS]
 """Those that act at places of a machine; the others act on rows of a recording."""

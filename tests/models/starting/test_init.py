@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from truepose.cli import app
 from truepose.errors import InputError
+from truepose.identification.check.run import check_files
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
@@ -88,8 +90,50 @@ def test_every_sensor_can_be_chosen(tmp_path: Path, sensor: str) -> None:
     load_recording(machine, [filled(path)], need_observations=False)
     tool = machine.geometry["tool.rx"].tolerance
     assert np.isinf(tool) == (
-        sensor in ("pose", "targets")
+        sensor in ("pose", "targets", "tilt")
     )  # unknown where readings show it, else as it stands
+
+
+def test_encoders_stand_beside_a_tracker(tmp_path: Path) -> None:
+    done = run("--arm", "gantry", "--sensor", "position,angle", "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 0, done.output
+    machine = load_machine(tmp_path / "m.yaml")
+    assert [s.type for s in machine.sensors] == ["position", "angle"]
+    assert list(machine.sensors[1].joints.values()) == list(machine.mechanism.readings)
+    assert np.isinf(machine.geometry["base.x"].tolerance)
+    load_recording(machine, [filled(tmp_path / "m.yaml")], need_observations=False)
+    assert (
+        "found 'angle' twice"
+        in run("--arm", "kr6", "--sensor", "angle,angle", "-o", tmp_path / "b.yaml").output
+    )
+
+
+@pytest.mark.parametrize(("arm", "axes"), [("equatorial", ("ha", "dec")), ("Alt-Az", ("az", "alt"))])
+def test_a_mount_is_told_by_stars(tmp_path: Path, arm: str, axes: tuple[str, str]) -> None:
+    """Stars of a mount whose axis is half a degree off, and whose encoders have their zeros elsewhere: check lets it pass."""
+    path = tmp_path / "m.yaml"
+    assert run("--arm", arm, "-o", path).exit_code == 0
+    lines = (tmp_path / "m_recording.csv").read_text().splitlines()
+    assert lines[-1] == ",".join([*axes, *(f"star.{axis}" for axis in axes)])
+    machine = load_machine(path)
+    rng = np.random.default_rng(1)
+    q = np.column_stack([rng.uniform(-150, 150, 30), rng.uniform(0, 80, 30)])
+    a, e = np.radians(q + np.array([3.0, -7.0])).T
+    tube = np.column_stack([np.cos(e) * np.cos(a), -np.cos(e) * np.sin(a), np.sin(e)])
+    star = Rotation.from_euler("x", 0.5, degrees=True).apply(tube) + np.radians(
+        5 / 3600
+    ) * rng.standard_normal((30, 3))
+    seen = {f"star.{axes[0]}": np.arctan2(-star[:, 1], star[:, 0]), f"star.{axes[1]}": np.arcsin(star[:, 2])}
+    rows = pd.DataFrame(dict(zip(axes, q.T, strict=True)) | {name: np.degrees(v) for name, v in seen.items()})
+    rows.to_csv(tmp_path / "stars.csv", index=False)
+    assert check_files(path, [tmp_path / "stars.csv"])[0].verdict == "ok"
+    fit = calibrate(machine, load_recording(machine, rows)).fit
+    found = dict(zip(fit.prior.names, np.degrees(fit.p), strict=True))
+    assert found["base.rx"] == pytest.approx(0.5, abs=0.01)
+    assert [found[f"{axis}.offset"] for axis in axes] == pytest.approx([3.0, -7.0], abs=0.02)
+    assert (
+        "the two axes of a mount" in run("--arm", "kr6", "--sensor", "star", "-o", tmp_path / "b.yaml").output
+    )
 
 
 def test_an_empty_recording_is_refused_for_want_of_rows(tmp_path: Path) -> None:

@@ -1,19 +1,14 @@
-"""Stewart platform with motion capture: two sessions alone and together."""
+"""Legs of a hexapod as measured poses have them, in numpy: how far a fit's readings are from their lengths."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
-from real_recordings.common import say
-from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.load import load_machine
 
 
 def leg_errors(fit: Estimate, recording: Recording) -> np.ndarray:
@@ -46,29 +41,3 @@ def _pose(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = lie.rpy_matrix(np.array(rpy)), xyz
     return out
-
-
-def stewart(data: Path) -> None:
-    """Each session alone, then both together."""
-    folder = data / "stewart-mocap"
-    machine = load_machine(folder / "machine.yaml")
-    for names in (["session_108"], ["session_60"], ["session_108", "session_60"]):
-        recording = load_recording(machine, [folder / f"{name}.csv" for name in names])
-        found = diagnose(machine, recording)
-        say(f"{' + '.join(names)}: {found.verdict}")
-        for f in found.findings:
-            rivals = ", ".join(f"{e.effect}@{'+'.join(e.place)} {e.probability:.2f}" for e in f.equivalents)
-            amounts = ", ".join(f"{n} {q.value:.4g} +- {q.std:.2g} {q.unit}" for n, q in f.parameters.items())
-            say(
-                f"  {f.effect}@{'+'.join(f.place)} {f.probability:.2f}: {amounts}; class: {rivals or 'alone'}"
-            )
-        proof = found.proof
-        say(
-            f"  held-out ratio {'none' if proof is None else f'{proof.ratio:.2f}'}; remainder {found.remainder}; "
-            f"next: {'; '.join(f.experiment for f in found.findings) or 'none asked for'}"
-        )
-        error = leg_errors(found.after, recording)
-        by_session = [np.sqrt(np.mean(error[recording.session == s] ** 2)) for s in recording.sessions]
-        say(
-            f"  leg error rms {np.sqrt(np.mean(error**2)):.3f} mm; by session {[round(float(v), 3) for v in by_session]}"
-        )
