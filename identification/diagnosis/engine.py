@@ -52,10 +52,10 @@ def diagnose(
     if not np.array_equal(again, fits.outliers):
         fits = _refit_null(machine, recording, fits, again)
         near = search(signatures, cat, fits.before, fits.outliers, fits.rms)
-    found = near.found()
+    found = [near.found()]
     del near  # and what its chains remember
     progress("naming and proving")
-    return concluded(fits, found)
+    return concluded(fits, found.pop())  # whose matrices are let go there
 
 
 def _null_fits(machine: Machine, recording: Recording) -> Fits:
