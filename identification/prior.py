@@ -93,6 +93,8 @@ def slab(smallest: float, largest: float, rarer: float) -> Sizes:
 
 SIZES = slab(1e-3, 10.0, RARER)
 """Of effects. Chosen."""
+LONG = 12
+"""Coefficients beyond which an effect is a long series, solved for in directions that readings see. Chosen: cost alone."""
 MOVEMENT_SIZES = slab(1e-5, 100.0, 1.0)
 """Of movements between sessions, from a millionth of a tolerance to ten. Chosen: ten times larger is ten times rarer."""
 STATED = 100.0
@@ -172,6 +174,7 @@ __all__ = [
     "FORM_ERROR",
     "FURTHER",
     "INFLATIONS",
+    "LONG",
     "MOVED",
     "MOVEMENT_SIZES",
     "NARROWER",

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Rows
 from truepose.identification.fit.normal import NormalEquations
-from truepose.identification.fit.turn import LONG, Turn, turn_of
+from truepose.identification.fit.turn import Turn, turn_of
 from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prior import LONG
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 

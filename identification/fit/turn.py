@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from truepose.identification import prior
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.leastsquares import Rows
 from truepose.identification.prediction.by_ports import ByPorts, Part
@@ -23,8 +24,6 @@ from truepose.identification.prediction.sensor_rows import Block
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-LONG = 12
-"""Coefficients of one effect beyond which it is a long series."""
 ALIKE = 1e-9
 """Share by which 1-sigmas of one series may differ: rounding."""
 UNSEEN = 1e-6
@@ -107,7 +106,7 @@ def turn_of(effects: Sequence[Index], parts: Iterable[Rows], weight: Array) -> T
     grams = {
         k: np.zeros((len(at), len(at)))
         for k, at in enumerate(effects)
-        if len(at) > LONG and np.all(weight[at] > 0.0) and np.ptp(weight[at]) < ALIKE * weight[at[0]]
+        if len(at) > prior.LONG and np.all(weight[at] > 0.0) and np.ptp(weight[at]) < ALIKE * weight[at[0]]
     }
     for part in parts if grams else ():
         places = {} if not isinstance(part, Part) or part.ports is None else _places(part.ports)
@@ -120,12 +119,17 @@ def turn_of(effects: Sequence[Index], parts: Iterable[Rows], weight: Array) -> T
                 grams[k] += own
     series = []
     for k, gram in grams.items():
-        values, vectors = np.linalg.eigh(gram / weight[effects[k][0]] ** 2)
-        series.append((effects[k], vectors[:, -max(int(np.sum(values > UNSEEN)), 1) :]))
+        series.append((effects[k], seen_directions(gram / weight[effects[k][0]] ** 2, UNSEEN)))
     if not series:
         return None
     long = np.concatenate([at for at, _ in series])
     return Turn(np.setdiff1d(np.arange(len(weight)), long), tuple(series))
+
+
+def seen_directions(information: Array, least: float) -> Array:
+    """(c, r) orthonormal directions with more than the least of the readings' ``information`` (c, c), one at least."""
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray(vectors[:, -max(int(np.sum(values > least)), 1) :])
 
 
 def _places(ports: ByPorts) -> dict[int, int]:
@@ -210,4 +214,4 @@ class Turned(Decomposition):
         return self.own.share(factor)
 
 
-__all__ = ["LONG", "Turn", "Turned", "turn_of"]
+__all__ = ["Turn", "Turned", "seen_directions", "turn_of"]

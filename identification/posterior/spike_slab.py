@@ -16,7 +16,7 @@ from truepose.identification.posterior.conditional import log_gains, plausibilit
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.marginal import Marginal, marginal, nbytes
 from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.prior import Sizes
+from truepose.identification.prior import LONG, Sizes
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -27,8 +27,8 @@ REMEMBERED, MARGINALS = 80_000_000, 200
 """Bytes of each sort of marginals, and of conditionals, that are kept, and most marginals."""
 NOTICED = 4.0
 """Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
-WIDE, UNSEEN = 12, 1e-3
-"""Columns beyond which a term is turned to what readings see; information about the largest usual size that is none."""
+UNSEEN = 1e-3
+"""Information about the largest usual size that is none."""
 FEWER = 0.9
 """Share of the columns that turned terms must not exceed, for a problem of these to be worth its memory."""
 SETS = 200_000
@@ -166,7 +166,7 @@ class SpikeSlab:
         for term in self.terms.all:
             columns = np.array(term.columns, dtype=np.intp)
             turn = np.eye(len(columns))
-            if len(columns) > WIDE and not np.any(np.isfinite([term.lower, term.upper])):
+            if len(columns) > LONG and not np.any(np.isfinite([term.lower, term.upper])):
                 values, vectors = np.linalg.eigh(root.among(columns))
                 turn = vectors[:, -max(int(np.sum(values > UNSEEN)), 1) :]
             width = turn.shape[1]

@@ -34,7 +34,7 @@ from truepose.models.statics import load_scale
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _BLOCK = 1024
-REMEMBERED = 30_000_000
+WAVES_KEPT = 30_000_000
 """Most numbers that are kept of what does not change with p."""
 FIT = 5
 """How often a fit visits each row, about."""
@@ -234,7 +234,7 @@ class Predictor:
     def _waves(self, rows: slice) -> Array:
         """(n, f) what coefficients move their ports by, whatever p: worked out once where it takes little memory."""
         assert self._by_ports is not None
-        if len(self.q) * len(self._by_ports.column) > REMEMBERED:
+        if len(self.q) * len(self._by_ports.column) > WAVES_KEPT:
             return self._by_ports.values(self.q[rows], self.z[rows])
         if self._values is None:
             self._values = self._by_ports.values(self.q, self.z)

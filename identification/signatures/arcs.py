@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.posterior.spike_slab import UNSEEN, WIDE
+from truepose.identification.prior import LONG
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 
@@ -32,16 +32,10 @@ def series_ports(candidates: Sequence[PlacedEffect], layout: Layout) -> dict[int
         k: names[0]
         for k, (placed, (names, _)) in enumerate(zip(candidates, layout, strict=True))
         if len(names) == 1
-        and len(placed.coefficients) > WIDE
+        and len(placed.coefficients) > LONG
         and placed.effect.slug != Empirical.slug
         and not np.any(np.isfinite([[c.lower, c.upper] for c in placed.coefficients]))
     }
-
-
-def seen_directions(shifts: Array, information: Array) -> Array:
-    """(c, r) orthonormal directions that rows with shifts (n, c) and information (n,) about them see, one at least."""
-    values, vectors = np.linalg.eigh(shifts.T @ (information[:, None] * shifts))
-    return np.asarray(vectors[:, -max(int(np.sum(values > UNSEEN)), 1) :])
 
 
 def turned(
@@ -56,4 +50,4 @@ def turned(
     return (np.concatenate(out, axis=1) if out else shifts), places
 
 
-__all__ = ["Layout", "Turns", "seen_directions", "series_ports", "turned"]
+__all__ = ["Layout", "Turns", "series_ports", "turned"]

@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass, part_classes
+from truepose.identification.fit.turn import seen_directions
+from truepose.identification.posterior.spike_slab import UNSEEN
 from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.arcs import Layout, Turns, seen_directions, series_ports, turned
+from truepose.identification.signatures.arcs import Layout, Turns, series_ports, turned
 from truepose.identification.signatures.forms import Forms
 from truepose.identification.signatures.products import Columns
 from truepose.identification.signatures.shift_function import ShiftFunction
@@ -140,9 +142,10 @@ class Signatures:
                 **self._by_label,
                 **{
                     self.candidates[k].label: seen_directions(
-                        shifts[:, self._shifts.layout[k][1]], information[:, ports.index(port)]
+                        own.T @ (information[:, [ports.index(port)]] * own), UNSEEN
                     )
                     for k, port in new.items()
+                    for own in (shifts[:, self._shifts.layout[k][1]],)
                 },
             }
         )
