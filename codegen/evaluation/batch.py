@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from threading import Lock
 from typing import Any
 
 import casadi as ca
@@ -28,7 +29,7 @@ class BatchFunction:
     """Dense SX outputs of SX vector inputs, mapped over rows.
 
     ``rows``: how many rows will be evaluated in all calls together. If they are few or their number is unknown (0), or
-    if there is no C compiler, CasADi's virtual machine evaluates; ``engine`` says which.
+    if there is no C compiler, CasADi's virtual machine evaluates; ``engine`` says which. Threads may call it at once.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class BatchFunction:
         self._sizes = [int(item.numel()) for item in inputs]
         self._machine = _VirtualMachine(self._function)
         self._compiled: dict[RowInputs, _Compiled] = {}
+        self._compiling = Lock()
         self._engine = engine_for(rows, self.instructions)
 
     @property
@@ -66,13 +68,14 @@ class BatchFunction:
 
     def _library(self, given: RowInputs) -> _Compiled | None:
         """C for inputs that come so, compiled at the first call; None where there is none."""
-        if given not in self._compiled:
-            try:
-                self._compiled[given] = _Compiled(given, self._inputs, self._outputs)
-            except (NotCompiledError, NotImplementedError, ValueError) as exc:
-                self._engine = without_compiler(str(exc))
-                return None
-        return self._compiled[given]
+        with self._compiling:
+            if given not in self._compiled:
+                try:
+                    self._compiled[given] = _Compiled(given, self._inputs, self._outputs)
+                except (NotCompiledError, NotImplementedError, ValueError) as exc:
+                    self._engine = without_compiler(str(exc))
+                    return None
+            return self._compiled[given]
 
 
 class _VirtualMachine:

@@ -18,6 +18,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dgeqrf, dgesdd
 
 from truepose.identification.prediction.by_ports import Part
+from truepose.identification.prediction.gram_sum import GramSum
 
 Array = NDArray[np.float64]
 Rows: TypeAlias = Array | Part
@@ -74,27 +75,38 @@ def triangular(blocks: Iterable[Rows], columns: int) -> Array:
     """
     if columns <= WIDE_PROBLEM:
         return _by_qr((np.asarray(block) for block in blocks), columns)  # parts are of wide problems
-    gram = np.zeros((columns, columns))
-    for block in blocks:
-        gram += block.gram(columns) if isinstance(block, Part) else block.T @ block
-    return _by_cholesky(gram)
+    return _by_cholesky(_grams(blocks, columns, [None])[0])
 
 
 def triangular_parts(blocks: Iterable[Rows], columns: int, groups: Sequence[Sequence[int]]) -> list[Array]:
     """A triangular factor (columns, columns) for each group of channels; each pose has one row for every channel, in order."""
     if len(groups) == 1:
         return [triangular(blocks, columns)]
-    size, wide = sum(len(at) for at in groups), columns > WIDE_PROBLEM
-    parts = [np.zeros((columns, columns)) for _ in groups]
+    if columns > WIDE_PROBLEM:
+        return [_by_cholesky(gram) for gram in _grams(blocks, columns, groups)]
+    size, parts = sum(len(at) for at in groups), [np.zeros((columns, columns)) for _ in groups]
     for block in blocks:
-        if isinstance(block, Part):
-            parts = [part + block.gram(columns, at) for part, at in zip(parts, groups, strict=True)]
-            continue
-        rows = block.reshape(-1, size, columns)
+        rows = np.asarray(block).reshape(-1, size, columns)
         own = [rows[:, at].reshape(-1, columns) for at in groups]
-        pairs = zip(parts, own, strict=True)
-        parts = [part + k.T @ k if wide else _by_qr([part, k], columns) for part, k in pairs]
-    return [_by_cholesky(part) for part in parts] if wide else parts
+        parts = [_by_qr([part, k], columns) for part, k in zip(parts, own, strict=True)]
+    return parts
+
+
+def _grams(
+    blocks: Iterable[Rows], columns: int, groups: Sequence[Sequence[int] | None]
+) -> list[Array]:
+    """A Gram matrix (columns, columns) of the rows of each group of channels; of all rows for None."""
+    sums = [GramSum(columns, at) for at in groups]
+    plain = [np.zeros((columns, columns)) for _ in groups]
+    size = sum(len(at) for at in groups if at is not None)
+    for block in blocks:
+        for k, at in enumerate(groups):
+            if isinstance(block, Part):
+                sums[k].add(block)
+            else:
+                own = block if at is None else block.reshape(-1, size, columns)[:, at].reshape(-1, columns)
+                plain[k] += own.T @ own
+    return [one + own.matrix() for one, own in zip(plain, sums, strict=True)]
 
 
 def _by_cholesky(gram: Array) -> Array:

@@ -9,7 +9,7 @@ the memory and, in a Gram matrix of columns, m times the work:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,11 +44,15 @@ class ByPorts:
         """Slopes times ``weight`` (n, 1, 1), coefficients in steps of ``scale`` (c,), at other places."""
         return ByPorts(self.slopes * weight, self.port, column, self.values * scale)
 
+    def by_port(self) -> list[tuple[int, Index, Array]]:
+        """Each port with its columns (c,) and their values (n, c)."""
+        every = [(int(k), self.port == k) for k in np.unique(self.port)]
+        return [(k, self.column[own], self.values[:, own]) for k, own in every]
+
     def put_into(self, out: Array) -> None:
         """Write the columns into ``out`` (n, m, w)."""
-        for k in np.unique(self.port):
-            own = self.port == k
-            out[:, :, self.column[own]] = self.slopes[:, :, [k]] * self.values[:, None, own]
+        for k, column, values in self.by_port():
+            out[:, :, column] = self.slopes[:, :, [k]] * values[:, None]
 
 
 @dataclass(frozen=True)
@@ -58,27 +62,6 @@ class Part:
     dense: Array
     at: Index
     ports: ByPorts | None
-
-    def gram(self, width: int, channels: Sequence[int] | None = None) -> Array:
-        """(width, width) sum over rows and channels (all, or some) of the products of columns."""
-        out = np.zeros((width, width))
-        kind = slice(None) if channels is None else list(channels)
-        dense = self.dense[:, kind]
-        flat = dense.reshape(-1, dense.shape[2])
-        out[np.ix_(self.at, self.at)] = flat.T @ flat
-        if self.ports is None:
-            return out
-        slopes, groups = self.ports.slopes[:, kind], list(self._by_port())
-        for first, (k, column, values) in enumerate(groups):
-            across = np.einsum("nmd,nm->nd", dense, slopes[:, :, k]).T @ values
-            out[np.ix_(self.at, column)] = across
-            out[np.ix_(column, self.at)] = across.T
-            for other, beside, factors in groups[first:]:
-                both = np.einsum("nm,nm->n", slopes[:, :, k], slopes[:, :, other])
-                product = values.T @ (both[:, None] * factors)
-                out[np.ix_(column, beside)] = product
-                out[np.ix_(beside, column)] = product.T
-        return out
 
     def written(self, width: int) -> Array:
         """(n, m, width) all columns side by side."""
@@ -94,13 +77,6 @@ class Part:
         if self.ports is not None:
             there |= np.any(self.ports.slopes[:, list(channels)] != 0.0, axis=2)
         return int(np.sum(there))
-
-    def _by_port(self) -> Iterator[tuple[int, Index, Array]]:
-        """Each port with its columns (c,) and their values (n, c)."""
-        assert self.ports is not None
-        for k in np.unique(self.ports.port):
-            own = self.ports.port == k
-            yield int(k), self.ports.column[own], self.ports.values[:, own]
 
 
 __all__ = ["ByPorts", "Part"]

@@ -30,6 +30,7 @@ from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel, Comparison, Rows
 from truepose.models.statics import load_scale
+from truepose.threads import in_order
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -142,11 +143,14 @@ class Predictor:
         ``weight`` (n,): how much a row counts in a level that compared rows share, by default 1, for validation 0.
         """
         comparisons = self.comparisons(weight)
-        step = _BLOCK if all(c is None for c in comparisons) else len(self.q)
-        for start in range(0, len(self.q), max(step, 1)):
+        step = _BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)
+        self._waves(slice(0, 0))  # before threads ask for them
+
+        def block(start: int) -> Block:
             rows = slice(start, min(start + step, len(self.q)))
-            sight = self._sight(rows, p, x)
-            yield joined(rows, self.seen(sight, p, rows, comparisons))
+            return joined(rows, self.seen(self._sight(rows, p, x), p, rows, comparisons))
+
+        return in_order(block, range(0, len(self.q), step))
 
     def seen(
         self, sight: Sight, p: Array, rows: slice, comparisons: Sequence[Comparison | None]
@@ -233,7 +237,8 @@ class Predictor:
 
     def _waves(self, rows: slice) -> Array:
         """(n, f) what coefficients move their ports by, whatever p: worked out once where it takes little memory."""
-        assert self._by_ports is not None
+        if self._by_ports is None:
+            return np.zeros((0, 0))
         if len(self.q) * len(self._by_ports.column) > WAVES_KEPT:
             return self._by_ports.values(self.q[rows], self.z[rows])
         if self._values is None:

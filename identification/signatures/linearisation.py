@@ -20,6 +20,7 @@ from truepose.identification.fit.tolerance_classes import PartClass, part_classe
 from truepose.identification.fit.turn import seen_directions
 from truepose.identification.posterior.spike_slab import UNSEEN
 from truepose.identification.prediction.by_ports import Part
+from truepose.identification.prediction.gram_sum import GramSum
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
@@ -166,11 +167,10 @@ class Signatures:
         names = list(dict.fromkeys(kinds))
         which = [[k for k, kind in enumerate(kinds) if kind == name] for name in names]
         size = n + self.width + forms.width + 1
-        grams = [np.zeros((size, size)) for _ in names]
-        counts = [0] * len(names)
+        sums, counts = [GramSum(size, own) for own in which], [0] * len(names)
         for part in self._parts(fit, forms, order):
             for k, own in enumerate(which):
-                grams[k] += part.gram(size, own)
+                sums[k].add(part)
                 counts[k] += part.readings(own)
         counts[0] -= fit.levels
         departure = np.zeros(size - 1)
@@ -179,7 +179,7 @@ class Signatures:
             departure[n + at] = amplitudes
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
         return Linearisation(
-            tuple(grams), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
+            tuple(one.matrix() for one in sums), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
             self.candidates, tuple(tuple(own) for own in causes), forms.sources, self.turns,
         )  # fmt: skip
 

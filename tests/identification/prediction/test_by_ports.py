@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Problem
 from truepose.identification.prediction.by_ports import ByPorts, Part
+from truepose.identification.prediction.gram_sum import GramSum
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Signatures
@@ -65,7 +66,10 @@ def test_gram_matrix_is_that_of_the_columns_written_out() -> None:
     ports.put_into(columns)
     for channels in (None, [0, 3]):
         flat = columns[:, channels or slice(None)].reshape(-1, 7)
-        assert part.gram(7, channels) == pytest.approx(flat.T @ flat, abs=1e-12)
+        total = GramSum(7, channels)
+        total.add(part)
+        total.add(part)
+        assert total.matrix() == pytest.approx(2.0 * flat.T @ flat, abs=1e-12)
     assert part.readings([1, 2]) == 2 * n
 
 

@@ -1,0 +1,63 @@
+"""Work on several processors at once: linear algebra, CasADi and compiled C run beside each other in threads.
+
+What is worked out does not depend on how many there are: pieces are the same, and come back in order, so that sums of
+them are the same digit by digit. ``TRUEPOSE_THREADS`` says how many; by default one for each processor.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+import joblib
+
+from truepose.errors import InputError
+
+T = TypeVar("T")
+R = TypeVar("R")
+VARIABLE = "TRUEPOSE_THREADS"
+
+
+def processors() -> int:
+    """How many threads work at once. Raises InputError where the variable is no number from 1 on."""
+    asked = os.environ.get(VARIABLE)
+    if asked is None:
+        return int(joblib.cpu_count())
+    if not asked.isdecimal() or int(asked) < 1:
+        raise InputError(f"{VARIABLE}: found {asked!r}, expected a number of threads, 1 or more")
+    return int(asked)
+
+
+def in_order(work: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
+    """``work`` of each item, in their order; no more of them are worked out ahead than there are threads."""
+    threads = min(processors(), len(items))
+    if threads < 2:
+        yield from map(work, items)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        waiting = deque[Future[R]]()
+        for item in items:
+            waiting.append(pool.submit(work, item))
+            if len(waiting) > threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def all_done(tasks: Iterable[Callable[[], None]]) -> None:
+    """Tasks that do not touch each other's results, shared out among the threads."""
+    every = list(tasks)
+    threads = min(processors(), len(every))
+
+    def share(first: int) -> None:
+        for task in every[first::threads]:
+            task()
+
+    for _ in in_order(share, range(threads)):
+        pass
+
+
+__all__ = ["all_done", "in_order", "processors"]
