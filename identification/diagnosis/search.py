@@ -66,44 +66,61 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
     if more is not cat:
         signatures, cat = signatures.of(more.candidates), more
     signatures = signatures.seen_from(null)
-    state = Expansion(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms)
+    state = Expansion(Start(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms))
     for k in range(CLIMBS):
         if k and not state.short:
             break  # near enough: every further fit would take long
         moved = state.moved(climbed(state.spike_slab, prior.RICHNESS, state.known))
         if moved is None:
             break
-        state = moved
+        del state  # before the next one, for its matrices are large
+        state = Expansion(moved)
     for _ in range(MOVES if state.short else 0):
         moved = state.moved(state.sampled(rounds=1)[1])
         if moved is None:
             break
-        state = moved
+        del state
+        state = Expansion(moved)
     return state
 
 
+@dataclass(frozen=True)
+class Start:
+    """A fit to expand at, with the candidates that it holds (``accepted``: index to spread, in scales).
+
+    first: at the fit without effects, the log Bayes factor (c,) of each candidate alone, and geometry's linearisation;
+    known: the likeliest state found before.
+    """
+
+    signatures: Signatures
+    catalogue: Catalogue
+    fit: Estimate
+    accepted: Mapping[int, float]
+    exclude: Mask
+    rms: float
+    refined: int = 0
+    first: tuple[Array, Linearisation] | None = None
+    known: State | None = None
+
+
 class Expansion:
-    """A fit, all candidates there, and the likeliest states found before in the numbers of this problem."""
+    """All candidates at a fit, and the likeliest state found before in the numbers of this problem."""
 
-    def __init__(
-        self, signatures: Signatures, cat: Catalogue, fit: Estimate, accepted: Mapping[int, float], exclude: Mask,
-        rms: float, refined: int = 0, before: tuple[Expansion, State] | None = None,
-    ) -> None:  # fmt: skip
-        self.signatures, self.catalogue, self.fit, self.accepted = signatures, cat, fit, accepted
-        self.linearisation = signatures.linearise(fit)
-        self.problem = selection_problem(self.linearisation, cat, rms)
+    def __init__(self, start: Start) -> None:
+        self.start, self.signatures, self.catalogue, self.fit = (
+            start, start.signatures, start.catalogue, start.fit,
+        )  # fmt: skip
+        self.linearisation = start.signatures.linearise(start.fit)
+        self.problem = selection_problem(self.linearisation, start.catalogue, start.rms)
         self.spike_slab = self.problem.spike_slab.compressed()
-        self.first: tuple[Array, Linearisation] | None = None if before is None else before[0].beginning
-        self.known = [] if before is None else [self._of_this_grid(before[1])]
-        self.exclude, self._rms, self._refined = exclude, rms, refined
+        self.known = [] if start.known is None else [self._of_this_grid(start.known)]
 
-    @property
+    @cached_property
     def beginning(self) -> tuple[Array, Linearisation]:
         """At the fit without effects: the log Bayes factor (c,) of each candidate alone, and geometry's linearisation."""
-        if self.first is None:
-            alone = weighed_alone(self.problem, len(self.catalogue.candidates))
-            self.first = alone, self.linearisation.bare()
-        return self.first
+        if self.start.first is not None:
+            return self.start.first
+        return weighed_alone(self.problem, len(self.catalogue.candidates)), self.linearisation.bare()
 
     def _of_this_grid(self, state: State) -> State:
         """Its terms are the same: more candidates of a catalogue stand at its end."""
@@ -112,7 +129,7 @@ class Expansion:
     @property
     def short(self) -> bool:
         """Whether its set has few columns, so that all is quick."""
-        return sum(len(self.catalogue.candidates[i].coefficients) for i in self.accepted) <= LONG_SET
+        return sum(len(self.catalogue.candidates[i].coefficients) for i in self.start.accepted) <= LONG_SET
 
     @cached_property
     def _sampling(self) -> Sampling:
@@ -127,27 +144,27 @@ class Expansion:
         """The posterior here, drawn to the end."""
         posterior, best = self.sampled()
         self.problem.spike_slab.forget()
-        own = self.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
+        own = self.start.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
         alone, before = self.beginning
         later = np.full(len(self.catalogue.candidates) - len(alone), -np.inf)
         return Found(self.problem, posterior, best, *own, np.append(alone, later), before)
 
-    def moved(self, best: State) -> Expansion | None:
-        """At the fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
+    def moved(self, best: State) -> Start | None:
+        """The fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
         wanted = dict.fromkeys(self.catalogue.stated, prior.STATED) | chosen(self.problem, best)
-        cat, signatures = self.catalogue, self.signatures
-        finer = refined(signatures.machine, cat, wanted) if self._refined < REFINED else cat
-        if set(wanted) == set(self.accepted) and finer is cat:
+        start, cat, signatures = self.start, self.catalogue, self.signatures
+        finer = refined(signatures.machine, cat, wanted) if start.refined < REFINED else cat
+        if set(wanted) == set(start.accepted) and finer is cat:
             return None
         try:
-            fit = refitted(self, wanted, best) if set(wanted) != set(self.accepted) else self.fit
+            fit = refitted(self, wanted, best) if set(wanted) != set(start.accepted) else self.fit
         except ConvergenceError:
             return None
-        count = self._refined + (finer is not cat)
+        count = start.refined + (finer is not cat)
         finer = proposed(signatures, fit, finer)
         if finer is not cat:
             signatures = signatures.of(finer.candidates).seen_from(fit)
-        return Expansion(signatures, finer, fit, wanted, self.exclude, self._rms, count, (self, best))
+        return Start(signatures, finer, fit, wanted, start.exclude, start.rms, count, self.beginning, best)
 
 
 def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
@@ -169,7 +186,7 @@ def refitted(here: Expansion, wanted: Mapping[int, float], best: State) -> Estim
     start = start_from(here.fit, terms)
     noise = noise_at(here.problem, best)
     return estimate(
-        machine, recording, terms, start=start, exclude=here.exclude, tolerance=ROUGH, noise=noise
+        machine, recording, terms, start=start, exclude=here.start.exclude, tolerance=ROUGH, noise=noise
     )
 
 

@@ -72,8 +72,12 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
     """What is said, and what is applied."""
     recording = found.signatures.recording
     model = _likeliest(fits, found)
-    there = _there(found, model)
-    found = replace(found, linearisation=there.linearisation)  # large, and only its columns are asked for
+    if {e.label for e in model.fit.effects} == {e.label for e in found.fit.effects}:
+        there = found
+    else:  # linear at the likeliest model's own fit, so that the form of everything it holds is tested
+        found = replace(found, linearisation=found.linearisation.bare())  # large: let go before the next
+        there = replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
+        found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
     summary, nameless = summarised(there, model.fit), model.nameless(there)
     choice = Choice.of(there, fits.before, fits.outliers, _sure(summary, NAMED))
     quiet = _quiet(fits, found, summary, choice)
@@ -171,14 +175,6 @@ def _remainder(
     if said == "unknown" or left["structure"].raised:
         return remainder_of_residuals(after, found.signatures.recording, left["structure"])
     return None
-
-
-def _there(found: Found, model: Model) -> Found:
-    """Linear at the likeliest model's own fit, so that the form of everything it holds is tested."""
-    held = {effect.label for effect in model.fit.effects}
-    if held == {effect.label for effect in found.fit.effects}:
-        return found
-    return replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
 
 
 def _sure(summary: Summary, probability: float = 0.0) -> tuple[int, ...]:

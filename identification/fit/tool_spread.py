@@ -94,10 +94,10 @@ def _by_source(fit: Estimate, slopes: Array) -> dict[str, Array]:
 
 def _spread(slopes: Array, root: Array) -> Array:
     """(n,) trace of J C J', from J (n, 3, k) and a root of C; one that is far wider than high is first made square."""
-    rows, high, wide = slopes.shape[0] * slopes.shape[1], *root.shape
-    if high / max(rows, 1) + high / max(wide, 1) < 1.0:
+    (high, wide), flat = root.shape, slopes.reshape(-1, slopes.shape[2])
+    if high / max(len(flat), 1) + high / max(wide, 1) < 1.0:
         root = np.asarray(np.linalg.qr(root.T, mode="r")).T
-    return np.asarray(np.sum((slopes @ root) ** 2, axis=(1, 2)))
+    return np.asarray(np.sum((flat @ root) ** 2, axis=1).reshape(slopes.shape[:2]).sum(axis=1))
 
 
 def _own(fit: Estimate) -> float:

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.drivers import Column, column_of, joint_column, reading_unit
@@ -149,18 +150,19 @@ def _evaluated(
     recording, fit = diagnosis.recording, diagnosis.after
     measured = recording.q[:, recording.joints.index(reading)]
     shift = found.shifts[port]
-    outputs = [ca.densify(shift), ca.densify(ca.jacobian(shift, found.coefficients))]
-    function = ca.Function("shift", [found.q[reading], found.coefficients], outputs).map(POINTS)
+    inputs, slopes_by = [found.q[reading], found.coefficients], ca.jacobian(shift, found.coefficients)
+    values = BatchFunction("shift", inputs, [shift])
+    both = BatchFunction("shift_and_slopes", inputs, [shift, slopes_by])
 
-    def at_readings(q: Array) -> tuple[Array, Array]:
-        values, slopes = function(q[None], np.tile(found.amplitudes[:, None], POINTS))
-        return np.array(values).ravel(), np.array(slopes).reshape(POINTS, -1)
+    def value(q: Array) -> Array:
+        return values(q[:, None], found.amplitudes)[0].ravel()
 
-    period = _period(diagnosis.machine, terms, reading, lambda q: at_readings(q)[0])
+    period = _period(diagnosis.machine, terms, reading, value)
     if not np.ptp(measured) > FOLDED * period:
         period = float("inf")
     x = np.linspace(measured.min(), min(measured.max(), measured.min() + period), POINTS)
-    y, slopes = at_readings(x)
+    y, slopes = (out[:, 0] for out in both(x[:, None], found.amplitudes))
+    y = y[:, 0]
     place = {fit.prior.names[int(k)]: j for j, k in enumerate(fit.prior.free)}
     names = [name for term in terms for name in term.parameter_names]
     free = [k for k, name in enumerate(names) if name in place]
