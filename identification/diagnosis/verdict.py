@@ -83,6 +83,7 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
     quiet = _quiet(fits, found, summary, choice)
     if quiet.verdict == "adequate":
         return quiet
+    findings = _findings(found, summary, model.fit, fits.rms)  # their halves take most memory: before further fits
     whole, names = choice.compared(model.fit), _names(fits, there, model)
     after, applied = _applied(choice, model, names, summary, whole)
     gain = _gain(choice, names, whole) if nameless else {}
@@ -92,7 +93,7 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         quiet,
         concealed=fits.free.chi2_per_dof < CONCEALED,
         alarms_after=left,
-        findings=_findings(found, summary, model.fit, fits.rms),
+        findings=findings,
         remainder=_remainder(there, quiet.verdict, nameless, after, left, gain),
         after=after,
         fits=_summaries(fits, after, recording.validation),

@@ -80,6 +80,7 @@ class Sampling:
         top, other = every[0], every[min(1, len(every) - 1)]
         around = plausible(spike_slab, richness, every)
         whole, self._index = spike_slab.restricted(around.terms)
+        spike_slab.forget()  # chains have a memory of their own
         number = {int(term): k for k, term in enumerate(self._index)}
         self._part = whole.conditioned([(number[term], size) for term, size in around.certain])
 
