@@ -20,9 +20,12 @@ from truepose.codegen.evaluation.compiled import NotCompiledError, load
 from truepose.codegen.evaluation.engine import Engine, engine_for, without_compiler
 from truepose.codegen.evaluation.rowinputs import RowInputs, pointers, rows_of, scratch
 from truepose.codegen.evaluation.rowwise import RowWise, rowwise
+from truepose.threads import all_done
 
 Array = NDArray[np.float64]
 CHUNK = 64
+ALONE = 2048
+"""Rows up to which one thread evaluates them: who has many calls of fewer shares these out among threads."""
 
 
 class BatchFunction:
@@ -87,9 +90,16 @@ class _VirtualMachine:
 
     def __call__(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
         rows = len(outputs[0]) if outputs else 0
-        for start in range(0, rows, CHUNK):
+
+        def chunk(start: int) -> None:
             part = slice(start, min(start + CHUNK, rows))
             self._evaluate([a[part] for a in inputs], [result[part] for result in outputs])
+
+        if rows > ALONE:
+            all_done(chunk, range(0, rows, CHUNK))
+            return
+        for start in range(0, rows, CHUNK):
+            chunk(start)
 
     def _evaluate(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> None:
         rows = len(outputs[0])

@@ -15,7 +15,7 @@ from truepose.identification.diagnosis import outliers
 from truepose.identification.diagnosis.result import (
     Diagnosis,
 )
-from truepose.identification.diagnosis.search import search
+from truepose.identification.diagnosis.search import search, settled
 from truepose.identification.diagnosis.verdict import Fits, concluded
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
@@ -51,7 +51,9 @@ def diagnose(
     again = outliers.outlying_rows(near.fit, recording, ~recording.validation)
     if not np.array_equal(again, fits.outliers):
         fits = _refit_null(machine, recording, fits, again)
-        near = search(signatures, cat, fits.before, fits.outliers, fits.rms)
+        start = near.without(again, fits.before, fits.rms)
+        del near
+        near = search(signatures, cat, fits.before, again, fits.rms) if start is None else settled(start)
     found = [near.found()]
     del near  # and what its chains remember
     progress("naming and proving")

@@ -66,7 +66,12 @@ def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask
     if more is not cat:
         signatures, cat = signatures.of(more.candidates), more
     signatures = signatures.seen_from(null)
-    state = Expansion(Start(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms))
+    return settled(Start(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms))
+
+
+def settled(start: Start) -> Expansion:
+    """Where the mode stays, from a start."""
+    state = Expansion(start)
     for k in range(CLIMBS):
         if k and not state.short:
             break  # near enough: every further fit would take long
@@ -166,6 +171,23 @@ class Expansion:
             signatures = signatures.of(finer.candidates).seen_from(fit)
         return Start(signatures, finer, fit, wanted, start.exclude, start.rms, count, self.beginning, best)
 
+    def without(self, exclude: Mask, null: Estimate, rms: float) -> Start | None:
+        """A start for a search with other rows left out, from this one's end; ``null`` is the fit without effects to them.
+
+        None where the set is short, so that a search from nothing is quick, or where there is no minimum.
+        """
+        if self.short or not self.known:
+            return None
+        start, signatures = self.start, self.signatures
+        bare = Signatures(signatures.machine, signatures.recording, ()).linearise(null).bare()
+        try:
+            fit = refitted(self, start.accepted, self.known[0], exclude)
+        except ConvergenceError:
+            return None
+        return replace(
+            start, fit=fit, exclude=exclude, rms=rms, first=(self.beginning[0], bare), known=self.known[0]
+        )
+
 
 def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
     """Candidates of a state with their spreads, in scales."""
@@ -179,14 +201,17 @@ def noise_at(problem: SelectionProblem, state: State) -> float:
     return float(np.exp(np.average(np.log(scales), weights=problem.spike_slab.design.counts)))
 
 
-def refitted(here: Expansion, wanted: Mapping[int, float], best: State) -> Estimate:
-    """The nonlinear fit with other candidates, from the present one; readings as noisy as the state has them."""
+def refitted(
+    here: Expansion, wanted: Mapping[int, float], best: State, exclude: Mask | None = None
+) -> Estimate:
+    """The nonlinear fit with other candidates, or other rows left out, from the present one; readings as noisy as the state has
+    them."""
     machine, recording = here.signatures.machine, here.signatures.recording
     terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
-    start = start_from(here.fit, terms)
-    noise = noise_at(here.problem, best)
+    start, noise = start_from(here.fit, terms), noise_at(here.problem, best)
+    left_out = here.start.exclude if exclude is None else exclude
     return estimate(
-        machine, recording, terms, start=start, exclude=here.start.exclude, tolerance=ROUGH, noise=noise
+        machine, recording, terms, start=start, exclude=left_out, tolerance=ROUGH, noise=noise
     )
 
 

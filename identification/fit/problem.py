@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -172,7 +173,15 @@ class Problem:
 
     def data(self, p: Array, x: Array) -> Iterable[Rows]:
         """Blocks (rows, k + 1) of [J r] of the readings alone, J by the k steps, at ``p`` (np,) and ``x`` (rows, nx)."""
-        return self._rows(self.predictor, p, x, np.arange(len(self.used)))
+        predictor, at = self._fitted
+        return self._rows(predictor, p, x[at], at)
+
+    @cached_property
+    def _fitted(self) -> tuple[Predictor, NDArray[np.intp]]:
+        """The predictor of the rows (k,) that are fitted; of all where readings compare rows."""
+        every = any(sensor.compares for sensor in self.predictor.machine.sensors)
+        at = np.flatnonzero(self.used | every)
+        return (self.predictor if len(at) == len(self.used) else self.predictor.of_rows(at)), at
 
     def _rows(self, predictor: Predictor, p: Array, x: Array, at: NDArray[np.intp]) -> Iterable[Rows]:
         """The same of a predictor for the rows ``at``."""

@@ -62,10 +62,11 @@ class Block:
             return None
         root = weight[:, None, None]
         kept, by = place[self.at] >= 0, self.ports.of_columns(place[self.ports.column] >= 0)
+        by = by if len(rows) == len(self.residual) else by.of_rows(rows)
         own = self.dense[rows][:, :, kept] * scale[self.at[kept]]
         dense = np.concatenate([own, self.residual[rows][..., None]], axis=2) * root
         at = np.append(place[self.at[kept]], int(place.max()) + 1)
-        return Part(dense, at, by.of_rows(rows).scaled(root, scale[by.column], place[by.column]))
+        return Part(dense, at, by.scaled(root, scale[by.column], place[by.column]))
 
 
 def written_out(dense: Array, at: Index | None, ports: ByPorts | None) -> Array:

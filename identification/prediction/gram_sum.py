@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from itertools import combinations, pairwise
+from collections.abc import Sequence
+from itertools import combinations, combinations_with_replacement, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,32 +38,14 @@ class GramSum:
             self._sums = np.zeros((len(order), len(order)))
         if not np.array_equal(order, self._order):
             raise ValueError("parts of one sum have the same columns")
-        all_done(self._products(part, groups))
-
-    def _products(self, part: Part, groups: Sequence[tuple[int, Index, Array]]) -> Iterator[Callable[[], None]]:
-        """Tasks that add to a corner of the sums each."""
         dense = part.dense[:, self._kind]
-        flat = dense.reshape(-1, dense.shape[2])
-        yield lambda: self._add(0, 0, flat, flat)
-        if part.ports is None:
-            return
-        slopes = part.ports.slopes[:, self._kind]
+        slopes = None if part.ports is None else part.ports.slopes[:, self._kind]
 
-        def across(g: int, port: int, values: Array) -> None:
-            self._add(0, g, np.einsum("nmd,nm->nd", dense, slopes[:, :, port]), values)
+        def corner(at: tuple[int, int]) -> None:
+            left, right = _factors(dense, slopes, groups, *at)
+            self._sums[self._spans[at[0]], self._spans[at[1]]] += left.T @ right
 
-        def between(g: int, h: int) -> None:
-            (port, _, values), (other, _, factors) = groups[g], groups[h]
-            both = np.einsum("nm,nm->n", slopes[:, :, port], slopes[:, :, other])
-            self._add(g + 1, h + 1, values, both[:, None] * factors)
-
-        for g, (port, _, values) in enumerate(groups):
-            yield lambda g=g, port=port, values=values: across(g + 1, port, values)  # type: ignore[misc]
-            for h in range(g, len(groups)):
-                yield lambda g=g, h=h: between(g, h)  # type: ignore[misc]
-
-    def _add(self, row: int, column: int, left: Array, right: Array) -> None:
-        self._sums[self._spans[row], self._spans[column]] += left.T @ right
+        all_done(corner, list(combinations_with_replacement(range(len(self._spans)), 2)))
 
     def matrix(self) -> Array:
         """The sum; what was added is let go."""
@@ -74,6 +56,21 @@ class GramSum:
         out[np.ix_(self._order, self._order)] = sums
         self._spans = []
         return out
+
+
+def _factors(
+    dense: Array, slopes: Array | None, groups: Sequence[tuple[int, Index, Array]], g: int, h: int
+) -> tuple[Array, Array]:
+    """(k, c), (k, d) whose product is that of two groups of columns, g <= h: 0 is what follows no port."""
+    if slopes is None or h == 0:
+        flat = dense.reshape(-1, dense.shape[2])
+        return flat, flat
+    port, _, values = groups[h - 1]
+    if g == 0:
+        return np.asarray(np.einsum("nmd,nm->nd", dense, slopes[:, :, port])), values
+    other, _, first = groups[g - 1]
+    both = np.einsum("nm,nm->n", slopes[:, :, other], slopes[:, :, port])
+    return first, both[:, None] * values
 
 
 __all__ = ["GramSum"]

@@ -66,6 +66,7 @@ class Predictor:
         self.evaluations = visits * len(self.q)
         self.sums: dict[tuple[int, ...], GramFunction] = {}
         """Normal equations by free entries of p, where a fit has asked for them."""
+        self._gradients: dict[str, BatchFunction] = {}
         n = self.evaluations
         self._loops = Loops(m, n)
         computed = computed_displacements(m)
@@ -224,9 +225,10 @@ class Predictor:
         scale = [(k, m.names[i], load_scale(self.machine, m.names[i])) for k, i in enumerate(at)]
         out: dict[str, Array] = {}
         for case, energy in m.energies.items():
-            by_p = m.still.slope(energy, m.p)[at].T
-            gradient = BatchFunction("energy", [m.x, m.q, m.z, m.p], [m.still.slope(energy, m.x).T, by_p])
-            vx, vp = gradient(x, self.q, self.z, p)
+            if case not in self._gradients:
+                slopes = [m.still.slope(energy, m.x).T, m.still.slope(energy, m.p)[at].T]
+                self._gradients[case] = BatchFunction("energy", [m.x, m.q, m.z, m.p], slopes)
+            vx, vp = self._gradients[case](x, self.q, self.z, p)
             force = -vp[:, 0, :]
             if x.shape[1]:
                 gx, gp = self._kinematics(x, self.q, self.z, p)[3:5]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
@@ -47,14 +47,13 @@ def in_order(work: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
             yield waiting.popleft().result()
 
 
-def all_done(tasks: Iterable[Callable[[], None]]) -> None:
-    """Tasks that do not touch each other's results, shared out among the threads."""
-    every = list(tasks)
-    threads = min(processors(), len(every))
+def all_done(work: Callable[[T], None], items: Sequence[T]) -> None:
+    """``work`` of every item, which do not touch each other's results, shared out among the threads."""
+    threads = min(processors(), len(items))
 
     def share(first: int) -> None:
-        for task in every[first::threads]:
-            task()
+        for item in items[first::threads]:
+            work(item)
 
     for _ in in_order(share, range(threads)):
         pass
