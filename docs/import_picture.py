@@ -38,7 +38,7 @@ FOLDERS = {
 FLOORS = (
     ("errors", "wording", "shown", "version"),
     ("publication",),
-    ("files",),
+    ("files", "threads"),
     ("models",),
     ("models.sensors", "models.builders"),
     ("models.effects",),

@@ -34,7 +34,8 @@ from truepose.threads import in_order
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-_BLOCK = 1024
+BLOCK = 1024
+"""Rows that are worked out together."""
 WAVES_KEPT = 30_000_000
 """Most numbers that are kept of what does not change with p."""
 FIT = 5
@@ -144,7 +145,7 @@ class Predictor:
         ``weight`` (n,): how much a row counts in a level that compared rows share, by default 1, for validation 0.
         """
         comparisons = self.comparisons(weight)
-        step = _BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)
+        step = BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)
         self._waves(slice(0, 0))  # before threads ask for them
 
         def block(start: int) -> Block:
@@ -193,7 +194,7 @@ class Predictor:
         """Column names, predicted values (n, k) and poses (n, 4, 4); some rows at a time."""
         comparisons = self.comparisons()
         names = [name for s in self.machine.sensors for name in s.columns]
-        step = _BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)
+        step = BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)
         values, poses = [np.zeros((0, len(names)))], [np.zeros((0, 4, 4))]
         for start in range(0, len(self.q), step):
             sight = self._sight(slice(start, min(start + step, len(self.q))), p, x)

@@ -15,6 +15,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Signatures
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine
+from truepose.threads import VARIABLE
 
 Array = NDArray[np.float64]
 
@@ -157,3 +158,20 @@ def test_columns_of_long_series_are_those_of_directions(
     amplitudes = few.departure[few.free : few.free + slim.columns[0].stop]
     fitted = wide.departure[wide.free : wide.free + plain.columns[0].stop]
     assert few.turn(0) @ amplitudes == pytest.approx(few.turn(0) @ few.turn(0).T @ fitted, abs=1e-12)
+
+
+def test_threads_change_no_digit_of_a_fit(
+    recorded: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rows come in several blocks, and chunks of a batch are shared out, too."""
+    machine, recording = recorded
+    monkeypatch.setattr("truepose.identification.prediction.predictor.BLOCK", 7)
+    monkeypatch.setattr("truepose.codegen.evaluation.batch.ALONE", 5)
+    monkeypatch.setattr("truepose.codegen.evaluation.batch.CHUNK", 4)
+    terms = [e.with_values([0.0] * len(e.coefficients)) for e in _series(machine, 80.0, 4)]
+    found = []
+    for threads in ("1", "2", "5"):
+        monkeypatch.setenv(VARIABLE, threads)
+        found.append(estimate(machine, recording, terms))
+    for other in found[1:]:
+        assert np.array_equal(other.p, found[0].p) and np.array_equal(other.std, found[0].std)

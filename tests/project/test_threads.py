@@ -1,0 +1,53 @@
+"""Laws of work in threads: what comes out does not depend on how many there are."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truepose.errors import InputError
+from truepose.threads import VARIABLE, all_done, in_order, processors
+
+
+@given(st.lists(st.integers(), max_size=30), st.integers(1, 5))
+def test_results_come_in_the_order_of_items(items: list[int], threads: int) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(VARIABLE, str(threads))
+        assert list(in_order(lambda k: 2 * k, items)) == [2 * k for k in items]
+        done = np.zeros(len(items), dtype=int)
+        all_done(lambda k: done.__setitem__(k, done[k] + 1), range(len(items)))
+    assert np.all(done == 1)
+
+
+def test_no_more_is_worked_out_ahead_than_there_are_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "2")
+    begun, lock = list[int](), threading.Lock()
+
+    def work(k: int) -> int:
+        with lock:
+            begun.append(k)
+        return k
+
+    results = in_order(work, range(50))
+    next(results)
+    time.sleep(0.05)  # would be enough for all of them
+    assert len(begun) <= 4
+    assert list(results) == list(range(1, 50))
+
+
+def test_what_fails_in_a_thread_fails_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "3")
+    with pytest.raises(ZeroDivisionError):
+        list(in_order(lambda k: 1 // k, [2, 1, 0, 3]))
+
+
+@pytest.mark.parametrize("asked", ["0", "-1", "two", "1.5", ""])
+def test_a_number_of_threads_that_is_none(asked: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, asked)
+    with pytest.raises(InputError, match=f"{VARIABLE}: found '{asked}'"):
+        processors()
