@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from joblib import Parallel, cpu_count, delayed
 from numpy.typing import NDArray
 
 from truepose.codegen.c import render
@@ -20,6 +19,7 @@ from truepose.codegen.evaluation.compiled import NotCompiledError, load
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.machine import Machine
+from truepose.threads import all_done
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -92,9 +92,9 @@ def base_frame(machine: Machine) -> Array:
 
 
 def shared_out(part: Callable[[slice], None], count: int, block: int) -> None:
-    """``part`` of every block of rows, by as many threads as this process may use cores; it fills arrays of the caller."""
+    """``part`` of every block of rows, by as many threads as there are processors; it fills arrays of the caller."""
     blocks = [slice(start, min(start + block, count)) for start in range(0, count, block)]
-    Parallel(min(cpu_count(), len(blocks)) or 1, require="sharedmem")(delayed(part)(rows) for rows in blocks)
+    all_done(part, blocks)
 
 
 def _rows(array: Array) -> Array:

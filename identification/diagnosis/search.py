@@ -210,9 +210,7 @@ def refitted(
     terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
     start, noise = start_from(here.fit, terms), noise_at(here.problem, best)
     left_out = here.start.exclude if exclude is None else exclude
-    return estimate(
-        machine, recording, terms, start=start, exclude=left_out, tolerance=ROUGH, noise=noise
-    )
+    return estimate(machine, recording, terms, start=start, exclude=left_out, tolerance=ROUGH, noise=noise)
 
 
 def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:

@@ -92,9 +92,7 @@ def triangular_parts(blocks: Iterable[Rows], columns: int, groups: Sequence[Sequ
     return parts
 
 
-def _grams(
-    blocks: Iterable[Rows], columns: int, groups: Sequence[Sequence[int] | None]
-) -> list[Array]:
+def _grams(blocks: Iterable[Rows], columns: int, groups: Sequence[Sequence[int] | None]) -> list[Array]:
     """A Gram matrix (columns, columns) of the rows of each group of channels; of all rows for None."""
     sums = [GramSum(columns, at) for at in groups]
     plain = [np.zeros((columns, columns)) for _ in groups]

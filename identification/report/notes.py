@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+
+from truepose.identification.diagnosis.outliers import outlying_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.revisits import revisits
+from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.identifiability.note import Note
 from truepose.identification.recording.recording import Recording
@@ -48,8 +52,24 @@ def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
         *driver_notes(found),
         *said,
         *tolerance_notes(found.inflation),
+        *held_out_notes(found.after, recording),
         *repeat_notes(found.after, recording),
     )
+
+
+def held_out_notes(fit: Estimate, recording: Recording) -> list[str]:
+    """What a model leaves of the rows held out without those that no model explains: a fit leaves such rows out."""
+    wild = outlying_rows(fit, recording, recording.validation)
+    others = recording.validation & ~wild & np.isfinite(fit.residual).all(axis=1)
+    if not wild.any():
+        return []
+    left = rms_by_kind(fit.residual[others], fit.machine.channels, fit.lost_among(others))
+    units = fit.machine.residual_units
+    said = joined(f"{measure(value, units[kind])} ({kind})" for kind, value in left.items())
+    return [
+        f"as far off as rows that a fit leaves out: {int(wild.sum())} of the {int(recording.validation.sum())} rows held out;"
+        f" the others are off by {said}"
+    ]
 
 
 def repeat_notes(fit: Estimate, recording: Recording) -> list[str]:

@@ -178,8 +178,9 @@ class Signatures:
         for at, amplitudes in signals:
             departure[n + at] = amplitudes
         parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
+        grams = tuple(one.matrix() for one in sums)
         return Linearisation(
-            tuple(one.matrix() for one in sums), tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
+            grams, tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
             self.candidates, tuple(tuple(own) for own in causes), forms.sources, self.turns,
         )  # fmt: skip
 

@@ -10,8 +10,10 @@ import pytest
 from support.sensor_bench import Bench
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.revisits import FEWEST, revisits
+from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.recording import Recording, frozen
-from truepose.identification.report.notes import repeat_notes
+from truepose.identification.report.notes import held_out_notes, repeat_notes
+from truepose.identification.report.numbers import measure
 
 PLACES = 120
 
@@ -74,3 +76,18 @@ def test_an_arm_that_stands_still_or_never_comes_back_tells_nothing(
     same = replace(recording.subset(still), source_row=frozen(np.arange(len(still))))
     twice = replace(fit, residual=fit.residual[still], used=np.ones(len(still), dtype=bool))
     assert revisits(twice, same) is None
+
+
+def test_rows_held_out_that_no_model_explains_are_told_apart(visited: tuple[Estimate, Recording]) -> None:
+    """Three of 120 rows are a hundred sigma off in one channel; the others are off as before."""
+    fit, recording = visited
+    held = np.arange(len(recording)) >= PLACES
+    apart = replace(recording, validation=frozen(held))
+    used = replace(fit, used=~held)
+    assert held_out_notes(used, apart) == []
+    wild = fit.residual.copy()
+    wild[[PLACES + 7, PLACES + 40, PLACES + 95], 0] += 100.0
+    (note,) = held_out_notes(replace(used, residual=wild), apart)
+    without = np.delete(np.arange(PLACES, 2 * PLACES), [7, 40, 95])
+    rms = rms_by_kind(fit.residual[without], fit.machine.channels)
+    assert f"3 of the {PLACES} rows" in note and measure(rms["position"], "mm") in note
