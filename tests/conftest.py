@@ -1,6 +1,6 @@
 """Settings of the whole test run, and what is compiled once in it.
 
-One BLAS thread a worker, and no deadlines on a shared machine.
+One thread a worker, and no deadlines on a shared machine.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import os
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "TRUEPOSE_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy is imported; workers of pytest-xdist inherit it
 
 import pytest  # noqa: E402

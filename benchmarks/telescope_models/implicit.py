@@ -76,6 +76,13 @@ class ClosurePredictor(Predictor):
 
         return closed(equations, x, self._loops.scale)
 
+    def of_rows(self, rows: NDArray[np.intp]) -> ClosurePredictor:
+        """The same for some rows."""
+        part = super().of_rows(rows)
+        assert isinstance(part, ClosurePredictor)
+        part._measured, part._whitener = self._measured[rows], self._whitener[rows]
+        return part
+
     def blocks(self, p: Array, x: Array, weight: Array | NDArray[np.bool_] | None = None) -> Iterator[Block]:
         """All rows at once: gaps in units of their noise, and their Jacobian by p."""
         gap, slope = self._gaps(p, x)
