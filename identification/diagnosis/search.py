@@ -112,9 +112,8 @@ class Expansion:
     """All candidates at a fit, and the likeliest state found before in the numbers of this problem."""
 
     def __init__(self, start: Start) -> None:
-        self.start, self.signatures, self.catalogue, self.fit = (
-            start, start.signatures, start.catalogue, start.fit,
-        )  # fmt: skip
+        self.start, self.fit = start, start.fit
+        self.signatures, self.catalogue = start.signatures, start.catalogue
         self.linearisation = start.signatures.linearise(start.fit)
         self.problem = selection_problem(self.linearisation, start.catalogue, start.rms)
         self.spike_slab = self.problem.spike_slab.compressed()

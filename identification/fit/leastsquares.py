@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dgeqrf, dgesdd
+from scipy.sparse import csr_array
 
 from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.gram_sum import GramSum
@@ -27,6 +28,8 @@ Blocks = Callable[[Array], Iterable[Rows]]
 """Scaled parameters (n,) to blocks of rows [J r], (k, n + 1)."""
 WIDE_PROBLEM = 250
 """Columns beyond which the Gram matrix pays."""
+SPARSE = 0.02
+"""Share of entries up to which products of sparse matrices are quicker."""
 LOST = 1e-12
 """Part of the sum of squares below which a predicted decrease is lost in rounding."""
 VANISHED = 1e-10
@@ -103,8 +106,16 @@ def _grams(blocks: Iterable[Rows], columns: int, groups: Sequence[Sequence[int] 
                 sums[k].add(block)
             else:
                 own = block if at is None else block.reshape(-1, size, columns)[:, at].reshape(-1, columns)
-                plain[k] += own.T @ own
+                plain[k] += _gram_of(own)
     return [one + own.matrix() for one, own in zip(plain, sums, strict=True)]
+
+
+def _gram_of(rows: Array) -> Array:
+    """(n, n) of rows (k, n); those of tolerances are mostly zeros."""
+    if np.count_nonzero(rows) > SPARSE * rows.size:
+        return np.asarray(rows.T @ rows)
+    few = csr_array(rows)
+    return np.asarray((few.T @ few).toarray())
 
 
 def _by_cholesky(gram: Array) -> Array:
