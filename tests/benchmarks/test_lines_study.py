@@ -22,7 +22,8 @@ def test_a_search_goes_on_without_the_rows_that_gears_concealed(
 ) -> None:
     study.write(tmp_path, 0)
     rng = np.random.default_rng(5)
-    q = rng.uniform(*np.radians(study.RANGES).T, (ROWS, 6))
+    low, high = np.radians(study.RANGES).T
+    q = rng.uniform(low, high, (ROWS, 6))
     turned = q + rng.normal(0.0, 5e-4, 6)
     for joint in (1, 2):
         waves = np.outer(q[:, joint], np.arange(1, ORDERS + 1))
