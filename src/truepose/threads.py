@@ -1,7 +1,7 @@
 """Work on several processors at once: linear algebra, CasADi and compiled C run beside each other in threads.
 
 What is worked out does not depend on how many there are: pieces are the same, and come back in order, so that sums of
-them are the same digit by digit. ``TRUEPOSE_THREADS`` says how many; by default one for each processor.
+them are the same digit by digit. ``TRUEPOSE_THREADS`` says how many; by default one for each processor, a few at most.
 """
 
 from __future__ import annotations
@@ -19,13 +19,15 @@ from truepose.errors import InputError
 T = TypeVar("T")
 R = TypeVar("R")
 VARIABLE = "TRUEPOSE_THREADS"
+MOST = 8
+"""Threads unless more are asked for: each holds a block of rows in memory, and more would wait for the rest of the work."""
 
 
 def processors() -> int:
     """How many threads work at once. Raises InputError where the variable is no number from 1 on."""
     asked = os.environ.get(VARIABLE)
     if asked is None:
-        return int(joblib.cpu_count())
+        return min(int(joblib.cpu_count()), MOST)
     if not asked.isdecimal() or int(asked) < 1:
         raise InputError(f"{VARIABLE}: found {asked!r}, expected a number of threads, 1 or more")
     return int(asked)
