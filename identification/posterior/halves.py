@@ -71,14 +71,20 @@ class Halves:
 
 def taken(among: Array, scores: Array, sizes: Array) -> tuple[Array, Array, float]:
     """Triangular factor of I + Q M Q of some columns, its solution of Q t, and the columns' log Bayes factor."""
-    factor = cholesky(sizes[:, None] * among * sizes + np.eye(len(sizes)))
+    scaled = among * sizes
+    scaled *= sizes[:, None]
+    scaled[np.diag_indices(len(sizes))] += 1.0
+    factor = cholesky(scaled)
     turned = solved(factor, sizes * scores)
     return factor, turned, 0.5 * float(turned @ turned) - half_log_det(factor)
 
 
 def cholesky(matrix: Array) -> Array:
-    """Lower triangular factor. Small matrices are many here: LAPACK itself, without what scipy wraps around it."""
-    factor, failed = dpotrf(matrix, lower=1)
+    """Lower triangular factor of a symmetric matrix, which is written over.
+
+    Small matrices are many here: LAPACK itself, without what scipy wraps around it; its own order of entries saves a copy.
+    """
+    factor, failed = dpotrf(matrix.T, lower=1, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError(f"pivot {failed} is not positive")
     return np.asarray(factor)

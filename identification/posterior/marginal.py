@@ -44,18 +44,22 @@ class Own:
 
     def scores(self, columns: Index) -> Array:
         """(k,) products of some columns with e."""
-        return self._sum((columns + self._design.n, np.array(-1))) * self._design.seen[columns]
+        return self._sum(columns, np.array(self._design.width)) * self._design.seen[columns]
+
+    def told(self, columns: Index) -> tuple[Array, Array]:
+        """Entries (k, k) among some columns, and their scores (k,)."""
+        return self.among(columns), self.scores(columns)
 
     def rows(self, columns: Index) -> Array:
         """(k, w) rows."""
-        n, seen = self._design.n, self._design.seen
-        found = self._sum(np.ix_(columns + n, np.arange(n, n + self._design.width)))
-        return found * seen[columns][:, None] * seen
+        seen = self._design.seen
+        found = self._sum(columns[:, None], np.arange(self._design.width))
+        return _without(found, seen[columns][:, None], seen)
 
     def among(self, columns: Index) -> Array:
         """(k, k) entries."""
         seen = self._design.seen[columns]
-        return self._sum(np.ix_(columns + self._design.n, columns + self._design.n)) * seen[:, None] * seen
+        return _without(self._sum(columns[:, None], columns), seen[:, None], seen)
 
     @cached_property
     def blocks(self) -> tuple[Array, ...]:
@@ -63,15 +67,29 @@ class Own:
         return tuple(self._block(group) for group in self._terms.by_size)
 
     def _block(self, group: SameSize) -> Array:
-        at, seen = group.columns + self._design.n, self._design.seen[group.columns] & group.there
-        return self._sum((at[:, :, None], at[:, None, :])) * seen[:, :, None] * seen[:, None, :]
+        at, seen = group.columns, self._design.seen[group.columns] & group.there
+        found = self._sum(at[:, :, None], at[:, None, :])
+        return _without(found, seen[:, :, None], seen[:, None, :])
 
-    def _sum(self, at: tuple[Index, ...]) -> Array:
-        grams = self._design.grams
-        out: Array = grams[0][at] * self._weights[0]
+    def _sum(self, row: Index, column: Index) -> Array:
+        """Entries by columns of G (w: e), which are broadcast; in one array, for those of a large set take long to make."""
+        grams, first = self._design.grams, self._design.n
+        at = (row + first) * len(grams[0]) + (column + first)
+        out = grams[0].ravel().take(at)
+        out *= self._weights[0]
         for gram, weight in zip(grams[1:], self._weights[1:], strict=True):
-            out += gram[at] * weight
-        return out
+            more = gram.ravel().take(at)
+            more *= weight
+            out += more
+        return np.asarray(out)
+
+
+def _without(found: Array, *seen: NDArray[np.bool_]) -> Array:
+    """With zeros for columns that cannot be seen, in place."""
+    for one in seen:
+        if not one.all():
+            found *= one
+    return found
 
 
 class Told:
@@ -84,13 +102,17 @@ class Told:
         """(k,) scores of some columns."""
         return np.asarray(self.score[columns])
 
+    def told(self, columns: Index) -> tuple[Array, Array]:
+        """Entries (k, k) of M among some columns, and their scores (k,)."""
+        return self.among(columns), self.scores(columns)
+
     def rows(self, columns: Index) -> Array:
         """(k, w) rows of M."""
         return np.asarray(self._matrix[columns])
 
     def among(self, columns: Index) -> Array:
         """(k, k) entries of M."""
-        return np.asarray(self._matrix[np.ix_(columns, columns)])
+        return np.asarray(self._matrix.ravel().take(columns[:, None] * len(self._matrix) + columns))
 
     @cached_property
     def blocks(self) -> tuple[Array, ...]:
@@ -136,7 +158,7 @@ class Marginal:
         new = [int(c) for c in columns if int(c) not in self._rows]
         if new:
             at = np.array(new)
-            made = self._above.rows(at) + self._sign * (self._beside.of(at).T @ self._beside.all)
+            made = self._with(self._beside.of(at).T @ self._beside.all, self._above.rows(at))
             self._rows.update(zip(new, made, strict=True))
         return np.array([self._rows[int(c)] for c in columns])
 
@@ -148,9 +170,15 @@ class Marginal:
 
     def _product(self, group: SameSize) -> Array:
         half = self._beside.all
-        part = half[:, group.columns.ravel()].reshape(len(half), *group.columns.shape)
-        turned = part.transpose(1, 2, 0) * group.there[:, :, None]
-        return np.asarray(turned @ turned.transpose(0, 2, 1))
+        part = half.take(group.columns.ravel(), axis=1).reshape(len(half), *group.columns.shape)
+        turned = _without(part, group.there).transpose(1, 0, 2)
+        return np.asarray(turned.transpose(0, 2, 1) @ turned)
+
+    def _with(self, product: Array, above: Array) -> Array:
+        """What is above with the product of halves, which is written over."""
+        product *= self._sign
+        product += above
+        return product
 
     def including(self, columns: Index, sizes: Array) -> Marginal:
         """With columns (k,) taken in, N(0, size^2) each."""
@@ -163,9 +191,7 @@ class Marginal:
 
     def beside(self, columns: Index, sizes: Array, left: Index, terms: Terms) -> Marginal:
         """With columns (k,) taken in for good, of the columns ``left`` (w,) alone, by which ``terms`` count theirs."""
-        half, rows = self._beside.of(np.concatenate([columns, left])), len(columns)
-        both = self._above.among(np.concatenate([columns, left])) + self._sign * (half.T @ half)
-        score = self.scores(np.concatenate([columns, left]))
+        rows, (both, score) = len(columns), self.told(np.concatenate([columns, left]))
         factor, turned, gain = taken(both[:rows, :rows], score[:rows], sizes)
         across = solved(factor, both[:rows, rows:] * sizes[:, None])
         told = Told(terms, score[rows:] - across.T @ turned, both[rows:, rows:] - across.T @ across)
@@ -179,24 +205,29 @@ class Marginal:
 
     def gain(self, columns: Index, sizes: Array) -> float:
         """Log Bayes factor of columns (k,) together, N(0, size^2) each."""
-        return taken(self.among(columns), self.scores(columns), sizes)[2]
+        return taken(*self.told(columns), sizes)[2]
 
     def posterior(self, columns: Index, sizes: Array) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the coefficients of columns taken in together."""
-        factor, turned, _ = taken(self.among(columns), self.scores(columns), sizes)
+        factor, turned, _ = taken(*self.told(columns), sizes)
         root = solved(factor, np.diag(sizes))
         return root.T @ turned, root.T @ root
 
     def last(self, columns: Index, sizes: Array, number: int) -> tuple[Array, Array]:
         """Mean and 1-sigma (``number``,) of the last coefficients of columns (k,) taken in together."""
-        factor, turned, _ = taken(self.among(columns), self.scores(columns), sizes)
+        factor, turned, _ = taken(*self.told(columns), sizes)
         root = solved(factor[-number:, -number:], np.diag(sizes[-number:]))
         return root.T @ turned[-number:], np.sqrt(np.sum(root**2, axis=0))
+
+    def told(self, columns: Index) -> tuple[Array, Array]:
+        """Entries (k, k) of M among some columns, and their scores (k,)."""
+        half, (among, score) = self._beside.of(columns), self._above.told(columns)
+        return self._with(half.T @ half, among), self._with(half.T @ self._beside.turned, score)
 
     def among(self, columns: Index) -> Array:
         """(k, k) entries of M."""
         part = self._beside.of(columns)
-        return np.asarray(self._above.among(columns) + self._sign * (part.T @ part))
+        return self._with(part.T @ part, self._above.among(columns))
 
 
 def nbytes(found: Marginal) -> int:
