@@ -246,7 +246,7 @@ class Linear:
     def step(self, mu: float = 0.0, *, least: float = 1e-13) -> Array:
         """(n,) step with damping ``mu`` (Marquardt); directions of singular values below a share ``least`` stay put."""
         if self._wide:
-            return -_normal(self._a, self._r, mu)[0] / self._norms
+            return -self._normal(mu) / self._norms
         k, s = self._rank(least), self._s
         return np.asarray(-((self._inside[:k] * s[:k] / (s[:k] ** 2 + mu)) @ self._vt[:k]) / self._norms)
 
@@ -254,17 +254,20 @@ class Linear:
     def decrement(self) -> float:
         """Half the squared length of r inside the span of J: what an undamped step would gain."""
         if self._wide:
-            step, right = _normal(self._a, self._r, 1e-14)
-            return 0.5 * float(step @ right)
+            return 0.5 * float(self._normal(1e-14) @ self._sums[1])
         inside = self._inside[: self._rank(1e-13)]
         return 0.5 * float(inside @ inside)
 
+    @cached_property
+    def _sums(self) -> tuple[Array, Array]:
+        """(n, n) a'a and (n,) a'r."""
+        return self._a.T @ self._a, self._a.T @ self._r
+
+    def _normal(self, mu: float) -> Array:
+        """Solution of (a'a + mu) x = a'r by Cholesky: for wide problems, whose SVD takes too long."""
+        h, right = self._sums[0].copy(), self._sums[1]
+        h[np.diag_indices_from(h)] += max(mu, 1e-14 * float(np.max(np.diag(h))))
+        return np.asarray(cho_solve(cho_factor(h, lower=True, overwrite_a=True), right))
+
     def _rank(self, least: float) -> int:
         return int(np.count_nonzero(self._s > least * max(self._s[0], 1e-300)))
-
-
-def _normal(a: Array, b: Array, mu: float) -> tuple[Array, Array]:
-    """Solution of (a'a + mu) x = a'b by Cholesky, and a'b: for wide problems, whose SVD takes too long."""
-    h, right = a.T @ a, a.T @ b
-    h[np.diag_indices_from(h)] += max(mu, 1e-14 * float(np.max(np.diag(h))))
-    return np.asarray(cho_solve(cho_factor(h, lower=True), right)), right
