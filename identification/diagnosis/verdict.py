@@ -83,9 +83,8 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
     quiet = _quiet(fits, found, summary, choice)
     if quiet.verdict == "adequate":
         return quiet
-    findings = _findings(
-        found, summary, model.fit, fits.rms
-    )  # their halves take most memory: before further fits
+    # before further fits: their halves take most memory
+    findings = _findings(found, summary, model.fit, fits.rms)
     whole, names = choice.compared(model.fit), _names(fits, there, model)
     after, applied = _applied(choice, model, names, summary, whole)
     gain = _gain(choice, names, whole) if nameless else {}

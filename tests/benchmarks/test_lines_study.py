@@ -1,4 +1,7 @@
-"""Long series on an arm of the study: rows that they concealed are found, and the search goes on without them."""
+"""Long series on an arm of the study: rows that they concealed are found, and the search goes on without them.
+
+The waves are sines, as the series that is fitted: this proves nothing of the law of gears.
+"""
 
 from __future__ import annotations
 
