@@ -15,11 +15,13 @@ import casadi as ca
 
 from truepose.codegen.chain import FIRST, STEP, ChainExpressions
 from truepose.codegen.expressions import Graph
+from truepose.codegen.features import ALL, Features
 from truepose.codegen.lane_runtime import lane_runtime
 from truepose.codegen.lanes import LanePrinter
 from truepose.codegen.layout import Layout
 from truepose.codegen.loop_blocks import ROOTS, Arrays, Loops, write_loops
 from truepose.codegen.printer import Printer, Real
+from truepose.codegen.rolling import rolled
 from truepose.models.chain import chain_of
 from truepose.models.kinematics import SymbolicModel
 
@@ -50,6 +52,12 @@ class Blocks:
     operations: int
     _graph: Graph
     _kept: tuple[int, ...]
+    _settled: tuple[int, ...] = ()
+
+    def settled(self, p: Sequence[float]) -> list[float]:
+        """Where p is built in, values of it alone that those are computed from which depend on z; rounded likewise."""
+        values = self._graph.evaluate(self._settled, {"p": p})
+        return [float(f"{value:.15g}") for value in values] or [0.0]
 
     def kept(self, p: Sequence[float], z: Sequence[float]) -> list[float]:
         """Values of what is kept; rounded, so that the last digit of a mathematical library is not seen."""
@@ -90,6 +98,7 @@ class _Writer:
     """Collects functions over one graph; they are printed together, when it is known what is kept."""
 
     real: Real
+    features: Features = ALL
     graph: Graph = field(default_factory=lambda: Graph(fixed=("p", "z")))
     planned: list[_Planned] = field(default_factory=list)
     first: list[int] = field(default_factory=list)
@@ -128,12 +137,32 @@ class _Writer:
 
     def texts(self) -> list[str]:
         """The functions, that of kept values first."""
+        fill = self._fill() if self.features.p else self._fill_by_drivers()
+        return [fill, *(self._text(plan) for plan in self.planned)]
+
+    def _fill(self) -> str:
         title = "Values that depend on p and z alone."
         lines, apart = self._tilts()
         rest = [(f"k[{k}]", node) for k, node in enumerate(self.kept) if k not in apart]
         lines += Printer(self.graph, self.real, own=_OWN).statements(rest)
-        fill = _function(title, "fixed_of", "const real *p, const real *z, real *k", lines)
-        return [fill, *(self._text(plan) for plan in self.planned)]
+        return _function(title, "fixed_of", "const real *p, const real *z, real *k", lines)
+
+    @cached_property
+    def _by_drivers(self) -> list[tuple[str, int]]:
+        """Kept values that depend on z, with their places."""
+        moving = self.graph.reading("z")
+        return [(f"k[{k}]", node) for k, node in enumerate(self.kept) if node in moving]
+
+    @cached_property
+    def settled(self) -> list[int]:
+        """Nodes of p alone that these are computed from."""
+        return self.graph.settled((node for _, node in self._by_drivers), self.graph.reading("z"))
+
+    def _fill_by_drivers(self) -> str:
+        title = "Those of the kept values that depend on z; c: what depends on p alone in them."
+        given = {node: f"c[{k}]" for k, node in enumerate(self.settled)}
+        lines = Printer(self.graph, self.real, given, _OWN).statements(self._by_drivers)
+        return _function(title, "fixed_of", "const real *p, const real *z, const real *c, real *k", lines)
 
     def _tilts(self) -> tuple[list[str], set[int]]:
         """Statements that compute the steps of a chain frame by frame, and the places that they fill."""
@@ -141,9 +170,11 @@ class _Writer:
             return [], set()
         offsets = [(f"k[{FIRST + STEP * i}]", node) for i, node in enumerate(self.own)]
         lines = self._block(offsets)
+        blocks = []
         for i, frame in enumerate(self.frames, start=1):
             entries = [(f"F[{k}]", node) for k, node in enumerate(frame) if k not in _NO_TILT]
-            lines += self._block(entries, "real F[12];", f"tilt_of(F, k + {FIRST + STEP * i});")
+            blocks.append(self._block(entries, "real F[12];", f"tilt_of(F, k + {FIRST + STEP * i});"))
+        lines += rolled(blocks) if self.features.listed else [line for block in blocks for line in block]
         behind = range(FIRST + STEP, FIRST + STEP * len(self.own))
         return lines, {FIRST, *behind}
 
@@ -182,10 +213,10 @@ class _Writer:
         return [lane_runtime(self.real, helpers), *texts]
 
 
-def blocks_of(model: SymbolicModel, layout: Layout, real: Real) -> Blocks:
+def blocks_of(model: SymbolicModel, layout: Layout, real: Real, features: Features = ALL) -> Blocks:
     """C functions of the model."""
     chain = chain_of(model)
-    writer = _Writer(real)
+    writer = _Writer(real, features)
     expressions = ChainExpressions.of(model, chain) if chain else None
     loops = None if expressions else Loops.of(model, layout, real)
     if expressions:
@@ -195,7 +226,10 @@ def blocks_of(model: SymbolicModel, layout: Layout, real: Real) -> Blocks:
     by_lanes = [plan for plan in writer.planned if plan.name == ROOTS or (expressions and expressions.six)]
     lanes = writer.lane_texts(by_lanes, () if loops else ("load", "store", "sincos")) if by_lanes else []
     texts, operations = tuple(writer.texts()), writer.operations()
-    return Blocks(texts, tuple(lanes), expressions, loops, operations, writer.graph, tuple(writer.kept))
+    settled = () if features.p else tuple(writer.settled)
+    return Blocks(
+        texts, tuple(lanes), expressions, loops, operations, writer.graph, tuple(writer.kept), settled
+    )
 
 
 _Nodes = Callable[[ca.SX, Mapping[str, ca.SX]], list[int]]
@@ -206,7 +240,7 @@ def _write_lines(writer: _Writer, nodes: _Nodes, chain: ChainExpressions) -> Non
     inputs = {"k": chain.kept, "start": chain.start, "s": chain.s, "c": chain.c}
     first = {node: f"k[{_PADDED * k} + j]" for k, node in enumerate(nodes(chain.start, inputs))}
     writer.first = nodes(ca.vec(ca.vertcat(chain.first, ca.SX.zeros(1, 4))), {}) + nodes(chain.steps, {})
-    if chain.six:
+    if chain.six and writer.features.p:
         writer.own = nodes(chain.own, {})
         writer.frames = [nodes(ca.vec(frame.T), {}) for frame in chain.frames]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,12 @@ import numpy as np
 from truepose.codegen.blocks import Blocks, blocks_of
 from truepose.codegen.branches import branches_of
 from truepose.codegen.chain import pivot_order
+from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
 from truepose.codegen.names import check_machine_name, comment, identifiers
 from truepose.codegen.printer import Real, literal
+from truepose.codegen.pruning import pruned
 from truepose.codegen.reference import slopes_of, strain_of
 from truepose.codegen.texts import environment
 from truepose.codegen.trigonometry import trigonometry
@@ -52,41 +55,59 @@ _LIMITS = {
     "patience": 2,
 }
 _EXAMPLES = 8
+_PARTS = ("batch", "state")
+"""Files that a feature has for itself."""
 
 
 def generate(
-    machine: Machine, directory: Path, real: Real = "double", *, nominal: Mapping[str, float] | None = None
+    machine: Machine,
+    directory: Path,
+    real: Real = "double",
+    *,
+    nominal: Mapping[str, float] | None = None,
+    features: Features = ALL,
 ) -> list[Path]:
     """Write the C of ``machine`` with its effects into ``directory``, whole or not at all; the paths written.
 
     ``real`` is the type of every number. ``nominal`` gives values of the drawing by parameter name (mm, rad)
-    for ``NAME_compensate``; what it does not name, and all without it, is as the machine file has it.
+    for ``NAME_compensate``; what it does not name, and all without it, is as the machine file has it. ``features``: what is
+    generated, everything by default; files of features that an earlier run had are deleted.
 
-    Raises InputError when the machine's name is no C identifier or ``nominal`` names an unknown parameter.
+    Raises InputError when the machine's name is no C identifier, ``nominal`` names an unknown parameter, or a feature was
+    asked for that this machine cannot have.
     """
     check_machine_name(machine.name)
     if real not in ("double", "float"):
         raise InputError(f"real: found {real!r}, expected 'double' or 'float'")
-    texts = render(machine, real, nominal=nominal)
+    texts = render(machine, real, nominal=nominal, features=features)
     with atomic_directory(directory) as partial:
         for name, text in texts.items():
             (partial / name).parent.mkdir(exist_ok=True)
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
+    parts = {f"{machine.name}_{part}.{end}" for part in _PARTS for end in "hc"}
+    for stale in parts - texts.keys():  # of an earlier run: a wrapper would compile them
+        (Path(directory) / stale).unlink(missing_ok=True)
     return [Path(directory) / name for name in texts]
 
 
-def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None = None) -> dict[str, str]:
+def render(
+    machine: Machine,
+    real: Real,
+    *,
+    nominal: Mapping[str, float] | None = None,
+    features: Features = ALL,
+) -> dict[str, str]:
     """The files of ``generate`` as texts by file name."""
     model = symbolic_model(machine, machine.effects)
     layout = layout_of(model, real)
-    blocks = blocks_of(model, layout, real)
+    blocks = blocks_of(model, layout, real, features)
     ideal = _nominal(model, nominal)
     context = {
         **_common(model, layout, real),
         "blocks": blocks.texts,
         "fixed_block": blocks.texts[0],
         "lane_blocks": blocks.lane_texts,
-        "trig": any("sin_cos(" in text for text in blocks.texts),
+        "trig": any("sin_cos(" in text for text in blocks.texts) or features.listed,
         "moves": blocks.moves,
         "operations": blocks.operations,
         **(blocks.loops.context if blocks.loops else dict.fromkeys(("loops", "whole", "roots", "legs"))),
@@ -98,14 +119,39 @@ def render(machine: Machine, real: Real, *, nominal: Mapping[str, float] | None 
         "kept": blocks.kept(model.p_home.tolist(), model.z_home.tolist()),
         "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
+        **_offered(features, blocks, model.p_home.tolist(), ideal),
         "held": left_out_words(left_out(machine)),
     }
-    name = machine.name
-    files = {f"{name}_kin.h": "kin.h.j2", f"{name}_kin.c": "kin.c.j2", "example.c": "example.c.j2"}
-    files |= {f"{name}_batch.h": "batch.h.j2", f"{name}_batch.c": "batch.c.j2"}
-    files |= {"CMakeLists.txt": "CMakeLists.txt.j2", "README.md": "README.md.j2"}
-    texts = {file: environment().get_template(template).render(context) for file, template in files.items()}
+    if features.listed and features.branches and not context["branches"]:
+        raise InputError(
+            f"--features: found branches, but {machine.name} has no closed form next to it, as arms of six turning joints have"
+            " whose last axes meet or whose axes 2 to 4 are parallel; leave it out"
+        )
+    texts = {file: environment().get_template(template).render(context) for file, template in _files(context)}
+    if features.listed:
+        texts = {file: pruned(text, machine.name) if file.endswith(".c") else text for file, text in texts.items()}
     return {**texts, "test_vectors.csv": _vectors(model, layout), **wrappers(context)}
+
+
+def _files(context: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names of the files beside the wrappers, and their templates."""
+    name, has = context["name"], context["has"]
+    parts = ["kin", *(["batch"] if has.batch else []), *(["state"] if context["memory"] else [])]
+    first, *others = [[(f"{name}_{part}.{end}", f"{part}.{end}.j2") for end in "hc"] for part in parts]
+    files = [*first, ("example.c", "example.c.j2"), *(file for part in others for file in part)]
+    return [*files, ("CMakeLists.txt", "CMakeLists.txt.j2"), ("README.md", "README.md.j2")]
+
+
+def _offered(features: Features, blocks: Blocks, own: list[float], ideal: list[float]) -> dict[str, Any]:
+    """What the templates read of features, and the tables of built-in parameters."""
+    return {
+        "has": features,
+        "rare": "RARE" if features.listed else "APART",
+        "reads_p": any(re.search(r"\bp\b", text) for text in blocks.texts[1:]) or "p[" in blocks.texts[0],
+        "settled": [] if features.p else blocks.settled(own),
+        "drawn_settled": [] if features.p else blocks.settled(ideal),
+        "memory": None,
+    }
 
 
 def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:

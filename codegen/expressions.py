@@ -7,7 +7,7 @@ ones that others read can be computed once and kept (``Graph.kept``).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -73,8 +73,20 @@ class Graph:
 
     def kept(self, ends: Iterable[int]) -> list[int]:
         """Operations that fixed inputs determine and that ``ends``, or what is no longer fixed, read directly."""
-        fixed = {k for k, node in enumerate(self.nodes) if self._is_fixed[k] and node.op not in _LEAVES}
-        return [k for k in self.reachable(ends, fixed) if k in fixed]
+        return self.settled(ends, {k for k, fixed in enumerate(self._is_fixed) if not fixed})
+
+    def reading(self, name: str) -> set[int]:
+        """Nodes that entries of one input go into, these included."""
+        found = set[int]()
+        for k, node in enumerate(self.nodes):
+            if node.leaf.startswith(f"{name}[") or not found.isdisjoint(node.args):
+                found.add(k)
+        return found
+
+    def settled(self, ends: Iterable[int], moving: Container[int]) -> list[int]:
+        """Operations outside of ``moving`` that ``ends``, or what is in it, read directly."""
+        still = {k for k, node in enumerate(self.nodes) if k not in moving and node.op not in _LEAVES}
+        return [k for k in self.reachable(ends, still) if k in still]
 
     def evaluate(self, ends: Sequence[int], known: Mapping[str, Sequence[float]]) -> list[float]:
         """Values of nodes that the inputs in ``known`` determine."""

@@ -58,7 +58,8 @@ class Measurement:
     chain_ik,       the functions of NAME_kin.c that together reserve most stack below the inverse, or below forward
     chain_fk        kinematics, these included
     fk              at the joints of each vector
-    warm, cold      the inverse from 1 deg (lengths: 0.5 % of the vectors' span) aside, and from another vector's joints
+    warm, cold      the inverse from 1 deg (lengths: 0.5 % of the vectors' span) aside, and from another vector's joints; no
+                    cold one where it was not generated
     jac, compensate at the joints of each vector; ``position`` is the norm of what they return
     refused         calls that must be refused: NaN in joints, guess or pose, no rotation, a pose out of reach (``far``)
     """
@@ -76,7 +77,7 @@ class Measurement:
     chain_fk: Chain
     fk: Cost
     warm: Cost
-    cold: Cost
+    cold: Cost | None
     jac: Cost
     compensate: Cost
     refused: tuple[Observation, ...]
@@ -84,12 +85,17 @@ class Measurement:
     @property
     def longest(self) -> int:
         """Instructions of the longest inverse seen: ``NAME_MAX_ITER`` evaluations for a pose out of reach."""
-        return max(self.cold.most, *(seen.instructions for seen in self.refused))
+        return max(self.inverse.most, *(seen.instructions for seen in self.refused))
+
+    @property
+    def inverse(self) -> Cost:
+        """The inverse from afar; from nearby where that is all there is."""
+        return self.cold or self.warm
 
     @property
     def solved(self) -> bool:
         """Whether every call at a test vector returned 0, and none that must be refused did."""
-        costs = (self.fk, self.warm, self.cold, self.jac, self.compensate)
+        costs = (self.fk, self.warm, self.inverse, self.jac, self.compensate)
         return all(cost.codes[0] == self.vectors for cost in costs) and all(
             seen.code != 0 and seen.kept for seen in self.refused
         )
@@ -136,7 +142,7 @@ def measure(
         chain_fk=frames.deepest(f"{source.name}_fk"),
         fk=_cost(seen, "fk"),
         warm=_cost(seen, "warm"),
-        cold=_cost(seen, "cold"),
+        cold=_cost(seen, "cold") if any(call.what == "cold" for call in seen) else None,
         jac=_cost(seen, "jac"),
         compensate=_cost(seen, "compensate"),
         refused=tuple(call for call in seen if call.what.startswith(("nan-", "far", "skewed"))),

@@ -42,10 +42,11 @@ def summary(measurements: Sequence[Measurement]) -> list[str]:
 
 
 def _sentence(m: Measurement) -> str:
-    stack = max(m.warm.stack, m.cold.stack)
+    stack = max(m.warm.stack, m.inverse.stack)
+    cold = f", {m.cold.most:,} at most cold" if m.cold else ""
     return (
         f"{m.target.title} {m.optimisation}: {m.object.text:,} B of code; an inverse takes {m.warm.median:,.0f} "
-        f"instructions warm, {m.cold.most:,} at most cold, and {stack:,} B of stack"
+        f"instructions warm{cold}, and {stack:,} B of stack"
     )
 
 
@@ -66,13 +67,13 @@ def _rows(name: str) -> list[_Row]:
         ),
         (f"linked for `{name}_fk` alone [B]", lambda m: _sizes(m.linked_fk)),
         (f"`{name}_ik` warm: instructions, mean, median, most", lambda m: _instructions(m.warm)),
-        (f"`{name}_ik` cold: instructions, mean, median, most", lambda m: _instructions(m.cold)),
+        (f"`{name}_ik` cold: instructions, mean, median, most", lambda m: _if_cold(m, _instructions)),
         (f"`{name}_ik` out of reach, the longest: instructions", lambda m: f"{m.longest:,}"),
         (f"`{name}_fk`: instructions, mean, median, most", lambda m: _instructions(m.fk)),
         (f"`{name}_jac`: instructions, mean, median, most", lambda m: _instructions(m.jac)),
         (f"`{name}_compensate`: instructions, mean, median, most", lambda m: _instructions(m.compensate)),
         (f"`{name}_ik` warm: stack, median and most [B]", lambda m: _stack(m.warm)),
-        (f"`{name}_ik` cold: stack, median and most [B]", lambda m: _stack(m.cold)),
+        (f"`{name}_ik` cold: stack, median and most [B]", lambda m: _if_cold(m, _stack)),
         (
             f"`{name}_fk`, `{name}_jac`, `{name}_compensate`: stack, most [B]",
             lambda m: ", ".join(f"{cost.stack:,}" for cost in (m.fk, m.jac, m.compensate)),
@@ -83,15 +84,19 @@ def _rows(name: str) -> list[_Row]:
         ),
         (
             f"calls that did not return 0: `{name}_fk`, `{name}_ik` warm, cold",
-            lambda m: _failed(m.fk, m.warm, m.cold),
+            lambda m: _failed(m.fk, m.warm, *([m.cold] if m.cold else [])),
         ),
         (f"largest error of `{name}_fk`", lambda m: _errors(m.fk)),
-        (f"largest error of `{name}_ik`, warm or cold", lambda m: _errors(m.warm, m.cold)),
+        (f"largest error of `{name}_ik`, warm or cold", lambda m: _errors(m.warm, m.inverse)),
     ]
 
 
 def _sizes(sizes: Sizes) -> str:
     return f"{sizes.text:,}, {sizes.data:,}, {sizes.bss:,}"
+
+
+def _if_cold(m: Measurement, told: Callable[[Cost], str]) -> str:
+    return told(m.cold) if m.cold else "none"
 
 
 def _instructions(cost: Cost) -> str:

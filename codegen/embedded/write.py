@@ -9,6 +9,7 @@ from truepose.codegen.c import generate
 from truepose.codegen.embedded.measure import OPTIMISATIONS, Measurement, measure
 from truepose.codegen.embedded.section import sizes_section
 from truepose.codegen.embedded.toolchain import required
+from truepose.codegen.features import ALL, Features
 from truepose.codegen.printer import Real
 from truepose.files import atomic_directory
 from truepose.models.machine import Machine
@@ -21,6 +22,7 @@ def generate_measured(
     *,
     nominal: Mapping[str, float] | None = None,
     optimisations: Sequence[str] = OPTIMISATIONS,
+    features: Features = ALL,
 ) -> tuple[list[Path], list[Measurement]]:
     """``generate``, with a section of measurements at the end of README.md; the paths, and the measurements.
 
@@ -29,7 +31,7 @@ def generate_measured(
     """
     tools = required()
     with atomic_directory(directory) as partial:
-        files = generate(machine, partial, real, nominal=nominal)
+        files = generate(machine, partial, real, nominal=nominal, features=features)
         measured = [
             measure(partial, machine.name, optimisation=level, tools=tools) for level in optimisations
         ]

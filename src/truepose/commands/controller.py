@@ -24,6 +24,13 @@ if TYPE_CHECKING:
     from truepose.codegen.embedded.measure import Measurement
 
 RealOption = Annotated[str, typer.Option(help="Type of every number.", metavar="double|float")]
+FeaturesOption = Annotated[
+    str | None,
+    typer.Option(
+        help="What is generated, separated by commas: warm, cold, branches, p, batch, state; default all. A list also asks for small code.",
+        metavar="LIST",
+    ),
+]
 MeasureOption = Annotated[
     bool,
     typer.Option(
@@ -37,6 +44,7 @@ def codegen(
     machine: MachineArg,
     output: DirectoryOption,
     real: RealOption = "double",
+    features: FeaturesOption = None,
     measure: MeasureOption = False,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
@@ -45,11 +53,14 @@ def codegen(
     """C99 for the controller: forward and inverse kinematics, Jacobian, compensation.
 
     Example: truepose codegen fit/calibrated.yaml -o controller
+
+    Example: truepose codegen fit/calibrated.yaml -o small --features warm
     """
     with reported(plugin):
         from truepose.codegen.c import generate
         from truepose.codegen.embedded.section import summary
         from truepose.codegen.embedded.write import generate_measured
+        from truepose.codegen.features import ALL, Features
         from truepose.codegen.left_out import left_out, left_out_json, left_out_words
         from truepose.identification.report.applied_words import (
             check_applicable,
@@ -61,6 +72,7 @@ def codegen(
         check_directory(output)
         if real not in ("double", "float"):
             raise InputError(f"--real: found {real!r}, expected 'double' or 'float'")
+        chosen = ALL if features is None else Features.of(features)
         number = cast('Literal["double", "float"]', real)
         with progress("writing C"):
             loaded = load_machine(machine)
@@ -70,15 +82,18 @@ def codegen(
             drawing = (loaded.file.nominal if loaded.file else {}) or None
             measured: list[Measurement] = []
             if measure:
-                paths, measured = generate_measured(loaded, output, number, nominal=drawing)
+                paths, measured = generate_measured(
+                    loaded, output, number, nominal=drawing, features=chosen
+                )
             else:
-                paths = generate(loaded, output, number, nominal=drawing)
+                paths = generate(loaded, output, number, nominal=drawing, features=chosen)
         files = sorted(str(path) for path in paths)
         held = left_out(loaded)
         payload: dict[str, object] = {
             "command": "codegen",
             "machine": loaded.name,
             "real": real,
+            "features": list(chosen.names),
             "files": files,
             "calibrated": held.calibrated,
             "left_out": left_out_json(held),

@@ -1,0 +1,262 @@
+"""Features of the generated C: what is asked for is there, nothing else is, and it computes the same."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import subprocess
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from support.embedded import needs_toolchain
+from support.generated_c import COMPILER, WARNINGS, Built, build, needs_compiler
+from support.generated_machines import machine_of
+from truepose.cli import app
+from truepose.codegen.c import generate, render
+from truepose.codegen.embedded.measure import measure
+from truepose.codegen.features import FEATURES, Features
+from truepose.codegen.printer import Real
+from truepose.codegen.pruning import pruned
+from truepose.codegen.rolling import rolled
+from truepose.errors import InputError
+
+Array = NDArray[np.float64]
+CASES: list[tuple[str, Real, str]] = [
+    ("arm", "double", "warm"),
+    ("arm", "float", "warm,p"),
+    ("arm", "double", "cold,branches,p"),
+    ("arm", "double", "branches,batch"),
+    ("nano", "double", "warm"),
+    ("scara", "double", "warm"),
+    ("turns", "double", "warm,batch"),
+    ("rails", "double", "warm"),
+    ("hybrid", "float", "cold"),
+]
+chosen = pytest.mark.parametrize(("name", "real", "features"), CASES, ids=["-".join(case) for case in CASES])
+
+
+@cache
+def with_features(where: Path, name: str, real: Real, features: str) -> Built:
+    """A machine's C with some features, every file compiled with every warning an error."""
+    assert COMPILER is not None
+    directory = where / f"{name}_{real}_{features}"
+    generate(machine_of(where, name), directory, real, features=Features.of(features))
+    sources = sorted(file.name for file in directory.glob(f"{name}_*.c"))
+    command = [COMPILER, *WARNINGS, "-O0", "-shared", "-fPIC", *sources, "-lm", "-o", "lib.so"]
+    subprocess.run(command, cwd=directory, check=True)
+    library = ctypes.CDLL(str(directory / "lib.so"))
+    return replace(build(where, name, real), directory=directory, library=library)
+
+
+def asked(built: Built, feature: str) -> bool:
+    return built.define(f"HAS_{feature.upper()}") == 1
+
+
+@needs_compiler
+@chosen
+def test_the_header_says_what_is_there(root_directory: Path, name: str, real: Real, features: str) -> None:
+    built = with_features(root_directory, name, real, features)
+    for feature in FEATURES:
+        assert asked(built, feature) == (feature == "warm" or feature in features.split(",")), feature
+    header = (built.directory / f"{name}_kin.h").read_text()
+    for function, feature in (("ik_all", "branches"), ("fk_n", "batch")):
+        assert hasattr(built.library, f"{name}_{function}") == asked(built, feature)
+    assert (f"{name}_ik_all" in header) == asked(built, "branches")
+    assert (f"{name}_BRANCHES 16" in header) == asked(built, "branches")
+    for file in built.directory.glob("*.c"):  # what nothing uses is not there
+        text = file.read_text()
+        for function in re.findall(r"^(?:static|SMALL|APART|RARE|LINE_FUNCTION)[^\n(=]*?(\w+)\(", text, re.M):
+            assert len(re.findall(rf"\b{function}\b", text)) > 1, f"{file.name}: {function}"
+
+
+@needs_compiler
+@chosen
+def test_it_computes_what_all_features_compute(
+    root_directory: Path, name: str, real: Real, features: str
+) -> None:
+    built, whole = with_features(root_directory, name, real, features), build(root_directory, name, real)
+    slack = 1e-9 if real == "double" else 1e-3
+    rows, rng = built.samples(), np.random.default_rng(5)
+    for row, other in zip(rows, np.roll(rows, 1, axis=0), strict=True):
+        q, pose = row[: built.n], row[built.n :]
+        zs = [None, built.model.z_home + rng.uniform(0, 2, len(built.model.z_home))]
+        for z in zs if len(built.model.z_home) else [None, np.zeros(1)]:
+            for function, size in (("fk", 12), ("jac", 6 * built.n), ("compensate", built.n)):
+                code, found = built.call(function, q, out=np.zeros(size), z=z)
+                same, expected = whole.call(function, q, out=np.zeros(size), z=z)
+                assert (code, same) == (0, 0), function
+                np.testing.assert_allclose(found, expected, rtol=slack, atol=slack)
+        near = q + 0.01 * (other[: built.n] - q)
+        code, found = built.ik(pose, near)
+        assert code == 0
+        np.testing.assert_allclose(built.fk(found)[1], pose, rtol=0, atol=1e-6 if real == "double" else 3e-3)
+
+
+@needs_compiler
+@pytest.mark.parametrize(("name", "features"), [("arm", "warm"), ("rails", "warm"), ("turns", "warm,batch")])
+def test_other_parameters_are_refused_where_they_are_built_in(
+    root_directory: Path, name: str, features: str
+) -> None:
+    built = with_features(root_directory, name, "double", features)
+    row, p = built.samples()[2], built.model.p_home
+    q, pose = row[: built.n], row[built.n :]
+    calls: list[tuple[str, list[Array], int]] = [
+        ("fk", [q], 12),
+        ("fk_from", [q, pose], 12),
+        ("ik", [pose, q], built.n),
+        ("jac", [q], 6 * built.n),
+        ("compensate", [q], built.n),
+    ]
+    nan = np.full(max(1, len(built.model.z_home)), np.nan)
+    for function, inputs, size in calls:
+        before = np.full(size, -7.0)
+        for given in ({"p": p}, {"z": nan}):
+            code, after = built.call(function, *inputs, out=before, **given)
+            assert code == 4, function
+            np.testing.assert_array_equal(after, before)
+
+
+@needs_compiler
+def test_far_guesses_are_told_from_near_ones(root_directory: Path) -> None:
+    """Without restarts a guess that leads nowhere is 2, and one that leads out of the ranges 3; with them both are solved."""
+    warm = with_features(root_directory, "arm", "double", "warm")
+    cold = with_features(root_directory, "arm", "double", "cold,branches,p")
+    rows = warm.samples(40)
+    codes = []
+    for row, other in zip(rows, np.roll(rows, 1, axis=0), strict=True):
+        pose, guess = row[warm.n :], other[: warm.n]
+        code, found = warm.ik(pose, guess)
+        codes.append(code)
+        if code:
+            np.testing.assert_array_equal(found, -7.0)
+        assert cold.ik(pose, guess)[0] == 0
+    assert 2 in codes and set(codes) <= {0, 2, 3}
+    beyond = rows[2][: warm.n].copy()
+    beyond[2] += 2 * np.pi  # a full turn outside of its range
+    assert warm.ik(rows[2][warm.n :], beyond)[0] == 3
+    assert cold.ik(rows[2][warm.n :], beyond)[0] == 0
+
+
+def test_unknown_and_impossible_features_are_refused(tmp_path: Path) -> None:
+    machine_of(tmp_path, "scara")
+    options = ["codegen", str(tmp_path / "scara.yaml"), "-o", str(tmp_path / "out"), "--features"]
+    for asked_for, words in (
+        ("warm,colt", ["'colt'", *FEATURES, "did you mean 'cold'?"]),
+        ("", ["''", *FEATURES]),
+        ("warm,branches", ["found branches", "scara", "leave it out"]),
+    ):
+        done = CliRunner().invoke(app, [*options, asked_for])
+        assert done.exit_code == 2
+        assert done.stderr.count("\n") == 1
+        for word in ["error: --features", *words]:
+            assert word in done.stderr, done.stderr
+        assert not (tmp_path / "out").exists()
+
+
+def test_fewer_features_take_their_files_away(tmp_path: Path) -> None:
+    machine = machine_of(tmp_path, "scara")
+    generate(machine, tmp_path / "out")
+    assert (tmp_path / "out" / "scara_batch.c").exists()
+    (tmp_path / "out" / "mine_batch.c").write_text("kept")
+    files = generate(machine, tmp_path / "out", features=Features.of("warm"))
+    there = {file for file in (tmp_path / "out").rglob("*") if file.is_file()}
+    assert there == {*files, tmp_path / "out" / "mine_batch.c"}
+    assert "batch" not in (tmp_path / "out" / "CMakeLists.txt").read_text()
+
+
+def test_the_readme_says_what_was_asked_for(tmp_path: Path) -> None:
+    texts = render(machine_of(tmp_path, "arm"), "double", features=Features.of("p,warm"))
+    assert "`--features warm,p`" in texts["README.md"]
+    assert "ik_all" not in texts["README.md"] and "_batch" not in texts["README.md"]
+    assert "--features" not in render(machine_of(tmp_path, "arm"), "double")["README.md"]
+
+
+@needs_toolchain
+def test_small_code_on_a_controller(root_directory: Path) -> None:
+    """The way from a nearby guess takes a third of everything, and no more instructions than with everything."""
+    machine, found = machine_of(root_directory, "arm"), {}
+    for features in ("warm", "cold,branches,p"):
+        directory = root_directory / f"small_{features}"
+        generate(machine, directory, features=Features.of(features))
+        found[features] = measure(directory)
+    warm, every = found["warm"], found["cold,branches,p"]
+    assert warm.solved and every.solved
+    assert warm.cold is None and every.cold is not None
+    assert warm.linked_ik.text < 0.4 * every.linked_ik.text
+    assert warm.warm.median <= every.warm.median
+    assert warm.linked_ik.data == every.linked_ik.data == 0
+
+
+def test_what_nothing_uses_is_taken_out() -> None:
+    text = """/* a */
+#include <math.h>
+
+#define USED 1 /* is */
+#define UNUSED 2
+
+#if USED == 1
+#define MAYBE inline
+#else
+#define MAYBE static
+#endif
+
+/* ---- tables ---- */
+
+static const int table[2] = { 1, 2 };
+
+/* ---- more ---- */
+
+/* Never read. */
+static const int other[2] = {
+    3, 4
+};
+typedef double spread __attribute__((aligned(sizeof(double)), unused));
+
+MAYBE int helper(int a)
+{
+    if (a) {
+        return table[0];
+    }
+    return USED;
+}
+
+static int lonely(void)
+{
+    return helper(other[0]);
+}
+
+int m_open(spread *s)
+{
+    return helper((int)*s);
+}
+"""
+    out = pruned(text, "m")
+    for gone in ("other", "lonely", "UNUSED", "Never read"):
+        assert gone not in out
+    for kept in ("spread", "helper", "table[2]", "MAYBE inline", "---- tables", "#include <math.h>", "m_open"):
+        assert kept in out
+    assert pruned(out, "m") == out
+
+
+def test_blocks_that_are_alike_become_a_loop() -> None:
+    blocks = [[f"{{", f"    x = p[{5 + 3 * k}] * p[{6 + 3 * k}];", f"    f(x, k + {22 + 6 * k});", "}"] for k in range(3)]
+    blocks.append(["{", "    x = p[20] * z[0];", "    f(x, k + 40);", "}"])
+    lines = rolled(blocks)
+    assert "    static const unsigned short first[3] = { 5, 8, 11 };" in lines
+    assert "        x = a[0] * a[1];" in [line[0:] for line in lines]
+    assert "        f(x, k + 22 + 6 * i);" in lines
+    assert lines[-4:] == blocks[-1]
+
+
+def test_features_are_read_from_a_list() -> None:
+    assert Features.of(" warm , p").names == ("warm", "p")
+    assert Features().names == tuple(FEATURES)
+    assert not Features().listed and Features.of("warm").listed
+    with pytest.raises(InputError, match="expected one or several of warm, cold"):
+        Features.of("warm,")
