@@ -6,7 +6,6 @@ derivative of both. What depends on parameters and drivers alone is computed onc
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,6 +15,7 @@ import casadi as ca
 from truepose.codegen.chain import FIRST, STEP, ChainExpressions
 from truepose.codegen.expressions import Graph
 from truepose.codegen.features import ALL, Features
+from truepose.codegen.functions import function_text
 from truepose.codegen.lane_runtime import lane_runtime
 from truepose.codegen.lanes import LanePrinter
 from truepose.codegen.layout import Layout
@@ -25,7 +25,6 @@ from truepose.codegen.rolling import rolled
 from truepose.models.chain import chain_of
 from truepose.models.kinematics import SymbolicModel
 
-_LOCALS = {"p": "const real *p = m->p;", "z": "const real *z = m->z;", "k": "const real *k = m->k;"}
 _Targets = list[tuple[str, int]]
 _EVALUATION = ("moves_of", "chain_line", "mix", "all_of")
 _OWN = {"ATAN2": "arctan"}
@@ -145,7 +144,7 @@ class _Writer:
         lines, apart = self._tilts()
         rest = [(f"k[{k}]", node) for k, node in enumerate(self.kept) if k not in apart]
         lines += Printer(self.graph, self.real, own=_OWN).statements(rest)
-        return _function(title, "fixed_of", "const real *p, const real *z, real *k", lines)
+        return function_text(title, "fixed_of", "const real *p, const real *z, real *k", lines)
 
     @cached_property
     def _by_drivers(self) -> list[tuple[str, int]]:
@@ -162,7 +161,7 @@ class _Writer:
         title = "Those of the kept values that depend on z; c: what depends on p alone in them."
         given = {node: f"c[{k}]" for k, node in enumerate(self.settled)}
         lines = Printer(self.graph, self.real, given, _OWN).statements(self._by_drivers)
-        return _function(title, "fixed_of", "const real *p, const real *z, const real *c, real *k", lines)
+        return function_text(title, "fixed_of", "const real *p, const real *z, const real *c, real *k", lines)
 
     def _tilts(self) -> tuple[list[str], set[int]]:
         """Statements that compute the steps of a chain frame by frame, and the places that they fill."""
@@ -198,7 +197,7 @@ class _Writer:
         statements = Printer(self.graph, self.real, {**self._places, **plan.given}, _OWN).statements(
             plan.targets
         )
-        return _function(plan.title, plan.name, plan.arguments(), statements, lines=plan.lines)
+        return function_text(plan.title, plan.name, plan.arguments(), statements, lines=plan.lines)
 
     def lane_texts(self, planned: Iterable[_Planned], needed: Iterable[str]) -> list[str]:
         """What they need, ``needed`` included, and the functions for several rows at once: all but the model is a row's own."""
@@ -208,7 +207,7 @@ class _Writer:
                 self.graph, self.real, ("p", "z", "k", "start"), {**self._places, **plan.given}
             )
             statements = printer.statements(plan.targets)
-            texts.append(_function(plan.title, plan.name, plan.arguments("lanes"), statements))
+            texts.append(function_text(plan.title, plan.name, plan.arguments("lanes"), statements))
             helpers |= printer.helpers
         return [lane_runtime(self.real, helpers), *texts]
 
@@ -283,21 +282,3 @@ def _write_chain(writer: _Writer, model: SymbolicModel, chain: ChainExpressions)
             [(f"J[{_of_column(k)}]", node) for k, node in enumerate(mixed)],
             given={node: f"A[{_of_column(k)}]" for k, node in enumerate(leaves)},
         )
-
-
-def _function(
-    title: str, name: str, arguments: str, statements: Sequence[str], *, lines: bool = False
-) -> str:
-    """A static C function; arguments that the statements do not read are marked so."""
-    body = "\n".join(statements)
-    used = set(re.findall(r"(?<!>)\b([a-zA-Z]\w*)(?=\[|->)", body)) | set(re.findall(r"\bj\b", body))
-    named = [re.split(r"\W", argument)[-1] for argument in arguments.split(",")]
-    head = [text for local, text in _LOCALS.items() if local in used and local not in named]
-    head += [
-        f"(void){argument};" for argument in named if argument not in used and not (argument == "m" and head)
-    ]
-    if lines:
-        statements = ["EACH_LINE(j) {", *(f"    {statement}" for statement in statements), "}"]
-    indented = "\n".join(f"    {line}" for line in [*head, *statements])
-    keyword = "LINE_FUNCTION" if lines else "static"
-    return f"/* {title} */\n{keyword} void {name}({arguments})\n{{\n{indented}\n}}\n"

@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,8 @@ from truepose.codegen.chain import pivot_order
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
-from truepose.codegen.names import check_machine_name, comment, identifiers
+from truepose.codegen.names import check_machine_name, comment
+from truepose.codegen.offered import driver_units, entries, offered
 from truepose.codegen.printer import Real, literal
 from truepose.codegen.pruning import pruned
 from truepose.codegen.reference import slopes_of, strain_of
@@ -119,7 +119,7 @@ def render(
         "kept": blocks.kept(model.p_home.tolist(), model.z_home.tolist()),
         "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
-        **_offered(features, blocks, model.p_home.tolist(), ideal),
+        **offered(features, model, layout, blocks, ideal),
         "held": left_out_words(left_out(machine)),
     }
     if features.listed and features.branches and not context["branches"]:
@@ -129,7 +129,9 @@ def render(
         )
     texts = {file: environment().get_template(template).render(context) for file, template in _files(context)}
     if features.listed:
-        texts = {file: pruned(text, machine.name) if file.endswith(".c") else text for file, text in texts.items()}
+        texts = {
+            file: pruned(text, machine.name) if file.endswith(".c") else text for file, text in texts.items()
+        }
     return {**texts, "test_vectors.csv": _vectors(model, layout), **wrappers(context)}
 
 
@@ -140,18 +142,6 @@ def _files(context: Mapping[str, Any]) -> list[tuple[str, str]]:
     first, *others = [[(f"{name}_{part}.{end}", f"{part}.{end}.j2") for end in "hc"] for part in parts]
     files = [*first, ("example.c", "example.c.j2"), *(file for part in others for file in part)]
     return [*files, ("CMakeLists.txt", "CMakeLists.txt.j2"), ("README.md", "README.md.j2")]
-
-
-def _offered(features: Features, blocks: Blocks, own: list[float], ideal: list[float]) -> dict[str, Any]:
-    """What the templates read of features, and the tables of built-in parameters."""
-    return {
-        "has": features,
-        "rare": "RARE" if features.listed else "APART",
-        "reads_p": any(re.search(r"\bp\b", text) for text in blocks.texts[1:]) or "p[" in blocks.texts[0],
-        "settled": [] if features.p else blocks.settled(own),
-        "drawn_settled": [] if features.p else blocks.settled(ideal),
-        "memory": None,
-    }
 
 
 def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
@@ -196,9 +186,9 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "turns": any(layout.turns),
         "turning": [int(turn) for turn in layout.turns],
         "tool": [places[f"tool.{axis}"] for axis in ("x", "y", "z", "rx", "ry", "rz")],
-        "parameters": _entries(model.names, [*model.machine.parameter_units.values()]),
+        "parameters": entries(model.names, [*model.machine.parameter_units.values()]),
         "joints": _joints(model.machine),
-        "drivers": _entries(model.drivers, _driver_units(model)),
+        "drivers": entries(model.drivers, driver_units(model)),
         "tolerance": {"position": f"{layout.position:g}", "rotation": f"{layout.rotation:g}"},
         **_example(layout, single),
         **_pointing(model, layout),
@@ -260,18 +250,6 @@ def _elimination(model: SymbolicModel, blocks: Blocks, layout: Layout, real: Rea
         "pivots": [float(f"{share * size:.3g}") for size in per_mm],
         "per_mm": per_mm,
     }
-
-
-def _entries(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
-    rows = zip(names, identifiers(names), units, strict=True)
-    return [
-        {"name": comment(name), "identifier": identifier, "unit": comment(unit)}
-        for name, identifier, unit in rows
-    ]
-
-
-def _driver_units(model: SymbolicModel) -> list[str]:
-    return [model.machine.driver_unit(name) or "1" for name in model.drivers]
 
 
 def _joints(machine: Machine) -> list[dict[str, Any]]:

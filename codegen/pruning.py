@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
-_EMPTY = re.compile(r"^#if[^\n]*\n(?:\n|#el(?:se|if)[^\n]*\n)*#endif[^\n]*\n", re.MULTILINE)
+_EMPTY = re.compile(
+    r"(?:^/\*(?:[^*]|\*(?!/))*\*/\n)?^#if[^\n]*\n(?:\n|#el(?:se|if)[^\n]*\n)*#endif[^\n]*\n", re.MULTILINE
+)
 _ATTRIBUTE = re.compile(r"__attribute__ *\(\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\)\)")
 _HEADING = "/* ----"
 
@@ -73,11 +75,11 @@ def _pieces(text: str, name: str) -> Iterator[_Piece]:
 
 def _complete(text: str) -> bool:
     """Whether a piece ends here: a comment is part of what follows it at once."""
-    if text.lstrip("\n").startswith("#"):
-        return not text.endswith("\\")
     bare = _COMMENT.sub("", text)
     if "/*" in bare:
         return False
+    if bare.lstrip().startswith("#"):
+        return not text.endswith("\\")
     if not bare.strip():
         return text.endswith("\n") or not text
     ended = bare.rstrip().endswith((";", "}"))

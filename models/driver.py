@@ -41,6 +41,13 @@ DriverKind = Literal[
 heat, time, the session, another joint, what the sensor reads; ``constant``: nothing."""
 OF_THE_ORDER = (APPROACH, STEP)
 """Kinds that the order of the rows tells where no column does."""
+TREMBLING: Final = 1e-3
+"""Share of a joint's travel (in the recording, or in the controller's program) within which it trembles or is held: not a
+motion.
+
+Play is smaller (0.5 to 2 arcmin are 1e-4 to 4e-4 of a travel of 90 deg), so that all longer motions take it up, and encoders
+of joints that are held scatter less.
+"""
 OF_THE_WAY = ("stop", "loop")
 """Kinds of what a joint's way leaves behind (``truepose.identification.recording.memory``)."""
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
@@ -219,6 +226,7 @@ __all__ = [
     "TEMPERATURE",
     "TIME",
     "TORQUE",
+    "TREMBLING",
     "VELOCITY",
     "DeclaredDriver",
     "Driver",

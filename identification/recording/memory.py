@@ -23,16 +23,10 @@ from truepose.identification.recording.history import (
     side_of_arrival,
     stop_operator,
 )
-from truepose.models.driver import APPROACH, STEP, Driver
+from truepose.models.driver import APPROACH, STEP, TREMBLING, Driver
 from truepose.models.units import FloatArray
 
 IntArray = npt.NDArray[np.int64]
-TREMBLING: Final = 1e-3
-"""Share of a joint's travel in the recording within which it trembles or is held: not a motion.
-
-Play is smaller (0.5 to 2 arcmin are 1e-4 to 4e-4 of a travel of 90 deg), so that all longer motions take it up, and encoders
-of joints that are held scatter less.
-"""
 _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
 
 

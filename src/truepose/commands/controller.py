@@ -27,7 +27,7 @@ RealOption = Annotated[str, typer.Option(help="Type of every number.", metavar="
 FeaturesOption = Annotated[
     str | None,
     typer.Option(
-        help="What is generated, separated by commas: warm, cold, branches, p, batch, state; default all. A list also asks for small code.",
+        help="What is generated, separated by commas, and small code: warm, cold, branches, p, batch, state; default all.",
         metavar="LIST",
     ),
 ]
@@ -82,9 +82,7 @@ def codegen(
             drawing = (loaded.file.nominal if loaded.file else {}) or None
             measured: list[Measurement] = []
             if measure:
-                paths, measured = generate_measured(
-                    loaded, output, number, nominal=drawing, features=chosen
-                )
+                paths, measured = generate_measured(loaded, output, number, nominal=drawing, features=chosen)
             else:
                 paths = generate(loaded, output, number, nominal=drawing, features=chosen)
         files = sorted(str(path) for path in paths)
