@@ -33,8 +33,8 @@ def _memory(model: SymbolicModel, layout: Layout, features: Features) -> dict[st
     memory = memory_of(model, layout)
     if not features.state or not (memory.remembers or features.listed):
         return {"memory": None}
-    entries = zip(model.drivers, driver_units(model), memory.places, strict=True)
-    followed = [(name, unit) for name, unit, place in entries if place >= len(memory.sensed)]
+    rows = zip(model.drivers, driver_units(model), memory.places, strict=True)
+    followed = [(name, unit) for name, unit, place in rows if place >= len(memory.sensed)]
     return {
         "memory": memory,
         "followed": entries([n for n, _ in followed], [unit for _, unit in followed]),

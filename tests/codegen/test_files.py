@@ -73,6 +73,8 @@ def test_the_same_bytes_from_the_same_input(tmp_path: Path) -> None:
         "example.c",
         "rails_batch.h",
         "rails_batch.c",
+        "rails_state.h",
+        "rails_state.c",
         "CMakeLists.txt",
         "README.md",
         "test_vectors.csv",
@@ -90,6 +92,7 @@ def test_the_same_bytes_from_the_same_input(tmp_path: Path) -> None:
     assert same == {
         "rails_batch.h",
         "rails_batch.c",
+        "rails_state.h",
         "CMakeLists.txt",
         "test_vectors.csv",
         "rails_kin.hpp",

@@ -30,6 +30,14 @@ typedef float arm3_real;
 #define arm3_NZ 1 /* drivers */
 #define arm3_MAX_ITER 1500 /* evaluations of the model in one inverse, at most */
 
+/* What was generated: 1, or 0 for what is not there. */
+#define arm3_HAS_WARM 1 /* fk, jac, ik from a guess nearby, compensate */
+#define arm3_HAS_COLD 1 /* ik from any guess */
+#define arm3_HAS_BRANCHES 0 /* ik_all */
+#define arm3_HAS_P 1 /* parameters at run time */
+#define arm3_HAS_BATCH 1 /* arm3_batch.h */
+#define arm3_HAS_STATE 0 /* arm3_state.h: drivers that remember */
+
 /* Places in p. */
 #define arm3_P_q1_beta 0 /* rad: q1.beta */
 #define arm3_P_q1_alpha 1 /* rad: q1.alpha */

@@ -33,6 +33,14 @@ typedef double hexapod_real;
 #define hexapod_NZ 1 /* drivers (none: one unused place) */
 #define hexapod_MAX_ITER 400 /* evaluations of the model in one inverse, at most */
 
+/* What was generated: 1, or 0 for what is not there. */
+#define hexapod_HAS_WARM 1 /* fk, jac, ik from a guess nearby, compensate */
+#define hexapod_HAS_COLD 1 /* ik from any guess */
+#define hexapod_HAS_BRANCHES 0 /* ik_all */
+#define hexapod_HAS_P 1 /* parameters at run time */
+#define hexapod_HAS_BATCH 1 /* hexapod_batch.h */
+#define hexapod_HAS_STATE 0 /* hexapod_state.h: drivers that remember */
+
 /* Places in p. */
 #define hexapod_P_leg1_a_x 0 /* mm: leg1.a.x */
 #define hexapod_P_leg1_a_y 1 /* mm: leg1.a.y */

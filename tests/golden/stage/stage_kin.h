@@ -33,6 +33,14 @@ typedef double stage_real;
 #define stage_NZ 1 /* drivers (none: one unused place) */
 #define stage_MAX_ITER 1500 /* evaluations of the model in one inverse, at most */
 
+/* What was generated: 1, or 0 for what is not there. */
+#define stage_HAS_WARM 1 /* fk, jac, ik from a guess nearby, compensate */
+#define stage_HAS_COLD 1 /* ik from any guess */
+#define stage_HAS_BRANCHES 0 /* ik_all */
+#define stage_HAS_P 1 /* parameters at run time */
+#define stage_HAS_BATCH 1 /* stage_batch.h */
+#define stage_HAS_STATE 0 /* stage_state.h: drivers that remember */
+
 /* Places in p. */
 #define stage_P_q1_beta 0 /* rad: q1.beta */
 #define stage_P_q1_alpha 1 /* rad: q1.alpha */
