@@ -120,7 +120,7 @@ def render(
         "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
         **offered(features, model, layout, blocks, ideal),
-        "held": left_out_words(left_out(machine)),
+        "held": left_out_words(left_out(machine, features)),
     }
     if features.listed and features.branches and not context["branches"]:
         raise InputError(

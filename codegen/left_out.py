@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from truepose.codegen.features import ALL, Features
+from truepose.codegen.memory import followed
 from truepose.models.driver import STEP, Driver
 from truepose.models.kinematics import driver_default, driver_names
 from truepose.models.machine import Machine
@@ -15,8 +17,8 @@ from truepose.wording import joined
 @dataclass(frozen=True)
 class LeftOut:
     """calibrated: whether the file came from a fit; stated: whether it has effects; sensor: labels of effects that move no
-    tool; memory: labels of effects that depend on what was before; frames: further ones of the machine; drivers: value and
-    unit where the controller gives none."""
+    tool; memory: labels of effects that depend on what was before, which is not followed; frames: further ones of the
+    machine; drivers: value and unit where the controller gives none; followed: those of them that ``NAME_state`` works out."""
 
     calibrated: bool
     stated: bool
@@ -24,17 +26,24 @@ class LeftOut:
     memory: tuple[str, ...]
     frames: tuple[str, ...]
     drivers: Mapping[str, tuple[float, str]]
+    followed: tuple[str, ...] = ()
 
 
-def left_out(machine: Machine) -> LeftOut:
+def left_out(machine: Machine, features: Features = ALL) -> LeftOut:
     """What the C of a machine holds and leaves out."""
     sensor = [e.label for e in machine.effects if e.kind == "sensor" or _of_the_moment(e)]
-    memory = [e.label for e in machine.effects if _remembers(e) and e.label not in sensor]
+    memory = [
+        e.label for e in machine.effects if _remembers(e) and e.label not in sensor and not features.state
+    ]
     names = driver_names(machine, machine.effects)
+    readings = machine.mechanism.readings
+    own = [name for name in names if features.state and followed(Driver.of(name), readings)]
     drivers = {name: (driver_default(machine, name), machine.driver_unit(name) or "1") for name in names}
     calibrated = machine.file is not None and bool(machine.file.nominal)
     frames = tuple(mount.name for mount in machine.mounts)
-    return LeftOut(calibrated, bool(machine.effects), tuple(sensor), tuple(memory), frames, drivers)
+    return LeftOut(
+        calibrated, bool(machine.effects), tuple(sensor), tuple(memory), frames, drivers, tuple(own)
+    )
 
 
 def left_out_words(found: LeftOut) -> list[str]:
@@ -55,8 +64,13 @@ def left_out_words(found: LeftOut) -> list[str]:
         said.append(
             f"Poses are those of the tool on the flange; the code has no other frame ({joined(found.frames)})."
         )
-    if found.drivers:
-        held = [_held(name, *value) for name, value in found.drivers.items()]
+    if found.followed:
+        said.append(
+            f"Depends on what was before: {joined(found.followed)}. The code's _state works it out from every motion and what"
+            " is sensed; without it, it rests."
+        )
+    held = [_held(name, *value) for name, value in found.drivers.items() if name not in found.followed]
+    if held:
         said.append(f"Held still unless z gives it: {joined(held)}.")
     return said
 
@@ -82,6 +96,7 @@ def left_out_json(found: LeftOut) -> dict[str, object]:
         "memory": list(found.memory),
         "frames": list(found.frames),
         "drivers": drivers,
+        "followed": list(found.followed),
     }
 
 

@@ -86,7 +86,7 @@ def codegen(
             else:
                 paths = generate(loaded, output, number, nominal=drawing, features=chosen)
         files = sorted(str(path) for path in paths)
-        held = left_out(loaded)
+        held = left_out(loaded, chosen)
         payload: dict[str, object] = {
             "command": "codegen",
             "machine": loaded.name,
