@@ -61,6 +61,7 @@ class Measurement:
     warm, cold      the inverse from 1 deg (lengths: 0.5 % of the vectors' span) aside, and from another vector's joints; no
                     cold one where it was not generated
     jac, compensate at the joints of each vector; ``position`` is the norm of what they return
+    state           an update of NAME_state at each vector; None without one. state_object: NAME_state.o
     refused         calls that must be refused: NaN in joints, guess or pose, no rotation, a pose out of reach (``far``)
     """
 
@@ -81,6 +82,8 @@ class Measurement:
     jac: Cost
     compensate: Cost
     refused: tuple[Observation, ...]
+    state: Cost | None = None
+    state_object: Sizes | None = None
 
     @property
     def longest(self) -> int:
@@ -125,6 +128,7 @@ def measure(
         where = Path(folder)
         seen = observe(build(source, compiler, where), target, compiler.tools)
         sizes = compiler.sizes(where / "kin.o")
+        state = compiler.sizes(where / "state.o") if source.remembers else None
         frames = read_frames(where / "kin.ci")
         ik, fk = linked_sizes(source, compiler, where)
     count = len(source.joints)
@@ -142,11 +146,17 @@ def measure(
         chain_fk=frames.deepest(f"{source.name}_fk"),
         fk=_cost(seen, "fk"),
         warm=_cost(seen, "warm"),
-        cold=_cost(seen, "cold") if any(call.what == "cold" for call in seen) else None,
+        cold=_cost_if_any(seen, "cold"),
         jac=_cost(seen, "jac"),
         compensate=_cost(seen, "compensate"),
         refused=tuple(call for call in seen if call.what.startswith(("nan-", "far", "skewed"))),
+        state=_cost_if_any(seen, "state"),
+        state_object=state,
     )
+
+
+def _cost_if_any(seen: Sequence[Observation], what: str) -> Cost | None:
+    return _cost(seen, what) if any(call.what == what for call in seen) else None
 
 
 def _cost(seen: Sequence[Observation], what: str) -> Cost:

@@ -68,10 +68,13 @@ class Compiler:
 def build(source: Source, compiler: Compiler, where: Path) -> Path:
     """Compile and link the test program in the folder ``where``; the program's path.
 
-    It leaves ``kin.o`` there, and ``kin.ci`` with its frames.
+    It leaves ``kin.o`` there, and ``kin.ci`` with its frames; and ``state.o`` where drivers remember.
     """
     script = write_program(source, compiler.target, where)
     objects = [where / f"{part}.o" for part in ("start", "driver", "kin")]
+    if source.remembers:
+        objects.append(where / "state.o")
+        compiler.compile(where / f"{source.name}_state.c", objects[-1])
     compiler.assemble(where / "start.S", objects[0])
     compiler.compile(where / "driver.c", objects[1])
     compiler.compile(where / f"{source.name}_kin.c", objects[2], [_FRAMES])
@@ -89,6 +92,7 @@ def write_program(source: Source, target: Target, where: Path) -> Path:
         "aside": source.aside,
         "far": source.far,
         "long_loop": LONG_LOOP,
+        "remembers": source.remembers,
         "lit": lambda value: literal(float(value), source.real),
         "numbers": lambda values: ", ".join(literal(float(v), source.real) for v in values),
     }
@@ -96,8 +100,9 @@ def write_program(source: Source, target: Target, where: Path) -> Path:
         text = environment().get_template(f"embedded/{file}.j2").render(context)
         (where / file).write_text(text, encoding="utf-8")
     shutil.copy(TEMPLATES / "embedded" / "start.S", where)
-    for suffix in ("c", "h"):
-        shutil.copy(source.directory / f"{source.name}_kin.{suffix}", where)
+    for part in ("kin", "state") if source.remembers else ("kin",):
+        for suffix in ("c", "h"):
+            shutil.copy(source.directory / f"{source.name}_{part}.{suffix}", where)
     return where / "link.ld"
 
 

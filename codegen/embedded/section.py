@@ -31,7 +31,7 @@ def table(measurements: Sequence[Measurement]) -> list[str]:
     """Lines of a Markdown table, a column a measurement."""
     heads = [f"{m.target.title}, `{m.optimisation}`" for m in measurements]
     lines = ["| | " + " | ".join(heads) + " |", "|---|" + "---|" * len(heads)]
-    for title, cell in _rows(measurements[0].name):
+    for title, cell in [*_rows(measurements[0].name), *(_state_rows(measurements))]:
         lines.append(f"| {title} | " + " | ".join(cell(m) for m in measurements) + " |")
     return lines
 
@@ -88,6 +88,24 @@ def _rows(name: str) -> list[_Row]:
         ),
         (f"largest error of `{name}_fk`", lambda m: _errors(m.fk)),
         (f"largest error of `{name}_ik`, warm or cold", lambda m: _errors(m.warm, m.inverse)),
+    ]
+
+
+def _state_rows(measurements: Sequence[Measurement]) -> list[_Row]:
+    """Of what remembers, where all have it."""
+    if not all(m.state and m.state_object for m in measurements):
+        return []
+    name = measurements[0].name
+    return [
+        (
+            f"`{name}_state.o`: text, data, bss [B]",
+            lambda m: _sizes(m.state_object) if m.state_object else "",
+        ),
+        (
+            f"`{name}_state_update`: instructions, mean, median, most",
+            lambda m: _instructions(m.state) if m.state else "",
+        ),
+        (f"`{name}_state_update`: stack, median and most [B]", lambda m: _stack(m.state) if m.state else ""),
     ]
 
 

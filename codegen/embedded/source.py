@@ -38,6 +38,11 @@ class Source:
     poses: Array
 
     @property
+    def remembers(self) -> bool:
+        """Whether drivers that remember are followed by ``NAME_state.c``."""
+        return (self.directory / f"{self.name}_state.c").is_file()
+
+    @property
     def aside(self) -> Array:
         """(n,) how far a warm guess stands from the solution: 1 deg, or for lengths 0.5 % of what the vectors span."""
         span = np.ptp(self.joints, axis=0)
