@@ -65,7 +65,7 @@ def peer(model: SymbolicModel, ours: Path, into: Path, real: Real) -> Path:
         "MET_MM": literal(layout.share * layout.position, real),
         "MET_RAD": literal(layout.share * layout.rotation, real),
     }
-    text = [f'#include "{name}_kin.h"', "#include <math.h>", *_QUIET]
+    text = [f'#include "{name}_kin.h"', "#include <math.h>", *_QUIET, *(_SINGLE if real == "float" else [])]
     text += [f"#define {key} {value}" for key, value in sizes.items()]
     text += [f"typedef {name}_real real;", code.dump(), NEWTON.read_text(encoding="utf-8")]
     (into / f"{name}_kin.c").write_text("\n".join(text), encoding="utf-8")
@@ -88,6 +88,8 @@ def pose_and_jacobian(model: SymbolicModel) -> tuple[ca.SX, ca.SX]:
     return ca.vec(at[:3, :].T), ca.horzcat(*columns)
 
 
+_SINGLE = ['#pragma GCC optimize ("single-precision-constant")', "#define sin sinf", "#define cos cosf"]
+"""CasADi writes double constants and functions in single precision, too: with these all of it is computed in single."""
 _QUIET = [
     f'#pragma GCC diagnostic ignored "-W{warning}"'
     for warning in (

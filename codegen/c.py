@@ -115,7 +115,7 @@ def render(
         "six": blocks.chain is not None and blocks.chain.six,
         "mixed": blocks.chain is not None and blocks.chain.mixed is not None,
         "rolled": blocks.chain is not None and blocks.chain.six and blocks.chain.steps.numel() > 0,
-        **_elimination(model, blocks, layout, real),
+        **_elimination(model, blocks, layout, real, features.cold),
         "kept": blocks.kept(model.p_home.tolist(), model.z_home.tolist()),
         "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
@@ -237,11 +237,16 @@ def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[
     return [float(drawn.get(name, own[name])) if name in geometry else 0.0 for name in model.names]
 
 
-def _elimination(model: SymbolicModel, blocks: Blocks, layout: Layout, real: Real) -> dict[str, Any]:
-    """Order of the pivots of six columns, and the smallest to go on with: rounding grows by their inverse."""
+def _elimination(
+    model: SymbolicModel, blocks: Blocks, layout: Layout, real: Real, cold: bool
+) -> dict[str, Any]:
+    """Order of the pivots of six columns, and the smallest to go on with: rounding grows by their inverse.
+
+    Without ``cold``, other ways to go on, single precision takes a smaller one: the check of the pose judges the result.
+    """
     if blocks.chain is None or not blocks.chain.six:
         return {"branches": None, "order": [], "pivots": [], "per_mm": []}
-    share = 1e-9 if real == "double" else 1e-3
+    share = 1e-9 if real == "double" else 1e-3 if cold else 1e-6
     samples = np.array([q for q, _ in layout.vectors])
     per_mm = 1.0 / layout.unknown
     return {
