@@ -13,14 +13,17 @@ warms up behind its thermometer.
 
 from __future__ import annotations
 
+import importlib.util
 import shutil
 import sys
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 
-from benchmarks.embedded import REALS, ur10
+from benchmarks.embedded import REALS, SEED, ur10
 from truepose.codegen.c import generate
 from truepose.codegen.embedded.measure import OPTIMISATIONS, Measurement, measure
 from truepose.codegen.features import ALL, Features
@@ -34,6 +37,7 @@ from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 LISTS = ("", "warm,cold,branches,p", "warm,cold,branches", "warm,cold", "warm,p", "warm")
+POSES = 10_000
 NEWTON = Path(__file__).parent / "newton_peer.c"
 REMEMBERS = """effects:
 {play}
@@ -152,6 +156,30 @@ def followed(file: Path, folder: Path) -> None:
             )
 
 
+def from_nearby(folder: Path) -> None:
+    """Print how many random poses are not met from a nearby guess alone; computed here, not on the target."""
+    random, code = np.random.default_rng(SEED), Counter[str]()
+    for real in REALS:
+        where = folder / f"{real}{len(LISTS) - 1}" / "wrappers" / "ur10_kin.py"
+        spec = importlib.util.spec_from_file_location(f"near_{real}", where)
+        assert spec and spec.loader
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        arm = module.build()
+        for away in (0.1, 1.0, 10.0):
+            code.clear()
+            for _ in range(POSES):
+                q = random.uniform(-3, 3, 6)
+                guess = q + random.choice([-1, 1], 6) * np.radians(away)
+                try:
+                    arm.ik(arm.fk(q), guess)
+                except module.KinematicsError as error:
+                    code[type(error).__name__] += 1
+            sys.stdout.write(
+                f"{real}: guess {away:g} deg away in every joint: of {POSES:,} poses not met {dict(code)}\n"
+            )
+
+
 def main() -> int:
     """Generate, measure and print; 2 when something is missing."""
     with tempfile.TemporaryDirectory() as name:
@@ -159,6 +187,7 @@ def main() -> int:
         (folder / "ur10.yaml").write_text(ur10(), encoding="utf-8")
         try:
             compared(load_machine(folder / "ur10.yaml"), folder)
+            from_nearby(folder)
             followed(folder / "ur10.yaml", folder)
         except InputError as exc:
             sys.stderr.write(f"error: {exc}\n")
