@@ -77,6 +77,18 @@ def test_the_header_says_what_is_there(root_directory: Path, name: str, real: Re
 
 
 @needs_compiler
+@pytest.mark.parametrize(("name", "real"), [("arm", "float"), ("planar", "double"), ("redundant", "float")])
+def test_the_example_runs(root_directory: Path, tmp_path: Path, name: str, real: Real) -> None:
+    """Where the guess alone has to do, the example's is near enough, and loops start closed there."""
+    assert COMPILER is not None
+    generate(machine_of(root_directory, name), tmp_path, real, features=Features.of("warm"))
+    command = [COMPILER, *WARNINGS, "-O0", "example.c", f"{name}_kin.c", "-lm", "-o", "example"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    ran = subprocess.run([tmp_path / "example"], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stdout
+
+
+@needs_compiler
 @chosen
 def test_it_computes_what_all_features_compute(
     root_directory: Path, name: str, real: Real, features: str
@@ -100,7 +112,9 @@ def test_it_computes_what_all_features_compute(
 
 
 @needs_compiler
-@pytest.mark.parametrize(("name", "features"), [("arm", "warm"), ("rails", "warm"), ("turns", "warm,batch")])
+@pytest.mark.parametrize(
+    ("name", "features"), [("arm", "branches,batch"), ("rails", "warm"), ("turns", "warm,batch")]
+)
 def test_other_parameters_are_refused_where_they_are_built_in(
     root_directory: Path, name: str, features: str
 ) -> None:
@@ -121,6 +135,12 @@ def test_other_parameters_are_refused_where_they_are_built_in(
             code, after = built.call(function, *inputs, out=before, **given)
             assert code == 4, function
             np.testing.assert_array_equal(after, before)
+    if asked(built, "batch"):
+        poses, codes = np.full(2 * 12, -7.0), np.zeros(2, dtype=np.int32)
+        arrays = [p, None, np.tile(q, 2), poses, codes]
+        at = [None if a is None else a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
+        assert getattr(built.library, f"{name}_fk_n")(*at[:2], 2, *at[2:]) == 2
+        assert codes.tolist() == [4, 4] and set(poses) == {-7.0}
 
 
 @needs_compiler
