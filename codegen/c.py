@@ -65,13 +65,13 @@ def generate(
     real: Real = "double",
     *,
     nominal: Mapping[str, float] | None = None,
-    features: Features = ALL,
+    features: Features | str = ALL,
 ) -> list[Path]:
     """Write the C of ``machine`` with its effects into ``directory``, whole or not at all; the paths written.
 
     ``real`` is the type of every number. ``nominal`` gives values of the drawing by parameter name (mm, rad)
     for ``NAME_compensate``; what it does not name, and all without it, is as the machine file has it. ``features``: what is
-    generated, everything by default; files of features that an earlier run had are deleted.
+    generated, everything by default, or a list ("warm,p"); files of features that an earlier run had are deleted.
 
     Raises InputError when the machine's name is no C identifier, ``nominal`` names an unknown parameter, or a feature was
     asked for that this machine cannot have.
@@ -79,7 +79,8 @@ def generate(
     check_machine_name(machine.name)
     if real not in ("double", "float"):
         raise InputError(f"real: found {real!r}, expected 'double' or 'float'")
-    texts = render(machine, real, nominal=nominal, features=features)
+    chosen = Features.of(features) if isinstance(features, str) else features
+    texts = render(machine, real, nominal=nominal, features=chosen)
     with atomic_directory(directory) as partial:
         for name, text in texts.items():
             (partial / name).parent.mkdir(exist_ok=True)
@@ -124,7 +125,7 @@ def render(
     }
     if features.listed and features.branches and not context["branches"]:
         raise InputError(
-            f"--features: found branches, but {machine.name} has no closed form next to it, as arms of six turning joints have"
+            f"features: found branches, but {machine.name} has no closed form next to it, as arms of six turning joints have"
             " whose last axes meet or whose axes 2 to 4 are parallel; leave it out"
         )
     texts = {file: environment().get_template(template).render(context) for file, template in _files(context)}

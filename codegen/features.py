@@ -43,7 +43,7 @@ class Features:
         if unknown:
             hint = meant(unknown[0], FEATURES)
             raise InputError(
-                f"--features: found {unknown[0]!r}, expected one or several of {joined(FEATURES)}, separated by commas"
+                f"features: found {unknown[0]!r}, expected one or several of {joined(FEATURES)}, separated by commas"
                 + (f"; {hint}" if hint else "")
             )
         chosen = {name: name in names for name in FEATURES if name != "warm"}
