@@ -25,7 +25,7 @@ from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import with_measured_loads
 from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

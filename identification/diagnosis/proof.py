@@ -30,7 +30,7 @@ from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import slot_odds
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

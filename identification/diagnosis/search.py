@@ -23,8 +23,9 @@ from truepose.identification.posterior.mode import climbed
 from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, Sampling, mode
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.lines import proposed
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 

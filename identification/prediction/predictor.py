@@ -146,7 +146,7 @@ class Predictor:
         """
         comparisons = self.comparisons(weight)
         step = BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)
-        self._waves(slice(0, 0))  # before threads ask for them
+        self.warm()
 
         def block(start: int) -> Block:
             rows = slice(start, min(start + step, len(self.q)))
@@ -237,6 +237,10 @@ class Predictor:
                 force += np.einsum("nk,nkp->np", multipliers, gp[:, :, at])
             out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
         return out
+
+    def warm(self) -> None:
+        """Work out what all blocks share, before threads ask for it."""
+        self._waves(slice(0, 0))
 
     def _waves(self, rows: slice) -> Array:
         """(n, f) what coefficients move their ports by, whatever p: worked out once where it takes little memory."""

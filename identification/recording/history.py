@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from truepose.identification.recording.scan import affine, clipped
 from truepose.models.units import FloatArray
 
 IntArray = npt.NDArray[np.int64]
@@ -26,18 +27,12 @@ def exponential_lag(time: FloatArray, values: FloatArray, seconds: float) -> Flo
     """
     if seconds <= 0.0:
         return values.copy()
-    lagged = np.empty_like(values)
-    state = float(values[0])
-    lagged[0] = state
-    for k in range(1, len(values)):
-        step = float(time[k] - time[k - 1])
-        if step > 0.0:
-            rise = -np.expm1(-step / seconds)
-            before, now = float(values[k - 1]), float(values[k])
-            slope_share = (now - before) * (1.0 - rise * seconds / step)
-            state += rise * (before - state) + slope_share
-        lagged[k] = state
-    return lagged
+    step, before, now = np.diff(time), values[:-1], values[1:]
+    moved = step > 0.0
+    rise = np.where(moved, -np.expm1(-step / seconds), 0.0)
+    share = np.where(moved, 1.0 - rise * seconds / np.where(moved, step, 1.0), 0.0)
+    following = affine(1.0 - rise, rise * before + (now - before) * share, float(values[0]))
+    return np.concatenate([values[:1], following])
 
 
 def stop_operator(
@@ -54,22 +49,15 @@ def stop_operator(
     than the width, so that it stands at its limit on that side, or by ``overshoot``. A finite overshoot means that
     every approach starts that far behind its goal, also one that comes from the right side.
     """
-    out = np.zeros(len(readings))
-    state = 0.0
-    for k, side in enumerate(approach.tolist()):
-        back = min(overshoot, 4.0 * half_width)
-        if k == 0 or piece[k] != piece[k - 1]:
-            state = side * min(back, half_width)
-        else:
-            step = float(readings[k] - readings[k - 1])
-            rested = step == 0.0 and side == approach[k - 1]
-            behind = side and not rested and (np.isfinite(overshoot) or side * step <= 0.0)
-            if behind:
-                state = min(max(state + step - side * back, -half_width), half_width)
-                step = side * back
-            state = min(max(state + step, -half_width), half_width)
-        out[k] = state
-    return out
+    back = min(overshoot, 4.0 * half_width)
+    step = np.diff(readings, prepend=readings[:1])
+    fresh = np.diff(piece, prepend=piece[:1] - 1) != 0
+    rested = (step == 0.0) & (approach == np.roll(approach, 1))
+    contradicts = np.isfinite(overshoot) | (approach * step <= 0.0)
+    returning = np.where((approach != 0.0) & ~rested & contradicts, approach * back, 0.0)
+    away = np.where(returning != 0.0, step - returning, 0.0)
+    begins = np.where(fresh, approach * min(back, half_width), np.nan)
+    return clipped((away, np.where(returning != 0.0, returning, step)), begins, half_width)
 
 
 def side_of_arrival(readings: FloatArray, piece: IntArray, band: float) -> FloatArray:

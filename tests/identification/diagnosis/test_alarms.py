@@ -18,7 +18,8 @@ from truepose.identification.diagnosis.holdout import ratio_interval
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.linearisation import Linearisation
+from truepose.identification.signatures.signatures import Signatures
 from truepose.identification.signatures.untestable import why_untestable
 from truepose.models.effects.base import PlacedEffect
 

@@ -22,7 +22,7 @@ from truepose.identification.fit.estimate import FREE_WIDENING, estimate, prior_
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.diagnosis_words import form_words
 from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 
 Array = NDArray[np.float64]
 
