@@ -138,8 +138,8 @@ def _series(found: Spectrum, held: set[int], rows: int) -> Iterator[Mapping[str,
 
 
 def _arc(signatures: Signatures, fit: Estimate, joint: str) -> tuple[float, float]:
-    q = signatures.recording.q[~signatures.recording.validation]
-    own = q[:, signatures.machine.mechanism.readings.index(joint)]
+    whole = signatures.recording.whole  # settings are the same for all that have some of its rows
+    own = whole.q[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
     return float(own.min()), float(own.max())
 
 
