@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ from truepose.errors import InputError
 from truepose.identification.compensation import path_file
 from truepose.identification.compensation.path_file import csv_text
 from truepose.identification.recording import table
-from truepose.identification.recording.arrow_columns import ArrowCells, read_plain_csv
+from truepose.identification.recording.arrow_columns import ArrowCells
+from truepose.identification.recording.plain_text import read_plain_csv
 from truepose.identification.recording.table import Column, Table, read_table
 
 
@@ -40,7 +42,7 @@ def both(monkeypatch: pytest.MonkeyPatch) -> Any:
     ],
 )
 def test_a_table_is_the_same_by_columns(text: str, plain: bool, tmp_path: Path, both: Any) -> None:
-    assert (read_plain_csv(text.encode()) is not None) == plain
+    assert (read_plain_csv(io.BytesIO(text.encode())) is not None) == plain
     path = tmp_path / "path.csv"
     path.write_bytes(text.encode())
     one, other = both(path)
