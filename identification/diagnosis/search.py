@@ -58,6 +58,8 @@ class Found:
     catalogue: Catalogue
     alone: Array
     linearisation_before: Linearisation
+    halves: tuple[Linearisation, Linearisation] | None = None
+    """Of the rows in two halves, where the same pass summed these up."""
 
 
 def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Expansion:
@@ -108,6 +110,8 @@ class Start:
     alone: Array | None = None
     bare: Linearisation | None = None
     known: State | None = None
+    halved: bool = False
+    """Whether both halves of the rows are summed up beside the whole, because a pass of their own would take long."""
 
 
 class Expansion:
@@ -116,7 +120,11 @@ class Expansion:
     def __init__(self, start: Start) -> None:
         self.start, self.fit = start, start.fit
         self.signatures, self.catalogue = start.signatures, start.catalogue
-        self.linearisation = start.signatures.linearise(start.fit)
+        self.halves: tuple[Linearisation, Linearisation] | None = None
+        if start.halved:
+            self.linearisation, self.halves = start.signatures.halved(start.fit)
+        else:
+            self.linearisation = start.signatures.linearise(start.fit)
         self.problem = selection_problem(self.linearisation, start.catalogue, start.rms)
         self.spike_slab = self.problem.spike_slab.compressed()
         self.known = [] if start.known is None else [self._of_this_grid(start.known)]
@@ -160,7 +168,9 @@ class Expansion:
         self.problem.spike_slab.forget()
         own = self.start.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
         later = np.full(len(self.catalogue.candidates) - len(self.alone), -np.inf)
-        return Found(self.problem, posterior, best, *own, np.append(self.alone, later), self.bare)
+        return Found(
+            self.problem, posterior, best, *own, np.append(self.alone, later), self.bare, self.halves
+        )
 
     def moved(self, best: State) -> Start | None:
         """The fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
@@ -177,7 +187,7 @@ class Expansion:
         finer = proposed(signatures, fit, finer)
         if finer is not cat:
             signatures = signatures.of(finer.candidates).seen_from(fit)
-        own = start.exclude, start.rms, count, self.alone, self.bare, best
+        own = start.exclude, start.rms, count, self.alone, self.bare, best, start.halved
         return Start(signatures, finer, fit, wanted, *own)
 
     def without(self, exclude: Mask, null: Estimate, rms: float) -> Start | None:

@@ -61,7 +61,7 @@ def further(
     bare = Signatures(machine, recording, ()).linearise(before).bare()
     begun = Start(
         near.signatures.over(recording), near.catalogue, fit, near.start.accepted, far, fits.rms,
-        near.start.refined, None, bare, near.known[0] if near.known else None,
+        near.start.refined, None, bare, near.known[0] if near.known else None, halved=len(recording) == len(recording.whole),
     )  # fmt: skip
     del near
     return fits, settled(begun)

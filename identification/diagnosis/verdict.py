@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truepose.identification.diagnosis.alarms import Alarm, alarms_of, misfits
+from truepose.identification.diagnosis.alarm import Alarm
+from truepose.identification.diagnosis.alarms import alarms_of, misfits
 from truepose.identification.diagnosis.averaging import averaged
 from truepose.identification.diagnosis.findings import (
     evidence_map,

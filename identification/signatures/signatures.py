@@ -36,6 +36,7 @@ from truepose.models.placed import EffectAtPlace
 from truepose.threads import in_order
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 
 class Signatures:
@@ -92,31 +93,57 @@ class Signatures:
 
         ``order`` (n,) gives effects the drivers of other rows (a placebo).
         """
-        geometry, causes = self._geometry(fit), self._causes(fit)
+        forms = self._forms(fit)
+        return self._linearised(fit, forms, *self._summed(fit, forms, np.flatnonzero(fit.used), order))
+
+    def halved(self, fit: Estimate) -> tuple[Linearisation, tuple[Linearisation, Linearisation]]:
+        """Of all fitted rows, and of each half of them in the order of acquisition, in one pass; errors of form are those of
+        all."""
+        forms = self._forms(fit)
+        parts = [
+            self._summed(fit, forms, np.sort(p)) for p in np.array_split(self.recording.in_time(fit.used), 2)
+        ]
+        (first, second), counts = (p[0] for p in parts), [p[1] for p in parts]
+        whole = tuple(a + b for a, b in zip(first, second, strict=True))
+        every = [(whole, [a + b for a, b in zip(*counts, strict=True)]), *parts]
+        found, *halves = (self._linearised(fit, forms, *each) for each in every)
+        return found, (halves[0], halves[1])
+
+    def _forms(self, fit: Estimate) -> Forms:
+        """Errors of form of what a fit holds, over its rows."""
         signals = [
             (np.array(self.indices(list(own)), dtype=np.intp), np.concatenate(list(own.values())))
-            for own in causes
+            for own in self._causes(fit)
         ]
-        n, forms = len(geometry), Forms.of(self.recording, fit.used, signals)
+        return Forms.of(self.recording, fit.used, signals)
+
+    def _summed(
+        self, fit: Estimate, forms: Forms, rows: Index, order: Index | None = None
+    ) -> tuple[tuple[Array, ...], list[int]]:
+        """Gram matrices and numbers of readings over some of the fitted rows (k,), by kind of channel."""
         kinds = [channel.kind for channel in self._predictor(fit.effects).channels]
-        names = list(dict.fromkeys(kinds))
-        which = [[k for k, kind in enumerate(kinds) if kind == name] for name in names]
-        size = n + self.width + forms.width + 1
-        sums, counts = [GramSum(size, own) for own in which], [0] * len(names)
-        for part in self._parts(fit, forms, order):
+        which = [[k for k, kind in enumerate(kinds) if kind == name] for name in dict.fromkeys(kinds)]
+        size = len(self._geometry(fit)) + self.width + forms.width + 1
+        sums, counts = [GramSum(size, own) for own in which], [0] * len(which)
+        for part in self._parts(fit, forms, rows, order):
             for k, own in enumerate(which):
                 sums[k].add(part)
                 counts[k] += part.readings(own)
-        counts[0] -= fit.levels
-        departure = np.zeros(size - 1)
-        departure[:n] = (fit.p - fit.prior.mean)[geometry] / fit.prior.scale[geometry]
-        for at, amplitudes in signals:
+        return tuple(one.matrix() for one in sums), counts
+
+    def _linearised(
+        self, fit: Estimate, forms: Forms, grams: tuple[Array, ...], counts: list[int]
+    ) -> Linearisation:
+        geometry, prior = self._geometry(fit), fit.prior
+        n, read = len(geometry), (counts[0] - fit.levels, *counts[1:])
+        departure = np.zeros(len(grams[0]) - 1)
+        departure[:n] = (fit.p - prior.mean)[geometry] / prior.scale[geometry]
+        for at, amplitudes in forms.signals:
             departure[n + at] = amplitudes
-        parts = part_classes([fit.prior.names[k] for k in geometry], [fit.prior.parts[k] for k in geometry])
-        grams = tuple(one.matrix() for one in sums)
+        parts = part_classes([prior.names[k] for k in geometry], [prior.parts[k] for k in geometry])
         return Linearisation(
-            grams, tuple(counts), n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
-            self.candidates, tuple(tuple(own) for own in causes), forms.sources, self.turns,
+            grams, read, n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
+            self.candidates, tuple(tuple(own) for own in self._causes(fit)), forms.sources, self.turns,
         )  # fmt: skip
 
     def scores(
@@ -163,13 +190,13 @@ class Signatures:
         for block in self._stacked(fit, Forms.none(), None):
             yield block.reshape(-1, block.shape[2])
 
-    def _parts(self, fit: Estimate, forms: Forms, order: NDArray[np.intp] | None) -> Iterator[Part]:
-        """Columns of the fitted readings, some rows at a time."""
+    def _parts(self, fit: Estimate, forms: Forms, rows: Index, order: Index | None) -> Iterator[Part]:
+        """Columns of fitted rows (k,), some at a time; of all of them where readings compare rows."""
         if any(sensor.compares for sensor in self.machine.sensors):
             for stacked in self._stacked(fit, forms, order):
                 yield Part(stacked, np.arange(stacked.shape[2]), None)
             return
-        rows, predictor = np.flatnonzero(fit.used), self._predictor(fit.effects)
+        predictor = self._predictor(fit.effects)
         ports = list(dict.fromkeys(n for names, _ in self._shifts.layout for n in names))
         at = [predictor.model.names.index(name) for name in ports]
         free, place = self._geometry(fit), {name: k for k, name in enumerate(ports)}
