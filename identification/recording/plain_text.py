@@ -6,6 +6,7 @@ left to ``text.read_text``, which also says what is wrong.
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterator
 from typing import Any, BinaryIO
 
@@ -32,9 +33,12 @@ def read_plain_csv(stream: BinaryIO) -> tuple[list[str], list[StackedCells]] | N
     except UnicodeDecodeError:
         return None
     known = [separator for separator in SEPARATORS if separator in header]
-    if '"' in header or len(known) != 1:  # one column, or a header that alone does not tell
+    if len(known) != 1:  # one column, or a header that alone does not tell
         return None
-    names = header.split(known[0])
+    try:
+        names = next(csv.reader([header], delimiter=known[0], strict=True))
+    except csv.Error:
+        return None
     parts: list[list[ArrowCells]] = [[] for _ in names]
     marks = _NOT_PLAIN if known[0] == "," else (*_NOT_PLAIN, b",")
     for block in _blocks(stream):
