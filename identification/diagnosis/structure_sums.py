@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 BLOCK = 16_384
 """Rows that are summed together."""
-LIFT = 1e-12
-"""Added to a unit diagonal: functions of two drivers may depend on each other."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,8 @@ class StructureSums:
     def null(self, draws: int, seed: int) -> Array:
         """(draws,) the largest -log10 p of all tests where nothing but chance is there."""
         rng, (k, m) = np.random.default_rng(seed), self.along.shape
-        root = np.linalg.cholesky(self.among + LIFT * np.eye(k))
+        values, vectors = np.linalg.eigh(self.among)  # functions of two drivers may depend on each other
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
         drawn = root @ rng.standard_normal((draws, k, m))
         lag = None if self.lag is None else rng.standard_normal(draws)
         return np.asarray(np.max(list(self._tests(drawn, lag).values()), axis=0))

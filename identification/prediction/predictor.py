@@ -238,6 +238,13 @@ class Predictor:
             out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
         return out
 
+    def loads_at(self, names: Sequence[str], p: Array, x: Array) -> dict[str, Array]:
+        """The same at some ports alone, some rows at a time; a name that has no load is left out."""
+        starts = range(0, max(len(self.q), 1), BLOCK)
+        parts = [np.arange(start, min(start + BLOCK, len(self.q))) for start in starts]
+        found = [self.of_rows(rows).loads(p, x[rows]) for rows in parts]
+        return {n: np.concatenate([part[n] for part in found]) for n in names if n in found[0]}
+
     def warm(self) -> None:
         """Work out what all blocks share, before threads ask for it."""
         self._waves(slice(0, 0))
