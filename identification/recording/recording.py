@@ -217,7 +217,7 @@ class Recording(Shown):
         wanted = rows if isinstance(rows, slice) else np.asarray(rows)
         if not isinstance(wanted, slice) and not wanted.size:
             wanted = slice(0)  # an empty list has no integer type
-        index = frozen(np.arange(len(self))[wanted])
+        index = frozen(self._index(wanted))
         return replace(
             self,
             q=frozen(self.q[index]),
@@ -233,8 +233,17 @@ class Recording(Shown):
             time=None if self.time is None else frozen(self.time[index]),
             from_row=None if self.from_row is None else frozen(self.from_row[index]),
             _whole=self.whole,
-            _rows=frozen(self.rows[index]),
+            _rows=index if self._rows is None else frozen(self._rows[index]),
         )
+
+    def _index(self, wanted: slice | IntArray | BoolArray) -> IntArray:
+        """(k,) places from 0 on; those counted from the end are."""
+        if isinstance(wanted, slice):
+            return np.arange(*wanted.indices(len(self)))
+        places = np.flatnonzero(wanted) if wanted.dtype == np.bool_ else wanted
+        if wanted.dtype == np.bool_ and len(wanted) != len(self):
+            raise IndexError(f"found a mask of {len(wanted)} rows, expected {len(self)}")
+        return np.where(places < 0, places + len(self), places).astype(np.int64)
 
     def to_frame(self) -> pd.DataFrame:
         """The rows with the columns of a recording file, in the machine file's units: read again they are the same rows.
