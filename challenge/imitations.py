@@ -17,7 +17,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]

@@ -24,9 +24,10 @@ from scipy.special import softmax
 from truepose import diagnose, load_machine, load_recording
 from truepose.identification import prior
 from truepose.identification.diagnosis import engine
+from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.verdict import Fits, concluded
+from truepose.identification.diagnosis.verdict import concluded
 from truepose.identification.posterior.state import State
 from truepose.models.effects.empirical import Empirical
 

@@ -2,18 +2,13 @@
 
 Each statistic's distribution when nothing is missing is known for a linear Gaussian model or drawn from it
 (parametric bootstrap); p-values are those of that null.
-
-The conflict is linear algebra on one Gram matrix of [J r]. In steps of tolerances, an identifiable combination of
-parameters with information h departs from the drawing, in the least-squares sense, with variance 1 + 1/h when
-nothing is missing; the readings at the drawing values have covariance k^2 I + J S J'. The noise k is that of the
-free fit, which makes neither statistic exactly chi2: machines are drawn from their tolerances, readings from
-the noise, and both go through the same steps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 
 import numpy as np
 import pandas as pd
@@ -21,16 +16,17 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
+from truepose.identification.diagnosis.alarm import Alarm
+from truepose.identification.diagnosis.conflict import conflict_with_tolerances
 from truepose.identification.diagnosis.outliers import CHANCE
-from truepose.identification.fit.estimate import FREE_WIDENING, Estimate
+from truepose.identification.diagnosis.structure_sums import Functions, StructureSums
+from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.smooth import orthonormal, powers, scaled, waves
 
 Array = NDArray[np.float64]
-RAISED = 0.01
-"""p below which an alarm is raised."""
 SIGMA_OFF = 3.0
 """A stated sigma may be wrong by so much."""
 MIN_REPLICATES = 8
@@ -39,23 +35,8 @@ DRAWS, SEED = 300, 1
 """Random draws that judge residuals, and their seed."""
 LARGEST_PROJECTION = 30_000_000
 """Entries of a Jacobian beyond which draws go without it."""
-MACHINES, MACHINES_SEED = 999, 17
-"""Machines that are drawn from their tolerances, and their seed."""
-
-
-@dataclass(frozen=True)
-class Alarm:
-    """A statistic, its p-value when nothing is missing, what it is about, and the share of the residual that this explains."""
-
-    statistic: float
-    p: float
-    about: str = ""
-    share: float = 0.0
-
-    @property
-    def raised(self) -> bool:
-        """p below 1 %."""
-        return self.p < RAISED
+TOGETHER = 4_000_000
+"""Numbers of random draws that are held at a time."""
 
 
 def alarms_of(
@@ -81,6 +62,8 @@ def replicate_noise(fit: Estimate, recording: Recording) -> tuple[float, int]:
 
     All model error is alike there.
     """
+    if recording.pose is None:
+        return 1.0, 0
     residual, lost = fit.residual[fit.used], fit.lost_among(fit.used)
     read = pd.DataFrame(residual if lost is None else np.where(lost, np.nan, residual))
     poses = read.groupby(recording.replicates()[fit.used])
@@ -106,11 +89,31 @@ def structure_alarm(fit: Estimate, recording: Recording) -> Alarm:
 
     It is about what drives the residuals most.
     """
-    residual = fit.residual[fit.used]
+    r = _standard(fit.residual[fit.used])
+    order = _order(fit, recording) if recording.ordered else None
+    by_rows = fit.n_observations * len(fit.prior.free) <= LARGEST_PROJECTION
+    observed, draws, explained = (
+        _by_rows(fit, recording, r) if by_rows else _by_sums(fit, recording, r, order)
+    )
+    worst = max(observed, key=lambda name: observed[name])
+    largest = observed[worst]
+    p = (1 + int(np.sum(draws >= largest))) / (1 + len(draws))
+    if p <= 2.0 / (1 + len(draws)):  # beyond the draws: Bonferroni over the tests
+        p = min(p, 10**-largest * len(observed))
+    share = explained.get(worst, 0.0) / max(float(np.sum(r**2)), 1e-300)
+    return Alarm(largest, float(p), worst, share)
+
+
+def _by_rows(
+    fit: Estimate, recording: Recording, r: Array
+) -> tuple[dict[str, float], Array, dict[str, float]]:
+    """Tests of residuals (n, m), the largest of them in random draws (d,), and the sum of squares along each driver."""
     lost = fit.lost_among(fit.used)
     told = 1.0 if lost is None else (~lost).astype(float)
-    r = _standard(residual)
-    bases = _bases(fit, recording)
+    bases = {
+        name: orthonormal(one.made(one.values)[: one.width - 1])
+        for name, one in _functions(fit, recording).items()
+    }
     order = _order(fit, recording)
     neighbours = order if recording.ordered else None
     observed = _tests(r[None], bases, neighbours)
@@ -118,15 +121,21 @@ def structure_alarm(fit: Estimate, recording: Recording) -> Alarm:
     project = projector(fit, recording)
     back = np.argsort(order)  # noise is drawn in the order of acquisition: shuffled rows get the same draws
     drawn = (project(rng.standard_normal(r.shape)[back]) for _ in range(draws_for(r)))
-    null = _tests(np.array([_standard(noise * told) for noise in drawn]), bases, neighbours)
-    draws = np.max(list(null.values()), axis=0)
-    worst = max(observed, key=lambda name: float(observed[name][0]))
-    largest = float(observed[worst][0])
-    p = (1 + int(np.sum(draws >= largest))) / (1 + len(draws))
-    if p <= 2.0 / (1 + len(draws)):  # beyond the draws: Bonferroni over the tests
-        p = min(p, 10**-largest * len(observed))
-    along = bases[worst].T @ r if worst in bases else np.zeros(0)
-    return Alarm(largest, float(p), worst, float(np.sum(along**2) / max(np.sum(r**2), 1e-300)))
+    noise = (_standard(noise * told) for noise in drawn)
+    largest = list[Array]()
+    while some := list(islice(noise, max(1, TOGETHER // max(r.size, 1)))):
+        largest.append(np.max(list(_tests(np.array(some), bases, neighbours).values()), axis=0))
+    along = {name: float(np.sum((basis.T @ r) ** 2)) for name, basis in bases.items()}
+    return {name: float(value[0]) for name, value in observed.items()}, np.concatenate(largest), along
+
+
+def _by_sums(
+    fit: Estimate, recording: Recording, r: Array, order: NDArray[np.intp] | None
+) -> tuple[dict[str, float], Array, dict[str, float]]:
+    """The same of so many rows that what a fit takes of noise is nothing beside it."""
+    sums = StructureSums.of(r, _functions(fit, recording), order)
+    along = {name: float(np.sum(sums.along[span] ** 2)) for name, span in sums.spans.items()}
+    return sums.tests(), sums.null(DRAWS, SEED), along
 
 
 def _standard(residual: Array) -> Array:
@@ -146,19 +155,22 @@ def _order(fit: Estimate, recording: Recording) -> NDArray[np.intp]:
     return np.asarray(place[recording.in_time(fit.used)])
 
 
-def _bases(fit: Estimate, recording: Recording) -> dict[str, Array]:
-    """Orthonormal functions (n, k) of each recorded driver: three powers and two waves over its range."""
+def _functions(fit: Estimate, recording: Recording) -> dict[str, Functions]:
+    """Functions of each recorded driver in the fitted rows: three powers and two waves over its range."""
     out = {}
     for name, column in recording.columns().items():
         values = column[fit.used]
         low, high = float(values.min()), float(values.max())
-        if low == high:
-            continue
-        t = scaled(values, low, high)
-        few = len(np.unique(np.round(t, 9))) - 1
-        functions = [*powers(t, 3), *waves(t, 1), *waves(t, 2)]
-        out[name] = orthonormal(functions[: max(1, few)])
+        if low < high:
+            few = len(np.unique(np.round(scaled(values, low, high), 9))) - 1
+            made = partial(_powers_and_waves, low=low, high=high)
+            out[name] = Functions(values, 1 + max(1, min(few, 7)), made)
     return out
+
+
+def _powers_and_waves(values: Array, low: float, high: float) -> list[Array]:
+    t = scaled(values, low, high)
+    return [*powers(t, 3), *waves(t, 1), *waves(t, 2)]
 
 
 def _tests(r: Array, bases: Mapping[str, Array], order: NDArray[np.intp] | None) -> dict[str, Array]:
@@ -188,89 +200,3 @@ def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     ]
     turned = np.concatenate(rows).reshape(-1, root.shape[1])
     return lambda noise: np.asarray(noise.ravel() - turned @ (turned.T @ noise.ravel())).reshape(noise.shape)
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """Combinations that readings see, in tolerances at unit noise: information h (m,), and what to project by.
-
-    ``known`` and ``unknown`` index geometry with and without a tolerance; ``solve`` inverts the latter's
-    information, which is projected out.
-    """
-
-    lin: Linearisation
-    known: NDArray[np.intp]
-    unknown: NDArray[np.intp]
-    solve: Array
-    weight: Array
-    information: Array
-    vectors: Array
-
-    @classmethod
-    def of(cls, lin: Linearisation) -> _Seen:
-        """Of free geometry."""
-        n, weight, gram = lin.free, lin.weight, lin.gram
-        known, unknown = np.flatnonzero(weight > 0), np.flatnonzero(weight == 0)
-        h, across = gram[:n, :n], gram[np.ix_(known, unknown)]
-        solve = np.linalg.pinv(h[np.ix_(unknown, unknown)], rcond=1e-12, hermitian=True)
-        reduced = h[np.ix_(known, known)] - across @ solve @ across.T
-        values, vectors = np.linalg.eigh(reduced / np.outer(weight[known], weight[known]))
-        seen = values > max(1e-6, 1e-10 * float(np.max(values, initial=0.0)))
-        return cls(
-            lin, known, unknown, np.asarray(solve, dtype=float), weight[known], values[seen], vectors[:, seen]
-        )
-
-    def squares(self, cross: Array, square: Array) -> tuple[Array, Array]:
-        """(b, m) squared components of J'e in each combination over its h, and (b,) squared length left of e."""
-        pull = cross[:, self.unknown] @ self.solve
-        left = square - np.sum(pull * cross[:, self.unknown], axis=1)
-        own = cross[:, self.known] - pull @ self.lin.among(self.unknown, self.known)
-        z = (own / self.weight) @ self.vectors
-        return z**2 / self.information, left
-
-    def draws(self, noise: float) -> tuple[Array, Array]:
-        """Squares and lengths (as above) of drawn machines with readings drawn around them."""
-        rng, count, m = np.random.default_rng(MACHINES_SEED), MACHINES, len(self.information)
-        departure = rng.standard_normal((count, m)) * np.sqrt(self.information)
-        error = noise * rng.standard_normal((count, m))
-        rest = max(self.lin.n_observations - len(self.unknown) - m, 0)
-        squares = (departure + error) ** 2
-        return squares, squares.sum(axis=1) + noise**2 * rng.chisquare(max(rest, 1e-9), count)
-
-    def noise(self, squares: Array, length: Array) -> Array:
-        """(b,) noise scale of the free fit, at least the stated one."""
-        share = self.information * FREE_WIDENING**2
-        share = share / (1.0 + share)
-        dof = max(self.lin.n_observations - len(self.unknown) - float(np.sum(share)), 1.0)
-        found = np.sqrt(np.maximum(length - squares @ share, 0.0) / dof)
-        return np.asarray(np.maximum(found, 1.0), dtype=float)
-
-    def tests(self, squares: Array, length: Array, noise: Array) -> tuple[Array, Array]:
-        """(b,) sum of squares of the combinations, and log of the smaller chi2 p of the two tests."""
-        h = self.information / noise[:, None] ** 2
-        z2 = squares / noise[:, None] ** 2
-        conflict = np.sum(z2 / (1.0 + h), axis=1)
-        predictive = length / noise**2 - np.sum(z2 * h / (1.0 + h), axis=1)
-        count = max(self.lin.n_observations - len(self.unknown), 1)
-        first = chi2.logsf(conflict, max(len(self.information), 1))
-        second = chi2.logsf(np.maximum(predictive, 0.0), count)
-        return conflict, np.minimum(first, second)
-
-
-def conflict_with_tolerances(lin: Linearisation, noise: float) -> Alarm:
-    """The smaller p of two tests, against machines drawn from their tolerances.
-
-    The tests: identifiable combinations against their tolerances, and the prior-predictive e' V^-1 e. ``noise``
-    (at least 1) scales sigma. Beyond the draws p is twice the smaller one of chi2.
-    """
-    lin = lin.bare()  # effects of the fit stay in the model: only geometry is taken back to the drawing
-    seen, gram = _Seen.of(lin), lin.gram
-    shift = np.append(lin.departure, 0.0)
-    cross = (gram[:, -1] - gram @ shift)[:-1]
-    square = float(gram[-1, -1] - 2 * shift @ gram[:, -1] + shift @ gram @ shift)
-    statistic, log_p = seen.tests(*seen.squares(cross[None], np.array([square])), np.array([noise]))
-    drawn = seen.draws(noise)
-    _, null = seen.tests(*drawn, seen.noise(*drawn))
-    beyond = int(np.sum(null <= log_p[0]))
-    p = (1 + beyond) / (1 + MACHINES) if beyond else min(2.0 * float(np.exp(log_p[0])), 1 / (1 + MACHINES))
-    return Alarm(float(statistic[0]), p, "tolerances")

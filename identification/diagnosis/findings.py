@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.line_words import line_words
 from truepose.identification.diagnosis.posterior_summary import Named, Rival
 from truepose.identification.diagnosis.result import (

@@ -7,7 +7,7 @@ of a recording say the same, for what is physics is there in both, and how wide 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +30,8 @@ from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import slot_odds
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.linearisation import Linearisation
+from truepose.identification.signatures.signatures import Signatures
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -122,17 +123,26 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
     """For each name; None where a half has fewer readings than the model has unknowns."""
     if not names:
         return ()
-    fit, halves = found.fit, list[list[_InHalf]]()
-    for part in np.array_split(found.signatures.recording.in_time(fit.used), 2):
-        used = np.zeros(len(fit.used), dtype=bool)
-        used[part] = True
-        lin = found.signatures.linearise(replace(fit, used=used))
+    halves = list[list[_InHalf]]()
+    for lin in _halves(found):
         if lin.n_observations <= lin.free + len(found.problem.spike_slab.columns(found.mode.members)[0]):
             return (None,) * len(names)
         problem = selection_problem(lin, found.catalogue, rms)
         del lin  # a large matrix: the problem has its own
         halves.append(_half(problem.spike_slab, found, names))
     return tuple(_replicated(*pair) for pair in zip(*halves, strict=True))
+
+
+def _halves(found: Found) -> Iterator[Linearisation]:
+    """The first and the second half of the fitted rows, in the order of acquisition."""
+    if found.halves is not None:
+        yield from found.halves
+        return
+    fit = found.fit
+    for part in np.array_split(found.signatures.recording.in_time(fit.used), 2):
+        used = np.zeros(len(fit.used), dtype=bool)
+        used[part] = True
+        yield found.signatures.linearise(replace(fit, used=used))
 
 
 def _half(spike_slab: SpikeSlab, found: Found, names: Sequence[Named]) -> list[_InHalf]:

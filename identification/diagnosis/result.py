@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.fit.tolerance_classes import PartClass

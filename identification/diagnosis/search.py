@@ -23,8 +23,9 @@ from truepose.identification.posterior.mode import climbed
 from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, Sampling, mode
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.lines import proposed
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
@@ -57,6 +58,8 @@ class Found:
     catalogue: Catalogue
     alone: Array
     linearisation_before: Linearisation
+    halves: tuple[Linearisation, Linearisation] | None = None
+    """Of the rows in two halves, where the same pass summed these up."""
 
 
 def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Expansion:
@@ -93,8 +96,8 @@ def settled(start: Start) -> Expansion:
 class Start:
     """A fit to expand at, with the candidates that it holds (``accepted``: index to spread, in scales).
 
-    first: at the fit without effects, the log Bayes factor (c,) of each candidate alone, and geometry's linearisation;
-    known: the likeliest state found before.
+    alone: log Bayes factor (c,) of each candidate alone, bare: geometry's linearisation, both at the fit without effects and
+    None where that is this one; known: the likeliest state found before.
     """
 
     signatures: Signatures
@@ -104,8 +107,11 @@ class Start:
     exclude: Mask
     rms: float
     refined: int = 0
-    first: tuple[Array, Linearisation] | None = None
+    alone: Array | None = None
+    bare: Linearisation | None = None
     known: State | None = None
+    halved: bool = False
+    """Whether both halves of the rows are summed up beside the whole, because a pass of their own would take long."""
 
 
 class Expansion:
@@ -114,21 +120,33 @@ class Expansion:
     def __init__(self, start: Start) -> None:
         self.start, self.fit = start, start.fit
         self.signatures, self.catalogue = start.signatures, start.catalogue
-        self.linearisation = start.signatures.linearise(start.fit)
+        self.halves: tuple[Linearisation, Linearisation] | None = None
+        if start.halved:
+            self.linearisation, self.halves = start.signatures.halved(start.fit)
+        else:
+            self.linearisation = start.signatures.linearise(start.fit)
         self.problem = selection_problem(self.linearisation, start.catalogue, start.rms)
         self.spike_slab = self.problem.spike_slab.compressed()
         self.known = [] if start.known is None else [self._of_this_grid(start.known)]
 
     @cached_property
-    def beginning(self) -> tuple[Array, Linearisation]:
-        """At the fit without effects: the log Bayes factor (c,) of each candidate alone, and geometry's linearisation."""
-        if self.start.first is not None:
-            return self.start.first
-        return weighed_alone(self.problem, len(self.catalogue.candidates)), self.linearisation.bare()
+    def alone(self) -> Array:
+        """(c,) log Bayes factor of each candidate alone, at the fit without effects where that was expanded at."""
+        known = self.start.alone
+        return weighed_alone(self.problem, len(self.catalogue.candidates)) if known is None else known
+
+    @property
+    def bare(self) -> Linearisation:
+        """Of geometry, at the fit without effects."""
+        return self.linearisation.bare() if self.start.bare is None else self.start.bare
 
     def _of_this_grid(self, state: State) -> State:
         """Its terms are the same: more candidates of a catalogue stand at its end."""
         return State(state.members, self.problem.spike_slab.unknowns.nearest(state.point), 0.0)
+
+    def terms(self, wanted: Mapping[int, float]) -> list[PlacedEffect]:
+        """Candidates (index to spread, in scales) as terms of a fit."""
+        return [replace(self.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
 
     @property
     def short(self) -> bool:
@@ -149,9 +167,10 @@ class Expansion:
         posterior, best = self.sampled()
         self.problem.spike_slab.forget()
         own = self.start.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
-        alone, before = self.beginning
-        later = np.full(len(self.catalogue.candidates) - len(alone), -np.inf)
-        return Found(self.problem, posterior, best, *own, np.append(alone, later), before)
+        later = np.full(len(self.catalogue.candidates) - len(self.alone), -np.inf)
+        return Found(
+            self.problem, posterior, best, *own, np.append(self.alone, later), self.bare, self.halves
+        )
 
     def moved(self, best: State) -> Start | None:
         """The fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
@@ -168,7 +187,8 @@ class Expansion:
         finer = proposed(signatures, fit, finer)
         if finer is not cat:
             signatures = signatures.of(finer.candidates).seen_from(fit)
-        return Start(signatures, finer, fit, wanted, start.exclude, start.rms, count, self.beginning, best)
+        own = start.exclude, start.rms, count, self.alone, self.bare, best, start.halved
+        return Start(signatures, finer, fit, wanted, *own)
 
     def without(self, exclude: Mask, null: Estimate, rms: float) -> Start | None:
         """A start for a search with other rows left out, from this one's end; ``null`` is the fit without effects to them.
@@ -184,7 +204,7 @@ class Expansion:
         except ConvergenceError:
             return None
         return replace(
-            start, fit=fit, exclude=exclude, rms=rms, first=(self.beginning[0], bare), known=self.known[0]
+            start, fit=fit, exclude=exclude, rms=rms, alone=self.alone, bare=bare, known=self.known[0]
         )
 
 
@@ -206,7 +226,7 @@ def refitted(
     """The nonlinear fit with other candidates, or other rows left out, from the present one; readings as noisy as the state has
     them."""
     machine, recording = here.signatures.machine, here.signatures.recording
-    terms = [replace(here.catalogue.candidates[i], spread=spread) for i, spread in wanted.items()]
+    terms = here.terms(wanted)
     start, noise = start_from(here.fit, terms), noise_at(here.problem, best)
     left_out = here.start.exclude if exclude is None else exclude
     return estimate(machine, recording, terms, start=start, exclude=left_out, tolerance=ROUGH, noise=noise)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truepose.identification.diagnosis.alarms import Alarm, alarms_of, misfits
+from truepose.identification.diagnosis.alarm import Alarm
+from truepose.identification.diagnosis.alarms import alarms_of, misfits
 from truepose.identification.diagnosis.averaging import averaged
 from truepose.identification.diagnosis.findings import (
     evidence_map,
@@ -19,6 +20,7 @@ from truepose.identification.diagnosis.findings import (
 )
 from truepose.identification.diagnosis.holdout import Comparison
 from truepose.identification.diagnosis.naming import Summary, summarised
+from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.posterior_summary import NAMED, Presence
 from truepose.identification.diagnosis.proof import flip_inflation, prove, replications
 from truepose.identification.diagnosis.refit import Choice, Model, chosen_model, refit, remainder_shapes
@@ -44,20 +46,6 @@ SURE = 0.9
 """Probability from which on something without a name is said to be there, and a driver is known."""
 CONCEALED = 1.3
 """Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
-
-
-@dataclass(frozen=True)
-class Fits:
-    """The ordinary fit, the one under tolerances, both without effects, and the rows (n,) that both leave out."""
-
-    free: Estimate
-    before: Estimate
-    outliers: Mask
-
-    @property
-    def rms(self) -> float:
-        """Of the whitened residual of the worse of both."""
-        return float(np.sqrt(max(self.before.chi2_per_dof, self.free.chi2_per_dof)))
 
 
 def verdict(summary: Summary, raised: Mapping[str, Alarm]) -> str:

@@ -42,11 +42,13 @@ def pose_test(fit: Estimate, recording: Recording) -> PoseTest | None:
     known = np.isfinite(off).all(axis=1)
     if fit.lost is not None:
         known &= ~fit.lost[:, axes].any(axis=1)
-    label = recording.replicates()
+    rows = np.flatnonzero(known)
+    _, label, visits = np.unique(recording.replicates()[rows], return_inverse=True, return_counts=True)
+    often = visits[label] >= VISITS
+    order = np.argsort(label[often], kind="stable")
     found = []
-    for one in np.unique(label[known]):
-        own = off[known & (label == one)]
-        if len(own) >= VISITS:
+    for own in np.split(off[rows[often][order]], np.cumsum(visits[visits >= VISITS])[:-1]):
+        if len(own):
             mean = own.mean(axis=0)
             away = np.linalg.norm(own - mean, axis=1)
             found.append((np.linalg.norm(mean), away.mean() + 3.0 * away.std(ddof=1), len(own)))

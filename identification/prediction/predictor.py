@@ -20,7 +20,7 @@ from truepose.errors import InputError
 from truepose.identification.prediction.computed import computed_displacements
 from truepose.identification.prediction.loops import Loops
 from truepose.identification.prediction.lost import all_lost, lost_of
-from truepose.identification.prediction.port_kinematics import PortKinematics, twist_rows
+from truepose.identification.prediction.port_kinematics import PortKinematics, twists_by
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined, sights
 from truepose.identification.recording.recording import Recording
 from truepose.models.closure import solved
@@ -63,26 +63,26 @@ class Predictor:
         self.model = symbolic_model(machine, effects, ports=ports, weighed=weighed)
         self._read(recording)
         m = self.model
-        inputs = [m.x, m.q, m.z, m.p]
         self.evaluations = visits * len(self.q)
         self.sums: dict[tuple[int, ...], GramFunction] = {}
         """Normal equations by free entries of p, where a fit has asked for them."""
-        self._gradients: dict[str, BatchFunction] = {}
-        n = self.evaluations
-        self._loops = Loops(m, n)
+        self._built: dict[str, BatchFunction] = {}
+        """Of states, and of the gradients of energies by load case, where they were asked for."""
+        self._loops = Loops(m, self.evaluations)
         computed = computed_displacements(m)
-        self._computed = BatchFunction("computed", inputs, [computed], rows=n) if computed.numel() else None
-        self._pose = BatchFunction("pose", inputs, [m.world], rows=n)
-        self._by_ports = PortKinematics.of(m, n)
+        self._computed = self._function("computed", [computed]) if computed.numel() else None
+        self._pose = self._function("pose", [m.world])
+        self._by_ports = PortKinematics.of(m, self.evaluations)
         if self._by_ports is None:
             tool, *further = ([world, *twists_by(world, m.x, m.p)] for world in m.worlds.values())
             outputs = [*tool, ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
             outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
-            outputs += itertools.chain.from_iterable(further)
-            self._kinematics = BatchFunction("kinematics", inputs, outputs, rows=n)
+            self._kinematics = self._function(
+                "kinematics", [*outputs, *itertools.chain.from_iterable(further)]
+            )
         else:
             self._kinematics = self._by_ports.function
-        self._sensors = sights(machine, m.names, n)
+        self._sensors = sights(machine, m.names, self.evaluations)
 
     def _read(self, recording: Recording) -> None:
         self.recording, self.q = recording, recording.q
@@ -146,7 +146,7 @@ class Predictor:
         """
         comparisons = self.comparisons(weight)
         step = BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)
-        self._waves(slice(0, 0))  # before threads ask for them
+        self.warm()
 
         def block(start: int) -> Block:
             rows = slice(start, min(start + step, len(self.q)))
@@ -213,10 +213,14 @@ class Predictor:
         names = list(self.model.states)
         if not names:
             return {}
-        stacked = ca.vertcat(*self.model.states.values())
-        m = self.model
-        values = BatchFunction("states", [m.x, m.q, m.z, m.p], [stacked])(x, self.q, self.z, p)[0][..., 0]
+        if "states" not in self._built:
+            self._built["states"] = self._function("states", [ca.vertcat(*self.model.states.values())])
+        values = self._built["states"](x, self.q, self.z, p)[0][..., 0]
         return dict(zip(names, values.T, strict=True))
+
+    def _function(self, name: str, outputs: list[ca.SX]) -> BatchFunction:
+        m = self.model
+        return BatchFunction(name, [m.x, m.q, m.z, m.p], outputs, rows=self.evaluations)
 
     def loads(self, p: Array, x: Array) -> dict[str, Array]:
         """Conjugate load (n,) of all that pulls, at every port and parameter, by load case and name: N or N m."""
@@ -226,10 +230,10 @@ class Predictor:
         scale = [(k, m.names[i], load_scale(self.machine, m.names[i])) for k, i in enumerate(at)]
         out: dict[str, Array] = {}
         for case, energy in m.energies.items():
-            if case not in self._gradients:
+            if case not in self._built:
                 slopes = [m.still.slope(energy, m.x).T, m.still.slope(energy, m.p)[at].T]
-                self._gradients[case] = BatchFunction("energy", [m.x, m.q, m.z, m.p], slopes)
-            vx, vp = self._gradients[case](x, self.q, self.z, p)
+                self._built[case] = self._function("energy", slopes)
+            vx, vp = self._built[case](x, self.q, self.z, p)
             force = -vp[:, 0, :]
             if x.shape[1]:
                 gx, gp = self._kinematics(x, self.q, self.z, p)[3:5]
@@ -237,6 +241,20 @@ class Predictor:
                 force += np.einsum("nk,nkp->np", multipliers, gp[:, :, at])
             out |= {f"{case}{name}": force[:, k] / factor for k, name, factor in scale}
         return out
+
+    def loads_at(self, names: Sequence[str], p: Array, x: Array) -> dict[str, Array]:
+        """The same at some ports alone, some rows at a time; a name that has no load is left out."""
+        found: dict[str, list[Array]] = {}
+        for start in range(0, max(len(self.q), 1), BLOCK):
+            rows = np.arange(start, min(start + BLOCK, len(self.q)))
+            loads = self.of_rows(rows).loads(p, x[rows])
+            for name in loads.keys() & set(names):
+                found.setdefault(name, []).append(loads[name])
+        return {name: np.concatenate(parts) for name, parts in found.items()}
+
+    def warm(self) -> None:
+        """Work out what all blocks share, before threads ask for it."""
+        self._waves(slice(0, 0))
 
     def _waves(self, rows: slice) -> Array:
         """(n, f) what coefficients move their ports by, whatever p: worked out once where it takes little memory."""
@@ -276,9 +294,3 @@ def _origin(recording: Recording) -> NDArray[np.intp]:
             f"{lost}: column 'from': found a row that was left out, expected it among the rows used"
         )
     return origin
-
-
-def twists_by(world: ca.SX, *variables: ca.SX) -> list[ca.SX]:
-    """(6, v) derivatives of a pose (4, 4), as twists, by each vector of variables."""
-    flat, turn = ca.vec(world[:3, :]), twist_rows(world)
-    return [turn @ ca.jacobian(flat, by) for by in variables]

@@ -1,26 +1,21 @@
 """Columns of a large file as pyarrow holds them: numbers are read column by column, single cells only when asked for.
 
-``read_plain_csv`` reads plain numbers, texts and separators only. It leaves quotes, comments between rows and rows of the
-wrong length to ``table.read_table``, as ``ArrowCells.numbers`` leaves cells that are no plain numbers to ``Table.numbers``.
-Those also say what is wrong.
+What is no plain number is left to ``Table.numbers``, which also says what is wrong with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
-import pyarrow.csv as pacsv  # type: ignore[import-untyped]
+import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.models.units import FloatArray
-
-_NOT_PLAIN = (b'"', b"#", b"\0")
-SEPARATORS = ("\t", ";", ",")
-"""What may stand between columns, beside spaces."""
 
 
 class ArrowCells(Sequence[object]):
@@ -54,7 +49,7 @@ class ArrowCells(Sequence[object]):
         first = self._cells[0].as_py() if len(self) else None
         if first is not None and str(first).strip():
             return False
-        told = self._cells.drop_null()
+        told = _plain(self._cells).drop_null()
         text = pa.types.is_string(told.type) or pa.types.is_large_string(told.type)
         return not len(told) or (text and not pc.any(pc.not_equal(pc.utf8_trim_whitespace(told), "")).as_py())
 
@@ -63,7 +58,8 @@ class ArrowCells(Sequence[object]):
 
         Where cells may be ``lost``, an empty one is NaN, and so is NaN itself unless it is a text.
         """
-        cells, kind = self._cells, self._cells.type
+        cells = _plain(self._cells)
+        kind = cells.type
         text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
         if not (text or pa.types.is_integer(kind) or pa.types.is_floating(kind)):
             return None
@@ -82,39 +78,60 @@ class ArrowCells(Sequence[object]):
         return out if np.count_nonzero(~np.isfinite(out)) == cells.null_count else None
 
 
-def read_plain_csv(data: bytes) -> tuple[list[str], str, list[ArrowCells]] | None:
-    """Headers, what separates them and columns of texts; None for a file with anything else than plain cells."""
-    start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
-    while True:  # comments and empty lines before the header
-        end = data.find(b"\n", start)
-        line = data[start : end if end >= 0 else len(data)].strip()
-        if end < 0 or (line and not line.startswith(b"#")):
-            break
-        start = end + 1
-    if end < 0 or b'"' in line or any(data.find(mark, end) >= 0 for mark in _NOT_PLAIN):
-        return None
-    try:
-        header = line.decode("utf-8")
-        known = [separator for separator in SEPARATORS if separator in header]
-        if len(known) != 1:  # one column, or a header that alone does not tell
-            return None
-        names = header.split(known[0])
-        return names, known[0], _columns(memoryview(data)[end + 1 :], len(names), known[0])
-    except (UnicodeDecodeError, pa.ArrowException):
-        return None
+def _plain(cells: Any) -> Any:
+    """Cells that are kept by their distinct values, written out."""
+    return cells.dictionary_decode() if pa.types.is_dictionary(cells.type) else cells
 
 
-def _columns(body: memoryview, count: int, separator: str) -> list[ArrowCells]:
-    keys = [str(k) for k in range(count)]
-    read = pacsv.read_csv(
-        pa.BufferReader(pa.py_buffer(body)),
-        read_options=pacsv.ReadOptions(column_names=keys),
-        parse_options=pacsv.ParseOptions(delimiter=separator, quote_char=False),
-        convert_options=pacsv.ConvertOptions(
-            column_types=dict.fromkeys(keys, pa.string()), strings_can_be_null=False
-        ),
-    )
-    return [ArrowCells(column) for column in read.columns]
+class StackedCells(ArrowCells):
+    """Columns of several blocks of rows, one under the other: each is kept in the form that holds it best."""
+
+    def __init__(self, parts: Sequence[ArrowCells]) -> None:
+        self._parts = list(parts)
+
+    @property
+    def array(self) -> Any:
+        """All parts as one pyarrow array."""
+        return pa.array(self._list)
+
+    def __len__(self) -> int:
+        return sum(len(part) for part in self._parts)
+
+    @cached_property
+    def _list(self) -> list[object]:
+        return [cell for part in self._parts for cell in part]
+
+    @property
+    def empty(self) -> bool:
+        """Whether no cell holds anything but blanks."""
+        return all(part.empty for part in self._parts)
+
+    def numbers(self, *, lost: bool = False) -> FloatArray | None:
+        """(n,) as of ``ArrowCells``, filled part by part."""
+        out, at = np.empty(len(self)), 0
+        for part in self._parts:
+            own = part.numbers(lost=lost)
+            if own is None:
+                return None
+            out[at : at + len(own)] = own
+            at += len(own)
+        return out
 
 
-__all__ = ["SEPARATORS", "ArrowCells", "read_plain_csv"]
+class ParquetCells(StackedCells):
+    """A column of a Parquet file, read some rows at a time whenever it is asked for: a file may be larger than memory."""
+
+    def __init__(self, path: Path, name: str, rows: int) -> None:
+        self._path, self._name, self._rows = path, name, rows
+
+    def __len__(self) -> int:
+        return self._rows
+
+    @property
+    def _parts(self) -> Iterator[ArrowCells]:  # type: ignore[override]
+        with pq.ParquetFile(self._path) as file:
+            for batch in file.iter_batches(columns=[self._name]):
+                yield ArrowCells(batch.column(0))
+
+
+__all__ = ["ArrowCells", "ParquetCells", "StackedCells"]

@@ -8,9 +8,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from truepose.identification.recording.scan import affine, clipped
 from truepose.models.units import FloatArray
 
 IntArray = npt.NDArray[np.int64]
+MANY = 4000
+"""Rows up to which creep is summed move by move: beyond it, exponentials take less time."""
+EXPONENTS = 0.4
+"""Step between the logarithms of the rates of these exponentials."""
 
 
 def order_in_time(time: FloatArray | None, file: IntArray, row: IntArray) -> IntArray:
@@ -26,18 +31,12 @@ def exponential_lag(time: FloatArray, values: FloatArray, seconds: float) -> Flo
     """
     if seconds <= 0.0:
         return values.copy()
-    lagged = np.empty_like(values)
-    state = float(values[0])
-    lagged[0] = state
-    for k in range(1, len(values)):
-        step = float(time[k] - time[k - 1])
-        if step > 0.0:
-            rise = -np.expm1(-step / seconds)
-            before, now = float(values[k - 1]), float(values[k])
-            slope_share = (now - before) * (1.0 - rise * seconds / step)
-            state += rise * (before - state) + slope_share
-        lagged[k] = state
-    return lagged
+    step, before, now = np.diff(time), values[:-1], values[1:]
+    moved = step > 0.0
+    rise = np.where(moved, -np.expm1(-step / seconds), 0.0)
+    share = np.where(moved, 1.0 - rise * seconds / np.where(moved, step, 1.0), 0.0)
+    following = affine(1.0 - rise, rise * before + (now - before) * share, float(values[0]))
+    return np.concatenate([values[:1], following])
 
 
 def stop_operator(
@@ -54,22 +53,15 @@ def stop_operator(
     than the width, so that it stands at its limit on that side, or by ``overshoot``. A finite overshoot means that
     every approach starts that far behind its goal, also one that comes from the right side.
     """
-    out = np.zeros(len(readings))
-    state = 0.0
-    for k, side in enumerate(approach.tolist()):
-        back = min(overshoot, 4.0 * half_width)
-        if k == 0 or piece[k] != piece[k - 1]:
-            state = side * min(back, half_width)
-        else:
-            step = float(readings[k] - readings[k - 1])
-            rested = step == 0.0 and side == approach[k - 1]
-            behind = side and not rested and (np.isfinite(overshoot) or side * step <= 0.0)
-            if behind:
-                state = min(max(state + step - side * back, -half_width), half_width)
-                step = side * back
-            state = min(max(state + step, -half_width), half_width)
-        out[k] = state
-    return out
+    back = min(overshoot, 4.0 * half_width)
+    step = np.diff(readings, prepend=readings[:1])
+    fresh = np.diff(piece, prepend=piece[:1] - 1) != 0
+    rested = (step == 0.0) & (approach == np.roll(approach, 1))
+    contradicts = np.isfinite(overshoot) | (approach * step <= 0.0)
+    returning = np.where((approach != 0.0) & ~rested & contradicts, approach * back, 0.0)
+    away = np.where(returning != 0.0, step - returning, 0.0)
+    begins = np.where(fresh, approach * min(back, half_width), np.nan)
+    return clipped((away, np.where(returning != 0.0, returning, step)), begins, half_width)
 
 
 def side_of_arrival(readings: FloatArray, piece: IntArray, band: float) -> FloatArray:
@@ -120,15 +112,38 @@ def creep_sum(
     A move ends ``dwell`` s before the row that it leads to; moves of other pieces (n,) do not count.
     """
     steps = np.diff(readings, prepend=readings[:1])
-    fresh = np.flatnonzero(np.diff(piece, prepend=piece[:1] - 1))
+    fresh = np.diff(piece, prepend=piece[:1] - 1) != 0
     steps[fresh] = 0.0
+    if len(readings) > MANY:
+        return _creep_by_exponentials(time, steps, fresh, t0, dwell)
+    begins = np.flatnonzero(fresh)
     start = np.zeros(len(readings), dtype=np.int64)
-    start[fresh] = fresh
+    start[begins] = begins
     start = np.maximum.accumulate(start)
     out = np.zeros(len(readings))
     for k, first in enumerate(start.tolist()):
         moved = first + np.flatnonzero(steps[first : k + 1])
         out[k] = steps[moved] @ np.log10(1.0 + (time[k] - time[moved] + dwell) / t0)
+    return out
+
+
+def _creep_by_exponentials(
+    time: FloatArray, steps: FloatArray, fresh: npt.NDArray[np.bool_], t0: float, dwell: float
+) -> FloatArray:
+    """The same by a sum of exponentials, each of which follows from the row before.
+
+    ln(1 + t / t0) is the integral of (1 - exp(-s t)) exp(-s t0) over u = ln s; even steps of u converge as exp(-pi^2 / step)
+    (Beylkin and Monzon 2010, Appl. Comput. Harmon. Anal. 28:131), here to 1e-10 of the largest term.
+    """
+    longest = float(np.ptp(time)) + dwell + t0
+    u = np.arange(np.log(1e-11 / longest), np.log(30.0 / t0), EXPONENTS)
+    rates, weights = np.exp(u), EXPONENTS * np.exp(-np.exp(u) * t0) / np.log(10.0)
+    age, goes_on = np.diff(time, prepend=time[:1]), ~fresh
+    whole = affine(goes_on.astype(np.float64), steps, 0.0)
+    out = np.zeros(len(time))
+    for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
+        left = affine(np.where(goes_on, np.exp(-rate * age), 0.0), steps, 0.0)
+        out += weight * (whole - np.exp(-rate * dwell) * left)
     return out
 
 

@@ -95,9 +95,12 @@ def from_order(whole: Logged, driver: Driver) -> FloatArray | None:
 
 def _pieces(whole: Logged) -> IntArray:
     """Label of the uninterrupted way that each row belongs to, (n,)."""
-    files = whole.source_file if whole.time is None else np.zeros(len(whole), dtype=np.int64)
-    _, label = np.unique(np.column_stack([whole.session, files]), axis=0, return_inverse=True)
-    return np.asarray(label, dtype=np.int64).reshape(-1)
+    _, session = np.unique(whole.session, return_inverse=True)
+    if whole.time is not None:
+        return np.asarray(session, dtype=np.int64)
+    return np.asarray(
+        session * (np.max(whole.source_file, initial=0) + 1) + whole.source_file, dtype=np.int64
+    )
 
 
 def _pieces_of_clock(whole: Logged, order: IntArray) -> IntArray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
@@ -69,6 +70,8 @@ class Recording(Shown):
     shuffled: bool = False
     _whole: Recording | None = None
     _rows: IntArray | None = None
+    _told: dict[str, FloatArray | None] = field(default_factory=dict, init=False)
+    """What the order of the rows told so far, by driver: (n,) of a whole recording."""
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         """As it was before it was pickled or copied: numpy forgets that an array is read-only."""
@@ -119,7 +122,7 @@ class Recording(Shown):
         """Every logged driver, time included."""
         return (*self.drivers, *((TIME,) if self.time is not None else ()))
 
-    @property
+    @cached_property
     def order(self) -> IntArray:
         """(n,) indices that put these rows in order of acquisition: by time where it is recorded, by file and row."""
         return frozen(order_in_time(self.time, self.source_file, self.source_row))
@@ -183,15 +186,22 @@ class Recording(Shown):
         if driver.after is not None:
             return frozen((self.session_rank(sessions) >= driver.after).astype(np.float64))
         if driver.numbers:
-            values = remembered(self.whole, driver)
-            return None if values is None else frozen(values[self.rows])
+            return self._of_whole(driver)
         if name == ROW and ROW not in self.drivers:
             return self.place_in_order
         recorded = self.time if name == TIME else self.drivers.get(driver.served_by(self.drivers))
         if recorded is None and driver.kind in OF_THE_ORDER:
-            told = from_order(self.whole, driver)
-            return None if told is None else frozen(told[self.rows])
+            return self._of_whole(driver)
         return recorded
+
+    def _of_whole(self, driver: Driver) -> FloatArray | None:
+        """(n,) values that follow from the order of all rows of the whole recording; worked out once."""
+        whole = self.whole
+        if driver.name not in whole._told:
+            values = remembered(whole, driver) if driver.numbers else from_order(whole, driver)
+            whole._told[driver.name] = None if values is None else frozen(values)
+        told = whole._told[driver.name]
+        return told if told is None or self is whole else frozen(told[self.rows])
 
     def replicates(self) -> IntArray:
         """Label per row (n,): rows of one file, session and `pose` at the same readings share it."""
@@ -207,7 +217,7 @@ class Recording(Shown):
         wanted = rows if isinstance(rows, slice) else np.asarray(rows)
         if not isinstance(wanted, slice) and not wanted.size:
             wanted = slice(0)  # an empty list has no integer type
-        index = frozen(np.arange(len(self))[wanted])
+        index = frozen(self._index(wanted))
         return replace(
             self,
             q=frozen(self.q[index]),
@@ -223,8 +233,17 @@ class Recording(Shown):
             time=None if self.time is None else frozen(self.time[index]),
             from_row=None if self.from_row is None else frozen(self.from_row[index]),
             _whole=self.whole,
-            _rows=frozen(self.rows[index]),
+            _rows=index if self._rows is None else frozen(self._rows[index]),
         )
+
+    def _index(self, wanted: slice | IntArray | BoolArray) -> IntArray:
+        """(k,) places from 0 on; those counted from the end are."""
+        if isinstance(wanted, slice):
+            return np.arange(*wanted.indices(len(self)))
+        places = np.flatnonzero(wanted) if wanted.dtype == np.bool_ else wanted
+        if wanted.dtype == np.bool_ and len(wanted) != len(self):
+            raise IndexError(f"found a mask of {len(wanted)} rows, expected {len(self)}")
+        return np.where(places < 0, places + len(self), places).astype(np.int64)
 
     def to_frame(self) -> pd.DataFrame:
         """The rows with the columns of a recording file, in the machine file's units: read again they are the same rows.

@@ -2,8 +2,8 @@
 
 Nothing here knows a robot. `read_table` keeps the cells as they stand; `Table.numbers`, `integers` and
 `texts` turn a column into values and refuse, naming file, row and column, whatever is not one. Rows count
-from 1: the first line of data; messages add the line of the file. Large files are read by whole columns
-(`arrow_columns`).
+from 1: the first line of data; messages add the line of the file. Large files are read by columns, some rows at a time
+(`arrow_columns`, `plain_text`).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import ArrowCells
+from truepose.identification.recording.arrow_columns import ArrowCells, ParquetCells
 from truepose.identification.recording.memory_tables import columns_of
 from truepose.identification.recording.spreadsheet import MAGIC, read_spreadsheet
-from truepose.identification.recording.text import SI, TextTable, read_text
+from truepose.identification.recording.text import SI, TextTable, read_large_text, read_text
 from truepose.models.units import FloatArray, is_unit, parse_unit
 
 LARGE = 1 << 20
@@ -175,14 +175,14 @@ def _read(path: Path) -> Table:
     with path.open("rb") as stream:
         start = stream.read(8)
     if start.startswith(_PARQUET_MAGIC):
-        table: Any = pq.ParquetFile(path).read()
-        columns = [ArrowCells(column) for column in table.columns]
-        return _table(file, TextTable(list(table.column_names), columns))
+        with pq.ParquetFile(path) as table:
+            names, rows = list(table.schema_arrow.names), int(table.metadata.num_rows)
+        return _table(file, TextTable(names, [ParquetCells(path, name, rows) for name in names]))
     if start.startswith(MAGIC):
         found = read_spreadsheet(path)
     else:
-        data = path.read_bytes()
-        found = read_text(data, file, large=len(data) >= LARGE)
+        plain = read_large_text(path) if path.stat().st_size >= LARGE else None
+        found = read_text(path.read_bytes(), file) if plain is None else plain
     return _table(file, found)
 
 

@@ -1,7 +1,7 @@
 """Texts of measured rows: how they are encoded, what stands between columns, and which decimal mark they use.
 
 Nothing is guessed: a text that could be read in two ways is refused with what was found. Large plain texts are read
-by whole columns (``arrow_columns``); everything else comes here.
+a block at a time (``plain_text``).
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import io
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from pathlib import Path
 from typing import Final
 
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import SEPARATORS, read_plain_csv
 from truepose.identification.recording.decimals import with_decimal_points
+from truepose.identification.recording.plain_text import SEPARATORS, read_plain_csv
 
 SI: Final = "SI"
 """Unit of a column in the SI unit of whatever is in it, as ROS logs: metres for lengths, radians for angles."""
@@ -48,18 +48,21 @@ class TextTable:
     notes: tuple[str, ...] = ()
 
 
-def read_text(data: bytes, where: str, *, large: bool) -> TextTable:
-    """A text's header and rows; ``where`` opens messages, ``large`` allows for reading by whole columns.
+def read_large_text(path: Path) -> TextTable | None:
+    """A plain text of many rows, never whole in memory; None where it is not plain."""
+    with path.open("rb") as stream:
+        plain = read_plain_csv(stream)
+    if plain is None:
+        return None
+    return TextTable(*plain, line=lambda row: _line_of_row(path.read_bytes(), row))
+
+
+def read_text(data: bytes, where: str) -> TextTable:
+    """A text's header and rows; ``where`` opens messages.
 
     Raises InputError for a text that cannot be decoded or could be read in two ways, for a missing header and a row of
     the wrong length, csv.Error for quotes that do not close.
     """
-    plain = read_plain_csv(data) if large else None
-    if plain is not None:
-        headers, separator, found = plain
-        line = partial(_line_of_row, data)
-        pointed = found if separator == "," else with_decimal_points(found, headers, separator, where, line)
-        return TextTable(headers, pointed, line)
     text, notes = decoded(data, where)
     kept = _Kept(text)
     first = next(kept, "")
@@ -184,4 +187,4 @@ def _check_lengths(
             )
 
 
-__all__ = ["SI", "SPACES", "TextTable", "counts", "decoded", "read_text"]
+__all__ = ["SI", "SPACES", "TextTable", "counts", "decoded", "read_large_text", "read_text"]

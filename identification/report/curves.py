@@ -188,7 +188,7 @@ def _load(diagnosis: Diagnosis, port: str) -> Column | None:
     fit = diagnosis.after
     predictor = Predictor(diagnosis.machine, diagnosis.recording, fit.effects, ports=True)
     p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
-    values = predictor.loads(p, fit.x).get(port)
+    values = predictor.loads_at([port], p, fit.x).get(port)
     if values is None or not np.ptp(values) > 0:
         return None
     unit = "N" if diagnosis.machine.unit_of(port) == "mm" else "N·m"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.outliers import FarRow
 from truepose.identification.diagnosis.result import Applied, Diagnosis, PoseError, Proof, Remainder
 from truepose.identification.fit.absurd import judged

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.series import over_arc
 from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError
@@ -138,8 +138,8 @@ def _series(found: Spectrum, held: set[int], rows: int) -> Iterator[Mapping[str,
 
 
 def _arc(signatures: Signatures, fit: Estimate, joint: str) -> tuple[float, float]:
-    q = signatures.recording.q[~signatures.recording.validation]
-    own = q[:, signatures.machine.mechanism.readings.index(joint)]
+    whole = signatures.recording.whole  # settings are the same for all that have some of its rows
+    own = whole.q[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
     return float(own.min()), float(own.max())
 
 

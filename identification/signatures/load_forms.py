@@ -26,15 +26,18 @@ def forms_of_load(machine: Machine, recording: Recording) -> dict[str, list[Sett
         return {}
     predictor = Predictor(machine, recording, ports=True)
     x, assembled = predictor.assemble(predictor.model.p_home)
-    loads = predictor.loads(predictor.model.p_home, x)
+    joints = {name: machine.mechanism.actuator(name).displacement for name in machine.mechanism.readings}
+    moments = {mount: [f"{mount}.motion.{axis}" for axis in TURNS] for mount in FRAMES}
+    ports = [*joints.values(), *(port for own in moments.values() for port in own)]
+    loads = predictor.loads_at(ports, predictor.model.p_home, x)
     rows = assembled & ~recording.validation
     out: dict[str, list[Settings]] = {}
-    for name in machine.mechanism.readings:
-        own = _range(loads[machine.mechanism.actuator(name).displacement][rows])
+    for name, port in joints.items():
+        own = _range(loads[port][rows])
         if own is not None:
             out[name] = [seen_over({LOAD: own}, LOAD_CURVE)]
-    for mount in FRAMES:
-        moment = np.array([loads[f"{mount}.motion.{axis}"][rows] for axis in TURNS])
+    for mount, axes in moments.items():
+        moment = np.array([loads[port][rows] for port in axes])
         each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
         if each is not None and size is not None:
             out[mount] = [seen_over({LOAD: each}, LOAD_CURVE), seen_over({MOMENT: size}, LOAD_CURVE)]

@@ -20,7 +20,7 @@ from truepose.identification.planning.information import UNKNOWN
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.history import line_of_full_loop
 from truepose.identification.recording.recording import Recording, frozen
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.driver import APPROACH, OF_THE_WAY, SESSION, TIME, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from support.sensor_bench import Bench
 from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis import alarms, engine
-from truepose.identification.diagnosis.alarms import alarms_of, conflict_with_tolerances, misfits
+from truepose.identification.diagnosis import alarms, null_fits
+from truepose.identification.diagnosis.alarms import alarms_of, misfits
+from truepose.identification.diagnosis.conflict import conflict_with_tolerances
 from truepose.identification.diagnosis.holdout import ratio_interval
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.linearisation import Linearisation
+from truepose.identification.signatures.signatures import Signatures
 from truepose.identification.signatures.untestable import why_untestable
 from truepose.models.effects.base import PlacedEffect
 
@@ -153,9 +155,9 @@ def test_an_ordinary_fit_without_a_bottom_is_sought_with_ever_narrower_tolerance
             raise ConvergenceError("no minimum")
         return "converged"
 
-    monkeypatch.setattr(engine, "estimate", fails)
+    monkeypatch.setattr(null_fits, "estimate", fails)
     start, far = np.zeros(3), np.zeros(len(recording), dtype=bool)
-    found: object = engine.free_fit(before.machine, recording, before, far, start)
+    found: object = null_fits.free_fit(before.machine, recording, before, far, start)
     widths = [FREE_WIDENING * share for share in (1.0, 1.0 / 3.0, 0.1)]
     count = next((k for k, w in enumerate(widths, start=1) if w <= most), 3)
     assert tried == pytest.approx(widths[:count])

@@ -17,12 +17,13 @@ from scipy.stats import binom, kstest
 
 from support.shifting_bench import Bench, clock, the_only
 from truepose.identification.diagnosis import alarms
+from truepose.identification.diagnosis.conflict import conflict_with_tolerances
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import FREE_WIDENING, estimate, prior_of
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.diagnosis_words import form_words
 from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 
 Array = NDArray[np.float64]
 
@@ -64,7 +65,7 @@ def test_alarms_are_uniform_where_nothing_is_missing(bench: Callable[[str, int],
         free = estimate(table.machine, recording, start=before.p, widen=FREE_WIDENING)
         lin = Signatures(table.machine, recording, ()).linearise(before)
         drawn["residual"].append(alarms.residual_alarm(free, recording).p)
-        drawn["prior_conflict"].append(alarms.conflict_with_tolerances(lin, 1.0).p)
+        drawn["prior_conflict"].append(conflict_with_tolerances(lin, 1.0).p)
         drawn["structure"].append(alarms.structure_alarm(before, recording).p)
     for name in ("residual", "structure"):
         assert kstest(drawn[name], "uniform").pvalue > 1e-3, name

@@ -10,8 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import kstest
 
 from support.sensor_bench import Bench
+from truepose.identification.diagnosis import alarms, structure_sums
 from truepose.identification.diagnosis.alarms import residual_alarm, structure_alarm
 from truepose.identification.diagnosis.findings import remainder_of_residuals
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -165,3 +167,22 @@ def test_rms_is_of_the_norm_of_each_kind() -> None:
         {"position": float(points), "rotation": float(np.sqrt(np.mean(np.sum(error[:, 6:] ** 2, axis=1))))}
     )
     assert np.isnan(rms_by_kind(np.full((2, 9), np.nan), channels)["position"])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sums_over_very_many_rows_tell_the_same_of_structure(
+    case: Case, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The statistics are the same numbers; what chance makes is drawn another way, and of white noise p is uniform."""
+    _, recording = case
+    clocked = replace(recording, time=np.arange(len(recording), dtype=float))
+    error = noise(case, seed) + 0.5 * np.sin(4.0 * clocked.q[:, [1]])
+    by_rows = structure_alarm(left(case, error), clocked)
+    monkeypatch.setattr(alarms, "LARGEST_PROJECTION", 0)
+    monkeypatch.setattr(structure_sums, "BLOCK", 7 + seed)
+    by_sums = structure_alarm(left(case, error), clocked)
+    assert by_sums.about == by_rows.about
+    assert (by_sums.statistic, by_sums.share) == pytest.approx((by_rows.statistic, by_rows.share), rel=1e-9)
+    assert by_sums.p == pytest.approx(by_rows.p, abs=0.1)
+    chance = [structure_alarm(left(case, noise(case, 100 * seed + k)), clocked).p for k in range(60)]
+    assert kstest(chance, "uniform").pvalue > 1e-3

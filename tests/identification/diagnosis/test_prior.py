@@ -15,7 +15,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.posterior.spike_slab import Member
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis.alarms import Alarm, replicate_noise
+from truepose.identification.diagnosis.alarm import Alarm
+from truepose.identification.diagnosis.alarms import replicate_noise
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.outliers import bridges, outlying_rows
 from truepose.identification.fit.estimate import Estimate, estimate

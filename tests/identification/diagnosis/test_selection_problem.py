@@ -23,7 +23,8 @@ from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.state import State
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, empirical_forms
-from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.linearisation import Linearisation
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 

@@ -28,7 +28,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.report.experiment_words import sentences
 from truepose.identification.report.notes import worded
 from truepose.identification.report.pose_tables import experiment_table
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 

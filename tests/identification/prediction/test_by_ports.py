@@ -12,7 +12,7 @@ from truepose.identification.prediction.by_ports import ByPorts, Part
 from truepose.identification.prediction.gram_sum import GramSum
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine import Machine
 from truepose.threads import VARIABLE

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.parquet as pq  # type: ignore[import-untyped]
 import pytest
 
 from truepose.errors import InputError
 from truepose.identification.compensation import path_file
 from truepose.identification.compensation.path_file import csv_text
-from truepose.identification.recording import table
-from truepose.identification.recording.arrow_columns import ArrowCells, read_plain_csv
+from truepose.identification.recording import plain_text, table
+from truepose.identification.recording.arrow_columns import ArrowCells
+from truepose.identification.recording.plain_text import read_plain_csv
 from truepose.identification.recording.table import Column, Table, read_table
 
 
@@ -40,7 +44,7 @@ def both(monkeypatch: pytest.MonkeyPatch) -> Any:
     ],
 )
 def test_a_table_is_the_same_by_columns(text: str, plain: bool, tmp_path: Path, both: Any) -> None:
-    assert (read_plain_csv(text.encode()) is not None) == plain
+    assert (read_plain_csv(io.BytesIO(text.encode())) is not None) == plain
     path = tmp_path / "path.csv"
     path.write_bytes(text.encode())
     one, other = both(path)
@@ -121,3 +125,32 @@ def test_what_is_written_reads_back_exactly(
         np.testing.assert_array_equal(found.numbers("q1"), values)
         assert list(found.cells["note"]) == note
         assert found.columns[0].unit == "mm"
+
+
+@pytest.mark.parametrize("block", [1, 7, 64, 1000])
+def test_blocks_of_any_size_are_the_same_columns(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is cut where: labels, numbers, many distinct texts, no end of line at the end."""
+    rows = [f"{k * 0.125},{'ab'[k % 2]},{k % 7:03d},{'' if k == 5 else k}" for k in range(600)]
+    text = ("# a comment\n" + '"q1","note",pose,x\n' + "\n".join(rows)).encode()
+    whole = read_plain_csv(io.BytesIO(text))
+    monkeypatch.setattr(plain_text, "BLOCK", block)
+    cut = read_plain_csv(io.BytesIO(text))
+    assert whole is not None
+    assert cut is not None
+    assert cut[0] == whole[0] == ["q1", "note", "pose", "x"]
+    for one, other in zip(cut[1], whole[1], strict=True):
+        assert len(one) == 600
+        np.testing.assert_array_equal(one.numbers(lost=True), other.numbers(lost=True))
+    assert list(cut[1][1])[:3] == ["a", "b", "a"]
+    assert list(cut[1][2])[8] == "001"
+    assert cut[1][3].numbers() is None
+
+
+def test_a_parquet_column_is_read_in_batches(tmp_path: Path) -> None:
+    path, rows = tmp_path / "rows.parquet", 5000
+    table = pa.table({"x": np.arange(rows) * 0.5, "label": [f"n{k}" for k in range(rows)]})
+    pq.write_table(table, path, row_group_size=700)
+    found = read_table(path)
+    assert found.n_rows == rows
+    np.testing.assert_array_equal(found.numbers("x"), np.arange(rows) * 0.5)
+    assert found.texts("label")[-1] == f"n{rows - 1}"

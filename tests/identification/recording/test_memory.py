@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.examples import examples
+from truepose.identification.recording import history
 from truepose.identification.recording.file import JointColumn
 from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
 from truepose.identification.recording.read import read_recording
@@ -213,3 +214,23 @@ def test_what_is_not_recorded_is_told(tmp_path: Path) -> None:
     assert Driver.of("creep.s~0.1").column == "time"
     assert Driver.of("stop.s~3").column == "s"
     assert Driver.of("temperature.base~300").column == "temperature.base"
+
+
+@pytest.mark.parametrize(
+    ("t0", "dwell", "end"), [(0.1, 0.0, 3600.0), (3.0, 0.5, 86400.0), (100.0, 2.0, 10.0)]
+)
+def test_creep_of_many_rows_is_that_of_every_move(
+    t0: float, dwell: float, end: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exponentials in place of the logarithm: the same to 1e-9 of the largest sum."""
+    rng, rows = np.random.default_rng(4), 600
+    time, way = (
+        np.sort(rng.uniform(0.0, end, rows)),
+        np.cumsum(rng.normal(size=rows) * (rng.uniform(size=rows) < 0.5)),
+    )
+    piece = np.repeat([0, 1, 2], [100, 1, 499])
+    exact = creep_sum(time, way, piece, t0, dwell)
+    monkeypatch.setattr(history, "MANY", 0)
+    np.testing.assert_allclose(
+        creep_sum(time, way, piece, t0, dwell), exact, atol=1e-9 * np.max(np.abs(exact))
+    )

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import (
     Alternative,
     BlockProof,

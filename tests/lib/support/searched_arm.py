@@ -17,7 +17,7 @@ from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine

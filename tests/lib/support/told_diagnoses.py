@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from truepose.identification.diagnosis.alarms import Alarm
+from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import UNNAMED, Alternative, Diagnosis, Finding, Quantity
 
 

@@ -19,7 +19,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.linearisation import Signatures
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine

@@ -1,0 +1,70 @@
+"""Long recordings: the search begins with some of the rows, and goes on with ten times as many until it has all.
+
+What an effect of note does shows in some thousand rows; what the others add is precision. So most expansion points are found
+where a pass over the rows is short, and few passes are over all. Every set that the first rows speak for is weighed again
+with more of them, and candidates are the same throughout: those of the whole recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.diagnosis import outliers
+from truepose.identification.diagnosis.null_fits import Fits, free_fit
+from truepose.identification.diagnosis.search import ROUGH, Expansion, Start, noise_at, settled, start_from
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.signatures import Signatures
+from truepose.models.machine import Machine
+
+Mask = NDArray[np.bool_]
+MANY, STEP = 20_000, 10
+"""Calibration rows up to which a search has all of them from the beginning, and how many times more follow. Cost alone."""
+SEED = 23
+
+
+def stages(machine: Machine, recording: Recording) -> list[Recording]:
+    """The rows that a search has, one stage after another; the last has all.
+
+    One row is drawn of each ten that follow each other, so that no motion is in step with them. Where a reading compares rows
+    a part of them says something else, and there is one stage.
+    """
+    out, rows = [recording], recording.in_time(~recording.validation)
+    if any(sensor.compares or sensor.differs_from_row for sensor in machine.sensors):
+        return out
+    rng = np.random.default_rng(SEED)
+    while len(rows) > MANY:
+        groups = len(rows) // STEP
+        rows = rows[np.arange(groups) * STEP + rng.integers(0, STEP, groups)]
+        out.insert(0, recording.subset(np.sort(rows)))
+    return out
+
+
+def further(
+    near: Expansion, fits: Fits, recording: Recording, progress: Callable[[str], None]
+) -> tuple[Fits, Expansion]:
+    """The fits without effects, and where the mode stays, with more rows; from where it stayed with fewer."""
+    machine, terms = near.signatures.machine, near.terms(near.start.accepted)
+    noise = noise_at(near.problem, near.known[0]) if near.known else 1.0
+    start, own = start_from(near.fit, terms), ~recording.validation
+    progress(f"fitting {len(recording):,} rows")
+    there = estimate(machine, recording, terms, start=start, tolerance=np.inf, noise=noise)
+    far = outliers.outlying_rows(there, recording, own)
+    del there
+    fit = estimate(machine, recording, terms, start=start, exclude=far, tolerance=ROUGH, noise=noise)
+    before = estimate(machine, recording, machine.effects, start=fits.before.p, exclude=far)
+    fits = Fits(free_fit(machine, recording, before, far, fits.free.p), before, far)
+    progress(f"weighing {len(near.catalogue.candidates)} explanations in {len(recording):,} rows")
+    bare = Signatures(machine, recording, ()).linearise(before).bare()
+    begun = Start(
+        near.signatures.over(recording), near.catalogue, fit, near.start.accepted, far, fits.rms,
+        near.start.refined, None, bare, near.known[0] if near.known else None, halved=len(recording) == len(recording.whole),
+    )  # fmt: skip
+    del near
+    return fits, settled(begun)
+
+
+__all__ = ["further", "stages"]

@@ -1,0 +1,89 @@
+"""Long recordings: the search begins with some of the rows and ends with all, at the same answer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from support.searched_arm import ARM, SCALE
+from truepose.identification.diagnosis import stages
+from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.prediction.simulate import simulate
+from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import catalogue
+from truepose.identification.signatures.signatures import Signatures
+from truepose.models.effect_text import parse_effect
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+ROWS = 1000
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Recording]:
+    """A small arm that moves smoothly while it is read, one row of ten for validation."""
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "arm.yaml").write_text(ARM)
+    machine, t = load_machine(folder / "arm.yaml"), np.arange(ROWS) / 20.0
+    q = {"q1 [deg]": 160.0 * np.sin(0.71 * t), "q2 [deg]": 95.0 * np.sin(1.13 * t + 1.0)}
+    table = pd.DataFrame(
+        q | {"time": t, "role": np.where(np.arange(ROWS) % 10 == 3, "validation", "calibration")}
+    )
+    table.to_csv(folder / "poses.csv", index=False)
+    poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
+    read = simulate(machine, poses, [parse_effect(SCALE, machine)], seed=3)
+    pd.concat([table, read], axis=1).to_csv(folder / "rows.csv", index=False)
+    return machine, load_recording(machine, [folder / "rows.csv"])
+
+
+def test_each_stage_has_one_of_ten_rows_that_follow_each_other(
+    arm: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, recording = arm
+    assert stages.stages(machine, recording) == [recording]
+    monkeypatch.setattr(stages, "MANY", 50)
+    first, second, last = stages.stages(machine, recording)
+    assert last is recording
+    assert (len(first), len(second)) == (9, 90)
+    assert not second.validation.any()
+    rank = np.cumsum(~recording.validation) - 1
+    np.testing.assert_array_equal(np.sort(rank[second.rows]) // 10, np.arange(90))
+    assert set(first.rows) <= set(second.rows)
+
+
+def test_in_stages_the_answer_is_that_of_all_rows_at_once(
+    arm: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, recording = arm
+    whole = diagnose(machine, recording)
+    monkeypatch.setattr(stages, "MANY", 100)
+    said = list[str]()
+    found = diagnose(machine, recording, progress=said.append)
+    assert [text for text in said if "900" in text or "1,000" in text]
+    assert found.verdict == whole.verdict
+    assert [(f.effect, f.place) for f in found.findings] == [(f.effect, f.place) for f in whole.findings]
+    assert found.findings[0].effect == "actuator-scale"
+    for one, other in zip(found.findings, whole.findings, strict=True):
+        assert one.probability == pytest.approx(other.probability, abs=0.02)
+        for name, value in one.parameters.items():
+            assert value.value == pytest.approx(other.parameters[name].value, abs=0.1 * value.std)
+            assert value.std == pytest.approx(other.parameters[name].std, rel=0.02)
+
+
+def test_halves_and_whole_are_summed_in_one_pass(arm: tuple[Machine, Recording]) -> None:
+    machine, recording = arm
+    cat = catalogue(machine, recording)
+    signatures, fit = Signatures(machine, recording, cat.candidates), diagnose(machine, recording).before
+    whole, halves = signatures.halved(fit)
+    alone = signatures.linearise(fit)
+    size = np.sqrt(np.diag(alone.gram))
+    size[size == 0.0] = 1.0
+    np.testing.assert_allclose(
+        whole.gram / size / size[:, None], alone.gram / size / size[:, None], atol=1e-12
+    )
+    assert (
+        whole.counts == alone.counts == tuple(a + b for a, b in zip(*(h.counts for h in halves), strict=True))
+    )
+    np.testing.assert_array_equal(whole.gram, halves[0].gram + halves[1].gram)
