@@ -30,7 +30,12 @@ Array = NDArray[np.float64]
 EXAMPLE = ROOT / "examples" / "plc"
 TEXT = (EXAMPLE / "FB_Compensate.st").read_text(encoding="utf-8")
 REALS: tuple[Real, ...] = ("double", "float")
-TYPES = {"BOOL": ctypes.c_uint8, "UDINT": ctypes.c_uint32, "LREAL": ctypes.c_double, "REAL": ctypes.c_float}
+TYPES: dict[str, Any] = {
+    "BOOL": ctypes.c_uint8,
+    "UDINT": ctypes.c_uint32,
+    "LREAL": ctypes.c_double,
+    "REAL": ctypes.c_float,
+}
 UNLIMITED = 1e30
 DRIVER_RANGE, MAX_STEP, MAX_CORRECTION = 17, 18, 19
 

@@ -255,6 +255,14 @@ def test_a_message_with_a_mistake_changes_no_driver(
     assert "~/drivers: expected a finite value for each name" in done.said
 
 
+def test_it_compiles_for_single_precision(tmp_path: Path) -> None:
+    assert CPP is not None
+    written(tmp_path, "float")
+    includes = [f"-I{place}" for place in (STAND_INS, "controller", "controller/wrappers")]
+    command = [CPP, *STRICT, "-fsyntax-only", f"-DMACHINE={NAME}", *includes, str(SOURCE)]
+    subprocess.run(command, cwd=tmp_path, check=True)
+
+
 # ---- the package around it: what only a workspace would find out ----
 
 
