@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 from support import ROOT
 from support.embedded import needs_toolchain
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
-from support.rail_arm import MIDDLE, NAME, Path6, compensated, planned, written
+from support.rail_arm import MIDDLE, NAME, STRAIGHT, Path6, compensated, planned, written
 from truepose.cli import app
 from truepose.codegen.printer import Real
 
@@ -185,6 +185,10 @@ def out_of_range(nominal: Array, drivers: Array) -> None:
     nominal[2] = np.radians(121.0)
 
 
+def stretched(nominal: Array, drivers: Array) -> None:
+    nominal[2] = STRAIGHT
+
+
 def cold(nominal: Array, drivers: Array) -> None:
     drivers[1] = -200.0
 
@@ -198,11 +202,18 @@ def no_temperature(nominal: Array, drivers: Array) -> None:
 
 
 @pytest.mark.parametrize(
-    ("broken", "number"),
-    [(lost, 4), (out_of_range, 3), (cold, DRIVER_RANGE), (hot, DRIVER_RANGE), (no_temperature, DRIVER_RANGE)],
+    ("broken", "numbers"),
+    [
+        (stretched, {1, 2}),  # not reachable, or not within the iterations
+        (out_of_range, {3}),
+        (lost, {4}),
+        (cold, {DRIVER_RANGE}),
+        (hot, {DRIVER_RANGE}),
+        (no_temperature, {DRIVER_RANGE}),
+    ],
 )
 def test_the_last_good_command_stays(
-    built: Built, path: Path6, broken: Callable[[Array, Array], None], number: int
+    built: Built, path: Path6, broken: Callable[[Array, Array], None], numbers: set[int]
 ) -> None:
     block = built.block()
     block.aDriverMin[:], block.aDriverMax[:] = [0.0, 10.0], [10.0, 60.0]
@@ -212,7 +223,8 @@ def test_the_last_good_command_stays(
     for _ in range(3):
         held = built.cycle(block, nominal, drivers)
         assert held.tolist() == good.tolist()
-        assert (block.bValid, block.bBusy, block.bError, block.nErrorID) == (0, 0, 1, number)
+        assert (block.bValid, block.bBusy, block.bError) == (0, 0, 1)
+        assert block.nErrorID in numbers
     after = built.cycle(block, path.nominal[2], path.drivers[2])
     assert (block.bValid, block.bError, block.nErrorID) == (1, 0, 0)
     np.testing.assert_allclose(after, path.command[2], rtol=0, atol=built.tolerance)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from support import ROOT
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
-from support.rail_arm import DRIVERS, NAME, Path6, compensated, parameter, planned, written
+from support.rail_arm import DRIVERS, NAME, STRAIGHT, Path6, compensated, parameter, planned, written
 
 Array = NDArray[np.float64]
 EXAMPLE = ROOT / "examples" / "ros2_control"
@@ -159,12 +159,18 @@ def out_of_range(nominal: Array, rows: slice) -> Array:
     return nominal
 
 
+def stretched(nominal: Array, rows: slice) -> Array:
+    """The drawing's elbow is straight: the real arm, which is shorter, cannot reach there."""
+    nominal[rows, 2] = STRAIGHT
+    return nominal
+
+
 def infinite(nominal: Array, rows: slice) -> Array:
     nominal[rows, 0] = np.inf
     return nominal
 
 
-@pytest.mark.parametrize("broken", [lost, out_of_range, infinite])
+@pytest.mark.parametrize("broken", [lost, out_of_range, stretched, infinite])
 def test_the_last_good_command_stays_and_then_the_manager_is_told(
     controller: Controller, path: Path6, broken: Callable[[Array, slice], Array]
 ) -> None:

@@ -261,7 +261,8 @@ void CompensationController::take_drivers(const control_msgs::msg::InterfaceValu
     }
   }
   if (!good) {
-    RCLCPP_ERROR(get_node()->get_logger(), "~/drivers: expected a finite value for each name, names as in " TEXT(MACHINE) "_kin.h");
+    RCLCPP_ERROR(
+      get_node()->get_logger(), "~/drivers: expected a finite value for each name, names as in " TEXT(MACHINE) "_kin.h");
     return;
   }
   drivers_ = drivers;

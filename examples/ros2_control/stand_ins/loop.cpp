@@ -5,8 +5,8 @@
    PARAMETERS: lines "name number" (an integer for those that are one), or "joints name name ...".
    A row: references of the joints (rad, m), then values of the drivers named by "#drivers name name ..." in the first line.
    Out: a line for each row: 0 or 1 (return_type), allocations during the update, the commands. */
-#include <cerrno>
 #include <cstddef>
+#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>

@@ -26,6 +26,8 @@ DRIVERS = ["payload", "temperature.link2"]
 MIDDLE = np.array([10.0, -0.5, 0.3, 0.2, 0.8, -0.4])
 REACH = np.array([90.0, 0.3, 0.3, 0.5, 0.2, 0.6])
 """About the middle; joint 5 stays off the straight wrist."""
+STRAIGHT = np.radians(-84.0)
+"""Of joint 3: almost the elbow's straight position, -atan(420 / 35)."""
 
 
 @dataclass(frozen=True)

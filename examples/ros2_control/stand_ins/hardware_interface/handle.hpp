@@ -3,7 +3,6 @@
 #define HARDWARE_INTERFACE_HANDLE_HPP
 
 #include <memory>
-#include <optional>
 #include <string>
 
 namespace hardware_interface
@@ -16,11 +15,6 @@ public:
   {
   }
   const std::string & get_name() const { return name_; }
-  template <class T>
-  std::optional<T> get_optional() const
-  {
-    return *value_;
-  }
   template <class T>
   bool set_value(const T & value)
   {

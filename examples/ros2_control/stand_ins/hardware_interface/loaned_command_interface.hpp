@@ -2,7 +2,6 @@
 #ifndef HARDWARE_INTERFACE_LOANED_COMMAND_INTERFACE_HPP
 #define HARDWARE_INTERFACE_LOANED_COMMAND_INTERFACE_HPP
 
-#include <optional>
 #include <string>
 #include <utility>
 
@@ -21,11 +20,6 @@ public:
   [[nodiscard]] bool set_value(const T & value, unsigned int = 10)
   {
     return interface_->set_value(value);
-  }
-  template <class T = double>
-  [[nodiscard]] std::optional<T> get_optional(unsigned int = 10) const
-  {
-    return interface_->template get_optional<T>();
   }
 
 private:

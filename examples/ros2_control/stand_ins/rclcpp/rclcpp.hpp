@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <cstdio>
 #include <functional>
-#include <map>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -15,7 +14,6 @@
 
 #define RCLCPP_LOG_(level, logger, ...) \
   (std::fprintf(stderr, level " [%s] ", (logger).get_name()), std::fprintf(stderr, __VA_ARGS__), std::fputc('\n', stderr))
-#define RCLCPP_INFO(logger, ...) RCLCPP_LOG_("INFO", logger, __VA_ARGS__)
 #define RCLCPP_WARN(logger, ...) RCLCPP_LOG_("WARN", logger, __VA_ARGS__)
 #define RCLCPP_ERROR(logger, ...) RCLCPP_LOG_("ERROR", logger, __VA_ARGS__)
 
@@ -23,12 +21,6 @@ namespace rclcpp
 {
 class Time
 {
-public:
-  explicit Time(std::int64_t nanoseconds = 0) : nanoseconds_(nanoseconds) {}
-  std::int64_t nanoseconds() const { return nanoseconds_; }
-
-private:
-  std::int64_t nanoseconds_;
 };
 
 class Duration
