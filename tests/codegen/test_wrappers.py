@@ -221,6 +221,14 @@ template <std::size_t n> static void show(const std::array<k::real, n> &values)
     std::printf("\\n");
 }
 
+template <std::size_t n> static void told(const std::array<const char *, n> &names)
+{
+    for (const char *name : names) {
+        std::printf("%s ", name);
+    }
+    std::printf("\\n");
+}
+
 static_assert(noexcept(k::fk(k::Joints{})), "no exceptions");
 
 int main()
@@ -257,7 +265,10 @@ int main()
     if (k::fk_from(q, far, untouched) != k::Code::bad_input || untouched != k::Pose{}) {
         return 4;
     }
-    std::printf("%s\\n", k::joint_names[1]);
+    told(k::joint_names);
+    told(k::joint_units);
+    told(k::parameter_names);
+    told(k::driver_names);
     return 0;
 }
 """
@@ -275,7 +286,7 @@ def test_cpp_says_what_the_library_says(built: Built) -> None:
     subprocess.run([COMPILER, *WARNINGS, "-c", f"../{name}_kin.c", "-o", "kin.o"], cwd=directory, check=True)
     subprocess.run([CPP, *STRICT, "-I..", "use.cpp", "kin.o", "-lm", "-o", "use"], cwd=directory, check=True)
     said = subprocess.run([str(directory / "use")], capture_output=True, text=True, check=True).stdout
-    *lines, joint = said.splitlines()
+    *lines, joints, units, parameters, drivers = said.splitlines()
     pose = built.fk(row)[1]
     moved = built.model.p_home.copy()
     moved[built.define("P_tool_z")] += 10
@@ -289,7 +300,10 @@ def test_cpp_says_what_the_library_says(built: Built) -> None:
         built.call("compensate", row, out=np.zeros(built.n))[1],
         built.fk(row, p=moved, z=z)[1],
     ]
-    assert joint == built.model.readings[1]
+    assert tuple(joints.split()) == built.model.readings
+    assert units.split() == [a.reading_unit for a in built.machine.mechanism.actuators]
+    assert tuple(parameters.split()) == built.model.names
+    assert tuple(drivers.split()) == built.model.drivers
     for k, (line, values) in enumerate(zip(lines, expected, strict=True)):
         found = [float(v) for v in line.split()]
         # the C is compiled twice, with and without optimisation

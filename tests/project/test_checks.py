@@ -64,11 +64,19 @@ def test_a_change_meets_the_tests_with_every_newer_python_that_is_promised() -> 
     assert runs("tests").splitlines() == ["source .ci/setup", command]
 
 
+def test_a_release_is_tried_with_every_python_that_is_promised() -> None:
+    (versions,) = pythons("release")
+    assert versions.split()[::-1] == [*pythons("all"), *pythons("tests")]
+    assert runs("release") == ".ci/release --all" and os.access(ROOT / ".ci/release", os.X_OK)
+    assert ".ci/release" in (ROOT / ".ci/run").read_text(encoding="utf-8")
+
+
 def test_the_night_is_that_of_ci_and_no_change_waits_for_it() -> None:
     assert runs("night") == ".ci/nightly" and os.access(ROOT / ".ci/nightly", os.X_OK)
     assert WORKFLOW["on"]["schedule"]
     assert {name: job["if"] for name, job in JOBS.items()} == {
         "all": "github.event_name != 'schedule'",
         "tests": "github.event_name != 'schedule'",
+        "release": "github.event_name != 'schedule'",
         "night": "github.event_name == 'schedule'",
     }

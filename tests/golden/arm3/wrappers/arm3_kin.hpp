@@ -38,6 +38,45 @@ inline constexpr std::array<const char *, joints> joint_names{
     "q2",
     "q3",
 };
+inline constexpr std::array<const char *, joints> joint_units{
+    "rad",
+    "rad",
+    "rad",
+};
+inline constexpr std::array<const char *, 29> parameter_names{
+    "q1.beta",
+    "q1.alpha",
+    "q1.d",
+    "q1.theta",
+    "q1.r",
+    "q2.beta",
+    "q2.alpha",
+    "q2.d",
+    "q2.theta",
+    "q2.r",
+    "q3.beta",
+    "q3.alpha",
+    "q3.d",
+    "q3.theta",
+    "q3.r",
+    "base.x",
+    "base.y",
+    "base.z",
+    "base.rx",
+    "base.ry",
+    "base.rz",
+    "tool.x",
+    "tool.y",
+    "tool.z",
+    "tool.rx",
+    "tool.ry",
+    "tool.rz",
+    "actuator-scale@q2:s",
+    "thermal-expansion@link2:alpha",
+};
+inline constexpr std::array<const char *, 1> driver_names{
+    "temperature.link2",
+};
 
 enum class Code : int {
     solved = 0,
