@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+LARGEST = 30_000_000
+"""Entries of the Jacobian with waves that are held: with more, evenly spread rows are asked."""
 FREE_WAVE = 10.0
 """1-sigma of an amplitude of the black box, in sigmas of a reading: it may be anything."""
 ROUNDING = 1e-13
@@ -24,10 +26,11 @@ ROUNDING = 1e-13
 def black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:
     """Held-out ratio of as many free waves of the readings, in each residual channel, as the terms have coefficients."""
     count = sum(len(e.coefficients) for e in after.effects)
-    predictor = Predictor(before.machine, recording, before.effects)
     free, m = before.prior.free, before.residual.shape[1]
-    if before.residual.size * (len(free) + count) > 60_000_000:
-        return None
+    columns = len(free) + count
+    if before.residual.size * columns > LARGEST:
+        return _of_some(before, after, recording, outliers, LARGEST // (m * columns))
+    predictor = Predictor(before.machine, recording, before.effects)
     parts = predictor.blocks(before.p, before.x, before.used)
     jacobian = np.concatenate([b.jacobian[:, :, free] * before.prior.scale[free] for b in parts])
     rng = np.random.default_rng(13)
@@ -43,6 +46,26 @@ def black_box(before: Estimate, after: Estimate, recording: Recording, outliers:
         ]
         left.append(np.concatenate(squares).mean())
     return float(np.sqrt(left[1] / left[0]))
+
+
+def _of_some(
+    before: Estimate, after: Estimate, recording: Recording, outliers: Mask, most: int
+) -> float | None:
+    """The same of evenly spread rows, as many as memory holds; None where readings compare rows."""
+    if most < 1 or any(sensor.compares for sensor in before.machine.sensors):
+        return None
+    every = recording.in_time(np.ones(len(recording), dtype=bool))
+    rows = np.sort(every[:: -(-len(every) // most)])
+    part = replace(
+        before,
+        x=before.x[rows],
+        residual=before.residual[rows],
+        used=before.used[rows],
+        weights=before.weights[rows],
+        lost=before.lost_among(rows),
+        unassembled=(),
+    )
+    return black_box(part, after, recording.subset(rows), outliers[rows])
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof, PoseError
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FOLDS = 5
 BOOTSTRAP, SEED = 1000, 3
+MANY = 20_000
+"""Rows from which on a ratio is as good as normal in its log, and a bootstrap takes long."""
 LEVELS = 4
 """Levels that a driver must have for its largest values to be predicted from the others."""
 OUTERMOST = "outermost poses"
@@ -216,11 +219,13 @@ def _ratio(before: Array, after: Array) -> float:
 def ratio_interval(before: Array, after: Array) -> tuple[float, tuple[float, float]]:
     """Root of the ratio of mean squares of rows, ``before`` and ``after`` (n,), with its 95 % bootstrap interval.
 
-    The order of rows does not matter.
+    The order of rows does not matter. Of very many rows the bootstrap's limit is given, by the spread of the log of the ratio.
     """
     ratio = _ratio(before, after)
-    if len(before) >= 20_000:
-        return ratio, (ratio, ratio)
+    if len(before) >= MANY:
+        each = after / max(float(after.mean()), 1e-300) - before / max(float(before.mean()), 1e-300)
+        reach = float(norm.isf(0.025) * 0.5 * np.std(each) / np.sqrt(len(each)))
+        return ratio, (ratio * float(np.exp(-reach)), ratio * float(np.exp(reach)))
     order = np.lexsort((after, before))
     before, after = before[order], after[order]
     picks = np.random.default_rng(SEED).integers(0, len(before), (BOOTSTRAP, len(before)))

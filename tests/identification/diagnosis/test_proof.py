@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
+from truepose.identification.diagnosis import black_box as black_box_module
 from truepose.identification.diagnosis.black_box import Waves, black_box, linear_test
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.proof import injected_recovered
@@ -94,6 +95,21 @@ def test_a_black_box_does_as_well_in_whatever_steps_parameters_are_counted(case:
     scale = fit.prior.scale * np.random.default_rng(7).uniform(0.05, 20.0, len(fit.prior.scale))
     scaled = replace(fit, prior=replace(fit.prior, scale=scale))
     assert black_box(scaled, cast(Estimate, after), recording, outliers) == pytest.approx(ratio, rel=1e-6)
+
+
+def test_of_too_many_rows_evenly_spread_ones_are_asked(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    fit, recording = case
+    outliers, after = (
+        np.zeros(len(recording), dtype=bool),
+        SimpleNamespace(effects=(SimpleNamespace(coefficients=range(4)),)),
+    )
+    whole = black_box(fit, cast(Estimate, after), recording, outliers)
+    columns = len(fit.prior.free) + 4
+    monkeypatch.setattr(black_box_module, "LARGEST", fit.residual.size * columns - 1)
+    some = black_box(fit, cast(Estimate, after), recording, outliers)
+    assert some is not None
+    assert some != whole
+    assert 0.9 < some < 1.6
 
 
 def test_a_black_box_does_as_well_wherever_encoders_have_their_zero(case: Case) -> None:
