@@ -54,6 +54,11 @@ class Tree:
 
     def pose(self, readings: Mapping[str, float]) -> Array:
         """Tool in the nominal frame of the base, (4, 4) mm, at readings in mm and rad by joint name."""
+        out: Array = self.links(readings)[self.flange] @ self.tool
+        return out
+
+    def links(self, readings: Mapping[str, float]) -> dict[str, Array]:
+        """Frames (4, 4) mm of all links in the nominal frame of the base, at readings in mm and rad by joint name."""
         links = {BASE: np.eye(4)}
         for joint in self.joints:
             reached = links[joint.parent] @ joint.origin
@@ -61,8 +66,7 @@ class Tree:
             if joint.follows is not None:
                 moved = joint.follows[1] * readings.get(joint.follows[0], 0.0)
             links[joint.child] = reached @ motion(joint, moved)
-        out: Array = links[self.flange] @ self.tool
-        return out
+        return links
 
     def path(self) -> tuple[TreeJoint, ...]:
         """The joints from the base to the flange, in order."""
