@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import Reach
 from truepose.identification.compensation.rows import twists_between
-from truepose.identification.programs.branches import Branches
-from truepose.identification.programs.configurations import Configuration
 from truepose.identification.programs.forms import written
 from truepose.identification.programs.frames import Cell, Frames, Told, shown_name
+from truepose.identification.programs.meaning import Meant, by_tool, joint_units, joint_values, meant_of
 from truepose.identification.programs.points import decimals_of
 from truepose.identification.programs.program import Left, Number, Program, Target, in_order
 from truepose.identification.programs.robot import Robot
@@ -32,6 +31,9 @@ Array = NDArray[np.float64]
 FARTHEST = 0.1
 """rad, or part of the machine's size: a correction that moves a joint by more is not made. Calibrations move joints by
 thousandths; a tenth is reached next to singular poses only, where a joint swings for nothing."""
+NEARBY = 100.0
+"""mm; how far points that a program works out may be from the target that they start from."""
+_LOOKED_AT = 50
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,8 @@ class Correction:
 
     ``drivers`` are the values of the effects' drivers that hold for all targets; ``arrival`` is the largest change of the
     tool (mm) by effects of the direction in which joints arrive, which no target tells; ``assumed`` are names of tools that
-    were taken for the machine file's.
+    were taken for the machine file's. ``nearby`` (mm) is how much a correction changes over ``NEARBY`` from a target, where the
+    program works points out from targets.
     """
 
     text: str
@@ -65,16 +68,7 @@ class Correction:
     drivers: Mapping[str, float]
     arrival: float
     assumed: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _Meant:
-    """A target with its frames, the pose (4, 4) that is meant in the sensor's frame, and its nominal joints (nq,)."""
-
-    target: Target
-    told: Told
-    goal: Array
-    q: Array
+    nearby: float | None
 
 
 def correct(
@@ -96,13 +90,13 @@ def correct(
             left.append(Left(target.line, target.name, told))
         else:
             known.append((target, told))
-    meant = _meant(robot, program, known, left)
+    meant = meant_of(robot, program, known, left)
     done = _corrected(robot, program, meant, left)
     assumed = sorted({shown_name(m.told.assumed) for m in meant if m.told.assumed})
     arrival = robot.arrival(np.array([m.q for m in meant])) if meant else 0.0
-    return Correction(
-        _edited(program.text, done), tuple(done), in_order(left), robot.drivers, arrival, tuple(assumed)
-    )
+    nearby = _nearby(robot, meant) if any(one.computed for one in left) else None
+    text = _edited(program.text, done)
+    return Correction(text, tuple(done), in_order(left), robot.drivers, arrival, tuple(assumed), nearby)
 
 
 def _check(machine: Machine, program: Program) -> None:
@@ -122,63 +116,9 @@ def _check(machine: Machine, program: Program) -> None:
         )
 
 
-def _meant(
-    robot: Robot, program: Program, known: Sequence[tuple[Target, Told]], left: list[Left]
-) -> list[_Meant]:
-    """Nominal joints of all targets. Where nothing else tells, they are the next to those before, as the text goes."""
-    poses = [k for k, (target, _) in enumerate(known) if target.kind == "pose"]
-    numbers = np.array([[n.value for n in known[k][0].numbers] for k in poses])
-    goals = dict(zip(poses, program.form.poses(numbers), strict=True)) if poses else {}
-    solutions = dict(_solutions(robot, known, goals, program.configuration))
-    out: list[_Meant] = []
-    before = robot.home
-    for k, (target, told) in sorted(enumerate(known), key=lambda item: item[1][0].place):
-        robot.nominal(told.tool)
-        if target.kind == "joints":
-            q = _joints(robot, program, [n.value for n in target.numbers])
-            out.append(_Meant(target, told, robot.solver.forward(q[None, :])[0][0], q))
-            before = q
-            continue
-        configured = tuple(n.value for n in target.configuration)
-        near = before if target.near is None else _joints(robot, program, target.near)
-        chosen = solutions[k][0].chosen(solutions[k][1], near, program.configuration, configured)
-        if chosen.q is None:
-            left.append(Left(target.line, target.name, chosen.why))
-            continue
-        out.append(_Meant(target, told, robot.base @ told.base @ goals[k], chosen.q))
-        before = chosen.q
-    return out
-
-
-def _solutions(
-    robot: Robot,
-    known: Sequence[tuple[Target, Told]],
-    goals: Mapping[int, Array],
-    configuration: Configuration | None,
-) -> list[tuple[int, tuple[Branches, Array]]]:
-    """All nominal joints of each pose: tools are solved one by one, poses of a tool together."""
-    out = []
-    for tool, rows in _by_tool([(k, known[k][1]) for k in goals]):
-        robot.nominal(tool)
-        branches = Branches(robot.machine, robot.solver)
-        poses = np.array([robot.base @ known[k][1].base @ goals[k] for k in rows])
-        wanted = [tuple(n.value for n in known[k][0].configuration) for k in rows]
-        found = branches.found(poses, wanted, configuration)
-        out += [(k, (branches, q)) for k, q in zip(rows, found, strict=True)]
-    return out
-
-
-def _by_tool(told: Sequence[tuple[int, Told]]) -> list[tuple[Array | None, list[int]]]:
-    groups: dict[bytes | None, tuple[Array | None, list[int]]] = {}
-    for k, one in told:
-        key = None if one.tool is None else one.tool.tobytes()
-        groups.setdefault(key, (one.tool, []))[1].append(k)
-    return list(groups.values())
-
-
-def _corrected(robot: Robot, program: Program, meant: list[_Meant], left: list[Left]) -> list[Corrected]:
+def _corrected(robot: Robot, program: Program, meant: list[Meant], left: list[Left]) -> list[Corrected]:
     out: list[Corrected] = []
-    for tool, rows in _by_tool([(k, m.told) for k, m in enumerate(meant)]):
+    for tool, rows in by_tool([(k, m.told) for k, m in enumerate(meant)]):
         some = [meant[k] for k in rows]
         goal, q = np.array([m.goal for m in some]), np.array([m.q for m in some])
         robot.real(tool)
@@ -222,11 +162,11 @@ def _refused(robot: Robot, status: int, saturated: tuple[str, ...], moved: Array
     return None
 
 
-def _texts(robot: Robot, program: Program, m: _Meant, q: Array, seen: Array) -> tuple[str, ...] | None:
+def _texts(robot: Robot, program: Program, m: Meant, q: Array, seen: Array) -> tuple[str, ...] | None:
     """New texts of a target's numbers and configuration; None where it would be in another one."""
     numbers = m.target.numbers
     if m.target.kind == "joints":
-        units = _units(robot, program)
+        units = joint_units(robot, program)
         values = [convert(v, u, to) for v, (u, to) in zip(q.tolist(), units, strict=True)]
         decimals: Sequence[int] = [decimals_of(to, u) for u, to in units]
     else:
@@ -250,7 +190,7 @@ def _texts(robot: Robot, program: Program, m: _Meant, q: Array, seen: Array) -> 
 def _after(
     robot: Robot,
     program: Program,
-    some: list[_Meant],
+    some: list[Meant],
     texts: list[tuple[str, ...]],
     q: Array,
     tool: Array | None,
@@ -260,28 +200,41 @@ def _after(
         return np.zeros((0, 6))
     robot.nominal(tool)
     commands = q.copy()
-    for row, (m, new) in enumerate(zip(some, texts, strict=True)):
-        values = [float(t) for t in new[: len(m.target.numbers)]]
+    values = [[float(t) for t in new[: len(m.target.numbers)]] for m, new in zip(some, texts, strict=True)]
+    rows = [row for row, m in enumerate(some) if m.target.kind == "pose"]
+    if rows:
+        poses = program.form.poses(np.array([values[row] for row in rows]))
+        told = np.array([robot.base @ some[row].told.base for row in rows]) @ poses
+        commands[rows] = robot.solver.inverse(told, q[rows], restarts=0, rewind=False).q
+    for row, m in enumerate(some):
         if m.target.kind == "joints":
-            commands[row] = _joints(robot, program, values)
-        else:
-            pose = robot.base @ m.told.base @ program.form.poses(np.array([values]))[0]
-            commands[row] = robot.solver.inverse(pose[None], q[row], restarts=0, rewind=False).q[0]
+            commands[row] = joint_values(robot, program, values[row])
     robot.real(tool)
-    goal = np.array([m.goal for m in some])
-    return twists_between(goal, robot.solver.forward(commands)[0])
+    return twists_between(np.array([m.goal for m in some]), robot.solver.forward(commands)[0])
 
 
-def _units(robot: Robot, program: Program) -> list[tuple[str, str]]:
-    """Unit inside and in the text of each joint."""
-    joints = robot.machine.mechanism.actuators
-    own = program.joint_units
-    return [(a.reading_unit, own.get(a.reading, own.get(a.reading_unit, a.reading_unit))) for a in joints]
-
-
-def _joints(robot: Robot, program: Program, values: Sequence[float]) -> Array:
-    units = _units(robot, program)
-    return np.array([convert(v, unit, inside) for v, (inside, unit) in zip(values, units, strict=True)])
+def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
+    """Largest change (mm) of the correction from a target to places ``NEARBY`` away along the axes of the sensor's frame."""
+    apart = [0.0]
+    for tool, rows in by_tool([(k, m.told) for k, m in enumerate(meant[:_LOOKED_AT])]):
+        goal, q = np.array([meant[k].goal for k in rows]), np.array([meant[k].q for k in rows])
+        change = []
+        for step in [np.zeros(3), *(NEARBY * np.vstack([np.eye(3), -np.eye(3)]))]:
+            moved = goal.copy()
+            moved[:, :3, 3] += step
+            robot.nominal(tool)
+            start = robot.solver.inverse(moved, q, restarts=0, rewind=False)
+            robot.real(tool)
+            found = robot.solver.inverse(moved, start.q, restarts=0, rewind=False)
+            robot.nominal(tool)
+            twist = twists_between(moved, robot.solver.forward(found.q)[0])[:, :3]
+            good = (
+                start.solved & found.solved & (np.abs(found.q - start.q) / robot.reach < FARTHEST).all(axis=1)
+            )
+            change.append(np.where(good[:, None], twist, np.nan))
+        sizes = np.linalg.norm(np.array(change[1:]) - change[0], axis=2)
+        apart += sizes[np.isfinite(sizes)].tolist()
+    return max(apart)
 
 
 def _edited(text: str, done: Sequence[Corrected]) -> str:
@@ -298,4 +251,4 @@ def _edited(text: str, done: Sequence[Corrected]) -> str:
     return "".join([*out, text[at:]])
 
 
-__all__ = ["Corrected", "Correction", "correct"]
+__all__ = ["NEARBY", "Corrected", "Correction", "correct"]

@@ -84,7 +84,7 @@ class Kuka:
             what = m.group(1)
             if ":" in re.sub(r"\{[^{}]*\}", "", what):
                 why = "worked out by `:` while the program runs: it gets the correction of its first point"
-                found.left.append(Left(lines.of(m.start(1)), shown(what), why))
+                found.left.append(Left(lines.of(m.start(1)), shown(what), why, computed=True))
             elif re.match(r"(?i)\w+\s+[A-Z_]\w*\s*\(", what):
                 found.left.append(
                     Left(
@@ -94,7 +94,7 @@ class Kuka:
         component = re.compile(r"(?im)^[ \t]*(\w+(?:\[[^\]]*\])?\.(?:[XYZABC]|A[1-6])\s*=[^\r\n]*)")
         for m in component.finditer(mask):
             why = "the program changes a coordinate while it runs: it stands for what was written there, not corrected"
-            found.left.append(Left(lines.of(m.start(1)), shown(m.group(1)), why))
+            found.left.append(Left(lines.of(m.start(1)), shown(m.group(1)), why, computed=True))
 
 
 def _aggregates(mask: str) -> Iterator[tuple[int, int]]:

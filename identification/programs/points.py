@@ -73,7 +73,7 @@ class Points:
             )
         return Program(
             text, tuple(targets), in_order(left), _form(own, joints=wanted is joints),
-            {n: own[n] for n in joints} if wanted is joints else {}, joint_order=joints,
+            {n: own[n] for n in joints} if wanted is joints else {},
         )  # fmt: skip
 
 

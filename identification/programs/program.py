@@ -57,11 +57,15 @@ class Target:
 
 @dataclass(frozen=True)
 class Left:
-    """What is not corrected, or not as it would have to be: its line, what stands there, and why."""
+    """What is not corrected, or not as it would have to be: its line, what stands there, and why.
+
+    ``computed``: the program works a point out from a target while it runs, and the point gets that target's correction.
+    """
 
     line: int
     what: str
     why: str
+    computed: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,8 +80,6 @@ class Program:
     """Units of joints in the text, by their unit inside (rad, mm)."""
     frames: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     configuration: Configuration | None = None
-    joint_order: tuple[str, ...] | None = None
-    """Names of the joints as targets have them; None: the machine's order."""
 
 
 class Dialect(Protocol):

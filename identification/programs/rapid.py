@@ -146,20 +146,14 @@ def _computed(mask: str, lines: Lines) -> Iterator[Left]:
     for m in _OFFSET.finditer(mask):
         end = mask.find(";", m.end())
         text = shown(mask[m.start() : end if end >= 0 else m.end() + 40])
-        yield Left(
-            lines.of(m.start()),
-            text,
-            "worked out while the program runs: it gets the correction of its target",
-        )
+        why = "worked out while the program runs: it gets the correction of its target"
+        yield Left(lines.of(m.start()), text, why, computed=True)
     for statement in _statements(mask):
         m = _CHANGED.match(mask[statement.start : statement.end].rstrip(";"))
         if m is not None:
             at = statement.start + m.start("what")
-            yield Left(
-                lines.of(at),
-                shown(m["what"]),
-                "the program changes a target while it runs; what it writes is not corrected",
-            )
+            why = "the program changes a target while it runs; what it writes is not corrected"
+            yield Left(lines.of(at), shown(m["what"]), why, computed=True)
 
 
 __all__ = ["Rapid"]

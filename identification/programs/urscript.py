@@ -148,7 +148,7 @@ def _take(mask: str, start: int, end: int, use: _Use, out: _Uses, lines: Lines, 
         if len(inside) == 2 and re.fullmatch(r"[A-Za-z_]\w*", feature):
             _take(mask, *inside[1], replace(use, base=feature), out, lines, what)
             return
-    out.left.append(Left(lines.of(at), shown(f"{what}({piece.strip()}"), _COMPUTED))
+    out.left.append(Left(lines.of(at), shown(f"{what}({piece.strip()}"), _COMPUTED, computed=True))
 
 
 def _near(
@@ -207,7 +207,7 @@ def _changed(mask: str, names: set[str], lines: Lines) -> Iterator[Left]:
     for m in _COMPONENT.finditer(mask):
         if m["name"] in names:
             why = "the program changes a target while it runs; what it writes is not corrected"
-            yield Left(lines.of(m.start("what")), shown(m["what"]), why)
+            yield Left(lines.of(m.start("what")), shown(m["what"]), why, computed=True)
 
 
 __all__ = ["UrScript"]

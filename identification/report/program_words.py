@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.programs.correct import Corrected, Correction
+from truepose.identification.programs.correct import NEARBY, Corrected, Correction
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ class Limit:
 def correction_lines(found: Correction, title: str, source: Path, output: Path) -> list[str]:
     """What was written, the sizes of corrections and errors, and each line where a target is not corrected."""
     count, whole = len(found.done), len(found.done) + len(found.left)
-    out = [f"{output}: {count} targets corrected, {title}"]
+    out = [f"{output}: {count} target{'s' * (count != 1)} corrected, {title}"]
     if found.done:
         change, before, after = (_norms(found.done, name) for name in ("change", "before", "after"))
         out.append(
@@ -39,7 +39,8 @@ def correction_lines(found: Correction, title: str, source: Path, output: Path) 
             f"{_size(after.max(axis=0))} with this one, rounding of its numbers included"
         )
     if whole > count:
-        out.append(f"  {whole - count} places are not corrected, or not wholly:")
+        places = "1 place is" if whole - count == 1 else f"{whole - count} places are"
+        out.append(f"  {places} not corrected, or not wholly:")
         out += [f"    {source}:{left.line}: {left.what}: {left.why}" for left in found.left]
     return out
 
@@ -57,6 +58,11 @@ def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[
     if turned:
         out.append(
             f"axes pass a border, so that numbers of the configuration changed with them: {_listed(turned)}"
+        )
+    if found.nearby is not None:
+        out.append(
+            "points that the program works out from a target get that target's correction: "
+            f"{NEARBY:g} mm away it should be another by up to {found.nearby:.3g} mm"
         )
     if found.assumed:
         out.append(
@@ -96,6 +102,9 @@ def correction_json(found: Correction, limit: Limit) -> dict[str, object]:
         "assumed_tools": list(found.assumed),
         "drivers": dict(found.drivers),
         "arrival": {"value": found.arrival, "unit": "mm"},
+        "nearby": None
+        if found.nearby is None
+        else {"value": found.nearby, "unit": "mm", "distance": {"value": NEARBY, "unit": "mm"}},
     }
 
 
