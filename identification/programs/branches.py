@@ -64,9 +64,8 @@ class Branches:
         rows = np.arange(len(poses))
         for start in self._starts:
             self._attempt(poses, rows, np.broadcast_to(start, (len(rows), len(start))), out)
-            rows = np.array(
-                [k for k in rows if not self._has(out[k], wanted[k], configuration)], dtype=np.intp
-            )
+            left = [k for k in rows.tolist() if not self._has(out[k], wanted[k], configuration)]
+            rows = np.array(left, dtype=np.intp)
             if not len(rows):
                 break
         known = [(k, flipped(q)) for k in rows for q in out[k]]

@@ -24,8 +24,11 @@ _LOCKED = 1e-9
 class Form(Protocol):
     """How a pose is written. ``decimals`` (k,): at least so many are written of each number; ``words`` names the numbers."""
 
-    decimals: tuple[int, ...]
-    words: str
+    @property
+    def decimals(self) -> tuple[int, ...]: ...
+
+    @property
+    def words(self) -> str: ...
 
     def poses(self, numbers: Array) -> Array:
         """(n, 4, 4), mm, of numbers (n, k)."""

@@ -108,7 +108,8 @@ class Frames:
         return out
 
     def _pose(self, numbers: Array) -> Array:
-        return self._program.form.poses(numbers[None, :])[0]
+        out: Array = self._program.form.poses(numbers[None, :])[0]
+        return out
 
 
 def shown_name(name: str) -> str:

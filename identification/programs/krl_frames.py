@@ -13,7 +13,7 @@ _SET = re.compile(r"(?i)^[ \t]*\$(BASE|TOOL)\s*=\s*(?P<what>[^\r\n]+?)\s*$")
 _BAS = re.compile(r"(?i)^[ \t]*BAS\s*\(\s*#(BASE|TOOL)\s*,\s*(?P<n>\d+)\s*\)")
 _FDAT_ACT = re.compile(r"(?i)^[ \t]*FDAT_ACT\s*=\s*(?P<name>\w+)")
 _IPO = re.compile(r"(?i)^[ \t]*\$IPO_MODE\s*=\s*#(?P<mode>\w+)")
-_MOTION = re.compile(r"(?i)^[ \t]*(?:S?PTP|S?LIN|S?CIRC|SPL)\b(?P<rest>[^\r\n]*)")
+_MOTION = re.compile(r"(?i)^[ \t]*(?P<how>S?PTP|S?LIN|S?CIRC|SPL)\b(?P<rest>[^\r\n]*)")
 _NAME = re.compile(r"\s*(?:(?P<name>[A-Za-z_]\w*)\s*(?:\[[^\]]*\])?)\s*(?:C_\w+\s*)*(?:WITH\b.*)?")
 _FDAT = re.compile(r"(?i)\bFDAT\s+(?P<name>\w+)\s*=\s*\{(?P<fields>[^{}]*)\}")
 _STATED = re.compile(r"(?P<name>\$?\w+(?:\s*\[\s*\d+\s*\])?)\s*=\s*\{(?P<fields>[^{}]*)\}")
@@ -31,7 +31,7 @@ class Stand:
 
 def fdats(mask: str) -> dict[str, Stand]:
     """Frames of taught points by name: FP1 tells of XP1 and of P1."""
-    out = {}
+    out: dict[str, Stand] = {}
     for m in _FDAT.finditer(mask):
         fields = dict(re.findall(r"(\w+)\s+(#?\w+)", m["fields"].upper()))
         base, tool = (fields.get(f"{which}_NO") for which in ("BASE", "TOOL"))
@@ -53,12 +53,13 @@ def frames(mask: str, file: str) -> dict[str, tuple[float, ...]]:
     return out
 
 
-def uses(mask: str, taught: Mapping[str, Stand], file: str) -> dict[str, set[Stand]]:
+def uses(mask: str, taught: Mapping[str, Stand], file: str) -> dict[str, dict[Stand, bool]]:
     """Frames by the names of points that motions go to, and by ``file@position`` of the constants in motions.
 
-    ``taught`` are those of taught points (``fdats``).
+    Beside each, whether one of the motions goes from point to point: others do not look at status and turn. ``taught`` are
+    the frames of taught points (``fdats``).
     """
-    out: dict[str, set[Stand]] = {}
+    out: dict[str, dict[Stand, bool]] = {}
     stand = Stand(None, None)
     for line in _LINE.finditer(mask):
         text = line.group()
@@ -72,9 +73,13 @@ def uses(mask: str, taught: Mapping[str, Stand], file: str) -> dict[str, set[Sta
             inside = mask.find("{", a, b)
             name = _NAME.fullmatch(piece)
             if inside >= 0 and not mask[a:inside].strip() and closing(mask, inside) is not None:
-                out.setdefault(f"{file}@{inside}", set()).add(stand)
+                key = f"{file}@{inside}"
             elif name is not None:
-                out.setdefault(name["name"].upper(), set()).add(stand)
+                key = name["name"].upper()
+            else:
+                continue
+            held = out.setdefault(key, {})
+            held[stand] = held.get(stand, False) or motion["how"].upper() in ("PTP", "SPTP")
     return out
 
 
@@ -86,14 +91,18 @@ def _after(line: str, start: int, stand: Stand, taught: Mapping[str, Stand], fil
         which = setting[1].upper()
         own = f"${which}@{file}{start + setting.end(1)}"
         name = BASE_ITSELF if what in _NULL else own if what.startswith("{") else what
-        return replace(stand, **{which.lower(): name})
+        return _with(stand, which, name)
     if bas is not None:
-        return replace(stand, **{bas[1].lower(): _numbered(bas[1].upper(), bas["n"])})
+        return _with(stand, bas[1].upper(), _numbered(bas[1].upper(), bas["n"]))
     if act is not None:
         return taught.get(f"X{act['name'].upper().removeprefix('F')}", Stand(None, None))
     if ipo is not None:
         return replace(stand, fixed=ipo["mode"].upper() == "TCP")
     return stand
+
+
+def _with(stand: Stand, which: str, name: str | None) -> Stand:
+    return replace(stand, base=name) if which == "BASE" else replace(stand, tool=name)
 
 
 def _numbered(which: str, number: str | None) -> str | None:

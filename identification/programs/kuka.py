@@ -38,6 +38,7 @@ _TYPED = r"(?:(?:GLOBAL|DECL|CONST)\s+)*(?P<type>POS|E6POS|FRAME|AXIS|E6AXIS)\s+
 _ASSIGNED = re.compile(
     rf"(?i)^\s*(?:(?:GLOBAL|DECL|CONST)\s+)*(?:{_TYPED})?(?P<name>\$?\w+(?:\s*\[[^\]]*\])?(?:\.\w+)*)\s*=\s*$"
 )
+_DECLARED = re.compile(rf"(?im)^[ \t]*{_TYPED}(?P<names>[\w \t,\[\]]+)$")
 _MOTION = re.compile(
     r"(?i)^\s*(?P<how>S?PTP|S?LIN|S?CIRC|SPL|S?(?:PTP|LIN|CIRC)_REL)\b\s*(?P<before>(?:[^,{}]*,|\{[^{}]*\}\s*,)?)\s*$"
 )
@@ -66,8 +67,9 @@ class Kuka:
         taught = fdats(other) | fdats(mask)
         used = uses(mask, taught, _OWN)
         for name, stands in uses(other, taught, _OTHER).items():
-            used.setdefault(name, set()).update(stands)
-        reader = _Reader(mask, lines, found, used, taught)
+            own = used.setdefault(name, {})
+            own |= {stand: ptp or own.get(stand, False) for stand, ptp in stands.items()}
+        reader = _Reader(mask, lines, found, used, taught, _types(mask) | _types(other))
         for start, end in _aggregates(mask):
             begin = max(mask.rfind("\n", 0, start), mask.rfind("\r", 0, start)) + 1
             reader.take(begin, start, end)
@@ -97,6 +99,15 @@ class Kuka:
             found.left.append(Left(lines.of(m.start(1)), shown(m.group(1)), why, computed=True))
 
 
+def _types(mask: str) -> dict[str, str]:
+    """Types of positions by name, of declarations without values."""
+    out = {}
+    for m in _DECLARED.finditer(mask):
+        names = re.findall(r"(\w+)\s*(?:\[[^\]]*\])?", m["names"])
+        out |= {name.upper(): m["type"].upper() for name in names}
+    return out
+
+
 def _aggregates(mask: str) -> Iterator[tuple[int, int]]:
     """Spans of constants in braces, outermost ones."""
     at = 0
@@ -116,8 +127,9 @@ class _Reader:
     mask: str
     lines: Lines
     found: _Found
-    used: dict[str, set[Stand]]
+    used: dict[str, dict[Stand, bool]]
     taught: dict[str, Stand]
+    types: dict[str, str]
 
     def take(self, begin: int, start: int, end: int) -> None:
         """A constant ``[start:end]`` on the line that begins at ``begin``."""
@@ -137,7 +149,7 @@ class _Reader:
             if how.endswith("_REL"):
                 self._leave(line, begin, end, "a relative motion: it starts where the motion before it ended")
                 return
-            self._target(line, how, fields, self.used.get(f"{_OWN}@{start}", set()), begin, end)
+            self._target(line, how, fields, self.used.get(f"{_OWN}@{start}", {}), begin, end)
 
     def _assigned(
         self, assigned: re.Match[str], fields: dict[str, Number], begin: int, end: int, line: int
@@ -147,9 +159,10 @@ class _Reader:
         if _FRAMES.match(name):
             return
         bare = name.partition("[")[0]
-        stands = self.used.get(bare, set())
+        stands = self.used.get(bare, {})
         if bare in self.taught:
-            stands = {self.taught[bare]}
+            stands = {self.taught[bare]: any(stands.values()) or not stands}
+        kind = kind or self.types.get(bare, "")
         if kind == "FRAME" and not stands:
             return  # a base or a tool of the program's own
         if not kind and not stands and not {"S", "T"} & set(fields):
@@ -158,7 +171,7 @@ class _Reader:
         self._target(line, name, fields, stands, begin, end)
 
     def _target(
-        self, line: int, name: str, fields: dict[str, Number], stands: set[Stand], begin: int, end: int
+        self, line: int, name: str, fields: dict[str, Number], stands: dict[Stand, bool], begin: int, end: int
     ) -> None:
         kind: Kind = "joints" if "A1" in fields else "pose"
         names = _JOINTS if kind == "joints" else _POSE
@@ -181,8 +194,9 @@ class _Reader:
         chosen = ("S" in fields, "T" in fields)
         configuration = (fields["S"], fields["T"]) if all(chosen) and kind == "pose" else ()
         numbers = tuple(fields[f] for f in names)
+        loose = bool(stands) and not any(stands.values())
         self.found.targets.append(
-            Target(line, name, kind, numbers, configuration, stand.base, stand.tool, begin)
+            Target(line, name, kind, numbers, configuration, stand.base, stand.tool, begin, loose=loose)
         )
 
     def _is_position(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,11 +50,14 @@ def meant_of(
             continue
         configured = tuple(n.value for n in target.configuration)
         near = before if target.near is None else joint_values(robot, program, target.near)
-        chosen = solutions[k][0].chosen(solutions[k][1], near, program.configuration, configured)
+        branches, q = solutions[k]
+        chosen, held = branches.chosen(q, near, program.configuration, configured), target
+        if chosen.q is None and target.loose and configured:
+            chosen, held = branches.chosen(q, near, None, ()), replace(target, configuration=())
         if chosen.q is None:
             left.append(Left(target.line, target.name, chosen.why))
             continue
-        out.append(Meant(target, told, robot.base @ told.base @ goals[k], chosen.q))
+        out.append(Meant(held, told, robot.base @ told.base @ goals[k], chosen.q))
         before = chosen.q
     return out
 

@@ -49,7 +49,8 @@ class Points:
             )
         kinds = _kinds(machine) if wanted is joints else AXIS_UNITS
         own = {n: _unit(machine, n, kinds[n], units[n], joints=wanted is joints) for n in wanted}
-        targets, left = [], []
+        targets: list[Target] = []
+        left: list[Left] = []
         for line, cells in rows:
             numbers = [_number(text, *cells[place[n]]) if place[n] < len(cells) else None for n in wanted]
             known = tuple(n for n in numbers if n is not None)

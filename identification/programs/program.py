@@ -42,6 +42,7 @@ class Target:
     ``numbers`` are those of its pose in the order of the program's ``Form``, or of its joints; ``configuration`` are those that
     choose among solutions. ``base`` and ``tool`` name the frames it is told in: None is what the user says, ``BASE_ITSELF``
     none. ``place`` is where in the text the program first goes there; ``near`` are joints next to which it goes, as written.
+    ``loose``: the controller does not look at the configuration there, so that no joints need to have it.
     """
 
     line: int
@@ -53,6 +54,7 @@ class Target:
     tool: str | None = None
     place: int = 0
     near: tuple[float, ...] | None = None
+    loose: bool = False
 
 
 @dataclass(frozen=True)

@@ -100,24 +100,25 @@ def _literals(mask: str, statement: _Statement) -> Iterator[tuple[re.Match[str],
 
 
 def _target(
-    mask: str, m: re.Match[str], is_pose: bool, name: str, uses: set[Move], lines: Lines, cell: Cell
+    mask: str, m: re.Match[str], is_pose: bool, name: str, uses: list[Move], lines: Lines, cell: Cell
 ) -> Target | Left:
     numbers = numbers_in(mask, m.start(), m.end())
     line = lines.of(m.start())
     own, configuration, external = (
         (numbers[:7], numbers[7:11], numbers[11:]) if is_pose else (numbers[:6], [], numbers[6:])
     )
-    move = next(iter(uses), Move(None, None))
+    move = uses[0] if uses else Move(None, None)
     why = _reason(is_pose, own, external, uses, move, cell)
     if why is not None:
         return Left(line, f"{name} := {shown(m.group(), 40)}", why)
     kind: Kind = "pose" if is_pose else "joints"
+    loose = bool(uses) and not any(use.checked for use in uses)
     base, tool = _named(move.wobj, "wobj0"), _named(move.tool, "tool0")
-    return Target(line, name, kind, tuple(own), tuple(configuration), base, tool, m.start())
+    return Target(line, name, kind, tuple(own), tuple(configuration), base, tool, m.start(), loose=loose)
 
 
 def _reason(
-    is_pose: bool, own: list[Number], external: list[Number], uses: set[Move], move: Move, cell: Cell
+    is_pose: bool, own: list[Number], external: list[Number], uses: list[Move], move: Move, cell: Cell
 ) -> str | None:
     """Why a literal cannot be corrected."""
     if any(n.value not in _NOT_IN_USE for n in external):
@@ -125,8 +126,8 @@ def _reason(
         return f"external axes are in use ({told})"
     if not is_pose:
         return None
-    if len(uses) > 1:
-        told = "; ".join(sorted(f"{m.wobj or 'wobj0'} with {m.tool or 'tool0'}" for m in uses))
+    if len(set(uses)) > 1:
+        told = "; ".join(sorted(f"{m.wobj or 'wobj0'} with {m.tool or 'tool0'}" for m in set(uses)))
         return f"used with several frames ({told})"
     for name in (move.wobj, move.tool):
         if name is not None and name in cell.moved:
@@ -149,11 +150,11 @@ def _computed(mask: str, lines: Lines) -> Iterator[Left]:
         why = "worked out while the program runs: it gets the correction of its target"
         yield Left(lines.of(m.start()), text, why, computed=True)
     for statement in _statements(mask):
-        m = _CHANGED.match(mask[statement.start : statement.end].rstrip(";"))
-        if m is not None:
-            at = statement.start + m.start("what")
+        changed = _CHANGED.match(mask[statement.start : statement.end].rstrip(";"))
+        if changed is not None:
+            at = statement.start + changed.start("what")
             why = "the program changes a target while it runs; what it writes is not corrected"
-            yield Left(lines.of(at), shown(m["what"]), why, computed=True)
+            yield Left(lines.of(at), shown(changed["what"]), why, computed=True)
 
 
 __all__ = ["Rapid"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,31 +25,33 @@ _WOBJ = re.compile(
     rf"(?i)\bwobjdata\s+(\w+)\s*:=\s*\[\s*(TRUE|FALSE)\s*,\s*(TRUE|FALSE)\s*,\s*{_TEXT}\s*,\s*{_POSE}\s*,\s*{_POSE}\s*\]"
 )
 _TOOL = re.compile(rf"(?i)\btooldata\s+(\w+)\s*:=\s*\[\s*(TRUE|FALSE)\s*,\s*{_POSE}")
-_MOVE = re.compile(r"(?i)(?<![\w.])(?:Move|Search|TriggL|TriggJ|TriggC)[A-Za-z]*\s+(?P<rest>[^;]*)")
+_MOVE = re.compile(r"(?i)(?<![\w.])(?P<how>(?:Move|Search|Trigg)[A-Za-z]*)\s+(?P<rest>[^;]*)")
+_UNCHECKED = re.compile(r"(?i)(?<![\w.])Conf(?P<which>[LJ])\s*\\\s*Off\b")
 _WITH = re.compile(r"(?i)\\\s*WObj\s*:=\s*(\w+)")
 _NAME = re.compile(r"\s*(?P<name>[A-Za-z]\w*)\s*(?:\{[^}]*\})?\s*")
 
 
 @dataclass(frozen=True)
 class Move:
-    """The names of the work object and tool of a motion; None where nothing tells."""
+    """The names of the work object and tool of a motion; None where nothing tells. ``checked``: it looks at configurations."""
 
     wobj: str | None
     tool: str | None
+    checked: bool = field(default=True, compare=False)
 
 
 @dataclass(frozen=True)
 class Moves:
     """Motions by the name (lower case) of their target, and by the place where a literal stands."""
 
-    names: Mapping[str, set[Move]]
+    names: Mapping[str, list[Move]]
     spans: Mapping[tuple[int, int], Move]
 
-    def of_name(self, name: str) -> set[Move]:
-        return self.names.get(name, set())
+    def of_name(self, name: str) -> list[Move]:
+        return self.names.get(name, [])
 
-    def of_place(self, start: int) -> set[Move]:
-        return {move for (a, b), move in self.spans.items() if a <= start < b}
+    def of_place(self, start: int) -> list[Move]:
+        return [move for (a, b), move in self.spans.items() if a <= start < b]
 
 
 @dataclass(frozen=True)
@@ -62,21 +64,27 @@ class Cell:
 
 def moves(mask: str) -> Moves:
     """All motions of a module whose comments and strings are blank."""
-    names: dict[str, set[Move]] = {}
+    names: dict[str, list[Move]] = {}
     spans: dict[tuple[int, int], Move] = {}
+    unchecked = {m["which"].upper() for m in _UNCHECKED.finditer(mask)}
     for m in _MOVE.finditer(mask):
         start, end = m.span("rest")
         pieces = parts(mask, start, end)
         wobj = _WITH.search(mask, start, end)
         positional = [p for p in pieces if not mask[slice(*p)].lstrip().startswith("\\")]
         tool = _NAME.match(mask, positional[-1][0]) if len(positional) > 2 else None
-        move = Move(wobj[1].lower() if wobj else "wobj0", tool["name"].lower() if tool else None)
+        kind = "J" if re.search(r"(?i)J|Abs", m["how"]) else "L"
+        move = Move(
+            wobj[1].lower() if wobj else "wobj0",
+            tool["name"].lower() if tool else None,
+            kind not in unchecked,
+        )
         spans[start, end] = move
         for a, b in positional[:-1]:
             bare = re.sub(r"\\\s*\w+(?:\s*:=\s*\w+)?", "", mask[a:b])
             name = _NAME.fullmatch(bare)
             if name is not None:
-                names.setdefault(name["name"].lower(), set()).add(move)
+                names.setdefault(name["name"].lower(), []).append(move)
     return Moves(names, spans)
 
 

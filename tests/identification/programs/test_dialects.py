@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner, Result
 
-from support.program_robots import arms, joints, machine_file, status_turn
+from support.program_robots import arms, joints, machine_file, quadrants, status_turn
 from truepose.cli import app
 from truepose.identification.programs.dialects import DIALECTS
 from truepose.identification.programs.program import Program
@@ -58,6 +58,8 @@ BAS(#TOOL,5)
 SLIN {X 7,Y 8,Z 9,A 0,B 0,C 0} WITH $VEL.CP=0.2
 P8={X 7,Y 8,Z 9,A 0,B 0,C 0,S 2,T 2}
 P9={X 7,Y 8,Z 9,A 0,B 0,C 0}
+DECL E6POS PA, PB[4]
+PB[1]={X 7,Y 8,Z 9,A 0,B 0,C 0}
 END
 """
 MOD = """MODULE weld
@@ -152,6 +154,7 @@ ENDDAT
         (5, "CIRC", "BASE_DATA[4]", None),
         (17, "SLIN", program.targets[2].base, "TOOL_DATA[5]"),
         (18, "P8", None, None),
+        (21, "PB[1]", None, None),
     ]
     assert program.frames[program.targets[2].base or ""] == (100.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert [line for line, _ in sorted(left(program).items())] == [9, 10, 11, 12, 13, 19]
@@ -313,6 +316,44 @@ def test_a_configuration_that_no_joints_have_is_left_and_said(tmp_path: Path) ->
     said = json.loads(done.stdout)
     assert [one["line"] for one in said["left"]] == [2] and "configuration" in said["left"][0]["why"]
     assert out.splitlines()[1] + "\n" == wrong and said["targets"] == 1
+
+
+def test_motions_that_do_not_look_at_a_configuration_need_none(tmp_path: Path) -> None:
+    """LIN keeps the status that the robot has, whatever a generated program writes; so does MoveL behind ConfL\\Off."""
+    taught = krl(Q)
+    line = re.sub(r"S \d+,T \d+", "S 0,T 0", taught.replace("PTP", "LIN"))
+    for text, count in ((taught + line, 2), (taught + line.replace("LIN", "PTP"), 1)):
+        done, out = run(tmp_path, text, "job.src", "--json")
+        assert json.loads(done.stdout)["targets"] == count
+    assert "S 0,T 0" in out
+    x, y, z, w = Rotation.from_matrix(DRAWN.pose(Q)[:3, :3]).as_quat().tolist()
+    pose = f"[{POSITION.tolist()},{[w, x, y, z]}"
+    first, other = (
+        f"{pose},{cf},[9E9,9E9,9E9,9E9,9E9,9E9]]" for cf in (list(quadrants(DRAWN, Q)), [3, 3, 3, 0])
+    )
+    moves = f"MoveL {first},v100,fine,tool0x;\nMoveL {other},v100,fine,tool0x;\n"
+    for head, count in (("ConfL\\Off;\n", 2), ("", 1)):
+        done, _ = run(tmp_path, head + moves, "job.mod", "--json")
+        assert json.loads(done.stdout)["targets"] == count
+
+
+def test_points_of_a_module_s_own_offsets_are_told_how_far_off_they_are(tmp_path: Path) -> None:
+    """The correction 100 mm beside a target, by numpy, differs from the target's by no more than is said."""
+    x, y, z, w = Rotation.from_matrix(DRAWN.pose(Q)[:3, :3]).as_quat().tolist()
+    literal = f"[{POSITION.tolist()},{[w, x, y, z]},{list(quadrants(DRAWN, Q))},[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    text = f"CONST robtarget p1:={literal};\nMoveL p1,v100,fine,gun;\nMoveL Offs(p1,0,0,100),v100,fine,gun;\n"
+    done, _ = run(tmp_path, text, "job.mod", "--json")
+    said = json.loads(done.stdout)["nearby"]
+    changes = []
+    for height in (0.0, 100.0):
+        goal = DRAWN.pose(Q)
+        goal[2, 3] += height
+        command = REAL.inverse(goal, DRAWN.inverse(goal, Q))
+        changes.append(DRAWN.pose(command)[:3, 3] - goal[:3, 3])
+    apart = float(np.linalg.norm(changes[1] - changes[0]))
+    assert 0.0 < apart <= said["value"] * (1 + 1e-6) < 20 * apart and said["distance"]["value"] == 100.0
+    spoken, _ = run(tmp_path, text, "job.mod")
+    assert "100 mm away it should be another by up to" in spoken.stderr
 
 
 def test_large_corrections_are_pointed_out(tmp_path: Path) -> None:
