@@ -80,7 +80,7 @@ def _lumps(machine: Machine, tree: Tree, tool: str) -> dict[str, Lump]:
         if mass.kg > 0.0:
             body = tool if mass.body == "tool" else mass.body
             points.setdefault(body, []).append((mass.kg, _centre(mass, tree)))
-    return {body: _lump(held) for body, held in points.items()}
+    return {body: lump_of(held) for body, held in points.items()}
 
 
 def _centre(mass: Mass, tree: Tree) -> Array:
@@ -90,7 +90,7 @@ def _centre(mass: Mass, tree: Tree) -> Array:
     return out
 
 
-def _lump(points: Sequence[tuple[float, Array]]) -> Lump:
+def lump_of(points: Sequence[tuple[float, Array]]) -> Lump:
     """Points of kg at places (3,) mm as one."""
     total = sum(kg for kg, _ in points)
     centre = np.sum([kg * at for kg, at in points], axis=0) / total
@@ -101,4 +101,4 @@ def _lump(points: Sequence[tuple[float, Array]]) -> Lump:
     return Lump(total, centre / MM_PER_M, spread)
 
 
-__all__ = ["Links", "Lump", "Names", "links_of"]
+__all__ = ["Links", "Lump", "Names", "links_of", "lump_of"]

@@ -29,19 +29,10 @@ _LEAST = ("1e-06", "1e-09")
 def mjcf_text(machine: Machine, tree: Tree, notes: Sequence[str]) -> str:
     """The model; ``notes`` stand in comments at its head. The tool's site is named like the tool's link in the URDF."""
     links = links_of(machine, tree)
-    root = ElementTree.Element("mujoco", model=machine.name)
-    for line in (*_STATED, *notes):
-        root.append(ElementTree.Comment(f" {in_comment(line)} "))
-    mass, inertia = _LEAST
-    compiler = {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false", "balanceinertia": "true"}
-    ElementTree.SubElement(root, "compiler", {**compiler, "boundmass": mass, "boundinertia": inertia})
-    if machine.gravity is not None:  # told in the base's frame
-        world_gravity = tree.world[:3, :3] @ np.array(machine.gravity)
-        ElementTree.SubElement(root, "option", gravity=text(*cleaned(world_gravity)))
-    world = ElementTree.SubElement(root, "worldbody")
+    root, world = model_head(machine, tree.world, notes)
     bodies = _bodies(world, links)
     for name, lump in links.lumps.items():
-        bodies[name].insert(0, _inertial(lump))
+        bodies[name].insert(0, inertial(lump))
     ElementTree.SubElement(bodies[links.tool], "site", name=links.tool)
     equality = [_following(joint, links.slides) for joint in links.joints if joint.follows is not None]
     if equality:
@@ -50,18 +41,34 @@ def mjcf_text(machine: Machine, tree: Tree, notes: Sequence[str]) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
+def model_head(
+    machine: Machine, world_base: Array, notes: Sequence[str]
+) -> tuple[ElementTree.Element, ElementTree.Element]:
+    """The element ``mujoco`` with comments, settings and gravity, and its ``worldbody``, the sensor's frame."""
+    root = ElementTree.Element("mujoco", model=machine.name)
+    for line in (*_STATED, *notes):
+        root.append(ElementTree.Comment(f" {in_comment(line)} "))
+    mass, inertia = _LEAST
+    compiler = {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false", "balanceinertia": "true"}
+    ElementTree.SubElement(root, "compiler", {**compiler, "boundmass": mass, "boundinertia": inertia})
+    if machine.gravity is not None:  # told in the base's frame
+        world_gravity = world_base[:3, :3] @ np.array(machine.gravity)
+        ElementTree.SubElement(root, "option", gravity=text(*cleaned(world_gravity)))
+    return root, ElementTree.SubElement(root, "worldbody")
+
+
+def body_in(parent: ElementTree.Element, name: str, pose: Array) -> ElementTree.Element:
+    """A body at a pose (4, 4) mm inside another's element."""
+    place = {"pos": text(*cleaned(pose[:3, 3] / MM_PER_M)), "quat": text(*quaternion(pose[:3, :3]))}
+    return ElementTree.SubElement(parent, "body", {"name": name, **place})
+
+
 def _bodies(world: ElementTree.Element, links: Links) -> dict[str, ElementTree.Element]:
     """Elements of all links by name, each inside its parent's; the sensor's frame is MuJoCo's own world."""
     root = world if links.root != BASE else ElementTree.SubElement(world, "body", name=BASE)
     out = {links.root: root}
     for joint in links.joints:
-        pose = {
-            "pos": text(*cleaned(joint.origin[:3, 3] / MM_PER_M)),
-            "quat": text(*quaternion(joint.origin[:3, :3])),
-        }
-        body = out[joint.child] = ElementTree.SubElement(
-            out[joint.parent], "body", {"name": joint.child, **pose}
-        )
+        body = out[joint.child] = body_in(out[joint.parent], joint.child, joint.origin)
         if joint.kind != "fixed":
             body.append(_joint(joint))
     return out
@@ -77,7 +84,7 @@ def _joint(joint: TreeJoint) -> ElementTree.Element:
     return out
 
 
-def _inertial(lump: Lump) -> ElementTree.Element:
+def inertial(lump: Lump) -> ElementTree.Element:
     places = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
     inertia = text(*cleaned(np.array([lump.inertia[place] for place in places])))
     where = {"pos": text(*cleaned(lump.centre)), "mass": text(lump.kg)}
@@ -93,4 +100,4 @@ def _following(joint: TreeJoint, slides: Mapping[str, bool]) -> ElementTree.Elem
     return ElementTree.Element("joint", told)
 
 
-__all__ = ["mjcf_text"]
+__all__ = ["body_in", "inertial", "mjcf_text", "model_head"]

@@ -9,9 +9,11 @@ from typing import Literal
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
-from truepose.models.export.held import SAMPLES, Held, Loss, held, loss
+from truepose.models.export.held import SAMPLES, Held, Loss, closed_loss, held, loss
 from truepose.models.export.iso230 import isg_text, iso230_text
 from truepose.models.export.mjcf import mjcf_text
+from truepose.models.export.mjcf_loops import mjcf_loops_text
+from truepose.models.export.standing import standing
 from truepose.models.export.tree import tree_of
 from truepose.models.export.ur_kinematics import ur_kinematics_text
 from truepose.models.export.urdf import urdf_text
@@ -43,6 +45,8 @@ FORMATS: tuple[Format, ...] = tuple(_TITLES)
 _TABLES = ("iso230", "isg-csv")
 _KEPT = 1e-6
 """mm; what a table loses of an effect less than this it holds."""
+_CLOSED = 1e-6
+"""mm; loops that lack less than this close."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,8 @@ def render(machine: Machine, format: Format) -> Exported:
     if format in _TABLES:
         return _tabled(machine, format)
     holding = held(machine)
+    if format == "mjcf" and (machine.mechanism.rods or machine.mechanism.closing):
+        return _looped(machine, holding)
     tree = tree_of(machine, holding.values, _TITLES[format])
     missing = loss(machine, tree, holding.left) if holding.left else Loss({}, 0.0)
     title = _TITLES[format]
@@ -108,6 +114,21 @@ def render(machine: Machine, format: Format) -> Exported:
         text = {"urdf": urdf_text, "xacro": xacro_text, "mjcf": mjcf_text}[format](machine, tree, lines)
     notes = _lines(holding, missing, title, _LISTED)
     return Exported(format, text, missing.each, missing.together, holding.frozen, notes)
+
+
+def _looped(machine: Machine, holding: Held) -> Exported:
+    """A machine with closed loops as MJCF."""
+    at = standing(machine, holding.values, _TITLES["mjcf"])
+    missing = closed_loss(machine, holding.left) if holding.left else Loss({}, 0.0)
+    strained = ()
+    if at.gap > _CLOSED:
+        strained = (
+            f"loops are strained: at home {at.gap:.3g} mm are left, which MuJoCo's constraints share out in their own way",
+        )
+    lines = (*strained, *_lines(holding, missing, _TITLES["mjcf"], len(machine.effects)))
+    text = mjcf_loops_text(machine, at, lines)
+    notes = (*strained, *_lines(holding, missing, _TITLES["mjcf"], _LISTED))
+    return Exported("mjcf", text, missing.each, missing.together, holding.frozen, notes)
 
 
 def _tabled(machine: Machine, format: Format) -> Exported:
