@@ -59,7 +59,8 @@ class Correction:
     ``drivers`` are the values of the effects' drivers that hold for all targets; ``arrival`` is the largest change of the
     tool (mm) by effects of the direction in which joints arrive, which no target tells; ``assumed`` are names of tools that
     were taken for the machine file's. ``nearby`` (mm) is how much a correction changes over ``NEARBY`` from a target, where the
-    program works points out from targets.
+    program works points out from targets. ``unnamed`` counts poses that were taken in the robot's base, and with the machine
+    file's tool, because neither program nor user told others.
     """
 
     text: str
@@ -69,6 +70,7 @@ class Correction:
     arrival: float
     assumed: tuple[str, ...]
     nearby: float | None
+    unnamed: tuple[int, int]
 
 
 def correct(
@@ -95,8 +97,14 @@ def correct(
     assumed = sorted({shown_name(m.told.assumed) for m in meant if m.told.assumed})
     arrival = robot.arrival(np.array([m.q for m in meant])) if meant else 0.0
     nearby = _nearby(robot, meant) if any(one.computed for one in left) else None
+    given = cell or Cell()
+    poses = [m.target for m in meant if m.target.kind == "pose"]
+    bare = sum(t.base is None for t in poses) * (given.base is None)
+    unnamed = (bare, sum(t.tool is None for t in poses) * (given.tool is None))
     text = _edited(program.text, done)
-    return Correction(text, tuple(done), in_order(left), robot.drivers, arrival, tuple(assumed), nearby)
+    return Correction(
+        text, tuple(done), in_order(left), robot.drivers, arrival, tuple(assumed), nearby, unnamed
+    )
 
 
 def _check(machine: Machine, program: Program) -> None:

@@ -101,7 +101,7 @@ class Kuka:
 
 def _types(mask: str) -> dict[str, str]:
     """Types of positions by name, of declarations without values."""
-    out = {}
+    out: dict[str, str] = {}
     for m in _DECLARED.finditer(mask):
         names = re.findall(r"(\w+)\s*(?:\[[^\]]*\])?", m["names"])
         out |= {name.upper(): m["type"].upper() for name in names}

@@ -25,7 +25,9 @@ _WOBJ = re.compile(
     rf"(?i)\bwobjdata\s+(\w+)\s*:=\s*\[\s*(TRUE|FALSE)\s*,\s*(TRUE|FALSE)\s*,\s*{_TEXT}\s*,\s*{_POSE}\s*,\s*{_POSE}\s*\]"
 )
 _TOOL = re.compile(rf"(?i)\btooldata\s+(\w+)\s*:=\s*\[\s*(TRUE|FALSE)\s*,\s*{_POSE}")
-_MOVE = re.compile(r"(?i)(?<![\w.])(?P<how>(?:Move|Search|Trigg)[A-Za-z]*)\s+(?P<rest>[^;]*)")
+_MOVE = re.compile(
+    r"(?i)(?<![\w.])(?P<how>(?:Move|Search|Trigg|Arc|Spot|Disp|Paint|Cap)[A-Za-z]*)(?:\s+|(?=\\))(?P<rest>[^;]*)"
+)
 _UNCHECKED = re.compile(r"(?i)(?<![\w.])Conf(?P<which>[LJ])\s*\\\s*Off\b")
 _WITH = re.compile(r"(?i)\\\s*WObj\s*:=\s*(\w+)")
 _NAME = re.compile(r"\s*(?P<name>[A-Za-z]\w*)\s*(?:\{[^}]*\})?\s*")
@@ -72,7 +74,7 @@ def moves(mask: str) -> Moves:
         pieces = parts(mask, start, end)
         wobj = _WITH.search(mask, start, end)
         positional = [p for p in pieces if not mask[slice(*p)].lstrip().startswith("\\")]
-        tool = _NAME.match(mask, positional[-1][0]) if len(positional) > 2 else None
+        tool = _NAME.match(mask, _tool_at(mask, m["how"], positional)) if len(positional) > 2 else None
         kind = "J" if re.search(r"(?i)J|Abs", m["how"]) else "L"
         move = Move(
             wobj[1].lower() if wobj else "wobj0",
@@ -86,6 +88,15 @@ def moves(mask: str) -> Moves:
             if name is not None:
                 names.setdefault(name["name"].lower(), []).append(move)
     return Moves(names, spans)
+
+
+def _tool_at(mask: str, how: str, positional: list[tuple[int, int]]) -> int:
+    """Where the tool's name stands: before its work object, else last, but for signals and calls behind it."""
+    for a, b in positional:
+        if _WITH.search(mask, a, b):
+            return a
+    behind = 2 if re.search(r"(?:DO|AO|GO)$", how, re.I) else 1 if how.lower().endswith("sync") else 0
+    return positional[max(len(positional) - 1 - behind, 0)][0]
 
 
 def cell_of(text: str, mask: str) -> Cell:

@@ -64,6 +64,13 @@ def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[
             "points that the program works out from a target get that target's correction: "
             f"{NEARBY:g} mm away it should be another by up to {found.nearby:.3g} mm"
         )
+    bare, toolless = found.unnamed
+    if bare:
+        out.append(f"poses that name no base ({bare}) stand in the robot's own; --base tells another")
+    if toolless:
+        out.append(
+            f"poses that name no tool ({toolless}) are the machine file's tool's; --tool tells another"
+        )
     if found.assumed:
         out.append(
             f"taken for the machine file's tool: {', '.join(found.assumed)}; --frame NAME=... gives another"
@@ -100,6 +107,8 @@ def correction_json(found: Correction, limit: Limit) -> dict[str, object]:
         ],
         "reconfigured": [one.target.line for one in found.done if one.reconfigured],
         "assumed_tools": list(found.assumed),
+        "without_base": found.unnamed[0],
+        "without_tool": found.unnamed[1],
         "drivers": dict(found.drivers),
         "arrival": {"value": found.arrival, "unit": "mm"},
         "nearby": None

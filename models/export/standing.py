@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.models.assembly import assemble, axis_of, frame_of, placed_frame, rod_ends, tool_on_flange
+from truepose.models.export.tree import check_links
 from truepose.models.kinematics import assembled_home, symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Joint
@@ -77,19 +78,7 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
         raise InputError(
             f"{machine.name}: found loops of flexures, expected ideal joints: {what} holds no joint that bends"
         )
-    mounts = {mount.name for mount in machine.mounts}
-    hung = [mass.name for mass in machine.masses if mass.body in mounts]
-    if hung:
-        raise InputError(
-            f"{machine.name}: masses.{hung[0]}: found a mass in a further frame, expected one in a body for {what}"
-        )
-    for actuator in mechanism.actuators:
-        gain = values[actuator.gain] if actuator.gain else 1.0
-        if gain != 1.0 or actuator.reading_unit != actuator.unit:
-            raise InputError(
-                f"{machine.name}: joint {actuator.reading!r}: found a gain of {gain:g} {actuator.unit} per "
-                f"{actuator.reading_unit}, expected readings in mm and rad with gain 1 for {what}"
-            )
+    check_links(machine, values, what)
     if mechanism.followers:
         raise InputError(
             f"{machine.name}: joint {mechanism.followers[0].joint!r}: found a joint that follows others in a machine with "

@@ -150,13 +150,18 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
         raise InputError(
             f"{machine.name}: joint {computed[0]!r}: found a joint that a formula moves, expected a ratio to another for {what}"
         )
+    check_links(machine, values, what)
+
+
+def check_links(machine: Machine, values: Mapping[str, float], what: str) -> None:
+    """Raises InputError, which ``what`` opens, for masses in further frames and for readings in units of their own."""
     held = {mount.name for mount in machine.mounts}
     hung = [mass.name for mass in machine.masses if mass.body in held]
     if hung:
         raise InputError(
             f"{machine.name}: masses.{hung[0]}: found a mass in a further frame, expected one in a body for {what}"
         )
-    for actuator in mechanism.actuators:
+    for actuator in machine.mechanism.actuators:
         gain = values[actuator.gain] if actuator.gain else 1.0
         if gain != 1.0 or actuator.reading_unit != actuator.unit:
             raise InputError(

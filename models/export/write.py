@@ -120,11 +120,9 @@ def _looped(machine: Machine, holding: Held) -> Exported:
     """A machine with closed loops as MJCF."""
     at = standing(machine, holding.values, _TITLES["mjcf"])
     missing = closed_loss(machine, holding.left) if holding.left else Loss({}, 0.0)
-    strained = ()
-    if at.gap > _CLOSED:
-        strained = (
-            f"loops are strained: at home {at.gap:.3g} mm are left, which MuJoCo's constraints share out in their own way",
-        )
+    strained = [
+        f"loops are strained: at home {at.gap:.3g} mm are left, which MuJoCo's constraints share out in their own way"
+    ] * (at.gap > _CLOSED)
     lines = (*strained, *_lines(holding, missing, _TITLES["mjcf"], len(machine.effects)))
     text = mjcf_loops_text(machine, at, lines)
     notes = (*strained, *_lines(holding, missing, _TITLES["mjcf"], _LISTED))

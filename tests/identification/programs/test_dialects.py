@@ -78,12 +78,16 @@ MOD = """MODULE weld
   CONST robtarget part:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
   CONST robtarget spun:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
   CONST robtarget odd:=[[1,2,3],[0.5,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget arc:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget sets:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
   CONST jointtarget home:=[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
   PROC main()
     TPWrite "MoveL p10";
     MoveAbsJ home\\NoEOffs,v500,fine,tool0;
     MoveL p10,v100\\V:=50,z10,gun\\WObj:=fix;
     MoveC many{1},many{2},v100,fine,gun;
+    ArcL\\On,arc,v100,seam1,weld1\\Weave:=w,fine,gun\\WObj:=fix;
+    MoveLDO sets,v100,z10,gun,do1,1;
     MoveL Offs(p10,0,0,50),v100,z10,gun\\WObj:=fix;
     MoveL twice,v100,z10,gun\\WObj:=fix;
     MoveL twice,v100,z10,gun;
@@ -176,8 +180,10 @@ def test_targets_of_a_rapid_module_and_the_frames_they_go_by(machine: Machine) -
         (6, "p10", "fix", "gun"),
         (9, "many", "", "gun"),
         (10, "many", "", "gun"),
-        (17, "home", "", ""),
-        (28, "literal", "cell", "gun"),
+        (17, "arc", "fix", "gun"),
+        (18, "sets", "", "gun"),
+        (19, "home", "", ""),
+        (32, "literal", "cell", "gun"),
     ]
     assert [n.text for n in program.targets[0].numbers] == ["400", "1.5", "2E2", "1", "0", "0", "0"]
     # a quarter turn about z, 50 mm along y of the user frame
@@ -189,8 +195,8 @@ def test_targets_of_a_rapid_module_and_the_frames_they_go_by(machine: Machine) -
         14: "held: the robot holds this work object",
         15: "turning: a mechanical unit moves this work object",
         16: "its quaternion's square is 0.25, not 1",
-        23: "worked out while the program runs: it gets the correction of its target",
-        29: "the program changes a target while it runs; what it writes is not corrected",
+        27: "worked out while the program runs: it gets the correction of its target",
+        33: "the program changes a target while it runs; what it writes is not corrected",
     }
 
 
