@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner, Result
 
-from support.program_robots import arms, difference, frame, joints, machine_file, quadrants, status_turn
+from support.program_robots import (
+    arms,
+    difference,
+    frame,
+    joints,
+    machine_file,
+    numbers_of,
+    quadrants,
+    status_turn,
+)
 from truepose.cli import app
 
 Array = NDArray[np.float64]
@@ -223,18 +232,6 @@ def test_a_table_of_poses_is_corrected_cell_by_cell(tmp_path: Path) -> None:
 
 WOBJ = frame((400.0, -120.0, 35.0, 10.0, -20.0, 75.0))
 GUN = frame((30.0, 0.0, 150.0, 0.0, 80.0, 15.0))
-
-
-def numbers_of(pose: Array, how: str) -> str:
-    turn = Rotation.from_matrix(pose[:3, :3])
-    x, y, z = pose[:3, 3].tolist()
-    if how == "kuka":
-        a, b, c = turn.as_euler("ZYX", degrees=True).tolist()
-        return f"{{X {x!r},Y {y!r},Z {z!r},A {a!r},B {b!r},C {c!r}}}"
-    if how == "rapid":
-        i, j, k, w = turn.as_quat().tolist()
-        return f"[[{x!r},{y!r},{z!r}],[{w!r},{i!r},{j!r},{k!r}]]"
-    return "p[" + ", ".join(repr(float(v)) for v in [x / 1000, y / 1000, z / 1000, *turn.as_rotvec()]) + "]"
 
 
 FRAMED = {

@@ -163,3 +163,16 @@ def quadrants(arm: Arm, q: Array) -> tuple[int, int, int, int]:
     overhead, elbow, wrist = shape(arm, q)
     cf1, cf4, cf6 = (int(np.floor(q[k] / (np.pi / 2))) for k in (0, 3, 5))
     return cf1, cf4, cf6, 4 * overhead + 2 * elbow + wrist
+
+
+def numbers_of(pose: Array, how: str) -> str:
+    """A pose (4, 4) in mm as a dialect writes it, with every digit."""
+    turn = Rotation.from_matrix(pose[:3, :3])
+    x, y, z = pose[:3, 3].tolist()
+    if how == "kuka":
+        a, b, c = turn.as_euler("ZYX", degrees=True).tolist()
+        return f"{{X {x!r},Y {y!r},Z {z!r},A {a!r},B {b!r},C {c!r}}}"
+    if how == "rapid":
+        i, j, k, w = turn.as_quat().tolist()
+        return f"[[{x!r},{y!r},{z!r}],[{w!r},{i!r},{j!r},{k!r}]]"
+    return "p[" + ", ".join(repr(float(v)) for v in [x / 1000, y / 1000, z / 1000, *turn.as_rotvec()]) + "]"
