@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -44,16 +45,19 @@ class Move:
 
 @dataclass(frozen=True)
 class Moves:
-    """Motions by the name (lower case) of their target, and by the place where a literal stands."""
+    """Motions by the name (lower case) of their target, and in the order of the text, from ``starts`` to ``ends``."""
 
     names: Mapping[str, list[Move]]
-    spans: Mapping[tuple[int, int], Move]
+    starts: list[int]
+    ends: list[int]
+    moves: list[Move]
 
     def of_name(self, name: str) -> list[Move]:
         return self.names.get(name, [])
 
     def of_place(self, start: int) -> list[Move]:
-        return [move for (a, b), move in self.spans.items() if a <= start < b]
+        k = bisect.bisect_right(self.starts, start) - 1
+        return [self.moves[k]] if k >= 0 and start < self.ends[k] else []
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class Cell:
 def moves(mask: str) -> Moves:
     """All motions of a module whose comments and strings are blank."""
     names: dict[str, list[Move]] = {}
-    spans: dict[tuple[int, int], Move] = {}
+    spans: list[tuple[int, int, Move]] = []
     unchecked = {m["which"].upper() for m in _UNCHECKED.finditer(mask)}
     for m in _MOVE.finditer(mask):
         start, end = m.span("rest")
@@ -81,13 +85,13 @@ def moves(mask: str) -> Moves:
             tool["name"].lower() if tool else None,
             kind not in unchecked,
         )
-        spans[start, end] = move
+        spans.append((start, end, move))
         for a, b in positional[:-1]:
             bare = re.sub(r"\\\s*\w+(?:\s*:=\s*\w+)?", "", mask[a:b])
             name = _NAME.fullmatch(bare)
             if name is not None:
                 names.setdefault(name["name"].lower(), []).append(move)
-    return Moves(names, spans)
+    return Moves(names, [s for s, _, _ in spans], [e for _, e, _ in spans], [move for *_, move in spans])
 
 
 def _tool_at(mask: str, how: str, positional: list[tuple[int, int]]) -> int:

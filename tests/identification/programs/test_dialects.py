@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from typer.testing import CliRunner, Result
 
 from support.program_robots import arms, joints, machine_file, quadrants, status_turn
 from truepose.cli import app
+from truepose.errors import InputError
 from truepose.identification.programs.dialects import DIALECTS
 from truepose.identification.programs.program import Program
 from truepose.models.load import load_machine
@@ -281,6 +283,33 @@ def run(
         app, ["compensate", str(machine), str(where / file), "-o", str(out), "--anyway", *options]
     )
     return done, out.read_text() if out.exists() else ""
+
+
+PIECES = """{ } [ ] ( ) , ; : = ! # ' " \\ . := X 1|Y|A1 2|S|T 9|-1.5e3|\xe9|1,2,3,4,5,6|LIN|PTP|CIRC|DECL E6POS P|FDAT F|$BASE|$TOOL
+BAS(#BASE,1)|CONST robtarget p|jointtarget|[1,2,3]|[1,0,0,0]|[0,0,0,0]|[9E9,9E9,9E9,9E9,9E9,9E9]|MoveL p|MoveAbsJ|\\WObj:=w
+Offs(|wobjdata w|tooldata t|p[1,2,3,4,5,6]|[1,2,3,4,5,6]|movel(|movec(|get_inverse_kin(|pose_trans(|set_tcp(|p1|x,y,z,rx,ry,rz"""
+TEXTS = st.lists(
+    st.sampled_from(["\n", "\r\n", " ", *PIECES.split(" ", 17)[:17], *re.split(r"[|\n]", PIECES)]),
+    max_size=25,
+)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(dialect=st.sampled_from(sorted(DIALECTS)), pieces=TEXTS)
+def test_whatever_a_text_says_it_is_read_or_refused(
+    machine: Machine, dialect: str, pieces: list[str]
+) -> None:
+    """No text ends in a traceback, and every number that is found stands where it is said to."""
+    text = "".join(pieces)
+    try:
+        program = DIALECTS[dialect].read(text, machine, text)
+    except InputError:
+        return
+    for target in program.targets:
+        for number in (*target.numbers, *target.configuration):
+            assert text[number.start : number.end] == number.text and np.isfinite(number.value)
+    spans = sorted((n.start, n.end) for t in program.targets for n in (*t.numbers, *t.configuration))
+    assert all(a[1] <= b[0] for a, b in pairwise(spans))
 
 
 def krl(q: NDArray[np.float64]) -> str:
