@@ -285,9 +285,10 @@ def run(
     return done, out.read_text() if out.exists() else ""
 
 
-PIECES = """{ } [ ] ( ) , ; : = ! # ' " \\ . := X 1|Y|A1 2|S|T 9|-1.5e3|\xe9|1,2,3,4,5,6|LIN|PTP|CIRC|DECL E6POS P|FDAT F|$BASE|$TOOL
-BAS(#BASE,1)|CONST robtarget p|jointtarget|[1,2,3]|[1,0,0,0]|[0,0,0,0]|[9E9,9E9,9E9,9E9,9E9,9E9]|MoveL p|MoveAbsJ|\\WObj:=w
-Offs(|wobjdata w|tooldata t|p[1,2,3,4,5,6]|[1,2,3,4,5,6]|movel(|movec(|get_inverse_kin(|pose_trans(|set_tcp(|p1|x,y,z,rx,ry,rz"""
+PIECES = """{ } [ ] ( ) , ; : = ! # ' " \\ . := X 1|Y|A1 2|S|T 9|-1.5e3|\xe9|1,2,3,4,5,6|LIN|PTP|CIRC|DECL E6POS P|FDAT F|$BASE
+$TOOL|BAS(#BASE,1)|CONST robtarget p|jointtarget|[1,2,3]|[1,0,0,0]|[0,0,0,0]|[9E9,9E9,9E9,9E9,9E9,9E9]|MoveL p|MoveAbsJ
+\\WObj:=w|Offs(|wobjdata w|tooldata t|p[1,2,3,4,5,6]|[1,2,3,4,5,6]|movel(|movec(|get_inverse_kin(|pose_trans(|set_tcp(
+p1|x,y,z,rx,ry,rz"""
 TEXTS = st.lists(
     st.sampled_from(["\n", "\r\n", " ", *PIECES.split(" ", 17)[:17], *re.split(r"[|\n]", PIECES)]),
     max_size=25,
