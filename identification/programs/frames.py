@@ -85,7 +85,7 @@ class Frames:
             return self._pose(numbers), None
         if len(self._unknown_tools) > 1:
             return self._missing("for the tool", target.tool)
-        return self._tool, target.tool
+        return self._tool, target.tool if self._tool is None else None
 
     def _missing(self, how: str, name: str) -> str:
         shown = shown_name(name)

@@ -392,6 +392,19 @@ def test_points_of_a_module_s_own_offsets_are_told_how_far_off_they_are(tmp_path
     assert "100 mm away it should be another by up to" in spoken.stderr
 
 
+def test_a_tool_without_numbers_is_the_machine_file_s_unless_the_user_says_another(tmp_path: Path) -> None:
+    text = "$TOOL=TOOL_DATA[7]\n" + krl(Q)
+    done, out = run(tmp_path, text, "job.src", "--json")
+    assert json.loads(done.stdout)["assumed_tools"] == ["TOOL_DATA[7]"]
+    other, moved = run(tmp_path, text, "job.src", "--tool", "12,-7,94,20,-5,3", "--json")
+    assert json.loads(other.stdout)["assumed_tools"] == [] and moved != out
+    two = text + "$TOOL=TOOL_DATA[8]\n" + krl(Q)
+    done, _ = run(tmp_path, two, "job.src")
+    assert (
+        done.exit_code == 2 and "for the tool TOOL_DATA[7], whose numbers are not known here" in done.stderr
+    )
+
+
 def test_large_corrections_are_pointed_out(tmp_path: Path) -> None:
     done, _ = run(tmp_path, krl(Q), "job.src", "--limit", "0.001", "--json")
     (one,) = json.loads(done.stdout)["beyond_limit"]
