@@ -55,7 +55,7 @@ FLOORS = (
         "identification.photogrammetry",
         "identification.compensation",
     ),
-    ("identification.load", "identification.posterior"),
+    ("identification.load", "identification.posterior", "identification.programs"),
     ("identification.signatures",),
     ("identification.check",),
     ("identification.diagnosis",),

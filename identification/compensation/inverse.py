@@ -123,24 +123,27 @@ class PoseSolver:
         x, good = self._loops.assemble(q, z, self.p)
         return self._pose(q, x, z, self.p)[0], good
 
-    def inverse(self, poses: Array, start: Array | None = None, *, restarts: int = RESTARTS) -> Inverse:
+    def inverse(
+        self, poses: Array, start: Array | None = None, *, restarts: int = RESTARTS, rewind: bool = True
+    ) -> Inverse:
         """Readings for sensor-frame ``poses`` (n, 4, 4), from ``start`` (nq,) or (n, nq), by default home.
 
         Poses not met are tried again from ``restarts`` readings spread over the ranges; 0 keeps to the assembly
-        that the start leads to. Raises InputError for what is no pose.
+        that the start leads to. ``rewind`` brings joints by whole turns next to the middle of their ranges; without it
+        they stay on the turn of their start. Raises InputError for what is no pose.
         """
         poses = _checked(poses)
         given = self.model.q_home if start is None else np.asarray(start, dtype=float)
-        best = self._attempt(poses, np.broadcast_to(given, (len(poses), len(self.model.readings))))
+        best = self._attempt(poses, np.broadcast_to(given, (len(poses), len(self.model.readings))), rewind)
         for other in self._spread(restarts):
             left = np.flatnonzero(~best.solved)
             if not len(left):
                 break
-            again = self._attempt(poses[left], np.tile(other, (len(left), 1)))
+            again = self._attempt(poses[left], np.tile(other, (len(left), 1)), rewind)
             best = _better(best, again, left, self.size)
         return best
 
-    def _attempt(self, poses: Array, start: Array) -> Inverse:
+    def _attempt(self, poses: Array, start: Array, rewind: bool) -> Inverse:
         flat = poses.transpose(0, 2, 1).reshape(len(poses), 16)
         nq, unit = start.shape[1], self._unit
 
@@ -151,7 +154,8 @@ class PoseSolver:
 
         x = np.broadcast_to(self.model.home, (len(poses), len(self.model.home)))
         u, gap, settled = _damped_newton(system, np.hstack([start, x]) / unit)
-        q, x = self._wrapped(u[:, :nq] * unit[:nq]), u[:, nq:] * unit[nq:]
+        q, x = u[:, :nq] * unit[:nq], u[:, nq:] * unit[nq:]
+        q = self._wrapped(q) if rewind else q
         position, rotation, closure = np.split(np.abs(gap), [3, 6], axis=1)
         closed = np.max(closure, axis=1, initial=0.0) * self.size <= self._gap
         met = closed & (np.max(position, axis=1) <= MET) & (np.max(rotation, axis=1) <= MET)

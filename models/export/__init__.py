@@ -1,6 +1,8 @@
-"""A calibrated machine in formats of others: a URDF, or the kinematics file of Universal Robots' ROS packages.
+"""A calibrated machine in formats of others.
 
-``write.export`` writes a file. Below it: ``tree`` (the machine as rigid links, with numbers in place of parameters),
-``held`` (which effects such links can hold, and how much the others move the tool), ``urdf`` and ``ur_kinematics``
-(the texts), ``numbers`` (metres, radians and how they are written).
+``write.export`` writes a file. Descriptions of links: ``tree`` (the machine as rigid links, with numbers in place of
+parameters), ``held`` (which effects such links can hold, and how much the others move the tool), ``links`` (all frames and
+masses with their names), and the texts ``urdf``, ``xacro``, ``mjcf`` and ``ur_kinematics``. Machines with loops: ``standing``
+(assembled at home) and ``mjcf_loops``. Tables of axes: ``volumetric`` (errors of each axis by itself, and what they leave) and
+``iso230`` (the texts). ``numbers``: how numbers are written.
 """

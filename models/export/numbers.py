@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 MM_PER_M = 1000.0
@@ -30,6 +31,17 @@ def xyz_rpy(pose: Array) -> tuple[tuple[float, float, float], tuple[float, float
 def clean(value: float) -> float:
     """The value; zero (never minus zero) where it is rounding noise."""
     return value if abs(value) > _NOISE else 0.0
+
+
+def cleaned(values: Array) -> list[float]:
+    """A list of clean values."""
+    return [clean(float(v)) for v in values]
+
+
+def quaternion(rotation: Array) -> list[float]:
+    """(w, x, y, z) of a rotation (3, 3), w >= 0."""
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
+    return cleaned(np.array([w, x, y, z]) * (-1.0 if w < 0 else 1.0))
 
 
 def text(*values: float) -> str:

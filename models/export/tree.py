@@ -54,6 +54,11 @@ class Tree:
 
     def pose(self, readings: Mapping[str, float]) -> Array:
         """Tool in the nominal frame of the base, (4, 4) mm, at readings in mm and rad by joint name."""
+        out: Array = self.links(readings)[self.flange] @ self.tool
+        return out
+
+    def links(self, readings: Mapping[str, float]) -> dict[str, Array]:
+        """Frames (4, 4) mm of all links in the nominal frame of the base, at readings in mm and rad by joint name."""
         links = {BASE: np.eye(4)}
         for joint in self.joints:
             reached = links[joint.parent] @ joint.origin
@@ -61,8 +66,7 @@ class Tree:
             if joint.follows is not None:
                 moved = joint.follows[1] * readings.get(joint.follows[0], 0.0)
             links[joint.child] = reached @ motion(joint, moved)
-        out: Array = links[self.flange] @ self.tool
-        return out
+        return links
 
     def path(self) -> tuple[TreeJoint, ...]:
         """The joints from the base to the flange, in order."""
@@ -146,13 +150,18 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
         raise InputError(
             f"{machine.name}: joint {computed[0]!r}: found a joint that a formula moves, expected a ratio to another for {what}"
         )
+    check_links(machine, values, what)
+
+
+def check_links(machine: Machine, values: Mapping[str, float], what: str) -> None:
+    """Raises InputError, which ``what`` opens, for masses in further frames and for readings in units of their own."""
     held = {mount.name for mount in machine.mounts}
     hung = [mass.name for mass in machine.masses if mass.body in held]
     if hung:
         raise InputError(
             f"{machine.name}: masses.{hung[0]}: found a mass in a further frame, expected one in a body for {what}"
         )
-    for actuator in mechanism.actuators:
+    for actuator in machine.mechanism.actuators:
         gain = values[actuator.gain] if actuator.gain else 1.0
         if gain != 1.0 or actuator.reading_unit != actuator.unit:
             raise InputError(

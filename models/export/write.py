@@ -9,18 +9,44 @@ from typing import Literal
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
-from truepose.models.export.held import SAMPLES, Held, Loss, held, loss
+from truepose.models.export.held import SAMPLES, Held, Loss, closed_loss, held, loss
+from truepose.models.export.iso230 import isg_text, iso230_text
+from truepose.models.export.mjcf import mjcf_text
+from truepose.models.export.mjcf_loops import mjcf_loops_text
+from truepose.models.export.standing import standing
 from truepose.models.export.tree import tree_of
 from truepose.models.export.ur_kinematics import ur_kinematics_text
 from truepose.models.export.urdf import urdf_text
+from truepose.models.export.volumetric import CHECKED, Table, table_of
+from truepose.models.export.xacro import xacro_text
+from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
 
-Format = Literal["urdf", "ur-kinematics"]
-FORMATS: tuple[Format, ...] = ("urdf", "ur-kinematics")
-_SUFFIXES: Mapping[str, Format] = {".urdf": "urdf", ".yaml": "ur-kinematics", ".yml": "ur-kinematics"}
+Format = Literal["urdf", "xacro", "mjcf", "ur-kinematics", "iso230", "isg-csv"]
+_SUFFIXES: Mapping[str, Format] = {
+    ".urdf": "urdf",
+    ".xacro": "xacro",
+    ".xml": "mjcf",
+    ".yaml": "ur-kinematics",
+    ".yml": "ur-kinematics",
+    ".csv": "iso230",
+}
 _LISTED = 5
 """Effects that a note names; the file names all."""
-_TITLES: Mapping[Format, str] = {"urdf": "URDF", "ur-kinematics": "ur-kinematics"}
+_TITLES: Mapping[Format, str] = {
+    "urdf": "URDF",
+    "xacro": "xacro",
+    "mjcf": "MJCF",
+    "ur-kinematics": "ur-kinematics",
+    "iso230": "the volumetric table",
+    "isg-csv": "the volumetric table",
+}
+FORMATS: tuple[Format, ...] = tuple(_TITLES)
+_TABLES = ("iso230", "isg-csv")
+_KEPT = 1e-6
+"""mm; what a table loses of an effect less than this it holds."""
+_CLOSED = 1e-6
+"""mm; loops that lack less than this close."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +66,14 @@ class Exported:
 
 
 def export(machine: Machine, path: Path | str, format: str | None = None) -> Exported:
-    """Write ``machine`` to ``path`` as ``urdf`` or ``ur-kinematics``, by the path's suffix where ``format`` is None.
+    """Write ``machine`` to ``path`` in one of ``FORMATS``, by the path's suffix where ``format`` is None.
 
-    Constants, and effects that are constants, are held exactly; what else is left out is in the result, in ``notes``
-    and, in full, in a comment of the file. The same machine gives the same bytes.
+    In descriptions of links (``urdf``, ``xacro``, ``mjcf``, ``ur-kinematics``) constants, and effects that are constants, are
+    held exactly; in volumetric tables (``iso230``, ``isg-csv``) all that each axis does by itself. What else is left out is in
+    the result, in ``notes`` and, in full, in a comment of the file. The same machine gives the same bytes.
 
-    Raises InputError for an unknown format, the machine's own file, a machine with loops or passive joints, and for
-    ``ur-kinematics`` where the machine is no chain of six revolute joints.
+    Raises InputError for an unknown format, the machine's own file, a machine with loops or passive joints, for
+    ``ur-kinematics`` where the machine is no chain of six revolute joints, and for a table where it has no linear axis.
     """
     chosen = format_of(path, format)
     if machine.file is not None and Path(path).resolve() == machine.file.path.resolve():
@@ -72,14 +99,63 @@ def format_of(path: Path | str, format: str | None) -> Format:
 
 def render(machine: Machine, format: Format) -> Exported:
     """The text of a machine in a format, and what it lacks. Raises InputError as ``export`` does."""
+    if format in _TABLES:
+        return _tabled(machine, format)
     holding = held(machine)
+    if format == "mjcf" and (machine.mechanism.rods or machine.mechanism.closing):
+        return _looped(machine, holding)
     tree = tree_of(machine, holding.values, _TITLES[format])
     missing = loss(machine, tree, holding.left) if holding.left else Loss({}, 0.0)
     title = _TITLES[format]
     lines = _lines(holding, missing, title, len(machine.effects))
-    text = urdf_text(machine, tree, lines) if format == "urdf" else ur_kinematics_text(tree, lines)
+    if format == "ur-kinematics":
+        text = ur_kinematics_text(tree, lines)
+    else:
+        text = {"urdf": urdf_text, "xacro": xacro_text, "mjcf": mjcf_text}[format](machine, tree, lines)
     notes = _lines(holding, missing, title, _LISTED)
     return Exported(format, text, missing.each, missing.together, holding.frozen, notes)
+
+
+def _looped(machine: Machine, holding: Held) -> Exported:
+    """A machine with closed loops as MJCF."""
+    at = standing(machine, holding.values, _TITLES["mjcf"])
+    missing = closed_loss(machine, holding.left) if holding.left else Loss({}, 0.0)
+    strained = [
+        f"loops are strained: at home {at.gap:.3g} mm are left, which MuJoCo's constraints share out in their own way"
+    ] * (at.gap > _CLOSED)
+    lines = (*strained, *_lines(holding, missing, _TITLES["mjcf"], len(machine.effects)))
+    text = mjcf_loops_text(machine, at, lines)
+    notes = (*strained, *_lines(holding, missing, _TITLES["mjcf"], _LISTED))
+    return Exported("mjcf", text, missing.each, missing.together, holding.frozen, notes)
+
+
+def _tabled(machine: Machine, format: Format) -> Exported:
+    """A volumetric table; it holds effects of one axis by itself, between positions as straight lines."""
+    table = table_of(machine)
+    left = {label: size for label, size in table.each.items() if size > _KEPT}
+    frozen = {
+        placed.label: {name: driver_default(machine, name) for name in placed.drivers}
+        for placed in machine.effects
+        if placed.drivers
+    }
+    write = iso230_text if format == "iso230" else isg_text
+    title = _TITLES[format]
+    text = write(machine.name, table, _table_lines(table, left, frozen, title, len(machine.effects)))
+    notes = _table_lines(table, left, frozen, title, _LISTED)
+    return Exported(format, text, left, table.lost[0], frozen, notes)
+
+
+def _table_lines(
+    table: Table, left: Mapping[str, float], frozen: Mapping[str, Mapping[str, float]], title: str, most: int
+) -> tuple[str, ...]:
+    sizes = sorted(left.items(), key=lambda item: -item[1])
+    listed = _listed([f"{label} ({size:.3g} mm)" for label, size in sizes], most)
+    out = [
+        f"{title} leaves up to {table.lost[0]:.3g} mm and {table.lost[1] * 1e6:.3g} urad at the tool, of "
+        f"{table.uncompensated[0]:.3g} mm and {table.uncompensated[1] * 1e6:.3g} urad ({CHECKED} places)"
+        + (f"; it cannot wholly hold: {listed}" if left else "")
+    ]
+    return (*out, *_frozen_lines(frozen, title, most))
 
 
 def _lines(holding: Held, missing: Loss, title: str, most: int) -> tuple[str, ...]:
@@ -92,13 +168,15 @@ def _lines(holding: Held, missing: Loss, title: str, most: int) -> tuple[str, ..
             f"{title} cannot hold, and leaves out: {listed}; together up to {missing.together:.3g} mm at the tool "
             f"({SAMPLES} poses, drivers at their defaults)"
         )
-    if holding.frozen:
-        named = [
-            f"{label} ({', '.join(f'{name} = {value:g}' for name, value in drivers.items())})"
-            for label, drivers in holding.frozen.items()
-        ]
-        out.append(f"{title} holds only at these values of their drivers: {_listed(named, most)}")
-    return tuple(out)
+    return (*out, *_frozen_lines(holding.frozen, title, most))
+
+
+def _frozen_lines(frozen: Mapping[str, Mapping[str, float]], title: str, most: int) -> list[str]:
+    named = [
+        f"{label} ({', '.join(f'{name} = {value:g}' for name, value in drivers.items())})"
+        for label, drivers in frozen.items()
+    ]
+    return [f"{title} holds only at these values of their drivers: {_listed(named, most)}"] if named else []
 
 
 def _listed(items: list[str], most: int) -> str:

@@ -75,6 +75,11 @@ JOINTS = """point,q1,q2,q3,q4,q5,q6
 P1,-31.2,42.0,-18.5,101.0,-40.3,12.0
 P2,-8.0,20.5,-31.0,66.0,-71.9,-88.0
 """
+JOB = """DEF job()
+$BASE=BASE_DATA[1]
+PTP {A1 10.0,A2 20.0,A3 -15.0,A4 30.0,A5 45.0,A6 5.0}
+END
+"""
 
 
 def examples() -> list[str]:
@@ -110,7 +115,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         made = run(["simulate", str(folder / "machine.yaml"), str(folder / "poses.csv"), "-o", str(folder / name), *effect,
                     "--seed", str(seed)])  # fmt: skip
         assert made.exit_code == 0, made.output
-    for name, text in (("kr10.csv", TABLE), ("points.txt", POINTS), ("joints.csv", JOINTS)):
+    for name, text in (("kr10.csv", TABLE), ("points.txt", POINTS), ("joints.csv", JOINTS), ("job.src", JOB)):
         (folder / name).write_text(text, encoding="utf-8")
     points = rng.uniform(-100, 100, (4, 3))
     pd.DataFrame(points, columns=["x", "y", "z"]).assign(point=["P1", "P2", "P3", "P4"]).to_csv(

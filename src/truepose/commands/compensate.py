@@ -18,16 +18,31 @@ from truepose.commands.common import (
     progress,
     reported,
 )
+from truepose.commands.programs import (
+    AtOption,
+    BaseOption,
+    DialectOption,
+    FrameOption,
+    LimitOption,
+    Options,
+    ToolOption,
+    TurnOption,
+    correct_program,
+)
+from truepose.errors import InputError
 from truepose.files import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from truepose.models.machine import Machine
+
 PathArg = Annotated[
     Path,
     typer.Argument(
         metavar="PATH",
-        help="Rows of nominal joint values, or of tool poses x y z rx ry rz in the base frame.",
+        help="Rows of nominal joint values, or of tool poses x y z rx ry rz in the base frame; or a robot program "
+        "(.src .dat .mod .script).",
         show_default=False,
     ),
 ]
@@ -45,6 +60,13 @@ def compensate(
     path: PathArg,
     output: FileOption,
     method: MethodOption = "exact",
+    dialect: DialectOption = None,
+    base: BaseOption = None,
+    tool: ToolOption = None,
+    frame: FrameOption = None,
+    at: AtOption = None,
+    limit: LimitOption = 5.0,
+    limit_angle: TurnOption = 1.0,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -52,16 +74,17 @@ def compensate(
     """Commands that put the real tool where nominal joints and links, with the calibrated tool, would put it.
 
     MACHINE is a calibrated.yaml or improved.yaml; its effects use the path's drivers (payload, temperatures, time).
-    The path's table comes back with the joints' columns corrected.
+    A table comes back with the joints' columns corrected. In a robot program (KUKA .src and .dat, ABB .mod, URScript) the
+    numbers of the targets are corrected where they stand and nothing else changes; what cannot be corrected is listed by line.
 
     Example: truepose compensate fit/calibrated.yaml path.csv -o commands.csv
+
+    Example: truepose compensate fit/calibrated.yaml job.src -o job_corrected.src --frame "BASE_DATA[1]=800,0,400,0,0,0"
     """
+    options = Options(dialect, base, tool, frame or (), at or (), limit, limit_angle)
     with reported(plugin):
-        from truepose.identification.compensation import compensate as compensation
-        from truepose.identification.compensation.path_table import commands, load_path
-        from truepose.identification.prediction.predict import unheard
-        from truepose.identification.report.applied_words import check_applicable, expected_words, pose_json
-        from truepose.identification.report.compensation_words import compensation_json, compensation_lines
+        from truepose.identification.programs.dialects import dialect_of
+        from truepose.identification.report.applied_words import check_applicable
         from truepose.models.load import load_machine
 
         check_file(output)
@@ -69,14 +92,34 @@ def compensate(
             loaded = load_machine(machine)
             if not anyway:
                 check_applicable(loaded)
-            table, rows = load_path(loaded, path)
-            found = compensation.compensate(loaded, rows, method=method)  # type: ignore[arg-type]
-            _write(output, commands(table, loaded, found))
-        how = {"method": method, "solved_by": found.solved_by}
-        summary = {"command": "compensate", **how, **compensation_json(found), "files": [str(output)]}
-        summary |= {"expected_pose": pose_json(loaded)}
-        lines = [*compensation_lines(found, output), f"  {expected_words(loaded)}"]
-        finish(summary, lines, [*rows.notes, *unheard(loaded, rows)], as_json=as_json)
+            known = dialect_of(path, dialect)
+            if known is None:
+                options.unused()
+                summary, lines, notes = _compensate_table(loaded, path, output, method)
+            elif method != "exact":
+                raise InputError(f"--method: found {method!r} with a robot program, expected exact")
+            else:
+                summary, lines, notes = correct_program(loaded, known, path, output, options)
+        summary = {"command": "compensate", **summary, "files": [str(output)]}
+        finish(summary, lines, notes, as_json=as_json)
+
+
+def _compensate_table(
+    machine: Machine, path: Path, output: Path, method: str
+) -> tuple[dict[str, object], list[str], list[str]]:
+    """Write the commands for a table of joints or poses; summary, lines and notes."""
+    from truepose.identification.compensation import compensate as compensation
+    from truepose.identification.compensation.path_table import commands, load_path
+    from truepose.identification.prediction.predict import unheard
+    from truepose.identification.report.applied_words import expected_words, pose_json
+    from truepose.identification.report.compensation_words import compensation_json, compensation_lines
+
+    table, rows = load_path(machine, path)
+    found = compensation.compensate(machine, rows, method=method)  # type: ignore[arg-type]
+    _write(output, commands(table, machine, found))
+    summary = {"method": method, "solved_by": found.solved_by, **compensation_json(found)}
+    lines = [*compensation_lines(found, output), f"  {expected_words(machine)}"]
+    return summary | {"expected_pose": pose_json(machine)}, lines, [*rows.notes, *unheard(machine, rows)]
 
 
 def _write(path: Path, frame: pd.DataFrame) -> None:

@@ -20,13 +20,19 @@ from truepose.commands.common import (
 OutputOption = Annotated[
     Path,
     typer.Option(
-        "-o", "--output", metavar="FILE", help="File to write (.urdf or .yaml).", show_default=False
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="File to write (.urdf, .xacro, .xml, .yaml or .csv).",
+        show_default=False,
     ),
 ]
 FormatOption = Annotated[
     str | None,
     typer.Option(
-        "--format", help="Format; where not given, the file's suffix tells.", metavar="urdf|ur-kinematics"
+        "--format",
+        help="Format; where not given, the file's suffix tells (.xml mjcf, .yaml ur-kinematics, .csv iso230).",
+        metavar="urdf|xacro|mjcf|ur-kinematics|iso230|isg-csv",
     ),
 ]
 
@@ -38,11 +44,14 @@ def export(
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
-    """The calibrated geometry as a URDF, or as the kinematics file of Universal Robots' ROS packages.
+    """The calibrated machine as URDF, xacro, MuJoCo's MJCF, a UR kinematics file, or a volumetric table after ISO 230-1.
 
-    Effects that are no constants fit in neither: they are left out, with a note that says how far that moves the tool.
+    Effects that are no constants fit in no description of links, and a table of axes holds none that couples them: what a
+    format leaves out is noted, with how far that moves the tool. isg-csv is the table as ISG kernels and TwinCAT CNC read it.
 
     Example: truepose export fit/calibrated.yaml -o arm.urdf
+
+    Example: truepose export fit/calibrated.yaml -o arm.xml
     """
     with reported(plugin):
         from truepose.models.export.write import export as write

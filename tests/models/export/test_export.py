@@ -357,7 +357,7 @@ def test_the_same_machine_gives_the_same_bytes(tmp_path: Path) -> None:
         (
             "arm",
             "out.txt",
-            r"found the suffix '\.txt', expected \.urdf, \.yaml, \.yml, or --format urdf\|ur-kinematics",
+            r"found the suffix '\.txt', expected \.urdf, \.xacro, \.xml, \.yaml, .*--format urdf\|xacro\|mjcf\|",
         ),
     ],
 )

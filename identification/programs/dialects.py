@@ -1,0 +1,76 @@
+"""The dialects by name and by a file's ending and words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from truepose.errors import InputError
+from truepose.identification.programs.kuka import Kuka
+from truepose.identification.programs.points import Points
+from truepose.identification.programs.program import Dialect
+from truepose.identification.programs.rapid import Rapid
+from truepose.identification.programs.urscript import UrScript
+
+DIALECTS: Mapping[str, Dialect] = {d.name: d for d in (Kuka(), Rapid(), UrScript(), Points())}
+_SUFFIXES = {
+    ".src": "kuka",
+    ".dat": "kuka",
+    ".sub": "kuka",
+    ".mod": "rapid",
+    ".modx": "rapid",
+    ".prg": "rapid",
+    ".sys": "rapid",
+    ".sysx": "rapid",
+    ".script": "urscript",
+    ".urscript": "urscript",
+}
+_KRL = re.compile(rb"(?im)^\s*(?:&ACCESS|DEFDAT|DEF\s)|\{\s*(?:X|A1)\s+[-+.\d]")
+_BESIDE = {".src": ".dat", ".dat": ".src"}
+
+
+def dialect_of(path: Path, name: str | None = None) -> Dialect | None:
+    """The dialect that is named, or that a file's ending means; None where it means a table.
+
+    A .dat is KUKA's where its text is. Raises InputError for a name that there is not.
+    """
+    if name is not None:
+        if name not in DIALECTS:
+            raise InputError(f"--dialect: found {name!r}, expected {', '.join(DIALECTS)}")
+        return DIALECTS[name]
+    known = _SUFFIXES.get(path.suffix.lower())
+    if path.suffix.lower() == ".dat" and not _KRL.search(_bytes(path)):
+        return None
+    return None if known is None else DIALECTS[known]
+
+
+def text_of(path: Path) -> str:
+    """A program's text, one character a byte. Raises InputError for UTF-16, and for what cannot be read."""
+    data = _bytes(path)
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data:
+        raise InputError(
+            f"{path}: found UTF-16 or binary data, expected a program in ASCII, Latin-1 or UTF-8"
+        )
+    return data.decode("latin-1")
+
+
+def beside(path: Path) -> str | None:
+    """The text of the file that belongs to a KUKA program: its .dat to a .src, and the other way."""
+    other = _BESIDE.get(path.suffix.lower())
+    if other is None:
+        return None
+    for found in sorted(path.parent.glob("*")):
+        if found.stem == path.stem and found.suffix.lower() == other:
+            return text_of(found)
+    return None
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as exc:
+        raise InputError(f"{path}: cannot read the file: {exc.strerror}") from exc
+
+
+__all__ = ["DIALECTS", "beside", "dialect_of", "text_of"]

@@ -1,0 +1,105 @@
+"""What targets mean: the pose in the sensor's frame, and the nominal joints that a controller would take there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.programs.branches import Branches
+from truepose.identification.programs.configurations import Configuration
+from truepose.identification.programs.frames import Told
+from truepose.identification.programs.program import Left, Program, Target
+from truepose.identification.programs.robot import Robot
+from truepose.models.units import convert
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Meant:
+    """A target with its frames, the pose (4, 4) that is meant in the sensor's frame, and its nominal joints (nq,)."""
+
+    target: Target
+    told: Told
+    goal: Array
+    q: Array
+
+
+def meant_of(
+    robot: Robot, program: Program, known: Sequence[tuple[Target, Told]], left: list[Left]
+) -> list[Meant]:
+    """Nominal joints of all targets. Where nothing else tells, they are the next to those before, as the text goes.
+
+    Targets that no joints can be told of are added to ``left``.
+    """
+    poses = [k for k, (target, _) in enumerate(known) if target.kind == "pose"]
+    numbers = np.array([[n.value for n in known[k][0].numbers] for k in poses])
+    goals = dict(zip(poses, program.form.poses(numbers), strict=True)) if poses else {}
+    solutions = dict(_solutions(robot, known, goals, program.configuration))
+    out: list[Meant] = []
+    before = robot.home
+    for k, (target, told) in sorted(enumerate(known), key=lambda item: item[1][0].place):
+        robot.nominal(told.tool)
+        if target.kind == "joints":
+            q = joint_values(robot, program, [n.value for n in target.numbers])
+            out.append(Meant(target, told, robot.solver.forward(q[None, :])[0][0], q))
+            before = q
+            continue
+        configured = tuple(n.value for n in target.configuration)
+        near = before if target.near is None else joint_values(robot, program, target.near)
+        branches, q = solutions[k]
+        chosen, held = branches.chosen(q, near, program.configuration, configured), target
+        if chosen.q is None and target.loose and configured:
+            chosen, held = branches.chosen(q, near, None, ()), replace(target, configuration=())
+        if chosen.q is None:
+            left.append(Left(target.line, target.name, chosen.why))
+            continue
+        out.append(Meant(held, told, robot.base @ told.base @ goals[k], chosen.q))
+        before = chosen.q
+    return out
+
+
+def _solutions(
+    robot: Robot,
+    known: Sequence[tuple[Target, Told]],
+    goals: Mapping[int, Array],
+    configuration: Configuration | None,
+) -> list[tuple[int, tuple[Branches, Array]]]:
+    """All nominal joints of each pose: tools are solved one by one, poses of a tool together."""
+    out = []
+    for tool, rows in by_tool([(k, known[k][1]) for k in goals]):
+        robot.nominal(tool)
+        branches = Branches(robot.machine, robot.solver)
+        poses = np.array([robot.base @ known[k][1].base @ goals[k] for k in rows])
+        wanted = [tuple(n.value for n in known[k][0].configuration) for k in rows]
+        found = branches.found(poses, wanted, configuration)
+        out += [(k, (branches, q)) for k, q in zip(rows, found, strict=True)]
+    return out
+
+
+def by_tool(told: Sequence[tuple[int, Told]]) -> list[tuple[Array | None, list[int]]]:
+    """Numbers of targets that have a tool in common, with that tool."""
+    groups: dict[bytes | None, tuple[Array | None, list[int]]] = {}
+    for k, one in told:
+        key = None if one.tool is None else one.tool.tobytes()
+        groups.setdefault(key, (one.tool, []))[1].append(k)
+    return list(groups.values())
+
+
+def joint_units(robot: Robot, program: Program) -> list[tuple[str, str]]:
+    """Unit inside and in the text of each joint."""
+    joints = robot.machine.mechanism.actuators
+    own = program.joint_units
+    return [(a.reading_unit, own.get(a.reading, own.get(a.reading_unit, a.reading_unit))) for a in joints]
+
+
+def joint_values(robot: Robot, program: Program, values: Sequence[float]) -> Array:
+    """(nq,) joints, mm and rad, of a text's numbers."""
+    units = joint_units(robot, program)
+    return np.array([convert(v, unit, inside) for v, (inside, unit) in zip(values, units, strict=True)])
+
+
+__all__ = ["Meant", "by_tool", "joint_units", "joint_values", "meant_of"]

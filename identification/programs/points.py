@@ -1,0 +1,146 @@
+"""Tables of points (CSV): joints, or poses ``x y z rx ry rz`` of the tool in the base's frame, corrected cell by cell."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from truepose.errors import InputError
+from truepose.identification.programs.forms import RotationVector
+from truepose.identification.programs.program import (
+    WHOLE_NUMBER,
+    Kind,
+    Left,
+    Number,
+    Program,
+    Target,
+    in_order,
+    shown,
+)
+from truepose.models.machine import Machine
+from truepose.models.mechanism import AXIS_UNITS
+from truepose.models.units import convert, parse_unit
+
+_LINE = re.compile(r"([^\r\n]*)(?:\r\n|\n|\r|$)")
+_HEADER = re.compile(r'^"?(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?"?$')
+_MARKS = ";\t,"
+_STEP = 1e-4
+"""mm; a written coordinate is no coarser, and an angle no coarser than this at a metre."""
+Cells = list[tuple[int, int]]
+
+
+class Points:
+    """CSV with a header; comma, semicolon or tab between cells, ``#`` before comments."""
+
+    name, title = "csv", "table of points"
+
+    def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
+        header, rows = _table(text)
+        named = [_HEADER.match(text[a:b].strip().removeprefix("\xef\xbb\xbf")) for a, b in header]
+        units = {m["name"]: m["unit"] for m in named if m}
+        place = {m["name"]: k for k, m in enumerate(named) if m}
+        joints = machine.mechanism.readings
+        wanted: tuple[str, ...] = joints if any(n in place for n in joints) else tuple(AXIS_UNITS)
+        missing = [name for name in wanted if name not in place]
+        if missing:
+            raise InputError(
+                f"table: missing column {missing[0]!r}, expected the joints {', '.join(joints)}, or the tool's poses in "
+                f"{', '.join(AXIS_UNITS)}"
+            )
+        kinds = _kinds(machine) if wanted is joints else AXIS_UNITS
+        own = {n: _unit(machine, n, kinds[n], units[n], joints=wanted is joints) for n in wanted}
+        targets: list[Target] = []
+        left: list[Left] = []
+        for line, cells in rows:
+            numbers = [_number(text, *cells[place[n]]) if place[n] < len(cells) else None for n in wanted]
+            known = tuple(n for n in numbers if n is not None)
+            if len(known) < len(wanted):
+                left.append(
+                    Left(
+                        line,
+                        shown(text[cells[0][0] : cells[-1][1]]),
+                        "not every cell of the point is a number",
+                    )
+                )
+                continue
+            targets.append(
+                Target(
+                    line,
+                    f"row {len(targets) + len(left) + 1}",
+                    _kind(wanted, joints),
+                    known,
+                    place=cells[0][0],
+                )
+            )
+        return Program(
+            text, tuple(targets), in_order(left), _form(own, joints=wanted is joints),
+            {n: own[n] for n in joints} if wanted is joints else {},
+        )  # fmt: skip
+
+
+def _kind(wanted: tuple[str, ...], joints: tuple[str, ...]) -> Kind:
+    return "joints" if wanted is joints else "pose"
+
+
+def _table(text: str) -> tuple[Cells, list[tuple[int, Cells]]]:
+    """The header's cells, and the cells of each line of data with its number."""
+    lines = [(k, m.start(1), m.end(1)) for k, m in enumerate(_LINE.finditer(text), start=1)]
+    held = [one for one in lines if text[one[1] : one[2]].strip() and not _comment(text[one[1] : one[2]])]
+    if not held:
+        raise InputError("table: found no line, expected a header and points")
+    _, start, end = held[0]
+    mark = max(_MARKS, key=lambda m: text.count(m, start, end))
+    return _cells(text, start, end, mark), [(k, _cells(text, a, b, mark)) for k, a, b in held[1:]]
+
+
+def _comment(line: str) -> bool:
+    return line.lstrip().startswith("#")
+
+
+def _cells(text: str, start: int, end: int, mark: str) -> Cells:
+    out, begin = [], start
+    while (k := text.find(mark, begin, end)) >= 0:
+        out.append((begin, k))
+        begin = k + 1
+    return [*out, (begin, end)]
+
+
+def _number(text: str, start: int, end: int) -> Number | None:
+    cell = text[start:end]
+    bare = cell.strip().strip('"').strip()
+    if not WHOLE_NUMBER.fullmatch(bare):
+        return None
+    at = start + cell.index(bare)
+    return Number(at, at + len(bare), bare)
+
+
+def _kinds(machine: Machine) -> Mapping[str, str]:
+    return {a.reading: a.reading_unit for a in machine.mechanism.actuators}
+
+
+def _unit(machine: Machine, name: str, kind: str, stated: str | None, *, joints: bool) -> str:
+    if stated is not None:
+        return parse_unit(stated, kind, f"table: column {name!r}")
+    return machine.units.of_joint(kind) if joints else machine.units.written(kind)
+
+
+def _form(units: Mapping[str, str], *, joints: bool) -> RotationVector:
+    """How poses are written; where the table has joints nothing is."""
+    if joints:
+        return RotationVector(("mm",) * 3, ("deg",) * 3, (4,) * 3 + (6,) * 3, "x,y,z,rx,ry,rz in mm and deg")
+    names = tuple(AXIS_UNITS)
+    x, y, z, rx, ry, rz = (units[name] for name in names)
+    decimals = tuple(decimals_of(units[name], AXIS_UNITS[name]) for name in names)
+    return RotationVector((x, y, z), (rx, ry, rz), decimals, f"x,y,z,rx,ry,rz in {x} and {rx}")
+
+
+def decimals_of(unit: str, kind: str) -> int:
+    """Decimals of a number in a unit: ``_STEP`` of a length (mm), a thousandth of that of an angle (rad)."""
+    step = convert(_STEP if kind == "mm" else _STEP / 1000.0, kind, unit)
+    out = 0
+    while float(step) < 0.999 and out < 12:
+        step, out = step * 10.0, out + 1
+    return out
+
+
+__all__ = ["Points", "decimals_of"]

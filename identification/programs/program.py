@@ -1,0 +1,178 @@
+"""A robot program as what can be corrected in it: targets, the spans of their numbers, and what is left as it is.
+
+Texts are decoded as Latin-1, one character a byte, so that whatever stands between the numbers is written back as it was.
+"""
+
+from __future__ import annotations
+
+import bisect
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from truepose.identification.programs.configurations import Configuration
+from truepose.identification.programs.forms import Form
+from truepose.models.machine import Machine
+
+Kind = Literal["pose", "joints"]
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+WHOLE_NUMBER = re.compile(NUMBER)
+BASE_ITSELF = ""
+"""Name of the frame that is the robot's base itself; as a tool's name, of the flange."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a text: ``text[start:end]``."""
+
+    start: int
+    end: int
+    text: str
+
+    @property
+    def value(self) -> float:
+        return float(self.text)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A place that a program sends the robot to.
+
+    ``numbers`` are those of its pose in the order of the program's ``Form``, or of its joints; ``configuration`` are those that
+    choose among solutions. ``base`` and ``tool`` name the frames it is told in: None is what the user says, ``BASE_ITSELF``
+    none. ``place`` is where in the text the program first goes there; ``near`` are joints next to which it goes, as written.
+    ``loose``: the controller does not look at the configuration there, so that no joints need to have it.
+    """
+
+    line: int
+    name: str
+    kind: Kind
+    numbers: tuple[Number, ...]
+    configuration: tuple[Number, ...] = ()
+    base: str | None = None
+    tool: str | None = None
+    place: int = 0
+    near: tuple[float, ...] | None = None
+    loose: bool = False
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is not corrected, or not as it would have to be: its line, what stands there, and why.
+
+    ``computed``: the program works a point out from a target while it runs, and the point gets that target's correction.
+    """
+
+    line: int
+    what: str
+    why: str
+    computed: bool = False
+
+
+@dataclass(frozen=True)
+class Program:
+    """Targets of a text in its order. ``frames`` are the work objects, bases and tools whose numbers it states itself."""
+
+    text: str
+    targets: tuple[Target, ...]
+    left: tuple[Left, ...]
+    form: Form
+    joint_units: Mapping[str, str]
+    """Units of joints in the text, by their unit inside (rad, mm)."""
+    frames: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    configuration: Configuration | None = None
+
+
+class Dialect(Protocol):
+    """A way of writing programs: finds the targets of a text.
+
+    ``beside`` is the text of the file that belongs to it (KUKA's .src and .dat), where there is one.
+    """
+
+    name: str
+    title: str
+
+    def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
+        """What a text says. Raises InputError where it is no program of this kind."""
+        ...
+
+
+class Lines:
+    """Lines of positions in a text, from 1."""
+
+    def __init__(self, text: str) -> None:
+        self._ends = [m.end() for m in re.finditer(r"\r\n|\n|\r", text)]
+
+    def of(self, position: int) -> int:
+        """The line that a position stands in."""
+        return bisect.bisect_right(self._ends, position) + 1
+
+
+def masked(text: str, comment: str, quote: str = r'"[^"\r\n]*"') -> str:
+    """The text with comments and strings as spaces, every other character in its place."""
+    return re.sub(f"{quote}|{comment}", lambda m: " " * len(m.group()), text)
+
+
+def numbers_in(text: str, start: int, end: int) -> list[Number]:
+    """The numbers between two positions."""
+    found = WHOLE_NUMBER.finditer(text, start, end)
+    return [Number(m.start(), m.end(), m.group()) for m in found]
+
+
+def parts(text: str, start: int, end: int, mark: str = ",") -> list[tuple[int, int]]:
+    """Spans between two positions, parted by ``mark`` outside of all brackets."""
+    out, depth, begin = [], 0, start
+    for k in range(start, end):
+        if text[k] in "([{":
+            depth += 1
+        elif text[k] in ")]}":
+            depth -= 1
+        elif text[k] == mark and depth == 0:
+            out.append((begin, k))
+            begin = k + 1
+    return [*out, (begin, end)]
+
+
+def closing(text: str, opening: int) -> int | None:
+    """Where the bracket that opens at a position closes; None where it does not."""
+    depth = 0
+    for k in range(opening, len(text)):
+        if text[k] in "([{":
+            depth += 1
+        elif text[k] in ")]}":
+            depth -= 1
+            if depth == 0:
+                return k
+    return None
+
+
+def shown(text: str, most: int = 60) -> str:
+    """A piece of a program in one line of a message."""
+    words = " ".join(text.encode("latin-1", "replace").decode("utf-8", "replace").split())
+    return words if len(words) <= most else words[: most - 3] + "..."
+
+
+def in_order(left: Sequence[Left]) -> tuple[Left, ...]:
+    """By line, each once."""
+    return tuple(sorted(dict.fromkeys(left), key=lambda one: one.line))
+
+
+__all__ = [
+    "BASE_ITSELF",
+    "NUMBER",
+    "WHOLE_NUMBER",
+    "Dialect",
+    "Kind",
+    "Left",
+    "Lines",
+    "Number",
+    "Program",
+    "Target",
+    "closing",
+    "in_order",
+    "masked",
+    "numbers_in",
+    "parts",
+    "shown",
+]

@@ -1,0 +1,313 @@
+"""A corrected program, read by a parser of this file's own and run by a nominal controller in numpy, brings the real arm
+where the program meant; what is no number of a target stays as it was, byte for byte."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner, Result
+
+from support.program_robots import (
+    arms,
+    difference,
+    frame,
+    joints,
+    machine_file,
+    numbers_of,
+    quadrants,
+    status_turn,
+)
+from truepose.cli import app
+
+Array = NDArray[np.float64]
+DRAWN, REAL = arms()
+NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
+
+
+def corrected(where: Path, file: str, text: str, *options: str) -> tuple[str, Result]:
+    """A program's text after ``truepose compensate``, and what the command said as data."""
+    machine = machine_file(where, REAL)
+    (where / file).write_bytes(text.encode("latin-1"))
+    out = where / f"out{Path(file).suffix}"
+    command = ["compensate", str(machine), str(where / file), "-o", str(out), "--json", "--anyway", *options]
+    done = CliRunner().invoke(app, command)
+    return (out.read_bytes().decode("latin-1") if out.exists() else ""), done
+
+
+@dataclass(frozen=True)
+class Written:
+    """A way of writing: text of a target of joints, pattern of its numbers, and what they mean: pose (4, 4), configuration."""
+
+    file: str
+    line: Callable[[int, Array], str]
+    target: str
+    pose: Callable[[list[float]], Array]
+    configuration: Callable[[list[float]], tuple[int, ...] | None]
+    of_joints: Callable[[Array], tuple[int, ...] | None]
+
+
+def pose_of(xyz: list[float], turn: Rotation) -> Array:
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = turn.as_matrix(), xyz
+    return out
+
+
+def krl(k: int, q: Array) -> str:
+    pose = DRAWN.pose(q)
+    a, b, c = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX", degrees=True)
+    x, y, z = pose[:3, 3]
+    s, t = status_turn(DRAWN, q)
+    style = ("LIN {{{}}} C_DIS ; weld {}", "PTP {{E6POS: {}}}", "  SLIN {{{}}}\t;{}", "E6POS XP{1}={{{0}}}")[
+        k % 4
+    ]
+    e = ",E1 0.0,E2 0.0" if k % 4 else ""
+    return style.format(f"X {x:.9f},Y {y:.9f}, Z {z:.9f},A {a:.9f},B {b:.9f},C {c:.9f},S {s},T {t}{e}", k)
+
+
+def rapid(k: int, q: Array) -> str:
+    pose = DRAWN.pose(q)
+    x, y, z = pose[:3, 3]
+    i, j, k3, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+    cf = ",".join(str(n) for n in quadrants(DRAWN, q))
+    literal = f"[[{x:.9f},{y:.9f}, {z:.9f}],[{w:.12f},{i:.12f},{j:.12f},{k3:.12f}],[{cf}],[9E9,9E9,9E9,9E9,9E+09,9E9]]"
+    style = ("CONST robtarget p{1}:={0};", "  MoveL {0},v100,z10,tool\\WObj:=wobj0; ! point {1}")[k % 2]
+    return style.format(literal, k)
+
+
+def script(k: int, q: Array) -> str:
+    pose = DRAWN.pose(q)
+    numbers = [*pose[:3, 3] / 1000, *Rotation.from_matrix(pose[:3, :3]).as_rotvec()]
+    told = ", ".join(f"{n:.12f}" for n in numbers)
+    near = ", ".join(f"{v:.9f}" for v in q)
+    if k % 2:
+        return f"  p{k} = p[{told}]\n  movej([{near}])\n  movep(p{k})"
+    return f"  movej([{near}])\n  movel(p[{told}], a=1.2, v=0.25) # {k}"
+
+
+WRITTEN = {
+    "kuka": Written(
+        "job.src", krl,
+        r"X @,Y @, Z @,A @,B @,C @,S @,T @".replace("@", f"({NUMBER})"),
+        lambda n: pose_of(n[:3], Rotation.from_euler("ZYX", n[3:6], degrees=True)),
+        lambda n: (int(n[6]), int(n[7])), lambda q: status_turn(DRAWN, q),
+    ),
+    "rapid": Written(
+        "job.mod", rapid,
+        r"\[\[@,@, @\],\[@,@,@,@\],\[@,@,@,@\],".replace("@", f"({NUMBER})"),
+        lambda n: pose_of(n[:3], Rotation.from_quat([n[4], n[5], n[6], n[3]])),
+        lambda n: tuple(int(v) for v in n[7:]), lambda q: quadrants(DRAWN, q),
+    ),
+    "urscript": Written(
+        "job.script", script, r"\bp\[" + ", ".join([f"({NUMBER})"] * 6) + r"\]",
+        lambda n: pose_of([1000 * v for v in n[:3]], Rotation.from_rotvec(n[3:])), lambda n: None, lambda q: None,
+    ),
+}  # fmt: skip
+HEADS = {
+    "kuka": ("&ACCESS RVP\r\nDEF job( ) ; {X 1,Y 2}\r\n", "\r\nEND\r\n"),
+    "rapid": ("MODULE job\r\n! [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]\r\n", "\r\nENDMODULE"),
+    "urscript": ("def job():\r\n  # p[1, 2, 3, 4, 5, 6]\r\n", "\r\nend\r\n"),
+}
+
+
+def targets(how: Written, text: str) -> list[list[float]]:
+    """Numbers of the targets of a text, but those in comments."""
+    bare = re.sub(r"(?m)^\s*[;!#].*$|; \{X.*$", "", text)
+    return [[float(v) for v in m.groups()] for m in re.finditer(how.target, bare)]
+
+
+@pytest.mark.parametrize("dialect", WRITTEN)
+def test_the_real_tool_goes_where_the_program_meant(tmp_path: Path, dialect: str) -> None:
+    how, q = WRITTEN[dialect], joints(16)
+    before, after = HEADS[dialect]
+    text = before + "\r\n".join(how.line(k, row) for k, row in enumerate(q)) + after
+    out, done = corrected(tmp_path, how.file, text)
+    assert done.exit_code == 0, done.output
+    said = json.loads(done.stdout)
+    old, new = targets(how, text), targets(how, out)
+    assert len(old) == len(new) == len(q)
+    assert said["left"] == [] and said["targets"] == len(q) * (2 if dialect == "urscript" else 1)
+    largest = 0.0
+    for row, was, now in zip(q, old, new, strict=True):
+        commanded = DRAWN.inverse(how.pose(now), row)  # the controller's own inverse kinematics
+        assert how.of_joints(commanded) == how.configuration(now)
+        missed = difference(REAL.pose(commanded), how.pose(was))
+        assert np.max(np.abs(missed[:3])) < 1e-6 and np.max(np.abs(missed[3:])) < 1e-9
+        largest = max(largest, float(np.linalg.norm(difference(REAL.pose(row), how.pose(was))[:3])))
+    assert largest > 1.0  # mm: without the correction
+    assert said["largest_error"]["before"]["position"]["value"] == pytest.approx(largest, rel=1e-6)
+    assert said["largest_error"]["after"]["position"]["value"] < 1e-6
+
+
+@pytest.mark.parametrize("dialect", WRITTEN)
+def test_nothing_else_changes(tmp_path: Path, dialect: str) -> None:
+    how = WRITTEN[dialect]
+    before, after = HEADS[dialect]
+    text = (
+        before
+        + "\r\n".join(how.line(k, row) for k, row in enumerate(joints(8)))
+        + "\n\t; ! # \xe9\xff"
+        + after
+    )
+    out, _ = corrected(tmp_path, how.file, text)
+    number = re.compile(r"(?<![\w.])[-+]?\d+\.\d{9,}")
+    assert out != text
+    assert number.sub("#", out) == number.sub("#", text)
+
+
+@pytest.mark.parametrize("dialect", WRITTEN)
+def test_an_arm_as_drawn_leaves_its_program_as_it_is(tmp_path: Path, dialect: str) -> None:
+    how = WRITTEN[dialect]
+    before, after = HEADS[dialect]
+    text = before + "\r\n".join(how.line(k, row) for k, row in enumerate(joints(8))) + after
+    (tmp_path / how.file).write_text(text, newline="")
+    machine = machine_file(tmp_path, DRAWN)
+    command = ["compensate", str(machine), str(tmp_path / how.file), "-o", str(tmp_path / "out"), "--anyway"]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    assert (tmp_path / "out").read_bytes() == text.encode()
+
+
+KRL_JOINTS = "PTP {{A1 {:.10f},A2 {:.10f},A3 {:.10f},A4 {:.10f},A5 {:.10f},A6 {:.10f}}}"
+RAPID_JOINTS = (
+    "CONST jointtarget j:=[[{:.10f},{:.10f},{:.10f},{:.10f},{:.10f},{:.10f}],[9E9,9E9,9E9,9E9,9E9,9E9]];"
+)
+SCRIPT_JOINTS = "movej([{:.12f}, {:.12f}, {:.12f}, {:.12f}, {:.12f}, {:.12f}], a=1)"
+CSV_JOINTS = "0;{:.10f};{:.10f};{:.10f};{:.10f};{:.10f};{:.10f};a, b"
+JOINTS = {
+    "job.src": (KRL_JOINTS, rf"A\d ({NUMBER})", 1.0),
+    "job.mod": (RAPID_JOINTS, r"[\[,](-?\d+\.\d+)(?=[,\]])", 1.0),
+    "job.script": (SCRIPT_JOINTS, rf"[\[ ]({NUMBER})(?=[,\]])", np.pi / 180),
+    "job.csv": (CSV_JOINTS, rf";({NUMBER})(?=;)", 1.0),
+}
+"""Text of a line, pattern of its numbers, their unit in deg."""
+
+
+@pytest.mark.parametrize("file", JOINTS)
+def test_joint_targets_put_the_flange_where_nominal_links_would(tmp_path: Path, file: str) -> None:
+    q = joints(6)
+    line, pattern, unit = JOINTS[file]
+    head = "id;q1;q2;q3;q4;q5;q6;note\n" if file.endswith("csv") else ""
+    text = head + "\n".join(line.format(*(np.degrees(row) * unit)) for row in q)
+    out, done = corrected(tmp_path, file, text, *(["--dialect", "csv"] if head else []))
+    assert done.exit_code == 0, done.output
+    found = np.radians(np.array([float(v) for v in re.findall(pattern, out)]) / unit).reshape(-1, 6)
+    for row, command in zip(q, found, strict=True):
+        assert np.max(np.abs(difference(REAL.pose(command), DRAWN.pose(row))[:3])) < 1e-6
+
+
+def test_a_table_of_poses_is_corrected_cell_by_cell(tmp_path: Path) -> None:
+    """A table tells no configuration: the arm takes the one next to home, and then next to the row before."""
+    q = np.array([0.2, 0.3, -0.2, 0.3, 0.6, -0.4]) + np.linspace(0.0, 0.5, 6)[:, None] * [
+        1,
+        -1,
+        1,
+        0.5,
+        0.5,
+        2,
+    ]
+    poses = [DRAWN.pose(row) for row in q]
+    rows = [
+        ",".join(f"{v:.9f}" for v in [*p[:3, 3] * 1000, *Rotation.from_matrix(p[:3, :3]).as_rotvec()])
+        + ', "seam", 7'
+        for p in poses
+    ]
+    text = "# made by hand\r\nx [um],y [um],z [um],rx [rad],ry [rad],rz [rad],what,n\r\n" + "\r\n".join(rows)
+    out, done = corrected(tmp_path, "points.csv", text, "--dialect", "csv")
+    assert done.exit_code == 0, done.output
+    assert re.sub(r"-?\d+\.\d+", "#", out) == re.sub(r"-?\d+\.\d+", "#", text)
+    for row, goal, line in zip(q, poses, out.splitlines()[2:], strict=True):
+        numbers = [float(v) for v in line.split(",")[:6]]
+        told = pose_of([v / 1000 for v in numbers[:3]], Rotation.from_rotvec(numbers[3:]))
+        missed = difference(REAL.pose(DRAWN.inverse(told, row)), goal)
+        assert np.max(np.abs(missed[:3])) < 1e-6
+        assert np.max(np.abs(difference(told, goal))) > 0.1
+
+
+WOBJ = frame((400.0, -120.0, 35.0, 10.0, -20.0, 75.0))
+GUN = frame((30.0, 0.0, 150.0, 0.0, 80.0, 15.0))
+
+
+FRAMED = {
+    "kuka": ("$BASE={base}\n$TOOL={tool}\n", "{head}LIN {inside}\n", r"LIN \{(.*)\}"),
+    "rapid": (
+        'PERS wobjdata fix:=[FALSE,TRUE,"",{base},[[0,0,0],[1,0,0,0]]];\n'
+        "PERS tooldata gun:=[TRUE,{tool},[1,[0,0,1],[1,0,0,0],0,0,0]];\n",
+        "{head}CONST robtarget p1:={inside};\nMoveL p1,v100,fine,gun\\WObj:=fix;\n",
+        r"p1:=(.*)",
+    ),
+    "urscript": (
+        "fix = {base}\nset_tcp({tool})\n",
+        "movej({near})\n{head}movel(pose_trans(fix, {inside}))\n",
+        r"movel\(pose_trans\(fix, p(.*)\)\)",
+    ),
+}
+"""Where a program states its frames itself, its text, and where its target's numbers are."""
+NAMED = {
+    "kuka": ("BASE_DATA[3]", "TOOL_DATA[2]", "$BASE=BASE_DATA[3]\n$TOOL=TOOL_DATA[2]\n"),
+    "rapid": ("fix", "gun", ""),
+    "urscript": ("fix", "gun", "set_tcp(gun)\n"),
+}
+"""Names of frames whose numbers the user states, and how a program speaks of them."""
+
+
+def framed(dialect: str, stated: bool) -> tuple[str, list[str]]:
+    """A program with a target in a work object and with a tool, and options with their numbers where it states none."""
+    q = joints(1)[0]
+    inside = numbers_of(np.linalg.inv(WOBJ) @ DRAWN.with_tool(GUN).pose(q), dialect)
+    if dialect == "kuka":
+        inside = "{}{}}}".format(inside[:-1], ",S {},T {}".format(*status_turn(DRAWN, q)))
+    elif dialect == "rapid":
+        inside = f"{inside[:-1]},{list(quadrants(DRAWN, q))},[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    base, tool = numbers_of(WOBJ, dialect), numbers_of(GUN, dialect)
+    own, text, _ = FRAMED[dialect]
+    *names, spoken = NAMED[dialect]
+    head = own.format(base=base, tool=tool) if stated else spoken
+    bare = [re.sub(r"[A-Z] |[{}\[\]p ]", "", told) for told in (base, tool)]
+    told = [f"{name}={numbers}" for name, numbers in zip(names, bare, strict=True)]
+    options = [] if stated else ["--frame", told[0], "--frame", told[1]]
+    return text.format(head=head, inside=inside, near=q.tolist()), options
+
+
+def read(dialect: str, text: str) -> list[float]:
+    """Numbers of the target of a program in a work object."""
+    found = re.search(FRAMED[dialect][2], text)
+    assert found is not None
+    return [float(v) for v in re.findall(rf"(?<![A-Za-z\d]){NUMBER}", found[1])]
+
+
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("dialect", WRITTEN)
+def test_targets_in_a_work_object_with_a_tool_of_the_program(
+    tmp_path: Path, dialect: str, stated: bool
+) -> None:
+    text, options = framed(dialect, stated)
+    out, done = corrected(tmp_path, WRITTEN[dialect].file, text, *options)
+    assert done.exit_code == 0, done.output
+    pose = WRITTEN[dialect].pose
+    was, now = (WOBJ @ pose(read(dialect, t)) for t in (text, out))
+    drawn, real = (arm.with_tool(GUN) for arm in (DRAWN, REAL))
+    commanded = drawn.inverse(now, joints(1)[0])
+    assert np.max(np.abs(difference(real.pose(commanded), was)[:3])) < 1e-6
+    assert np.max(np.abs(difference(now, was)[:3])) > 0.1
+
+
+@pytest.mark.parametrize("dialect", WRITTEN)
+def test_a_work_object_without_numbers_is_asked_for(tmp_path: Path, dialect: str) -> None:
+    text, options = framed(dialect, False)
+    _, done = corrected(tmp_path, WRITTEN[dialect].file, text, *options[2:])
+    if dialect == "urscript":  # the joint target is corrected all the same
+        (left,) = json.loads(done.stdout)["left"]
+        assert left["line"] == 3 and "told in fix, whose numbers are not known here: --frame" in left["why"]
+        return
+    assert done.exit_code == 2
+    assert re.search(
+        r"job\.\w+:\d+: .*told in (BASE_DATA\[3\]|fix), whose numbers are not known here", done.stderr, re.I
+    )
+    assert not list(tmp_path.glob("out*"))
