@@ -71,7 +71,7 @@ def _path(time: Array) -> Array:
     k = np.arange(6)
     swing = 0.7 * np.sin(time[:, None] * (0.31 + 0.067 * k) + k)
     swing += 0.3 * np.sin(time[:, None] * (0.83 - 0.051 * k) + 2.0 * k)
-    return 0.5 * (LOW + HIGH) + 0.5 * (HIGH - LOW) * swing
+    return np.asarray(0.5 * (LOW + HIGH) + 0.5 * (HIGH - LOW) * swing)
 
 
 def _frames(p: Mapping[str, float], q: Array, grown: Array | None = None) -> list[Array]:

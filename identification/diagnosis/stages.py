@@ -24,6 +24,8 @@ Mask = NDArray[np.bool_]
 MANY, STEP = 20_000, 10
 """Calibration rows up to which a search has all of them from the beginning, and how many times more follow. Cost alone."""
 SEED = 23
+FITTING, WEIGHING = "fitting", "weighing"
+"""How it is told what goes on with more rows."""
 
 
 def stages(machine: Machine, recording: Recording) -> list[Recording]:
@@ -43,6 +45,11 @@ def stages(machine: Machine, recording: Recording) -> list[Recording]:
     return out
 
 
+def sizes(machine: Machine, recording: Recording) -> list[int]:
+    """How many rows each stage after the first has."""
+    return [len(rows) for rows in stages(machine, recording)[1:]]
+
+
 def further(
     near: Expansion, fits: Fits, recording: Recording, progress: Callable[[str], None]
 ) -> tuple[Fits, Expansion]:
@@ -50,14 +57,14 @@ def further(
     machine, terms = near.signatures.machine, near.terms(near.start.accepted)
     noise = noise_at(near.problem, near.known[0]) if near.known else 1.0
     start, own = start_from(near.fit, terms), ~recording.validation
-    progress(f"fitting {len(recording):,} rows")
+    progress(f"{FITTING} {len(recording):,} rows")
     there = estimate(machine, recording, terms, start=start, tolerance=np.inf, noise=noise)
     far = outliers.outlying_rows(there, recording, own)
     del there
     fit = estimate(machine, recording, terms, start=start, exclude=far, tolerance=ROUGH, noise=noise)
     before = estimate(machine, recording, machine.effects, start=fits.before.p, exclude=far)
     fits = Fits(free_fit(machine, recording, before, far, fits.free.p), before, far)
-    progress(f"weighing {len(near.catalogue.candidates)} explanations in {len(recording):,} rows")
+    progress(f"{WEIGHING} {len(recording):,} rows with {len(near.catalogue.candidates)} explanations")
     bare = Signatures(machine, recording, ()).linearise(before).bare()
     begun = Start(
         near.signatures.over(recording), near.catalogue, fit, near.start.accepted, far, fits.rms,
@@ -67,4 +74,4 @@ def further(
     return fits, settled(begun)
 
 
-__all__ = ["further", "stages"]
+__all__ = ["FITTING", "WEIGHING", "further", "sizes", "stages"]

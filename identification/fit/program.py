@@ -15,7 +15,7 @@ from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.bounds import directions
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Problem
-from truepose.identification.prediction.predictor import twists_by
+from truepose.identification.prediction.port_kinematics import twists_by
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined
 from truepose.models.home import coordinate_scale
 

@@ -8,6 +8,7 @@ pay its price, the prior; evidence judges.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -148,7 +149,7 @@ def _share(finest: int, settings: Mapping[str, float]) -> float:
     effect = TransmissionError()
     if "orders" in settings:
         return effect.weight(settings)
-    whole = effect.weight({"orders": SERIES}) / np.log(max(finest / HIGHEST_ORDER, np.e))
+    whole = effect.weight({"orders": SERIES}) / np.log(max(finest / HIGHEST_ORDER, math.e))
     return float(whole / settings["order"])
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from support.searched_arm import Case
 from truepose.commands import identify, progress
 from truepose.commands.progress import EVERY, Course, Lines, lasting, quietly
+from truepose.identification.diagnosis import stages
 from truepose.identification.diagnosis.engine import diagnose
 
 DELAY = 2.0
@@ -56,7 +57,19 @@ def test_a_diagnosis_tells_the_stages_that_the_command_knows(tmp_path: Path) -> 
     case, told = Case.of(tmp_path), list[str]()
     diagnose(case.signatures.machine, case.signatures.recording, progress=told.append)
     known = [stage for stage, _ in identify.DIAGNOSING]
-    assert [next((s for s in known if text.startswith(s)), text) for text in told] == known[1:-1]
+    assert [next((s for s in known if text.startswith(s)), text) for text in told] == known[:-1]
+
+
+def test_long_recordings_are_told_stage_by_stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the engine says of more rows begins as the command expects, and time left goes by rows."""
+    case, told = Case.of(tmp_path), list[str]()
+    monkeypatch.setattr(stages, "MANY", 10)
+    machine, recording = case.signatures.machine, case.signatures.recording
+    diagnose(machine, recording, progress=told.append)
+    known = [stage for stage, _ in identify.diagnosing(stages.sizes(machine, recording))]
+    assert len(known) > len(identify.DIAGNOSING)
+    found = [max((s for s in known if text.startswith(s)), key=len, default=text) for text in told]
+    assert found == known[:-1]
 
 
 def test_quick_work_says_nothing() -> None:

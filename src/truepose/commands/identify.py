@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -32,13 +33,16 @@ FITTING = (
     ("writing the report", 1.0),
 )
 DIAGNOSING = (
-    ("checking", 0.3),
     ("fitting without effects", 1.0),
     ("weighing", 5.0),
     ("naming and proving", 3.0),
     ("writing the report", 1.0),
 )
-"""What ``calibrate`` and ``diagnose`` do one after the other, and about how long each takes beside the others."""
+"""What ``calibrate`` does, and ``diagnose`` after the check, and about how long each takes beside the others."""
+AGAIN = (("fitting", 1.0), ("weighing", 4.0))
+"""What ``diagnose`` does again with more rows of a long recording."""
+MANY = 50_000
+"""Rows of which a fit takes about as long as all of the first stage's, which has some thousand."""
 EstimatorOption = Annotated[
     str,
     typer.Option(
@@ -157,6 +161,7 @@ def diagnose(
     """
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
+        from truepose.identification.diagnosis.stages import sizes
         from truepose.identification.report.check_words import caution_lines, checked
         from truepose.identification.report.files import write_diagnosis
         from truepose.identification.report.judgement_words import diagnosis_judgement
@@ -165,8 +170,7 @@ def diagnose(
         from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
 
         check_directory(output, DIAGNOSIS)
-        with progress("diagnosing", DIAGNOSING) as say:
-            say("checking")
+        with progress("checking"):
             loaded, rows, check = gated(
                 machine,
                 recordings,
@@ -176,6 +180,7 @@ def diagnose(
                 tried=tried_names(try_columns),
             )
             check_machine(output, DIAGNOSIS, loaded.name)
+        with progress("diagnosing", diagnosing(sizes(loaded, rows))) as say:
             result = run(loaded, rows, progress=say)
             say("writing the report")
             names = write_diagnosis(result, output, check=check)
@@ -187,3 +192,11 @@ def diagnose(
             as_json=as_json,
         )
         refuse(diagnosis_judgement(result), output, as_json=as_json)
+
+
+def diagnosing(sizes: Sequence[int]) -> list[tuple[str, float]]:
+    """``DIAGNOSING`` with what is done again with more rows: the numbers of rows of each further stage."""
+    fitting, weighing, naming, writing = DIAGNOSING
+    again = [(f"{text} {n:,} rows", cost * n / MANY) for n in sizes for text, cost in AGAIN]
+    last = sizes[-1] / MANY if sizes else 0.0
+    return [fitting, weighing, *again, (naming[0], naming[1] + AGAIN[1][1] * last), writing]
