@@ -191,8 +191,8 @@ def table(folder: Path) -> str:
 
 
 _HEAD = (
-    "Simulated arms of one fleet (`challenge/simulator`), 60 rows each. Frequencies and median sizes of effects were drawn once,",
-    "and only the simulator knows them. Made by",
+    "Simulated arms of one fleet (`challenge/simulator`), 60 rows each. Frequencies and median sizes of effects were drawn",
+    "once, and only the simulator knows them. Made by",
     "",
     "    python -m benchmarks.fleet_prior draw FOLDER --seed 1",
     "    python -m benchmarks.fleet_prior sit FOLDER",

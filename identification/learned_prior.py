@@ -6,10 +6,10 @@ the prior moves. Frequencies and counts stand beside for the reader.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from truepose.identification.prior import SIZES
 from truepose.models.field_errors import input_error
 from truepose.models.fields import Section
 from truepose.models.placed import EffectAtPlace
-from truepose.models.yaml_document import document_text, read_document
+from truepose.models.yaml_document import document_text, flow_text, read_document
 from truepose.wording import joined
 
 Array = NDArray[np.float64]
@@ -167,12 +167,38 @@ def write_prior(path: Path | str, learned: LearnedPrior) -> None:
 
 
 def prior_text(learned: LearnedPrior) -> str:
-    """A prior file as text."""
-    head = (
-        f"# Learned from {learned.machines} machines. For `truepose diagnose MACHINE REC --prior FILE`, which takes\n"
-        "# `odds` (how many times likelier than without this file) and `sizes`; the rest says where they are from.\n"
-    )
-    return head + document_text(learned.model_dump(by_alias=True, mode="json"))
+    """A prior file as text: a line for each place, what is most frequent first."""
+    document = learned.model_dump(by_alias=True, mode="json")
+    effects = document.pop("effects")
+    tolerances = document.pop("tolerances")
+    ranked = sorted(effects.items(), key=lambda item: (-_most(item[1]), item[0]))
+    lines = [
+        f"# Learned from {learned.machines} machines. For `truepose diagnose MACHINE REC --prior FILE`, which takes",
+        "# `odds` (how many times likelier than without this file) and `sizes`; the rest says where they are from.",
+        document_text(document).rstrip(),
+        "effects:" if effects else "effects: {}",
+        *(line for name, effect in ranked for line in _effect_lines(name, effect)),
+        "tolerances:  # true spread over the stated tolerance; for the reader, `diagnose` does not read it"
+        if tolerances
+        else "tolerances: {}",
+        *(f"  {flow_text(name)}: {flow_text(one)}" for name, one in tolerances.items()),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _effect_lines(name: str, effect: Mapping[str, Any]) -> Iterator[str]:
+    yield f"  {flow_text(name)}:"
+    yield from (f"    {key}: {flow_text(effect[key])}" for key in ("machines", "odds", "sizes"))
+    yield "    places:" if effect["places"] else "    places: {}"
+    for mechanism, places in effect["places"].items():
+        yield f"      {flow_text(mechanism)}:"
+        ranked = sorted(places.items(), key=lambda item: (-item[1]["frequency"], item[0]))
+        yield from (f"        {flow_text(place)}: {flow_text(one)}" for place, one in ranked)
+
+
+def _most(effect: Mapping[str, Any]) -> float:
+    every = [one["frequency"] for places in effect["places"].values() for one in places.values()]
+    return max(every, default=0.0)
 
 
 __all__ = [

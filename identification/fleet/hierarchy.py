@@ -34,7 +34,8 @@ TAIL = 0.05
 
 @dataclass(frozen=True)
 class Posterior:
-    """Of a frequency: log odds ``usual`` that were expected before, probability (f,) of each of ``FINE``, and the same before."""
+    """Of a frequency. usual: log odds expected before any machine; shares (f,): probability of each of ``FINE``, ``before``
+    any machine, too."""
 
     usual: float
     shares: Array
@@ -48,8 +49,8 @@ class Posterior:
     @property
     def interval(self) -> tuple[float, float]:
         """90 % credible."""
-        ends = np.interp([TAIL, 1.0 - TAIL], np.cumsum(self.shares), FINE)
-        return float(expit(ends[0])), float(expit(ends[1]))
+        low, high = quantiles(FINE, self.shares, [TAIL, 1.0 - TAIL])
+        return float(expit(low)), float(expit(high))
 
     @property
     def log_factor(self) -> float:
@@ -97,7 +98,7 @@ class Hierarchy:
     @cached_property
     def _effect(self) -> Array:
         """(t, j) log prior of an effect."""
-        return np.asarray(_start(float(np.mean(self.usual)))[:, None] + np.log(SLAB))
+        return np.asarray(effect_steps(float(np.mean(self.usual)))[:, None] + np.log(SLAB))
 
     @cached_property
     def _fine(self) -> Array:
@@ -118,7 +119,7 @@ class Hierarchy:
 def single(usual: float, likely: Array) -> Posterior:
     """The same of one frequency that has no like, from log likelihoods (g,)."""
     around = _around(usual)
-    before = around.T @ np.exp(_start(usual))
+    before = around.T @ np.exp(effect_steps(usual))
     fine = CubicSpline(LOG_ODDS, likely)(FINE)
     shares = before * np.exp(fine - fine.max())
     return Posterior(usual, shares / shares.sum(), before / before.sum())
@@ -131,7 +132,7 @@ def _around(usual: float) -> Array:
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
-def _start(usual: float) -> Array:
+def effect_steps(usual: float) -> Array:
     """(t,) log prior of an effect's step, about the m of which the expected frequency is the usual one."""
     frequency = _around(usual) @ expit(FINE)
 
@@ -147,9 +148,15 @@ def _start(usual: float) -> Array:
     return np.log(np.maximum(weights(float(m)), 1e-300))
 
 
+def quantiles(values: Array, shares: Array, at: Sequence[float]) -> list[float]:
+    """Of a distribution on a grid, each share spread evenly around its value."""
+    middle = np.cumsum(shares) - 0.5 * shares
+    return [float(value) for value in np.interp(at, middle, values)]
+
+
 def joined(parts: Sequence[tuple[float, Array]]) -> Hierarchy:
     """From log prior odds and log likelihoods (j, g), a place each."""
     return Hierarchy(np.array([usual for usual, _ in parts]), np.array([likely for _, likely in parts]))
 
 
-__all__ = ["Hierarchy", "Posterior", "joined", "single"]
+__all__ = ["FINE", "STEPS", "Hierarchy", "Posterior", "effect_steps", "joined", "quantiles", "single"]

@@ -6,13 +6,14 @@ Use ``statistics(summary)`` for tables and pages.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.stats import t as student
 
-from truepose.identification.fleet.hierarchy import Hierarchy, Posterior, joined, single
+from truepose.identification.fleet.hierarchy import Hierarchy, Posterior, joined, quantiles, single
 from truepose.identification.fleet.likelihood import LOG_ODDS, RATIOS, SLAB
 from truepose.identification.fleet.summary import Summary
 from truepose.identification.prior import TOLERANCE_DOUBT
@@ -22,6 +23,8 @@ LEVEL = 0.9
 """Of all intervals."""
 MET = 1.1
 """Times the stated tolerance up to which it counts as met."""
+STEPS: Array = np.linspace(np.log(RATIOS[0]), np.log(RATIOS[-1]), 2001)
+"""(k,) grid of the log of a ratio, on which a posterior is summed."""
 FEW = 0.5
 """Expected machines with an effect below which nothing is said of its size."""
 
@@ -184,15 +187,8 @@ def _sized(one: EffectInFleet, sums: Mapping[str, Array]) -> EffectInFleet:
     amount = None
     if unit and len(sums) == 1:
         amount = _exp(float(own[4] / own[0]), error)
-    return EffectInFleet(
-        **{
-            **one.__dict__,
-            "size": _exp(mean, error),
-            "spread": float(np.exp(spread)),
-            "amount": amount,
-            "unit": unit if amount else "",
-        }
-    )
+    size = _exp(mean, error)
+    return replace(one, size=size, spread=float(np.exp(spread)), amount=amount, unit=unit if amount else "")
 
 
 def log_normal(sums: Array) -> tuple[float, float, float]:
@@ -212,13 +208,12 @@ def _exp(centre: float, half: float) -> Interval:
 
 def _tolerances(summary: Summary) -> Iterator[ToleranceInFleet]:
     for (mechanism, parts), sums in summary.among("class").items():
-        log = sums[1:] - 0.5 * (np.log(RATIOS) / TOLERANCE_DOUBT) ** 2
+        log = CubicSpline(np.log(RATIOS), sums[1:])(STEPS) - 0.5 * (STEPS / TOLERANCE_DOUBT) ** 2
         shares = np.exp(log - log.max())
         shares /= shares.sum()
-        steps, ends = np.log(RATIOS), np.cumsum(shares)
-        low, high = np.exp(np.interp([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0], ends, steps)).tolist()
-        met = float(np.interp(np.log(MET), steps, ends))
-        ratio = Interval(float(np.exp(shares @ steps)), low, high)
+        low, high = np.exp(quantiles(STEPS, shares, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])).tolist()
+        met = float(shares[np.log(MET) >= STEPS].sum())
+        ratio = Interval(float(np.exp(shares @ STEPS)), low, high)
         yield ToleranceInFleet(mechanism, parts, round(sums[0]), ratio, met)
 
 
