@@ -15,7 +15,7 @@ any grouping into shards, and taking a machine out again give the very same summ
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -112,7 +112,7 @@ class Summary:
             ) from None
 
 
-def total(summaries: Iterator[Summary]) -> Summary:
+def total(summaries: Iterable[Summary]) -> Summary:
     """Of all of them, as quick as one sum: each is added in place."""
     machines, sums = 0, dict[str, Whole]()
     for one in summaries:

@@ -28,9 +28,9 @@ def machines(seed: int, number: int, places: int = 3, ratio: float = 1.0) -> lis
 @given(seed=st.integers(0, 2**20), order=st.permutations(range(6)), cut=st.integers(0, 6))
 def test_sums_know_no_order_and_no_grouping(seed: int, order: list[int], cut: int) -> None:
     every = machines(seed, 6)
-    whole = total(iter(every))
+    whole = total(every)
     shuffled = [every[k] for k in order]
-    parts = total(iter(shuffled[:cut])), total(iter(shuffled[cut:]))
+    parts = total(shuffled[:cut]), total(shuffled[cut:])
     assert reduce(add, shuffled) == whole == parts[0] + parts[1] == parts[1] + parts[0]
     assert whole - parts[0] == parts[1] and whole + Summary.empty() == whole
     assert Summary.from_json(json.loads(json.dumps(whole.to_json()))) == whole
