@@ -79,11 +79,11 @@ class Summary:
 
     def among(self, kind: str) -> dict[tuple[str, ...], Array]:
         """Sums of one kind by what follows it in their keys, counts and numbers in their own units."""
-        out = {}
+        out = dict[tuple[str, ...], Array]()
         for key, value in self.sums.items():
             first, *rest = key.split("|")
             if first == kind:
-                out[tuple(rest)] = value * UNIT
+                out[tuple(rest)] = np.asarray(value * UNIT, dtype=np.float64)
         return out
 
     @property
