@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logit
 
 from truepose.errors import InputError
-from truepose.identification.fleet.likelihood import by_size, of_frequency, of_presence, of_spread
+from truepose.identification.fleet.likelihood import Told, of_frequency, of_presence, of_spread
 
 Whole = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -148,10 +148,8 @@ def _of_places(mechanism: str, places: Mapping[str, Mapping[str, list[Any]]]) ->
     told = [(name, one, one[5] if len(one) > 5 else {}) for name, one in every if one[1] > 0.0]
     if not told:
         return
-    factors = np.array([by_size(one[2], one[3], more) for _, one, more in told])
-    neutral = np.array([by_size(min(one[2], 0.0), one[3], {}) for _, one, _ in told])
-    credit = np.array([one[4] for _, one, _ in told])
-    for (name, one, more), likely in zip(told, of_frequency(factors, neutral, credit), strict=True):
+    likelihoods = of_frequency(Told.of([one for _, one, _ in told]), [more for *_, more in told])
+    for (name, one, more), likely in zip(told, likelihoods, strict=True):
         yield f"place|{mechanism}|{name}", _whole(1.0, _log_odds(one[1]), one[0], likely)
         if "size" in more:
             p, (y, e), a = one[0], more["size"], more.get("amount", 0.0)
@@ -165,8 +163,7 @@ def _of_effects(mechanism: str, effects: Mapping[str, list[Any]]) -> Iterator[tu
     told = {name: one for name, one in effects.items() if one[1] > 0.0}
     if not told:
         return
-    parts = (np.array([one[k] for one in told.values()]) for k in (2, 3, 4))
-    for (name, one), likely in zip(told.items(), of_presence(*parts), strict=True):
+    for (name, one), likely in zip(told.items(), of_presence(Told.of(list(told.values()))), strict=True):
         yield f"anywhere|{mechanism}|{name}", _whole(1.0, _log_odds(one[1]), one[0], likely)
 
 
