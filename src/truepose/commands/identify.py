@@ -77,6 +77,15 @@ IrradianceOption = Annotated[
         "in the order of the recordings.",
     ),
 ]
+PriorOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--prior",
+        metavar="FILE",
+        help="What a fleet of such machines says is likely: the prior.yaml of its statistics.",
+        show_default=False,
+    ),
+]
 
 
 def calibrate(
@@ -148,6 +157,7 @@ def diagnose(
     output: DirectoryOption,
     irradiance: IrradianceOption = None,
     try_columns: TryColumnsOption = None,
+    prior: PriorOption = None,
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
@@ -162,6 +172,7 @@ def diagnose(
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
         from truepose.identification.diagnosis.stages import sizes
+        from truepose.identification.learned_prior import read_prior
         from truepose.identification.report.check_words import caution_lines, checked
         from truepose.identification.report.files import write_diagnosis
         from truepose.identification.report.judgement_words import diagnosis_judgement
@@ -169,6 +180,7 @@ def diagnose(
         from truepose.identification.report.notes import diagnosis_notes
         from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
 
+        learned = None if prior is None else read_prior(prior)
         check_directory(output, DIAGNOSIS)
         with progress("checking"):
             loaded, rows, check = gated(
@@ -181,7 +193,7 @@ def diagnose(
             )
             check_machine(output, DIAGNOSIS, loaded.name)
         with progress("diagnosing", diagnosing(sizes(loaded, rows))) as say:
-            result = run(loaded, rows, progress=say)
+            result = run(loaded, rows, prior=learned, progress=say)
             say("writing the report")
             names = write_diagnosis(result, output, check=check)
         warned = caution_lines(check)
