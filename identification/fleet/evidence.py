@@ -1,0 +1,94 @@
+"""What is kept of one diagnosed machine for the statistics of its fleet: a few kB that JSON can hold.
+
+``kept`` stores evidence, not conclusions: of every effect at every place a Bayes factor that is free of the prior that the
+diagnosis was made with, so that a fleet can be summed up under any prior, and never counts what a prior said twice.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.diagnosis.evidence import PlaceEvidence
+from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.tolerance_classes import part_classes
+
+Array = NDArray[np.float64]
+SCHEMA = "truepose/kept/1"
+DETERMINED = 3.0
+"""1-sigma of what the readings alone say of a constant, in its tolerances, beyond which they say nothing of it."""
+FINEST = 1e-3
+"""Smallest 1-sigma of a constant that is kept, in tolerances: no fit of a model is better than that."""
+
+
+def kept(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What the fleet's statistics need of a machine.
+
+    Returns a dict of texts, numbers, lists and dicts: ``machine``, ``mechanism`` (its type), ``verdict``; ``places``: one dict
+    for every effect at every place that was weighed (``effect``, ``place``, ``probability``, ``prior``, ``log_bayes_factor``,
+    ``unseen``: prior share of sizes that this recording would not show, and where it may be there ``sizes``: how probable each
+    size of the slab is, ``size``: [mean, std] of the log of the rms coefficient in expected largest sizes, ``amount``: the
+    same mean in ``unit``); ``anywhere``: the same of each effect at any of its places; ``parameters``: by name what the
+    readings alone say, [deviation, std] in tolerances, and its class of parts.
+    """
+    machine = diagnosis.machine
+    return {
+        "schema": SCHEMA,
+        "machine": machine.name,
+        "mechanism": "" if machine.file is None else str(machine.file.mechanism.get("type", "")),
+        "verdict": diagnosis.verdict,
+        "places": [_place(one) for one in diagnosis.evidence],
+        "anywhere": [_place(one) for one in diagnosis.evidence_anywhere],
+        "parameters": _parameters(diagnosis.after),
+    }
+
+
+def _place(one: PlaceEvidence) -> dict[str, Any]:
+    """Rounded to what matters: a thousandth of a nat, five digits of a probability."""
+    out: dict[str, Any] = {
+        "effect": one.effect,
+        "place": "+".join(one.place),
+        "probability": _short(one.probability),
+        "prior": _short(one.prior),
+        "log_bayes_factor": round(one.log_bayes_factor, 3),
+        "unseen": _short(one.unseen),
+    }
+    if one.sizes:
+        out["sizes"] = [round(p, 4) for p in one.sizes]
+    if one.size is not None:
+        out |= {"size": [round(one.size.log_mean, 4), round(one.size.log_std, 4)]}
+        out |= {"amount": round(one.size.log_amount, 4), "unit": one.size.unit} if one.size.unit else {}
+    return out
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.5g}")
+
+
+def _parameters(fit: Estimate) -> dict[str, list[float | str]]:
+    """By name: deviation and its 1-sigma, in tolerances, as the readings alone say it, and the class of parts.
+
+    A fit is N(m, v) from a prior N(0, w) and the readings' N(x, e): 1 / e = 1 / v - 1 / w, x = m e / v (variances).
+    """
+    free = [k for k in fit.prior.free if k < len(fit.machine.parameters)]
+    tolerance = {k: fit.machine.parameters[k].tolerance for k in free}
+    at = [k for k in free if 0.0 < tolerance[k] < np.inf]
+    if not at:
+        return {}
+    scale = np.array([tolerance[k] for k in at])
+    v = (fit.std[at] / scale) ** 2
+    w = (fit.prior.sigma[at] * fit.noise / scale) ** 2
+    told = 1.0 / np.maximum(v, FINEST**2) - 1.0 / w  # w is infinite without a prior
+    names = [fit.prior.names[k] for k in at]
+    classes = part_classes(names, [fit.prior.parts[k] for k in at])
+    out: dict[str, list[float | str]] = {}
+    for k, name in enumerate(names):
+        if told[k] < DETERMINED**-2:
+            continue
+        x = fit.in_tolerances[at[k]] / max(v[k], FINEST**2) / told[k]
+        kind = " ".join(part for part in (classes[k].kind, classes[k].parts) if part)
+        out[name] = [_short(float(x)), _short(float(told[k] ** -0.5)), kind]
+    return out
