@@ -37,13 +37,18 @@ def one_thread() -> Iterator[None]:
         _single.reset(token)
 
 
+def cores() -> int:
+    """Processors that this process may use."""
+    return int(joblib.cpu_count())
+
+
 def processors() -> int:
     """How many threads work at once. Raises InputError where the variable is no number from 1 on."""
     if _single.get():
         return 1
     asked = os.environ.get(VARIABLE)
     if asked is None:
-        return min(int(joblib.cpu_count()), MOST)
+        return min(cores(), MOST)
     if not asked.isdecimal() or int(asked) < 1:
         raise InputError(f"{VARIABLE}: found {asked!r}, expected a number of threads, 1 or more")
     return int(asked)
@@ -77,4 +82,4 @@ def all_done(work: Callable[[T], None], items: Sequence[T]) -> None:
         pass
 
 
-__all__ = ["all_done", "in_order", "one_thread", "processors"]
+__all__ = ["all_done", "cores", "in_order", "one_thread", "processors"]

@@ -1,0 +1,222 @@
+"""A fleet's run: the same bytes however it was worked out; nobody stopped by a machine that fails or kills its process."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from support.fleets import GAIN, PLAY, rows, write_fleet, write_machine
+from truepose.errors import InputError
+from truepose.identification.fleet.record import Record
+from truepose.identification.fleet.store import JOURNAL
+from truepose.identification.running.ending import Folders
+from truepose.identification.running.pool import Cluster, Cores, Pool, cluster
+from truepose.identification.running.run import run_fleet
+from truepose.identification.running.work import Options
+
+POISON = """
+import os, signal
+from truepose.models.effects.base import Effect, effects
+
+@effects.add("poison")
+class Poison(Effect):
+    slug = "poison"
+    title = "Kills the process"
+
+    def places(self, machine):
+        if machine.name == "poison":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return []
+
+    def coefficients(self, machine, place, settings):
+        return ()
+
+    def shifts(self, site):
+        return {}
+"""
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder."""
+    return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
+
+
+def run(machines: Path, results: Path, pool: Pool, options: Options | None = None) -> list[str]:
+    """The names of the machines that were worked with."""
+    names = list[str]()
+
+    def hear(_: int, __: int, name: str) -> None:
+        names.append(name)
+
+    run_fleet(Folders.of(machines, results), pool, options or Options(brief=True), progress=hear)
+    return [name for name in names if not name.startswith("looking")]
+
+
+def statuses(results: Path) -> dict[str, str]:
+    table = pd.read_csv(results / "fleet.csv")
+    return dict(zip(table["name"], table["status"], strict=True))
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three that can be worked with, and one that lacks a column."""
+    folder = write_fleet(tmp_path_factory.mktemp("here") / "line", {"gain": [GAIN], "play": [PLAY], "plain": []})
+    write_machine(folder / "unread", rows(9).drop(columns="q2"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def reference(machines: Path, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, bytes]:
+    """What one worker at a time makes of them."""
+    results = tmp_path_factory.mktemp("one") / "results"
+    assert sorted(run(machines, results, Cores(1))) == ["gain", "plain", "play", "unread"]
+    return tree(results)
+
+
+@pytest.fixture(scope="module")
+def dask() -> Iterator[Cluster]:
+    """Two workers; the scheduler gives up a task with which one has died."""
+    distributed = pytest.importorskip("distributed")
+    import dask
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as local,
+        cluster(local.scheduler_address) as found,
+    ):
+        yield found
+
+
+def test_files_say_what_came_of_each(reference: Mapping[str, bytes]) -> None:
+    told = json.loads(reference["fleet.json"])
+    assert told["schema"] == "truepose/fleet/1"
+    assert told["statuses"] == {"done": 3, "failed": 1}
+    assert told["undone"] == [
+        {"name": "unread", "status": "failed", "why": told["undone"][0]["why"]}
+    ] and told["undone"][0]["why"].startswith("unread/recording.csv: missing column 'q2'")
+    for name in ("calibrated.yaml", "fit.json", "diagnosis.json", "improved.yaml", "record.json"):
+        assert f"machines/gain/{name}" in reference
+    assert {name for name in reference if name.startswith("machines/unread/")} == {"machines/unread/record.json"}
+    diagnosis = json.loads(reference["machines/gain/diagnosis.json"])
+    assert diagnosis["files"] == ["gain/recording.csv"]
+    assert [f["effect"] for f in diagnosis["findings"]] == ["actuator-scale"]
+    assert JOURNAL not in reference
+
+
+def test_two_workers_in_another_place_give_the_same_bytes(
+    machines: Path, reference: Mapping[str, bytes], tmp_path: Path
+) -> None:
+    shutil.copytree(machines, tmp_path / "there" / "line")
+    run(tmp_path / "there" / "line", tmp_path / "results", Cores(2))
+    assert tree(tmp_path / "results") == reference
+
+
+def test_dask_gives_the_same_bytes(
+    machines: Path, reference: Mapping[str, bytes], dask: Cluster, tmp_path: Path
+) -> None:
+    run(machines, tmp_path / "results", dask)
+    assert tree(tmp_path / "results") == reference
+
+
+@pytest.mark.parametrize("backend", ["cores", "dask"])
+def test_a_machine_that_kills_its_process_stops_nobody(
+    backend: str, machines: Path, reference: Mapping[str, bytes], tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    shutil.copytree(machines, tmp_path / "line")
+    shutil.copytree(machines / "plain", tmp_path / "line" / "killer")
+    file = tmp_path / "line" / "killer" / "machine.yaml"
+    file.write_text(file.read_text(encoding="utf-8").replace("name: tiny", "name: poison"), encoding="utf-8")
+    (tmp_path / "poison.py").write_text(POISON, encoding="utf-8")
+    options = Options(brief=True, plugins=(tmp_path / "poison.py",))
+    pool = Cores(2) if backend == "cores" else request.getfixturevalue("dask")
+    run(tmp_path / "line", tmp_path / "results", pool, options)
+    assert statuses(tmp_path / "results") == {
+        "gain": "done", "killer": "broken", "plain": "done", "play": "done", "unread": "failed"
+    }  # fmt: skip
+    for name in ("gain", "plain", "play"):
+        same = f"machines/{name}/diagnosis.json"
+        assert (tmp_path / "results" / same).read_bytes() == reference[same]
+    again = run(tmp_path / "line", tmp_path / "results", pool, options)
+    assert again == ["killer"]  # what broke is tried again with every run, and nothing else
+
+
+def test_killed_in_the_middle_it_goes_on(
+    machines: Path, reference: Mapping[str, bytes], tmp_path: Path
+) -> None:
+    results = tmp_path / "results"
+    command = [sys.executable, "-m", "truepose.cli", "fleet", str(machines), "-o", str(results), "-j", "1", "--brief"]
+    with subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL) as process:
+        while not (results / JOURNAL).is_file() or (results / JOURNAL).read_text().count('"key"') < 2:
+            assert process.poll() is None
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGKILL)
+    noted = [Record.of_text(line) for line in (results / JOURNAL).read_text().splitlines()]
+    whole = {record.name for record in noted if record is not None}
+    assert not (results / "fleet.csv").exists() and 2 <= len(whole) <= 4
+    for found in results.glob("machines/*/record.json"):
+        assert tree(found.parent) == tree_of(reference, f"machines/{found.parent.name}/")
+    assert set(run(machines, results, Cores(2))) == {"gain", "plain", "play", "unread"} - whole
+    left = {name: data for name, data in tree(results).items() if ".partial" not in name}
+    assert left == reference
+
+
+def tree_of(whole: Mapping[str, bytes], below: str) -> dict[str, bytes]:
+    return {name.removeprefix(below): data for name, data in whole.items() if name.startswith(below)}
+
+
+def test_only_what_changed_is_worked_with_again(machines: Path, tmp_path: Path) -> None:
+    line, results = tmp_path / "line", tmp_path / "results"
+    shutil.copytree(machines, line)
+    run(line, results, Cores(2))
+    assert run(line, results, Cores(2)) == []
+    shutil.rmtree(line / "gain")
+    write_machine(line / "plain", rows(2, [GAIN]))
+    write_machine(line / "more", rows(7))
+    assert sorted(run(line, results, Cores(2))) == ["more", "plain"]
+    changes = json.loads((results / "fleet.json").read_text(encoding="utf-8"))["changes"]
+    assert (changes["new"], changes["gone"]) == (["more"], ["gain"])
+    assert {(one["machine"], one["what"]) for one in changes["said"]} == {("plain", "verdict"), ("plain", "findings")}
+    shutil.rmtree(results / "machines")  # the page is made of the records alone
+    assert run(line, results, Cores(2)) == []
+    fresh = tmp_path / "fresh"
+    run(line, fresh, Cores(2))
+    for name in ("fleet.csv", "fleet.parquet", "sums.json", "prior.yaml"):
+        assert (results / name).read_bytes() == (fresh / name).read_bytes()
+
+
+def test_a_machine_that_takes_too_long_is_a_row(machines: Path, tmp_path: Path) -> None:
+    run(machines, tmp_path, Cores(1), Options(brief=True, limit=1e-4))
+    assert statuses(tmp_path) == {"gain": "broken", "plain": "broken", "play": "broken", "unread": "failed"}
+    assert set(pd.read_csv(tmp_path / "fleet.csv")["why"][:3]) == {"took longer than 0.0001 min"}
+
+
+def test_two_runs_do_not_work_in_one_folder(machines: Path, tmp_path: Path) -> None:
+    refused = list[str]()
+
+    def hear(*_: object) -> None:
+        if refused:
+            return
+        try:
+            run(machines, tmp_path, Cores(1))
+        except InputError as exc:
+            refused.append(str(exc))
+
+    run_fleet(Folders.of(machines, tmp_path), Cores(1), Options(brief=True), progress=hear)
+    assert refused == [f"{tmp_path}: found another run of truepose fleet at work there, expected none"]
+
+
+def test_results_do_not_lie_among_the_machines(machines: Path) -> None:
+    with pytest.raises(InputError, match="expected another folder for the results"):
+        Folders.of(machines, machines)
