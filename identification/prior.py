@@ -12,12 +12,12 @@ All are for all machines. Limits at which something is *said* are no priors; the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import expit, logit, logsumexp
 
 Array = NDArray[np.float64]
 
@@ -52,6 +52,12 @@ class Richness:
         """(slots + 2,) log prior of certain slots being filled, for each number of them and one more, levels summed."""
         return np.array([logsumexp(self.log_weights(number)) for number in range(self.slots + 2)])
 
+    def scaled(self, log_factor: float) -> Richness:
+        """With the odds of every level of a slot being filled times a factor."""
+        if log_factor == 0.0:
+            return self
+        return replace(self, filled=tuple(expit(logit(self.filled) + log_factor).tolist()))
+
     def slot(self, number: int) -> float:
         """Log prior odds of a certain slot being filled beside ``number`` full ones."""
         return float(self.log_totals[number + 1] - self.log_totals[number])
@@ -77,6 +83,15 @@ SET_UP = 0.9
 """Share of movements between sessions that are of frames and sensors: they are set up anew, and parts stay. Chosen."""
 REMAINDER = 0.5
 """Probability that there is a smooth remainder (model discrepancy) beside all effects. Chosen: no knowledge."""
+
+# -- what a fleet may say otherwise -------------------------------------------------------------------------
+
+FLEET_ODDS = 1.5
+"""1-sigma, in the log, of how far the odds of an effect in a fleet are from today's prior. Chosen: a factor of 4 to 5."""
+FLEET_PLACES = 1.0
+"""The same of one of its places from the others. Chosen: a factor of 3."""
+FLEET_SIZES = 0.4
+"""How much rarer each further step of the slab's sizes (a factor of 3) is from a fleet's usual size of an effect. Chosen."""
 
 # -- how large they are -------------------------------------------------------------------------------------
 
@@ -171,6 +186,9 @@ __all__ = [
     "ALIKE",
     "BOUND_DOUBT",
     "ELSEWHERE",
+    "FLEET_ODDS",
+    "FLEET_PLACES",
+    "FLEET_SIZES",
     "FORM_ERROR",
     "FURTHER",
     "INFLATIONS",

@@ -146,6 +146,11 @@ class Machine(Shown):
     declared_drivers: tuple[DeclaredDriver, ...] = ()
 
     @property
+    def mechanism_type(self) -> str:
+        """What the file calls the type of its mechanism (``serial``, ``ups``); empty where there is no file."""
+        return "" if self.file is None else str(self.file.mechanism.get("type", ""))
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Geometry, frames, sensors, and masses that are not exactly known, in one fixed order."""
         sensor = tuple(p for s in self.sensors for p in s.parameters)

@@ -23,7 +23,7 @@ def weighed_alone(problem: SelectionProblem, count: int) -> Array:
     terms = np.array([np.logaddexp.reduce(spike_slab.log_odds(p, ()), axis=0) for p in points])
     terms -= spike_slab.terms.log_first
     # at a size that nobody would notice it says neither for nor against
-    unnoticed = np.where(spike_slab.noticeable, 0.0, np.exp(spike_slab.sizes.log_prior)[:, None]).sum(axis=0)
+    unnoticed = np.where(spike_slab.noticeable, 0.0, np.exp(spike_slab.terms.log_sizes)).sum(axis=0)
     terms = np.logaddexp(terms, np.log(np.maximum(unnoticed, 1e-300)))
     total = np.logaddexp.reduce(terms + null[:, None], axis=0) - np.logaddexp.reduce(null)
     out = np.full(count, -np.inf)

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,7 @@ from truepose.identification.diagnosis.verdict import Fits, concluded
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.fit.set_ups import with_set_ups
+from truepose.identification.learned_prior import FleetPrior, LearnedPrior, read_prior
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
@@ -33,18 +36,26 @@ Mask = NDArray[np.bool_]
 
 
 def diagnose(
-    machine: Machine, recording: Recording | Sources, *, progress: Callable[[str], None] = lambda _: None
+    machine: Machine,
+    recording: Recording | Sources,
+    *,
+    prior: LearnedPrior | Path | str | None = None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Say what physics the model of ``machine`` leaves out of ``recording``, model it and prove it.
 
-    A path, a DataFrame or a dict of columns is a recording, too. Raises InputError for unusable input and
+    A path, a DataFrame or a dict of columns is a recording, too. ``prior``: what a fleet of machines leaves for this one, or
+    the file of it (``truepose.identification.learned_prior``). Raises InputError for unusable input and
     ConvergenceError when the fit without effects finds no minimum.
     """
+    learned = read_prior(prior) if isinstance(prior, Path | str) else prior
     recording = as_recording(machine, recording)
     machine = with_measured_loads(with_set_ups(machine, recording), recording)
     progress("fitting without effects")
     fits = _null_fits(machine, recording)
     cat = catalogue(machine, recording)
+    if learned is not None:
+        cat = replace(cat, learned=FleetPrior(learned, machine.mechanism_type))
     progress(f"weighing {len(cat.candidates)} explanations")
     signatures = Signatures(machine, recording, cat.candidates)
     near = search(signatures, cat, fits.before, fits.outliers, fits.rms)

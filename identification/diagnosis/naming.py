@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification import prior
 from truepose.identification.diagnosis.posterior_summary import (
     LEADING,
     LISTED,
@@ -117,7 +116,7 @@ def _least(found: Found, one: Named) -> float:
     own = [m for m in members if found.problem.candidates[m[0]] in one.candidates]
     if len(own) != 1:
         return -np.inf
-    prior_odds = spike_slab.terms.log_prior_of(own) + slot_odds(prior.RICHNESS, len(members) - 1)
+    prior_odds = spike_slab.terms.log_prior_of(own) + slot_odds(found.problem.richness, len(members) - 1)
     sweeps = found.posterior.sweeps  # so many draws tell no more than one in so many
     drawn = (one.probability * sweeps + 1.0) / (sweeps + 2.0)
     return float(np.log(drawn / (1.0 - drawn)) - prior_odds)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from truepose.identification import prior
 from truepose.identification.diagnosis.alone import weighed_alone
 from truepose.identification.diagnosis.black_box import black_box
 from truepose.identification.diagnosis.findings import NOTABLE
@@ -145,7 +144,7 @@ def _half(spike_slab: SpikeSlab, found: Found, names: Sequence[Named]) -> list[_
     for name in names:
         own = [m for m in members if found.problem.candidates[m[0]] in name.candidates]
         rest = tuple(m for m in members if m not in own)
-        shares = spike_slab.conditional(point, rest).terms(slot_odds(prior.RICHNESS, len(rest)))
+        shares = spike_slab.conditional(point, rest).terms(slot_odds(found.problem.richness, len(rest)))
         causes = {int(spike_slab.terms.cause[term]) for term, _ in own}
         said = float(min(sum(shares[spike_slab.terms.cause == k].sum() for k in causes), 1.0))
         at = [place[c] for c in found.linearisation.indices(name.candidates)]
@@ -178,7 +177,7 @@ def flip_inflation(found: Found, one: Named) -> float | None:
     every = [(place[t], s) for t, s in mode.members]
     rest = [(place[t], s) for t, s in mode.members if t not in own]
     odds = part.log_prior(every) - part.log_prior(rest)
-    odds += sum(slot_odds(prior.RICHNESS, len(rest) + k) for k in range(len(every) - len(rest)))
+    odds += sum(slot_odds(problem.richness, len(rest) + k) for k in range(len(every) - len(rest)))
 
     def needed(k: int) -> bool:
         point = mode.point._replace(widening=k)

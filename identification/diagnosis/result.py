@@ -170,6 +170,35 @@ class Together:
 
 
 @dataclass(frozen=True)
+class Amount:
+    """How large an effect is, given that it is there: mean and 1-sigma of the log of its rms coefficient in units of the
+    largest expected one, and the same mean in its ``unit``, which is empty where coefficients have several."""
+
+    log_mean: float
+    log_std: float
+    log_amount: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class PlaceEvidence:
+    """What is said of an effect at a place (at any, where ``place`` is empty), and what of that the recording said.
+
+    probability, prior: that it is there, after and before; log_bayes_factor: of it at the sizes that would be noticed against
+    nothing, free of the prior; unseen: prior share of the other sizes; sizes: how probable each size of the slab is.
+    """
+
+    effect: str
+    place: tuple[str, ...]
+    probability: float
+    prior: float
+    log_bayes_factor: float
+    unseen: float
+    sizes: tuple[float, ...] = ()
+    size: Amount | None = None
+
+
+@dataclass(frozen=True)
 class BlockProof:
     """Rms of readings after over before on rows held out together, how many they are, and the same of the tool's position;
     extrapolates: whether they lie at the end of what was seen."""
@@ -238,7 +267,8 @@ class Diagnosis(Written):
     leading: what is less probable than not, but leads; disagreement: largest difference of a probability between the
     posterior's chains; applied: what ``after`` holds, and why; missing: what this machine likely has and the recording cannot
     show; together: drivers that surely act although no place of theirs is sure. ``truepose.identification.report.results``
-    writes it down.
+    writes it down. evidence: what the recording says of every effect at every place and, ``evidence_anywhere``, at any, for
+    the statistics of a fleet; prior_notes: where the prior is from, if a fleet left it.
 
     ``report(path)`` writes the report, ``write(directory)`` ``diagnosis.json``, ``improved.yaml`` and ``report.html``; the
     constants are in ``after.to_frame()``.
@@ -271,6 +301,9 @@ class Diagnosis(Written):
     applied: Applied | None = None
     missing: tuple[Missing, ...] = ()
     together: tuple[Together, ...] = ()
+    evidence: tuple[PlaceEvidence, ...] = ()
+    evidence_anywhere: tuple[PlaceEvidence, ...] = ()
+    prior_notes: tuple[str, ...] = ()
 
     @property
     def structure(self) -> Alarm:

@@ -75,7 +75,7 @@ def settled(start: Start) -> Expansion:
     for k in range(CLIMBS):
         if k and not state.short:
             break  # near enough: every further fit would take long
-        moved = state.moved(climbed(state.spike_slab, prior.RICHNESS, state.known))
+        moved = state.moved(climbed(state.spike_slab, state.problem.richness, state.known))
         if moved is None:
             break
         del state  # before the next one, for its matrices are large
@@ -137,7 +137,7 @@ class Expansion:
 
     @cached_property
     def _sampling(self) -> Sampling:
-        return Sampling(self.spike_slab, prior.RICHNESS, known=self.known)
+        return Sampling(self.spike_slab, self.problem.richness, known=self.known)
 
     def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
         """The posterior at this point, and its mode; more rounds go on from fewer."""

@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 
 from truepose.identification import prior
 from truepose.identification.fit.tolerance_classes import PartClass, widenings
+from truepose.identification.learned_prior import FleetPrior
 from truepose.identification.posterior.design import Always, Design, Unknowns
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
@@ -32,13 +33,15 @@ class SelectionProblem:
     """The posterior's problem, and what its numbers mean.
 
     candidates: for each term the one of the catalogue that it is; causes: by number; classes: of parts, in the order of
-    the grid's widenings. remainder (c, r): turns its r directions into coefficients of ``nameless`` (c,), columns of G.
+    the grid's widenings; richness: how many terms machines have.
+    remainder (c, r): turns its r directions into coefficients of ``nameless`` (c,), columns of G.
     """
 
     spike_slab: SpikeSlab
     candidates: tuple[int, ...]
     causes: tuple[EffectAtPlace, ...]
     classes: tuple[PartClass, ...]
+    richness: prior.Richness
     nameless: NDArray[np.intp]
     remainder: Array
 
@@ -47,7 +50,9 @@ def selection_problem(lin: Linearisation, cat: Catalogue, rms: float) -> Selecti
     """``rms`` of the whitened residual of the ordinary fit bounds the noise and the remainder."""
     nameless = np.array(lin.indices(cat.smooth), dtype=np.intp)
     turn = _remainder(lin, cat, nameless)
-    members, causes, terms = _terms(cat, lin)
+    free = tuple(i for i in range(len(cat.candidates)) if i not in cat.stated)
+    shares, more = _log_shares(cat, free)
+    causes, terms = _terms(cat, lin, free, shares)
     classes = tuple(dict.fromkeys(lin.parts))
     spike_slab = SpikeSlab(
         _design(lin, cat, classes, nameless, turn),
@@ -55,7 +60,8 @@ def selection_problem(lin: Linearisation, cat: Catalogue, rms: float) -> Selecti
         terms,
         prior.SIZES,
     )
-    return SelectionProblem(spike_slab, members, causes, classes, nameless, turn)
+    richness = prior.RICHNESS.scaled(more)
+    return SelectionProblem(spike_slab, free, causes, classes, richness, nameless, turn)
 
 
 def _remainder(lin: Linearisation, cat: Catalogue, nameless: NDArray[np.intp]) -> Array:
@@ -131,16 +137,17 @@ def _turned(gram: Array, picked: NDArray[np.intp], first: int, mixed: Array) -> 
     return out
 
 
-def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[EffectAtPlace, ...], Terms]:
-    """Candidates, one a term (all that the file does not state), causes, and terms with their urns."""
-    free = [i for i in range(len(cat.candidates)) if i not in cat.stated]
+def _terms(
+    cat: Catalogue, lin: Linearisation, free: Sequence[int], log_shares: Array
+) -> tuple[tuple[EffectAtPlace, ...], Terms]:
+    """Causes, and a term for each free candidate (all that the file does not state) with its urns."""
     placed = [cat.candidates[i] for i in free]
     table = pd.DataFrame(
         {
             "cause": [cat.cause(i) for i in free],
             "kind": [_kind(cat, i) for i in free],
             "feature": [c.effect.told(c.settings_map) for c in placed],
-            "share": np.exp(_log_shares(cat, free)),
+            "share": np.exp(log_shares),
         }
     )
     table["in_kind"] = table["share"] / table.groupby("kind")["share"].transform("sum")
@@ -159,7 +166,7 @@ def _terms(cat: Catalogue, lin: Linearisation) -> tuple[tuple[int, ...], tuple[E
         )
         for k, i in enumerate(free)
     ]
-    return tuple(free), tuple(causes), Terms(terms, _urn(table))
+    return tuple(causes), Terms(terms, _urn(table, cat.learned))
 
 
 def _kind(cat: Catalogue, index: int) -> str:
@@ -173,7 +180,7 @@ def _kind(cat: Catalogue, index: int) -> str:
     return f"{placed.effect.slug} of {len(placed.place)}"
 
 
-def _urn(table: pd.DataFrame) -> Urn:
+def _urn(table: pd.DataFrame, learned: FleetPrior | None) -> Urn:
     """Kinds, features and causes in the order in which they first come."""
     kinds = table.groupby("kind", sort=False)
     numbers = dict(zip(table["kind"].drop_duplicates(), range(kinds.ngroups), strict=True))
@@ -184,7 +191,7 @@ def _urn(table: pd.DataFrame) -> Urn:
         number=kinds["cause"].nunique().to_numpy().astype(np.intp),
         feature_kind=features.index.get_level_values("kind").map(numbers).to_numpy(dtype=np.intp),
         feature_share=features.to_numpy(),
-        log_size=prior.SIZES.log_prior,
+        log_size=np.array([_log_sizes(cause, learned) for cause in kinds["cause"].first()]),
         weight=prior.URN,
         alike=prior.ALIKE,
         further=prior.FURTHER,
@@ -192,8 +199,15 @@ def _urn(table: pd.DataFrame) -> Urn:
     )
 
 
-def _log_shares(cat: Catalogue, free: Sequence[int]) -> Array:
-    """Log prior of each candidate given that something is there: named ones share, and nameless ones."""
+def _log_sizes(cause: EffectAtPlace, learned: FleetPrior | None) -> Array:
+    """(s,) log prior of the sizes of a kind, of which this is a cause."""
+    own = None if learned is None else learned.log_sizes(cause.effect)
+    return prior.SIZES.log_prior if own is None else own
+
+
+def _log_shares(cat: Catalogue, free: Sequence[int]) -> tuple[Array, float]:
+    """Log prior of each candidate given that something is there: named ones share, and nameless ones; and by how much, in the
+    log, a fleet makes something likelier to be there. What it says of one candidate's odds leaves those of others alone."""
     own = np.array([cat.log_prior[i] for i in free])
     named = np.array([cat.named(i) for i in free], dtype=bool)
     share = prior.UNNAMED_SHARE if not named.all() else 0.0
@@ -201,4 +215,8 @@ def _log_shares(cat: Catalogue, free: Sequence[int]) -> Array:
     for part, whole in ((named, 1.0 - share), (~named, share)):
         if part.any():
             out[part] = own[part] - logsumexp(own[part]) + np.log(whole)
-    return out
+    if cat.learned is None or not free:
+        return out, 0.0
+    out += [cat.learned.log_odds(cat.cause(i)) for i in free]
+    more = float(logsumexp(out))
+    return out - more, more

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from truepose.identification.diagnosis.alarms import Alarm, alarms_of, misfits
 from truepose.identification.diagnosis.averaging import averaged
+from truepose.identification.diagnosis.evidence import evidence
 from truepose.identification.diagnosis.findings import (
     evidence_map,
     finding,
@@ -111,6 +112,7 @@ def _quiet(fits: Fits, found: Found, summary: Summary, choice: Choice) -> Diagno
     alone, unknowns = found.alone, found.problem.spike_slab.unknowns
     wider = _typical(found, lambda point: unknowns.widening[point.widening]).tolist()
     plain = choice.plain.against(choice.plain)
+    places, anywhere = evidence(found, summary.inclusion)
     return Diagnosis(
         machine=machine,
         recording=recording,
@@ -139,6 +141,9 @@ def _quiet(fits: Fits, found: Found, summary: Summary, choice: Choice) -> Diagno
         disagreement=found.posterior.disagreement,
         applied=_told("plain", plain, plain),
         together=Presence(machine, cat, found.problem, found.posterior).together(),
+        evidence=places,
+        evidence_anywhere=anywhere,
+        prior_notes=() if cat.learned is None else cat.learned.notes(c.at_place for c in cat.candidates),
     )
 
 

@@ -163,7 +163,7 @@ def _terms(stack: Stack, kinds: Kinds) -> Terms:
         number=number,
         feature_kind=np.arange(len(names)),
         feature_share=np.ones(len(names)),
-        log_size=prior.MOVEMENT_SIZES.log_prior,
+        log_size=np.tile(prior.MOVEMENT_SIZES.log_prior, (len(names), 1)),
         weight=prior.URN,
         alike=prior.ALIKE,
         further=prior.FURTHER,

@@ -6,6 +6,7 @@ diagnosis was made with, so that a fleet can be summed up under any prior, and n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from truepose.identification.diagnosis.evidence import PlaceEvidence
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
+from truepose.identification.fleet.summary import KEPT
 
 Array = NDArray[np.float64]
-SCHEMA = "truepose/kept/1"
+
 DETERMINED = 3.0
 """1-sigma of what the readings alone say of a constant, in its tolerances, beyond which they say nothing of it."""
 FINEST = 1e-3
@@ -27,45 +29,47 @@ FINEST = 1e-3
 def kept(diagnosis: Diagnosis) -> dict[str, Any]:
     """What the fleet's statistics need of a machine.
 
-    Returns a dict of texts, numbers, lists and dicts: ``machine``, ``mechanism`` (its type), ``verdict``; ``places``: one dict
-    for every effect at every place that was weighed (``effect``, ``place``, ``probability``, ``prior``, ``log_bayes_factor``,
-    ``unseen``: prior share of sizes that this recording would not show, and where it may be there ``sizes``: how probable each
-    size of the slab is, ``size``: [mean, std] of the log of the rms coefficient in expected largest sizes, ``amount``: the
-    same mean in ``unit``); ``anywhere``: the same of each effect at any of its places; ``parameters``: by name what the
-    readings alone say, [deviation, std] in tolerances, and its class of parts.
+    Returns a dict of texts, numbers, lists and dicts: ``machine``, ``mechanism`` (its type), ``verdict``; ``places``: by effect
+    and place ``[probability, prior, log Bayes factor, unseen]`` (``unseen``: prior share of sizes that the recording would not
+    show), and where it may be there a dict besides: ``sizes``, how probable each size of the slab is, ``size``, [mean, std] of
+    the log of its rms coefficient in expected largest sizes, and ``amount``, the same mean in ``unit``; ``anywhere``: by
+    effect the same four numbers, of any of its places; ``parameters``: by name what the readings alone say, [deviation, std]
+    in tolerances, and its class of parts.
     """
     machine = diagnosis.machine
     return {
-        "schema": SCHEMA,
+        "schema": KEPT,
         "machine": machine.name,
-        "mechanism": "" if machine.file is None else str(machine.file.mechanism.get("type", "")),
+        "mechanism": machine.mechanism_type,
         "verdict": diagnosis.verdict,
-        "places": [_place(one) for one in diagnosis.evidence],
-        "anywhere": [_place(one) for one in diagnosis.evidence_anywhere],
+        "places": _by_effect(diagnosis.evidence),
+        "anywhere": {one.effect: _place(one) for one in diagnosis.evidence_anywhere},
         "parameters": _parameters(diagnosis.after),
     }
 
 
-def _place(one: PlaceEvidence) -> dict[str, Any]:
-    """Rounded to what matters: a thousandth of a nat, five digits of a probability."""
-    out: dict[str, Any] = {
-        "effect": one.effect,
-        "place": "+".join(one.place),
-        "probability": _short(one.probability),
-        "prior": _short(one.prior),
-        "log_bayes_factor": round(one.log_bayes_factor, 3),
-        "unseen": _short(one.unseen),
-    }
-    if one.sizes:
-        out["sizes"] = [round(p, 4) for p in one.sizes]
-    if one.size is not None:
-        out |= {"size": [round(one.size.log_mean, 4), round(one.size.log_std, 4)]}
-        out |= {"amount": round(one.size.log_amount, 4), "unit": one.size.unit} if one.size.unit else {}
+def _by_effect(every: Sequence[PlaceEvidence]) -> dict[str, dict[str, list[Any]]]:
+    out: dict[str, dict[str, list[Any]]] = {}
+    for one in every:
+        out.setdefault(one.effect, {})["+".join(one.place)] = _place(one)
     return out
 
 
+def _place(one: PlaceEvidence) -> list[Any]:
+    """Rounded to what matters: a hundredth of a nat, four digits of a probability."""
+    factor = round(one.log_bayes_factor, 2)
+    out: list[Any] = [_short(one.probability), _short(one.prior), factor, _short(one.unseen)]
+    more: dict[str, Any] = {}
+    if one.sizes:
+        more["sizes"] = [round(p, 3) for p in one.sizes]
+    if one.size is not None:
+        more["size"] = [round(one.size.log_mean, 3), round(one.size.log_std, 3)]
+        more |= {"amount": round(one.size.log_amount, 3), "unit": one.size.unit} if one.size.unit else {}
+    return [*out, more] if more else out
+
+
 def _short(value: float) -> float:
-    return float(f"{value:.5g}")
+    return float(f"{value:.4g}") if abs(value) >= 1e-6 else 0.0
 
 
 def _parameters(fit: Estimate) -> dict[str, list[float | str]]:

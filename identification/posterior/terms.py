@@ -130,6 +130,11 @@ class Terms:
         """(c,) log prior of each term beside nothing, whatever its size."""
         return np.asarray(self._share + np.log(self.urn.share)[self.kind])
 
+    @property
+    def log_sizes(self) -> Array:
+        """(s, c) log prior of each size of each term."""
+        return np.ascontiguousarray(self.urn.log_size.T[:, self.kind])
+
     def log_prior(self, present: Sequence[tuple[int, int]]) -> Array:
         """(s, c) log prior of each term at each size beside those present (term, size); minus infinity where it cannot stand
         beside them."""
@@ -156,7 +161,7 @@ class Terms:
     def _counts(self, present: Sequence[tuple[int, int]]) -> Counts:
         """Of causes, and of all members."""
         terms, sizes = (np.array([m[k] for m in present], dtype=np.intp) for k in (0, 1))
-        by_size = np.zeros((len(self.urn.log_size), len(self.urn.share)), dtype=np.intp)
+        by_size = np.zeros(self.urn.log_size.shape[::-1], dtype=np.intp)
         np.add.at(by_size, (sizes, self.kind[terms]), 1)
         kinds = np.bincount(self.urn.kind[np.unique(self.cause[terms])], minlength=len(self.urn.share))
         return Counts(kinds, np.bincount(self.feature[terms], minlength=len(self.urn.feature_share)), by_size)

@@ -34,9 +34,9 @@ class Counts(NamedTuple):
 @dataclass(frozen=True)
 class Urn:
     """kind (n,): of each cause; share (g,): prior share of each kind; number (g,): of its causes; feature_kind (f,): kind of
-    each feature; feature_share (f,): in its kind; log_size (s,): log prior of each size; weight: of the shares of kinds;
-    alike: of those of features and sizes within a kind; further: prior odds of a further term of a cause that is there;
-    log_place (n,): share of each cause in its kind."""
+    each feature; feature_share (f,): in its kind; log_size (g, s): log prior of each size in each kind; weight: of the
+    shares of kinds; alike: of those of features and sizes within a kind; further: prior odds of a further term of a cause
+    that is there; log_place (n,): share of each cause in its kind."""
 
     kind: Index
     share: Array
@@ -75,7 +75,7 @@ class Urn:
         members, share, w = np.where(self.grows, sizes.sum(axis=0), 0), self.feature_share, self.alike
         seen = np.where(self.grows[self.feature_kind], features, 0)
         feature = (w * share + seen) / (w + members[self.feature_kind]) / share
-        size = (w * np.exp(self.log_size)[:, None] + np.where(self.grows, sizes, 0)) / (w + members)
+        size = (w * np.exp(self.log_size).T + np.where(self.grows, sizes, 0)) / (w + members)
         return self.plain + np.log(drawn * left), np.log(feature), np.log(size)
 
     def log_prior(self, counts: Counts) -> float:
@@ -87,11 +87,11 @@ class Urn:
         for k in np.flatnonzero(sizes.sum(axis=0)):
             mine = self.feature_kind == k
             if not self.grows[k]:
-                out += float(sizes[:, k] @ self.log_size)
+                out += float(sizes[:, k] @ self.log_size[k])
                 continue
             out += polya(features[mine], w * self.feature_share[mine], w)
             out -= float(features[mine] @ np.log(self.feature_share[mine]))
-            out += polya(sizes[:, k], w * np.exp(self.log_size), w)
+            out += polya(sizes[:, k], w * np.exp(self.log_size[k]), w)
         return out
 
 

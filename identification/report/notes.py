@@ -49,6 +49,7 @@ def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
         said.append(f"without effects the readings scatter {found.noise:.2g} times the stated sigma")
     return (
         *recording.notes,
+        *found.prior_notes,
         *driver_notes(found),
         *said,
         *tolerance_notes(found.inflation),

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.learned_prior import FleetPrior
 from truepose.identification.prior import ELSEWHERE, TOGETHER
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import tried
@@ -48,7 +49,8 @@ class Catalogue:
     """Candidates with the logarithm of their prior probability given that one effect is present.
 
     ``stated`` are those that the machine file has already: part of every model, and no finding. ``apart``: forms that
-    are no part of a remainder, of columns that are tried and of what a joint's drive holds.
+    are no part of a remainder, of columns that are tried and of what a joint's drive holds. ``learned``: what a fleet of
+    machines says otherwise of the prior.
     """
 
     candidates: tuple[PlacedEffect, ...]
@@ -56,6 +58,7 @@ class Catalogue:
     untestable: tuple[Untestable, ...]
     stated: tuple[int, ...] = ()
     apart: frozenset[int] = frozenset()
+    learned: FleetPrior | None = None
 
     def with_more(self, added: Sequence[PlacedEffect], beside: Sequence[int]) -> Catalogue:
         """With further candidates at the end, which share the prior of those ``beside`` (their indices)."""

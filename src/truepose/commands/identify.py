@@ -73,6 +73,15 @@ IrradianceOption = Annotated[
         "in the order of the recordings.",
     ),
 ]
+PriorOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--prior",
+        metavar="FILE",
+        help="What a fleet of such machines says is likely: the prior.yaml of its statistics.",
+        show_default=False,
+    ),
+]
 
 
 def calibrate(
@@ -144,6 +153,7 @@ def diagnose(
     output: DirectoryOption,
     irradiance: IrradianceOption = None,
     try_columns: TryColumnsOption = None,
+    prior: PriorOption = None,
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
@@ -157,6 +167,7 @@ def diagnose(
     """
     with reported(plugin):
         from truepose.identification.diagnosis.engine import diagnose as run
+        from truepose.identification.learned_prior import read_prior
         from truepose.identification.report.check_words import caution_lines, checked
         from truepose.identification.report.files import write_diagnosis
         from truepose.identification.report.judgement_words import diagnosis_judgement
@@ -164,6 +175,7 @@ def diagnose(
         from truepose.identification.report.notes import diagnosis_notes
         from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
 
+        learned = None if prior is None else read_prior(prior)
         check_directory(output, DIAGNOSIS)
         with progress("diagnosing", DIAGNOSING) as say:
             say("checking")
@@ -176,7 +188,7 @@ def diagnose(
                 tried=tried_names(try_columns),
             )
             check_machine(output, DIAGNOSIS, loaded.name)
-            result = run(loaded, rows, progress=say)
+            result = run(loaded, rows, prior=learned, progress=say)
             say("writing the report")
             names = write_diagnosis(result, output, check=check)
         warned = caution_lines(check)

@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from support.fleets import GAIN, PLAY, rows, write_fleet, write_machine
+from support.tiny_fleets import GAIN, PLAY, rows, write_fleet, write_machine
 from truepose.errors import InputError
 from truepose.identification.fleet.record import Record
 from truepose.identification.fleet.store import JOURNAL

@@ -1,45 +1,84 @@
-"""Small fleets: arms of two joints beside a tracker, some with a gain or a play that their model lacks. mm, deg."""
+"""Machines of a fleet as they are kept, drawn from the model of ``truepose.identification.fleet.hierarchy``, with the truth."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import expit, logsumexp
 
-from challenge.simulator.base import Imperfection, Plan
-from support.tiny_machine import Tiny
+from truepose.identification.fleet.hierarchy import STEPS, effect_steps
+from truepose.identification.fleet.likelihood import KERNEL, SLAB
+from truepose.identification.prior import FLEET_PLACES, SIZES
 
-GAIN = Imperfection("gain", ("q1",), 2e-3, {})
-PLAY = Imperfection("play", ("q2",), 2e-3, {})
-ROWS = 16
-
-
-def rows(seed: int, faults: Sequence[Imperfection] = (), count: int = ROWS) -> pd.DataFrame:
-    """A recording: readings of the joints and of the tracker, and the sides that joints came from."""
-    arm, rng = Tiny(), np.random.default_rng(seed)
-    campaign = arm.campaign(Plan(poses=count, repeats=1, both_sides=True), rng)
-    exact = arm.measure(arm.specimen(rng), tuple(faults), campaign)
-    readings = arm.noisy(exact, campaign, rng)
-    columns = {name: np.degrees(campaign.q[:, k]) for k, name in enumerate(arm.readings)}
-    columns |= {name: readings[:, k] for k, name in enumerate(arm.columns)}
-    columns |= {f"approach.{name}": campaign.approach[:, k] for k, name in enumerate(arm.readings)}
-    return pd.DataFrame(columns)
+Array = NDArray[np.float64]
+NOISE = 0.02
+"""1-sigma with which a recording shows an effect's one coefficient, in expected sizes."""
+MOST = 15.0
+"""Log Bayes factor beyond which a diagnosis tells no more."""
+CLASS = "length leg.a"
 
 
-def write_machine(folder: Path, recording: pd.DataFrame, name: str = "recording.csv") -> None:
-    """A folder of one machine."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "machine.yaml").write_text(Tiny().machine_text(), encoding="utf-8")
-    recording.to_csv(folder / name, index=False)
+@dataclass(frozen=True)
+class DrawnFleet:
+    """One effect at places (p,), with the share of machines that have it there and the fleet's usual size; log prior odds."""
+
+    frequency: Array
+    usual_size: int
+    usual: float
+    effect: str = "backlash"
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, places: int, usual: float = -4.0) -> DrawnFleet:
+        """From the prior."""
+        step = rng.choice(STEPS, p=np.exp(effect_steps(usual)))
+        odds = usual + step + FLEET_PLACES * rng.standard_normal(places)
+        return cls(expit(odds), int(rng.choice(len(SLAB), p=SLAB)), usual)
+
+    def machine(self, rng: np.random.Generator, ratio: float = 1.0) -> dict[str, Any]:
+        """One machine as it is kept; constants of its one class scatter ``ratio`` times their tolerance."""
+        places, none = dict[str, list[Any]](), 1.0
+        for k, q in enumerate(self.frequency.tolist()):
+            size = SIZES.values[rng.choice(len(SLAB), p=KERNEL[self.usual_size])]
+            value = (rng.random() < q) * size * rng.standard_normal() + NOISE * rng.standard_normal()
+            places[f"q{k + 1}"] = seen(float(value), self.usual)
+            none *= 1.0 - places[f"q{k + 1}"][0]
+        any_prior = 1.0 - (1.0 - float(expit(self.usual))) ** len(places)
+        std = rng.uniform(0.05, 1.0, 4)
+        x = ratio * rng.standard_normal(4) + std * rng.standard_normal(4)
+        return {
+            "schema": "truepose/kept/1",
+            "machine": "arm",
+            "mechanism": "serial",
+            "verdict": "missing-physics" if none < 0.5 else "adequate",
+            "places": {self.effect: places},
+            "anywhere": {
+                self.effect: [1.0 - none, any_prior, _log_odds(1.0 - none) - _log_odds(any_prior), 0.0]
+            },
+            "parameters": {f"c{k}": [float(x[k]), float(std[k]), CLASS] for k in range(4)},
+        }
 
 
-def write_fleet(folder: Path, faults: Mapping[str, Sequence[Imperfection]]) -> Path:
-    """A folder of machines by name."""
-    for seed, (name, own) in enumerate(faults.items()):
-        write_machine(folder / name, rows(seed, own))
-    return folder
+def seen(value: float, usual: float) -> list[Any]:
+    """What is kept of a place whose coefficient was read as ``value``, by log prior odds ``usual``: exact, but that sizes
+    nobody would notice are said nothing of."""
+    variance = SIZES.values**2 + NOISE**2
+    log_factors = np.log(NOISE / np.sqrt(variance)) + 0.5 * value**2 * (NOISE**-2 - 1.0 / variance)
+    noticed = SIZES.values > 2.0 * NOISE
+    unseen = float(SLAB[~noticed].sum())
+    log = np.where(noticed, np.log(SLAB) + log_factors, -np.inf)
+    told = min(float(logsumexp(log)) - float(np.log1p(-unseen)), MOST)
+    prior = float(expit(usual))
+    odds = prior * (1.0 - unseen) / (1.0 - prior * (1.0 - unseen)) * np.exp(told)
+    shares = np.exp(log - logsumexp(log))
+    size = np.log(np.hypot(value, NOISE))
+    more = {"sizes": shares.tolist(), "size": [float(size), NOISE / max(abs(value), NOISE)]}
+    kept = [float(odds / (1.0 + odds)), prior, told, unseen]
+    return [*kept, more | {"amount": float(size), "unit": "mm"}] if kept[0] > 0.02 else kept
 
 
-__all__ = ["GAIN", "PLAY", "rows", "write_fleet", "write_machine"]
+def _log_odds(p: float) -> float:
+    p = float(np.clip(p, 1e-9, 1.0 - 1e-9))
+    return float(np.log(p / (1.0 - p)))

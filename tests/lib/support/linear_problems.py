@@ -145,7 +145,7 @@ def single(
             number=np.bincount(kind),
             feature_kind=np.array([k for k, _ in features]),
             feature_share=np.array([numbered.count(f) / of_kind[f[0]] for f in features]),
-            log_size=(sizes or SIZES).log_prior,
+            log_size=np.tile((sizes or SIZES).log_prior, (len(of_kind), 1)),
             weight=WEIGHT,
             alike=EQUAL,
             further=FURTHER,
@@ -269,7 +269,7 @@ def drawn(terms: Terms, members: Members) -> float:
         equal = sum(s == size for _, s in alike)
         share, base = float(urn.share[kind]), float(urn.feature_share[own.feature])
         out += np.log((EQUAL * base + same) / (EQUAL + len(alike))) + own.log_share - np.log(base)
-        out += np.log((EQUAL * np.exp(urn.log_size[size]) + equal) / (EQUAL + len(alike)))
+        out += np.log((EQUAL * np.exp(urn.log_size[kind, size]) + equal) / (EQUAL + len(alike)))
         if own.cause in seen:
             out += np.log(FURTHER) - urn.log_place[own.cause]
         elif urn.number[kind] == 1:
