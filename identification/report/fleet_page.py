@@ -32,6 +32,7 @@ from truepose.identification.report.fleet_words import (
     effect_sentence,
     headline,
     moved_words,
+    off_drawing,
     often,
     said_words,
     size_words,
@@ -184,7 +185,26 @@ def _tolerance_blocks(fleet: Fleet) -> list[Block]:
     chart = _intervals(names, [one.ratio for one in told[:DRAWN]], "true spread over stated tolerance", [level])
     blocks.append(Charts([chart], "Values and 90 % intervals; dashed: the stated tolerance."))
     head = ["parts", "constants", "spread / tolerance", "from", "to", "met with"]
-    return [*blocks, Table(head, [_tolerance_row(one) for one in told], csv=_csv(head, map(_tolerance_row, told)))]
+    rows = [_tolerance_row(one) for one in told]
+    return [*blocks, Table(head, rows, csv=_csv(head, rows)), *_drawing_blocks(fleet)]
+
+
+def _drawing_blocks(fleet: Fleet) -> list[Block]:
+    """Constants that are off the drawing in all machines alike."""
+    off = off_drawing(fleet)
+    if not off:
+        return []
+    head = ["constant", "mechanism", "machines", "mean off the drawing", "from", "to", "spread"]
+    rows = [
+        [one.name, one.mechanism, str(one.machines)]
+        + [significant(v) for v in (one.mean.value, one.mean.low, one.mean.high, one.spread)]
+        for one in off[:LISTED]
+    ]
+    caption = (
+        "Constants whose mean over the machines is not the drawing's, in tolerances: the drawing, or how all are built, rather"
+        f" than one machine. One in ten of such intervals misses the drawing by chance. {_shown(len(rows), len(off))}"
+    )
+    return [Table(head, rows, caption, text_columns=2, csv=_csv(head, rows))]
 
 
 def _tolerance_row(one: ToleranceInFleet) -> list[str]:

@@ -7,7 +7,12 @@ from dataclasses import asdict
 
 from truepose.identification.fleet.changes import Change, Changes, Moved
 from truepose.identification.fleet.result import Fleet
-from truepose.identification.fleet.statistics import EffectInFleet, Interval, ToleranceInFleet
+from truepose.identification.fleet.statistics import (
+    ConstantInFleet,
+    EffectInFleet,
+    Interval,
+    ToleranceInFleet,
+)
 from truepose.identification.fleet.table import Row
 from truepose.identification.report.json_text import Json
 from truepose.identification.report.level_words import title
@@ -40,6 +45,7 @@ def fleet_json(fleet: Fleet) -> Json:
         "effects": [_effect_json(one) for one in told.anywhere],
         "places": [_effect_json(one) for one in told.places],
         "tolerances": [asdict(one) for one in told.tolerances],
+        "constants": [asdict(one) for one in told.constants],
         "odd": [_odd_json(one) for one in fleet.unusual],
         "undone": [{"name": r.name, "status": r.status, "why": r.why} for r in fleet.undone],
         "changes": fleet.changes and _changes_json(fleet.changes),
@@ -91,6 +97,11 @@ def size_words(one: EffectInFleet) -> str:
 
 def _range(interval: Interval) -> str:
     return f"{percent(interval.low)} to {percent(interval.high)}"
+
+
+def off_drawing(fleet: Fleet) -> list[ConstantInFleet]:
+    """Constants whose mean over the fleet is surely not the drawing's."""
+    return [one for one in fleet.statistics.constants if one.mean.low > 0.0 or one.mean.high < 0.0]
 
 
 def tolerance_sentence(one: ToleranceInFleet) -> str:
@@ -169,6 +180,7 @@ __all__ = [
     "fleet_lines",
     "headline",
     "moved_words",
+    "off_drawing",
     "often",
     "said_words",
     "size_words",

@@ -19,12 +19,14 @@ from truepose.identification.fleet.record import Record
 from truepose.identification.fleet.result import SHOWN, Fleet
 from truepose.identification.fleet.statistics import statistics
 from truepose.identification.fleet.store import JOURNAL, Journal, Store
-from truepose.identification.fleet.summary import Summary
+from truepose.identification.fleet.summary import Summary, total
 from truepose.identification.fleet.table import Row, row, table
 from truepose.identification.learned_prior import write_prior
 from truepose.identification.report.fleet_files import DOCUMENT, PAGE, put_fleet
 
 TABLE, PRIOR = "fleet.csv", "prior.yaml"
+TOGETHER = 64
+"""Machines whose sums are added up at once: more would fill the memory, fewer take longer."""
 FILES = (TABLE, DOCUMENT, PAGE, PRIOR)
 
 
@@ -87,21 +89,35 @@ class _Now:
         The sums of the last run are brought up to date; where there are none, all records are added up.
         """
         sums = self._before.summary()
-        self.summary = sums or Summary.empty()
+        added, taken = _Sum(), _Sum()
         for old, new in paired(self._before.records(), self._journal.records(self._keys)):
             now = new or (old if old is not None and old.name in self._keys else None)
             self.comparison.take(old, now)
             if sums is not None and now != old:
-                self.summary = self.summary - _sums(old)
+                taken.take(old)
             if sums is None or now != old:
-                self.summary = self.summary + _sums(now)
+                added.take(now)
             if now is not None:
                 yield now
+        self.summary = (sums or Summary.empty()) + added.total() - taken.total()
 
 
-def _sums(record: Record | None) -> Summary:
-    """What a machine adds to the sums."""
-    return Summary.empty() if record is None or not _counts(record) else Summary.of(record.evidence)
+class _Sum:
+    """The sums of records taken one after the other; some wait, for many are added up as quickly as two."""
+
+    def __init__(self) -> None:
+        self._waiting = [Summary.empty()]
+
+    def take(self, record: Record | None) -> None:
+        """What a machine adds."""
+        if record is not None and _counts(record):
+            self._waiting.append(Summary.of(record.evidence))
+        if len(self._waiting) > TOGETHER:
+            self._waiting = [self.total()]
+
+    def total(self) -> Summary:
+        """Of all."""
+        return total(iter(self._waiting))
 
 
 def _odd(record: Record, summary: Summary) -> Oddness | None:

@@ -1,17 +1,19 @@
-"""Tasks on several processes by joblib: on the cores of this computer (``loky``), or on those of a Dask cluster.
+"""Tasks on several processes: by joblib on the cores of this computer, by Dask on a cluster's.
 
-A process that dies takes nothing with it but its own task. Whichever tasks may have been at work then are tried again, one
-after the other, each with nothing beside it; one that kills its process there, too, is given up. All others go on.
+A process that dies takes nothing with it but its own task. Those that may have been at work in it are tried again after all
+others, one at a time with nothing beside it; one whose process dies then, too, is given up.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from itertools import islice
+from typing import TYPE_CHECKING, Any, TypeVar
+from uuid import uuid4
 
 import joblib
 
@@ -19,7 +21,7 @@ from truepose.errors import InputError
 from truepose.version import VERSION
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -27,45 +29,94 @@ CONNECTING = 30.0
 """Seconds that a cluster has to answer."""
 
 
+class Pool(ABC):
+    """Where tasks are worked with, ``workers`` of them at once."""
+
+    @property
+    @abstractmethod
+    def workers(self) -> int:
+        """How many are worked with at once."""
+
+    @abstractmethod
+    def results(
+        self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
+    ) -> Iterator[tuple[int, R | None]]:
+        """Tasks by number with their results, as they come; None for one that may have killed its process.
+
+        What is not named when it ends was not begun, or what came of it was lost with another.
+        """
+
+
 @dataclass(frozen=True)
-class Cores:
+class Cores(Pool):
     """Processes on this computer, each with one thread of linear algebra."""
 
-    workers: int
-    deaths: tuple[type[Exception], ...] = (BrokenProcessPool,)
+    number: int
 
-    def parallel(self, at_once: int) -> joblib.Parallel:
-        """At most so many tasks at once. Of one alone joblib would make none in a process of its own: two stand ready."""
+    @property
+    def workers(self) -> int:
+        """As many as were asked for."""
+        return self.number
+
+    def results(
+        self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
+    ) -> Iterator[tuple[int, R | None]]:
+        """All processes end when one dies: whichever task was handed out may be to blame."""
+        begun = dict[int, None]()
+
+        def calls() -> Iterator[Any]:
+            for k, task in tasks.items():
+                begun[k] = None
+                yield joblib.delayed(_numbered)(work, task, k)
+
         with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            return joblib.Parallel(
+            parallel = joblib.Parallel(  # of one alone joblib would make none in a process of its own: two stand ready
                 max(at_once, 2), pre_dispatch=at_once, batch_size=1, return_as="generator_unordered"
             )
+        try:
+            for k, result in parallel(calls()):
+                del begun[k]
+                yield k, result
+        except BrokenProcessPool:
+            yield from ((k, None) for k in list(begun))
 
 
 @dataclass(frozen=True)
-class Cluster:
-    """Workers of Dask, as many as there are while it runs."""
+class Cluster(Pool):
+    """Workers of Dask, as many as there are while it runs.
+
+    Not by joblib's own way to Dask, which waits for ever for a task whose worker has died (1.6.0).
+    """
 
     client: Client
 
     @property
     def workers(self) -> int:
-        """Threads of all workers; at least one, for which is waited."""
+        """Threads of all workers."""
         return max(sum(self.client.nthreads().values()), 1)
 
-    @property
-    def deaths(self) -> tuple[type[Exception], ...]:
-        """What is raised for a task whose workers died."""
+    def results(
+        self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
+    ) -> Iterator[tuple[int, R | None]]:
+        """Two tasks for each thread are on their way, so that none waits for the network."""
+        from distributed import as_completed
         from distributed.scheduler import KilledWorker
 
-        return (KilledWorker,)
+        def submitted(k: int) -> Future:
+            return self.client.submit(_numbered, work, tasks[k], k, pure=False, key=f"truepose-{k}-{uuid4().hex}")
 
-    def parallel(self, at_once: int) -> joblib.Parallel:
-        """Two tasks for each thread are on their way, so that none waits for the network."""
-        with joblib.parallel_config(backend="dask", client=self.client):
-            return joblib.Parallel(
-                pre_dispatch=min(at_once, 2 * self.workers), batch_size=1, return_as="generator_unordered"
-            )
+        waiting = iter(tasks)
+        numbers = {future: k for k in islice(waiting, min(at_once, 2 * self.workers)) for future in [submitted(k)]}
+        coming = as_completed(numbers)
+        for future in coming:
+            k = numbers.pop(future)
+            try:
+                yield future.result()
+            except KilledWorker:
+                yield k, None
+            for following in islice(waiting, 1):
+                numbers[new := submitted(following)] = following
+                coming.add(new)
 
 
 @contextlib.contextmanager
@@ -100,57 +151,19 @@ def _version() -> str:
     return VERSION
 
 
-Pool = Cores | Cluster
-
-
 def each(work: Callable[[T], R], tasks: Sequence[T], pool: Pool) -> Iterator[tuple[T, R | None]]:
     """Every task with its result, in the order in which they are done; None for one whose process died twice."""
-    waiting, suspects = list(range(len(tasks))), deque[int]()
-    while waiting or suspects:
-        alone = bool(suspects)
-        now = [suspects.popleft()] if alone else waiting
-        if not alone:
-            waiting = []
-        running = _Running(work, tasks, now)
-        try:
-            for k, result in running.results(pool.parallel(1 if alone else pool.workers)):
-                yield tasks[k], result
-        except pool.deaths:
-            if alone:
-                yield tasks[now[0]], None
+    left, suspects = dict(enumerate(tasks)), list[int]()
+    while left:
+        for k, result in pool.results(work, left.copy(), pool.workers):
+            task = left.pop(k)
+            if result is None:
+                suspects.append(k)
             else:
-                suspects.extend(running.begun)
-                waiting = running.left
-
-
-class _Running(Generic[T, R]):
-    """Tasks on their way: which have begun, and which are left."""
-
-    def __init__(self, work: Callable[[T], R], tasks: Sequence[T], numbers: Sequence[int]) -> None:
-        self._work, self._tasks = work, tasks
-        self._open = deque(numbers)
-        self._begun = dict[int, None]()
-
-    def results(self, parallel: joblib.Parallel) -> Iterator[tuple[int, R]]:
-        for k, result in parallel(self._calls()):
-            del self._begun[k]
-            yield k, result
-
-    def _calls(self) -> Iterator[Any]:
-        while self._open:
-            k = self._open.popleft()
-            self._begun[k] = None
-            yield joblib.delayed(_numbered)(self._work, self._tasks[k], k)
-
-    @property
-    def begun(self) -> list[int]:
-        """Those that were handed out, without a result."""
-        return list(self._begun)
-
-    @property
-    def left(self) -> list[int]:
-        """Those that were not."""
-        return list(self._open)
+                yield task, result
+    for k in suspects:
+        found = dict(pool.results(work, {k: tasks[k]}, 1))
+        yield tasks[k], found.get(k)
 
 
 def _numbered(work: Callable[[T], R], task: T, number: int) -> tuple[int, R]:
