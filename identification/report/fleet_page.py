@@ -35,12 +35,11 @@ from truepose.identification.report.fleet_words import (
     off_drawing,
     often,
     said_words,
-    size_words,
     status_sentences,
     tolerance_sentence,
 )
 from truepose.identification.report.level_words import title
-from truepose.identification.report.numbers import percent, significant, unit_symbol
+from truepose.identification.report.numbers import NONE, percent, significant, unit_symbol
 from truepose.shown.chart import Axis, Chart, Layer, Level, Line, Marks
 
 OPENING, DRAWN, LISTED = 5, 20, 200
@@ -147,27 +146,46 @@ def _called(one: EffectInFleet) -> str:
 
 
 def _effect_table(effects: Sequence[EffectInFleet], caption: str) -> Table:
-    head = ["effect", "place", "mechanism", "machines", "in", "from", "to", "expected", "size when there"]
-    rows = [
-        [
-            f"{title(one.effect)} ({one.effect})",
-            " + ".join(one.place) or "anywhere",
-            one.mechanism,
-            str(one.machines),
-            percent(one.frequency.value),
-            percent(one.frequency.low),
-            percent(one.frequency.high),
-            percent(one.usual),
-            size_words(one) or "-",
-        ]
-        for one in effects
+    """Columns that say the same of all are left out."""
+    head = ["effect", "place", "mechanism", "machines", "in", "90 % interval"]
+    head += ["expected", "median size", "90 % interval", "spread"]
+    rows = [_effect_row(one) for one in effects]
+    shown = [k for k in range(len(head)) if k not in (1, 2) or len({row[k] for row in rows}) > 1]
+    told = f"{caption} Sizes without a unit count in the largest that the catalogue expects; spread: factor of one sigma."
+    digits = [[one.effect, "+".join(one.place), *_digits(one)] for one in effects]
+    whole = ["effect", "place", "mechanism", "machines", "in", "from", "to", "expected"]
+    whole += ["median size", "from", "to", "unit", "spread"]
+    return Table(
+        [head[k] for k in shown],
+        [[row[k] for k in shown] for row in rows],
+        told,
+        text_columns=len(shown) - 7,
+        csv=_csv(whole, digits),
+    )
+
+
+def _effect_row(one: EffectInFleet) -> list[str]:
+    _, _, often, *ends, usual, size, low, high, unit, spread = _digits(one)
+    size_ends = f"{significant(low)} to {significant(high)}" if size is not None else NONE
+    return [
+        f"{title(one.effect)} ({one.effect})",
+        " + ".join(one.place) or "anywhere",
+        one.mechanism,
+        str(one.machines),
+        percent(often),
+        " to ".join(map(percent, ends)),
+        percent(usual),
+        f"{significant(size)} {unit_symbol(unit)}".rstrip(),
+        size_ends,
+        significant(spread, 2),
     ]
-    return Table(head, rows, caption, text_columns=3, csv=_csv(head, [_digits(one) for one in effects]))
 
 
 def _digits(one: EffectInFleet) -> list[Any]:
+    sized = one.amount or one.size
+    sizes = (None, None, None) if sized is None else (sized.value, sized.low, sized.high)
     often = (one.frequency.value, one.frequency.low, one.frequency.high, one.usual)
-    return [one.effect, "+".join(one.place), one.mechanism, one.machines, *often, size_words(one)]
+    return [one.mechanism, one.machines, *often, *sizes, one.unit if one.amount else "", one.spread]
 
 
 def _tolerance_blocks(fleet: Fleet) -> list[Block]:
@@ -215,15 +233,13 @@ def _tolerance_row(one: ToleranceInFleet) -> list[str]:
 def _odd_blocks(fleet: Fleet) -> list[Block]:
     if not fleet.odd:
         return [Text("No machine is further from the others than chance makes one of so many.", tone="good")]
-    head = ["machine", "oddness", "because", "verdict", "findings"]
-    rows = [
-        [r.name, significant(r.oddness), r.odd_because, r.verdict, r.findings or "-"] for r in fleet.unusual
-    ]
+    head = ["machine", "verdict", "findings", "because", "oddness"]
+    rows = [[r.name, r.verdict, r.findings or NONE, r.odd_because, significant(r.oddness)] for r in fleet.unusual]
     caption = (
         "Oddness: minus log10 of how probable anything so unusual is in a machine of this fleet, counted for all that was"
         f" looked at. {_shown(len(rows), fleet.odd)}"
     )
-    return [Table(head, rows, caption, csv=_csv(head, rows), links=_links(fleet, fleet.unusual))]
+    return [Table(head, rows, caption, text_columns=4, csv=_csv(head, rows), links=_links(fleet, fleet.unusual))]
 
 
 def _undone_blocks(fleet: Fleet) -> list[Block]:
@@ -263,13 +279,13 @@ def _machine_row(one: Row) -> list[str]:
     return [
         one.name,
         one.status,
-        one.verdict or "-",
-        one.findings or "-",
+        one.verdict or NONE,
+        one.findings or NONE,
         said(one.chi2_before),
         said(one.chi2_after),
         said(one.rms_before),
         said(one.rms_after),
-        unit_symbol(one.unit) or "-",
+        unit_symbol(one.unit) or NONE,
         said(one.ratio),
         said(one.oddness),
     ]

@@ -126,8 +126,8 @@ def change_sentences(changes: Changes | None) -> list[str]:
     if changes is None:
         return ["The first run in this folder: nothing to compare with."]
     if not changes.any:
-        same = f"; {changes.again} were worked with again" if changes.again else ""
-        return [f"Nothing has changed since the last run{same}."]
+        again = f", though {changes.again} machines were worked with again" if changes.again else ""
+        return [f"Nothing has changed since the last run{again}."]
     out = [f"New: {shortened(changes.new, NAMED)}."] if changes.new else []
     out += [f"Gone: {shortened(changes.gone, NAMED)}."] if changes.gone else []
     for what, words in (("status", "Otherwise done"), ("verdict", "Other verdict"), ("findings", "Other findings")):
@@ -161,8 +161,8 @@ def fleet_lines(fleet: Fleet, page: str) -> list[str]:
 
 
 def often(one: EffectInFleet) -> bool:
-    """Whether an effect is there in one machine at least, as far as the fleet can say."""
-    return one.found >= 0.5
+    """Whether an effect is there in a machine, rather than not: surely, or likelier than was expected of it."""
+    return one.frequency.low * one.machines >= 0.5 or (one.found >= 0.5 and one.frequency.value > one.usual)
 
 
 def _listed(texts: Sequence[str], label: str, most: int, total: int | None = None) -> list[str]:
