@@ -4,6 +4,8 @@
     python -m benchmarks.fleet_prior sit FOLDER               # 300 diagnoses, one after the other; goes on where it stopped
     python -m benchmarks.fleet_prior table FOLDER -o benchmarks/results/fleet_prior.md
 
+`--learn N --judge N` of ``sit`` and ``table`` take fewer: each diagnosis takes 4 to 10 s of one core.
+
 Machines are arms of ``challenge/simulator``, which computes its physics by other means than the catalogue's. How often a fleet
 has an effect at a place, and how large, is drawn once for the fleet and never told: some effects have weak places (30 to 50 %
 of machines), some are rare (1 to 4 % at each place), some never occur; sizes scatter by 1.5 about the fleet's median. ``sit``
@@ -95,42 +97,62 @@ def _imperfection(arm: Arm, one: Mapping[str, Any], rng: np.random.Generator) ->
     return Imperfection(one["kind"], place, size, dict(arm.shape(one["kind"], place, rng)))
 
 
-def sit(folder: Path) -> None:
+@dataclass(frozen=True)
+class Study:
+    """Where it is, and how many machines are learned from and judged."""
+
+    folder: Path
+    learn: int = LEARN
+    judge: int = JUDGE
+
+    @property
+    def prior(self) -> Path:
+        """The file that was learned."""
+        return self.folder / f"prior-{self.learn:03d}.yaml"
+
+    @property
+    def judged(self) -> list[int]:
+        """Machines that were diagnosed with both priors."""
+        every = range(LEARN, LEARN + self.judge)
+        return [k for k in every if self.result(k, WITHOUT).is_file() and self.result(k, WITH).is_file()]
+
+    def result(self, number: int, prior: str) -> Path:
+        """The file of a diagnosis."""
+        name = f"{prior}-{self.learn:03d}" if prior == WITH else prior
+        return self.folder / "results" / name / f"{number:03d}.json"
+
+    def read(self, number: int, prior: str) -> dict[str, Any]:
+        """What a diagnosis said."""
+        return dict(json.loads(self.result(number, prior).read_text(encoding="utf-8")))
+
+    def summary(self) -> Summary:
+        """Of those to learn from."""
+        return total(Summary.of(self.read(number, WITHOUT)["kept"]) for number in range(self.learn))
+
+
+def sit(study: Study) -> None:
     """Diagnose: those to learn from, then the prior, then the others without it and with it."""
-    for number in range(LEARN):
-        _diagnosed(folder, number, WITHOUT)
-    file = folder / "prior.yaml"
-    if not file.is_file():
-        write_prior(file, learned(_summary(folder)))
-    for number in range(LEARN, LEARN + JUDGE):
-        _diagnosed(folder, number, WITHOUT)
-        _diagnosed(folder, number, WITH)
+    for number in range(study.learn):
+        _diagnosed(study, number, WITHOUT)
+    if not study.prior.is_file():
+        write_prior(study.prior, learned(study.summary()))
+    for number in range(LEARN, LEARN + study.judge):
+        _diagnosed(study, number, WITHOUT)
+        _diagnosed(study, number, WITH)
 
 
-def _result(folder: Path, number: int, prior: str) -> Path:
-    return folder / "results" / prior / f"{number:03d}.json"
-
-
-def _diagnosed(folder: Path, number: int, prior: str) -> None:
-    file, own = _result(folder, number, prior), folder / "machines" / f"{number:03d}"
+def _diagnosed(study: Study, number: int, prior: str) -> None:
+    file, own = study.result(number, prior), study.folder / "machines" / f"{number:03d}"
     if file.is_file():
         return
     machine = truepose.load_machine(own / "machine.yaml")
-    known = read_prior(folder / "prior.yaml") if prior == WITH else None
+    known = read_prior(study.prior) if prior == WITH else None
     found = truepose.diagnose(machine, own / "recording.csv", prior=known)
     names = [[f.effect, list(f.place), f.probability] for f in found.findings]
     file.parent.mkdir(parents=True, exist_ok=True)
     atomic_write_text(file, json.dumps({"kept": kept(found), "names": names, "verdict": found.verdict}))
     sys.stdout.write(f"{prior} {number}: {found.verdict}, {len(names)} names\n")
     sys.stdout.flush()
-
-
-def _read(folder: Path, number: int, prior: str) -> dict[str, Any]:
-    return dict(json.loads(_result(folder, number, prior).read_text(encoding="utf-8")))
-
-
-def _summary(folder: Path) -> Summary:
-    return total(Summary.of(_read(folder, number, WITHOUT)["kept"]) for number in range(LEARN))
 
 
 @dataclass(frozen=True)
@@ -145,11 +167,11 @@ class Scores:
     missed: int
 
 
-def scores(folder: Path, truth: list[list[list[Any]]], prior: str) -> Scores:
+def scores(study: Study, truth: list[list[list[Any]]], prior: str) -> Scores:
     """Of the machines to judge."""
     log, brier, said, right, missed = list[float](), list[float](), list[float](), list[bool](), 0
-    for number in range(LEARN, LEARN + JUDGE):
-        result = _read(folder, number, prior)
+    for number in study.judged:
+        result = study.read(number, prior)
         there = {(slug, "+".join(place)) for slug, place in truth[number]}
         told = {
             (slug, place): float(one[0])
@@ -169,38 +191,44 @@ def scores(folder: Path, truth: list[list[list[Any]]], prior: str) -> Scores:
     return Scores(np.array(log), np.array(brier), np.array(said), np.array(right, dtype=bool), missed)
 
 
-def table(folder: Path) -> str:
+def table(study: Study) -> str:
     """The page of results."""
-    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    without, with_ = (scores(folder, truth["machines"], prior) for prior in (WITHOUT, WITH))
+    truth = json.loads((study.folder / "truth.json").read_text(encoding="utf-8"))
+    without, with_ = (scores(study, truth["machines"], prior) for prior in (WITHOUT, WITH))
     lines = [
-        "# A prior learned from 100 machines, on 100 others",
+        f"# A prior learned from {study.learn} machines, on {len(study.judged)} others",
         "",
-        *_HEAD,
+        *_head(study),
         "",
-        "| of 100 machines | default prior | learned prior |",
+        f"| of {len(study.judged)} machines | default prior | learned prior |",
         "|---|---|---|",
         *(f"| {name} | {of(without)} | {of(with_)} |" for name, of in _rows().items()),
         "",
         f"Log score, default less learned: {_paired(without.log - with_.log)} a machine;"
         f" Brier score: {_paired(without.brier - with_.brier)} (mean, 95 % of paired differences' mean).",
         "",
-        *_frequencies(folder, truth["fleet"]),
+        *_frequencies(study, truth["fleet"]),
     ]
     return "\n".join(lines) + "\n"
 
 
-_HEAD = (
-    "Simulated arms of one fleet (`challenge/simulator`), 60 rows each. Frequencies and median sizes of effects were drawn",
-    "once, and only the simulator knows them. Made by",
-    "",
-    "    python -m benchmarks.fleet_prior draw FOLDER --seed 1",
-    "    python -m benchmarks.fleet_prior sit FOLDER",
-    "    python -m benchmarks.fleet_prior table FOLDER -o benchmarks/results/fleet_prior.md",
-    "",
-    "Scores are of every effect of the catalogue at every place (lower is better; probabilities are counted from 1e-4 to",
-    "1 - 1e-4), names are those said with 0.5 or more.",
-)
+def _head(study: Study) -> list[str]:
+    fewer = (
+        f" --learn {study.learn} --judge {study.judge}"
+        if (study.learn, study.judge) != (LEARN, JUDGE)
+        else ""
+    )
+    return [
+        "Simulated arms of one fleet (`challenge/simulator`), 60 rows each. Frequencies and median sizes of effects were drawn",
+        "once, and only the simulator knows them. Made by",
+        "",
+        "    python -m benchmarks.fleet_prior draw FOLDER --seed 2",
+        f"    python -m benchmarks.fleet_prior sit FOLDER{fewer}",
+        f"    python -m benchmarks.fleet_prior table FOLDER{fewer} -o benchmarks/results/fleet_prior.md",
+        "",
+        "Scores are of every effect of the catalogue at every place (lower is better; probabilities are counted from 1e-4 to",
+        "1 - 1e-4), names are those said with 0.5 or more.",
+    ]
 
 
 def _rows() -> dict[str, Any]:
@@ -229,9 +257,9 @@ def _paired(difference: Array) -> str:
     return f"{difference.mean():+.4f} ± {half:.4f}"
 
 
-def _frequencies(folder: Path, drawn: list[dict[str, Any]]) -> Iterator[str]:
+def _frequencies(study: Study, drawn: list[dict[str, Any]]) -> Iterator[str]:
     """Learned beside drawn, with how many intervals hold what was drawn."""
-    told = {(one.effect, one.place): one for one in statistics(_summary(folder)).places}
+    told = {(one.effect, one.place): one for one in statistics(study.summary()).places}
     pairs = [(one, told.get((one["slug"], tuple(one["place"])))) for one in drawn]
     known = [(one, found) for one, found in pairs if found is not None]
     yield from ("## Frequencies, learned and drawn", "")
@@ -266,14 +294,17 @@ def main() -> None:
     parser.add_argument("command", choices=("draw", "sit", "table"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--learn", type=int, default=LEARN)
+    parser.add_argument("--judge", type=int, default=JUDGE)
     parser.add_argument("-o", dest="output", type=Path)
     given = parser.parse_args()
+    study = Study(given.folder, min(given.learn, LEARN), min(given.judge, JUDGE))
     if given.command == "draw":
         draw(given.folder, given.seed)
     elif given.command == "sit":
-        sit(given.folder)
+        sit(study)
     else:
-        text = table(given.folder)
+        text = table(study)
         atomic_write_text(given.output, text) if given.output else sys.stdout.write(text)
 
 

@@ -46,6 +46,7 @@ FLOORS = (
     ("codegen",),
     ("codegen.evaluation",),
     ("identification.prior",),
+    ("identification.learned_prior",),
     ("identification.recording",),
     ("identification.prediction",),
     ("identification.fit",),

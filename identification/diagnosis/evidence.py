@@ -7,6 +7,9 @@ rich the machine is, what is alike); they are averaged over the posterior's stat
 
 Sizes that nobody would notice here are no part of P, and none of p. Of all sizes together ln (u + (1 - u) B) remains, with u
 their prior share: where nothing would be noticed, nothing is said.
+
+Rivals share what they explain: where a slot of the posterior may hold one of several, each of them has a Bayes factor that is
+large, but they are not all there. ``credit`` is a cause's share of its slots.
 """
 
 from __future__ import annotations
@@ -61,12 +64,14 @@ def evidence(found: Found, said: Inclusion) -> tuple[tuple[PlaceEvidence, ...], 
             odds = beside.without(set(at.tolist()))
             any_prior[j] += share * _any(odds.whole[at])
             any_noticed[j] += share * _any(odds.noticed[at])
-    places = tuple(
-        _told(*causes[k], own[k], prior[k], noticed[k], sizes[k], amounts.get(k)) for k in range(len(causes))
-    )
+    credit, any_credit = _credits(found, slug, own)
     present = _present(found, slug, len(slugs), own, raw)
+    places = tuple(
+        _told(*causes[k], (own[k], prior[k], noticed[k]), credit[k], sizes[k], amounts.get(k))
+        for k in range(len(causes))
+    )
     anywhere = tuple(
-        _told(name, (), present[j], any_prior[j], any_noticed[j], np.zeros(0), None)
+        _told(name, (), (present[j], any_prior[j], any_noticed[j]), any_credit[j], np.zeros(0), None)
         for j, name in enumerate(slugs)
     )
     return places, anywhere
@@ -78,27 +83,40 @@ def _any(log_odds: Array) -> float:
 
 
 def _told(
-    effect: str, place: tuple[str, ...], probability: float, prior: float, noticed: float, sizes: Array,
+    effect: str, place: tuple[str, ...], chances: tuple[float, float, float], credit: float, sizes: Array,
     amount: Amount | None,
 ) -> PlaceEvidence:  # fmt: skip
+    """``chances``: its probability, the prior one, and that at sizes which would be noticed."""
+    probability, prior, noticed = chances
     least = 1e-12
     unseen = 1.0 - float(np.clip(noticed / max(prior, least), 0.0, 1.0))
-    factor = float(
-        logit(np.clip(probability, least, 1.0 - least)) - logit(np.clip(noticed, least, 1.0 - least))
-    )
-    factor = float(np.clip(factor, SMALLEST, LARGEST)) if noticed > least else 0.0
+    ends = np.clip([probability, noticed], least, 1.0 - least)
+    factor = float(np.clip(logit(ends[0]) - logit(ends[1]), SMALLEST, LARGEST)) if noticed > least else 0.0
     there = probability > THERE and sizes.sum() > 0.0
-    shares = tuple((sizes / sizes.sum()).tolist()) if there else ()
     return PlaceEvidence(
-        effect,
-        tuple(place),
-        float(probability),
-        float(prior),
-        factor,
-        unseen,
-        shares,
-        amount if there else None,
+        effect=effect,
+        place=tuple(place),
+        probability=float(probability),
+        prior=float(prior),
+        log_bayes_factor=factor,
+        unseen=unseen,
+        credit=float(credit),
+        sizes=tuple((sizes / sizes.sum()).tolist()) if there else (),
+        size=amount if there else None,
     )
+
+
+def _credits(found: Found, slug: NDArray[np.intp], own: Array) -> tuple[Array, Array]:
+    """Share (n,) of each cause of what its slots may hold; and (e,) of each effect, its places weighed by how probable they
+    are. What no slot held has no rivals."""
+    beside = found.posterior.beside
+    held = beside.sum(axis=1)
+    some = np.where(held > 0.0, held, 1.0)
+    alone = np.where(held > 0.0, np.diag(beside) / some, 1.0)
+    alike = np.where(held > 0.0, np.sum(beside * (slug[:, None] == slug), axis=1) / some, 1.0)
+    weight, count = np.maximum(own, 1e-12), int(slug.max(initial=-1)) + 1
+    summed = np.bincount(slug, weights=weight * alike, minlength=count)
+    return alone, summed / np.bincount(slug, weights=weight, minlength=count)
 
 
 class _Beside:

@@ -185,7 +185,8 @@ class PlaceEvidence:
     """What is said of an effect at a place (at any, where ``place`` is empty), and what of that the recording said.
 
     probability, prior: that it is there, after and before; log_bayes_factor: of it at the sizes that would be noticed against
-    nothing, free of the prior; unseen: prior share of the other sizes; sizes: how probable each size of the slab is.
+    nothing, free of the prior; unseen: prior share of the other sizes; credit: its share among the explanations of what it
+    would explain; sizes: how probable each size of the slab is.
     """
 
     effect: str
@@ -194,6 +195,7 @@ class PlaceEvidence:
     prior: float
     log_bayes_factor: float
     unseen: float
+    credit: float = 1.0
     sizes: tuple[float, ...] = ()
     size: Amount | None = None
 

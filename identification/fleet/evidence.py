@@ -30,11 +30,11 @@ def kept(diagnosis: Diagnosis) -> dict[str, Any]:
     """What the fleet's statistics need of a machine.
 
     Returns a dict of texts, numbers, lists and dicts: ``machine``, ``mechanism`` (its type), ``verdict``; ``places``: by effect
-    and place ``[probability, prior, log Bayes factor, unseen]`` (``unseen``: prior share of sizes that the recording would not
-    show), and where it may be there a dict besides: ``sizes``, how probable each size of the slab is, ``size``, [mean, std] of
-    the log of its rms coefficient in expected largest sizes, and ``amount``, the same mean in ``unit``; ``anywhere``: by
-    effect the same four numbers, of any of its places; ``parameters``: by name what the readings alone say, [deviation, std]
-    in tolerances, and its class of parts.
+    and place ``[probability, prior, log Bayes factor, unseen, credit]`` (``unseen``: prior share of sizes that the recording
+    would not show; ``credit``: its share among rivals), and where it may be there a dict besides: ``sizes``, how probable each
+    size of the slab is, ``size``, [mean, std] of the log of its rms coefficient in expected largest sizes, and ``amount``, the
+    same mean in ``unit``; ``anywhere``: by effect the same five numbers, of any of its places; ``parameters``: by name what
+    the readings alone say, [deviation, std] in tolerances, and its class of parts.
     """
     machine = diagnosis.machine
     return {
@@ -58,7 +58,13 @@ def _by_effect(every: Sequence[PlaceEvidence]) -> dict[str, dict[str, list[Any]]
 def _place(one: PlaceEvidence) -> list[Any]:
     """Rounded to what matters: a hundredth of a nat, four digits of a probability."""
     factor = round(one.log_bayes_factor, 2)
-    out: list[Any] = [_short(one.probability), _short(one.prior), factor, _short(one.unseen)]
+    out: list[Any] = [
+        _short(one.probability),
+        _short(one.prior),
+        factor,
+        _short(one.unseen),
+        _short(one.credit),
+    ]
     more: dict[str, Any] = {}
     if one.sizes:
         more["sizes"] = [round(p, 3) for p in one.sizes]

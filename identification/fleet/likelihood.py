@@ -5,7 +5,9 @@ An effect is there with a frequency q, and its size is drawn around the fleet's 
 
     p(readings | q, j) / p(readings | absent) = 1 - q + q sum_s K(s | j) B_s
 
-with B_s the Bayes factor of the effect at size s, 1 at sizes that its recording would not show. A constant's deviation x +- e
+with B_s the Bayes factor of the effect at size s, 1 at sizes that its recording would not show. Where rivals may explain the
+same, each takes its share c of the machine as above, and with 1 - c the machine says of it at most that it may be there as
+well (B = 1), so that rivals together are counted once: a step of EM over which of them it is. A constant's deviation x +- e
 (in tolerances) says N(x; 0, r^2 + e^2), with r the true spread over the stated tolerance.
 """
 
@@ -51,18 +53,26 @@ def by_size(log_factor: float, unseen: float, more: Mapping[str, Any]) -> Array:
     return np.asarray((1.0 - shown) + np.exp(log_factor) * (1.0 - unseen) * share / SLAB)
 
 
-def of_frequency(factors: Array) -> Array:
-    """(p, j, g) log likelihood of frequencies and usual sizes, from Bayes factors (p, s)."""
-    there = factors @ KERNEL.T
-    q = expit(LOG_ODDS)
-    return np.asarray(np.log(1.0 - q + q * there[:, :, None]))
+def of_frequency(factors: Array, neutral: Array, credit: Array) -> Array:
+    """(p, j, g) log likelihood of frequencies and usual sizes, from Bayes factors (p, s) with a credit (p,), and without."""
+    own, other = (_log_mixed((part @ KERNEL.T)[:, :, None]) for part in (factors, neutral))
+    c = credit[:, None, None]
+    return np.asarray(c * own + (1.0 - c) * other)
 
 
-def of_presence(log_factor: Array, unseen: Array) -> Array:
+def of_presence(log_factor: Array, unseen: Array, credit: Array) -> Array:
     """(p, g) log likelihood of frequencies, whatever the size."""
+    own, other = (
+        _log_mixed((unseen + (1.0 - unseen) * np.exp(part))[:, None])
+        for part in (log_factor, np.minimum(log_factor, 0.0))
+    )
+    return np.asarray(credit[:, None] * own + (1.0 - credit[:, None]) * other)
+
+
+def _log_mixed(there: Array) -> Array:
+    """(..., g) of an effect that is there with each frequency, from its Bayes factors (..., 1)."""
     q = expit(LOG_ODDS)
-    there = unseen + (1.0 - unseen) * np.exp(log_factor)
-    return np.asarray(np.log(1.0 - q + q * there[:, None]))
+    return np.asarray(np.log(1.0 - q + q * there))
 
 
 def of_spread(deviation: Array, std: Array) -> Array:

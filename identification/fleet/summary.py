@@ -145,11 +145,13 @@ def _log_odds(prior: float) -> float:
 
 def _of_places(mechanism: str, places: Mapping[str, Mapping[str, list[Any]]]) -> Iterator[tuple[str, Whole]]:
     every = [(f"{effect}|{place}", one) for effect, own in places.items() for place, one in own.items()]
-    told = [(name, one, one[4] if len(one) > 4 else {}) for name, one in every if one[1] > 0.0]
+    told = [(name, one, one[5] if len(one) > 5 else {}) for name, one in every if one[1] > 0.0]
     if not told:
         return
     factors = np.array([by_size(one[2], one[3], more) for _, one, more in told])
-    for (name, one, more), likely in zip(told, of_frequency(factors), strict=True):
+    neutral = np.array([by_size(min(one[2], 0.0), one[3], {}) for _, one, _ in told])
+    credit = np.array([one[4] for _, one, _ in told])
+    for (name, one, more), likely in zip(told, of_frequency(factors, neutral, credit), strict=True):
         yield f"place|{mechanism}|{name}", _whole(1.0, _log_odds(one[1]), one[0], likely)
         if "size" in more:
             p, (y, e), a = one[0], more["size"], more.get("amount", 0.0)
@@ -163,8 +165,8 @@ def _of_effects(mechanism: str, effects: Mapping[str, list[Any]]) -> Iterator[tu
     told = {name: one for name, one in effects.items() if one[1] > 0.0}
     if not told:
         return
-    factor, unseen = (np.array([one[k] for one in told.values()]) for k in (2, 3))
-    for (name, one), likely in zip(told.items(), of_presence(factor, unseen), strict=True):
+    parts = (np.array([one[k] for one in told.values()]) for k in (2, 3, 4))
+    for (name, one), likely in zip(told.items(), of_presence(*parts), strict=True):
         yield f"anywhere|{mechanism}|{name}", _whole(1.0, _log_odds(one[1]), one[0], likely)
 
 

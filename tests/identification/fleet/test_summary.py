@@ -87,7 +87,7 @@ def test_a_machine_that_has_what_no_other_has_is_odd_and_others_are_not() -> Non
     rng = np.random.default_rng(1)
     quiet = DrawnFleet(np.zeros(3), 5, -4.0)
     kept = [quiet.machine(rng) for _ in range(60)]
-    kept[7]["places"]["backlash"]["q2"] = [0.99, 0.018, 9.0, 0.1]
+    kept[7]["places"]["backlash"]["q2"] = [0.99, 0.018, 9.0, 0.1, 1.0]
     kept[9]["parameters"]["c1"][0] = 9.0
     fleet = total(Summary.of(one) for one in kept)
     told = [oddness(one, fleet) for one in kept]
@@ -100,8 +100,8 @@ def test_a_machine_that_lacks_what_all_others_have_is_odd() -> None:
     rng = np.random.default_rng(1)
     kept = [DrawnFleet(np.zeros(1), 5, -4.0).machine(rng) for _ in range(600)]
     for one in kept[1:]:
-        one["places"]["backlash"]["q1"] = [0.9999, 0.018, 13.0, 0.1]
-    kept[0]["places"]["backlash"]["q1"] = [0.0, 0.018, -9.0, 0.0]
+        one["places"]["backlash"]["q1"] = [0.9999, 0.018, 13.0, 0.1, 1.0]
+    kept[0]["places"]["backlash"]["q1"] = [0.0, 0.018, -9.0, 0.0, 1.0]
     told = oddness(kept[0], total(Summary.of(one) for one in kept))
     assert told.reasons[0].kind == "absent" and told.odd
     alone = oddness(kept[0], Summary.of(kept[0]))

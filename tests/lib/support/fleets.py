@@ -55,7 +55,7 @@ class DrawnFleet:
             "verdict": "missing-physics" if none < 0.5 else "adequate",
             "places": {self.effect: places},
             "anywhere": {
-                self.effect: [1.0 - none, any_prior, _log_odds(1.0 - none) - _log_odds(any_prior), 0.0]
+                self.effect: [1.0 - none, any_prior, _log_odds(1.0 - none) - _log_odds(any_prior), 0.0, 1.0]
             },
             "parameters": {f"c{k}": [float(x[k]), float(std[k]), CLASS] for k in range(4)},
         }
@@ -75,7 +75,7 @@ def seen(value: float, usual: float) -> list[Any]:
     shares = np.exp(log - logsumexp(log))
     size = np.log(np.hypot(value, NOISE))
     more = {"sizes": shares.tolist(), "size": [float(size), NOISE / max(abs(value), NOISE)]}
-    kept = [float(odds / (1.0 + odds)), prior, told, unseen]
+    kept = [float(odds / (1.0 + odds)), prior, told, unseen, 1.0]
     return [*kept, more | {"amount": float(size), "unit": "mm"}] if kept[0] > 0.02 else kept
 
 
