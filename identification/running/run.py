@@ -22,6 +22,7 @@ from truepose.errors import InputError
 from truepose.identification.fleet.folder import Member, members
 from truepose.identification.fleet.record import SCHEMA
 from truepose.identification.fleet.result import Fleet
+from truepose.identification.fleet.summary import KEPT
 from truepose.identification.running.ending import Folders, ended
 from truepose.identification.running.pool import Pool, each
 from truepose.identification.running.work import Options, Task, done
@@ -57,7 +58,7 @@ def run_fleet(
 def settings_of(options: Options) -> str:
     """What all results depend on beside a machine's own files."""
     plugins = [hashlib.sha256(path.read_bytes()).hexdigest() for path in options.plugins]
-    told = [SCHEMA, VERSION, options.anyway, options.shuffled, options.brief, plugins]
+    told = [SCHEMA, KEPT, VERSION, options.anyway, options.shuffled, options.brief, plugins]
     return json.dumps(told)
 
 
