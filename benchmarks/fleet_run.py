@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.identification.fleet.record import Record
@@ -33,6 +34,7 @@ from truepose.identification.running.pool import Cores, Pool, cluster
 from truepose.identification.running.run import run_fleet
 from truepose.identification.running.work import Options
 
+Array = NDArray[np.float64]
 SIGMA, LENGTH, ANGLE = 0.01, 0.1, 0.0005
 MACHINE = f"""schema: truepose/machine/1
 name: arm
@@ -62,18 +64,23 @@ def _recording(rng: np.random.Generator) -> pd.DataFrame:
     gain = 2e-3 * np.exp(0.3 * rng.standard_normal()) if rng.random() < 0.3 else 0.0
     play = 2e-3 * np.exp(0.3 * rng.standard_normal()) if rng.random() < 0.1 else 0.0
     turn = q * [1.0 + gain, 1.0] - side * [0.0, play / 2] + ANGLE * rng.standard_normal(2)
-    lengths = np.array([300.0, 100.0]) + LENGTH * rng.standard_normal(2)
+    up = np.array([0.0, 0.0, 300.0 + LENGTH * rng.standard_normal()])
+    out = np.array([100.0 + LENGTH * rng.standard_normal(), 0.0, 0.0])
     tool = np.array([400.0, 50.0, 30.0]) + LENGTH * rng.standard_normal(3)
-    alpha = np.array([0.0, -np.pi / 2]) + ANGLE * rng.standard_normal(2)
-    elbow = Rotation.from_euler("x", alpha[1]).apply(_about_z(turn[:, 1]).apply(tool)) + [lengths[1], 0.0, 0.0]
-    point = Rotation.from_euler("x", alpha[0]).apply(_about_z(turn[:, 0]).apply(elbow + [0.0, 0.0, lengths[0]]))
+    first, second = np.array([0.0, -np.pi / 2]) + ANGLE * rng.standard_normal(2)
+    elbow = _about_x(second).apply(_about_z(turn[:, 1]).apply(tool)) + out
+    point = _about_x(first).apply(_about_z(turn[:, 0]).apply(elbow + up))
     point = point + SIGMA * rng.standard_normal(point.shape)
     columns = {"q1": np.degrees(q[:, 0]), "q2": np.degrees(q[:, 1])}
     columns |= dict(zip("xyz", point.T, strict=True)) | {"approach.q1": side[:, 0], "approach.q2": side[:, 1]}
     return pd.DataFrame(columns)
 
 
-def _about_z(angles: np.ndarray) -> Rotation:
+def _about_x(angle: float) -> Rotation:
+    return Rotation.from_euler("x", angle)
+
+
+def _about_z(angles: Array) -> Rotation:
     return Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0]))
 
 
@@ -92,7 +99,9 @@ def ways(fleet: Path, count: int, room: Path) -> Iterator[str]:
             pool: Pool = Cores(int(name[0])) if name[0].isdigit() else _local(stack, LocalCluster)
             run_fleet(Folders.of(few, room / name), pool, Options(brief=True))
         wall, own = time.perf_counter() - began, _processor() - used
-        files = {str(f.relative_to(room / name)): f.read_bytes() for f in (room / name).rglob("*") if f.is_file()}
+        files = {
+            str(f.relative_to(room / name)): f.read_bytes() for f in (room / name).rglob("*") if f.is_file()
+        }
         first = first or files
         same = "yes" if files == first else "NO"
         yield f"| {name} | {count} | {wall:.0f} s | {own / count:.2f} s | {same} ({len(files)} files) |"
@@ -119,8 +128,8 @@ def page(results: Path, count: int | None, room: Path) -> Iterator[str]:
     folders = Folders(room / "fleet", room / "results")
     shutil.rmtree(folders.results, ignore_errors=True)
     yield _end(folders, records, records, "all new")
-    changed = _another(records[0], 0) if count is None else replace(records[0], key="another", why="")
-    yield _end(folders, [replace(changed, name=records[0].name, key="another")], records, "one changed")
+    changed = replace(_another(records[0], 1), name=records[0].name)
+    yield _end(folders, [changed], records, "one changed")
 
 
 def _end(folders: Folders, noted: list[Record], records: list[Record], what: str) -> str:
@@ -136,10 +145,11 @@ def _end(folders: Folders, noted: list[Record], records: list[Record], what: str
     sizes = {file.name: file.stat().st_size for file in folders.results.iterdir()}
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     each = sizes["fleet.parquet"] / len(records)
-    told = ", ".join(f"{name} {sizes[name] / 1e3:.0f} kB" for name in ("fleet.csv", "fleet.html", "sums.json", "prior.yaml"))
-    return (
-        f"| {len(records)} | {what} | {used:.1f} s | {each:.0f} bytes | {told} | {memory:.0f} MB |"
+    told = ", ".join(
+        f"{name} {sizes[name] / 1e3:.0f} kB"
+        for name in ("fleet.csv", "fleet.html", "sums.json", "prior.yaml")
     )
+    return f"| {len(records)} | {what} | {used:.1f} s | {each:.0f} bytes | {told} | {memory:.0f} MB |"
 
 
 def _another(record: Record, number: int) -> Record:
@@ -148,7 +158,9 @@ def _another(record: Record, number: int) -> Record:
     own = {n: (round(v + s * rng.standard_normal(), 9), s) for n, (v, s) in record.parameters.items()}
     told = dict(record.evidence)
     if told:
-        parameters = {n: [round(x + e * rng.standard_normal(), 4), e, c] for n, (x, e, c) in told["parameters"].items()}
+        parameters = {
+            n: [round(x + e * rng.standard_normal(), 4), e, c] for n, (x, e, c) in told["parameters"].items()
+        }
         told["parameters"] = parameters
     key = f"{rng.integers(2**63):064x}"
     return replace(record, name=f"arm{number:06d}", key=key, parameters=own, evidence=told)
@@ -156,7 +168,9 @@ def _another(record: Record, number: int) -> Record:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("draw", "ways", "page"))
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("-n", type=int)
@@ -166,7 +180,11 @@ def main() -> None:
     if asked.what == "draw":
         draw(asked.n or 2000, asked.output, asked.seed)
         return
-    lines = ways(asked.folder, asked.n or 24, asked.output) if asked.what == "ways" else page(asked.folder, asked.n, asked.output)
+    lines = (
+        ways(asked.folder, asked.n or 24, asked.output)
+        if asked.what == "ways"
+        else page(asked.folder, asked.n, asked.output)
+    )
     for line in lines:
         sys.stdout.write(line + "\n")
         sys.stdout.flush()

@@ -10,6 +10,7 @@ import heapq
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from scipy.stats import norm
 
@@ -95,7 +96,9 @@ class Comparison:
     def result(self) -> Changes:
         """What changed."""
         least = limit(self.compared)
-        moved = sorted((m for m in self.far if m.sigma > least), key=lambda m: (-m.sigma, m.machine, m.parameter))
+        moved = sorted(
+            (m for m in self.far if m.sigma > least), key=lambda m: (-m.sigma, m.machine, m.parameter)
+        )
         return Changes(
             tuple(self.new), tuple(self.gone), tuple(self.said), tuple(moved), self.compared, self.again
         )
@@ -113,7 +116,9 @@ def paired(
     before: Iterable[Record], after: Iterable[Record]
 ) -> Iterator[tuple[Record | None, Record | None]]:
     """Records of two runs by machine, each run in the order of names."""
-    both = heapq.merge(((r.name, 0, r) for r in before), ((r.name, 1, r) for r in after), key=lambda one: one[:2])
+    both = heapq.merge(
+        ((r.name, 0, r) for r in before), ((r.name, 1, r) for r in after), key=lambda one: one[:2]
+    )
     waiting: Record | None = None
     for _, which, record in both:
         if which == 0:
@@ -151,8 +156,8 @@ def _verdict(record: Record) -> str:
 
 def findings_text(record: Record) -> str:
     """``backlash at q2; link-bending at link2 + link3``: what was found, in the order of names."""
-    found: Iterable[Mapping[str, object]] = record.figures.get("findings", ())
-    return "; ".join(sorted(f"{one['effect']} at {' + '.join(map(str, one['place']))}" for one in found))  # type: ignore[arg-type, call-overload]
+    found: Iterable[Mapping[str, Any]] = record.figures.get("findings", ())
+    return "; ".join(sorted(f"{one['effect']} at {' + '.join(one['place'])}" for one in found))
 
 
 def _moved(before: Record, after: Record, name: str) -> Moved | None:

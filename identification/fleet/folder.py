@@ -47,7 +47,9 @@ class Member:
         if self.machine is None:
             return self.recordings
         text = self.machine.read_text(encoding="utf-8", errors="replace")
-        named = {self.machine.parent / next(filter(None, found)) for found in _REFERRED.findall(text) if any(found)}
+        named = {
+            self.machine.parent / next(filter(None, found)) for found in _REFERRED.findall(text) if any(found)
+        }
         return (self.machine, *sorted(path for path in named if path.is_file()), *self.recordings)
 
     def key(self, folder: Path, settings: str) -> str:
@@ -66,7 +68,9 @@ def members(folder: Path, but: Path) -> tuple[Member, ...]:
     Raises InputError where there is none.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder of machines, found {'a file' if folder.exists() else 'nothing'}")
+        raise InputError(
+            f"{folder}: expected a folder of machines, found {'a file' if folder.exists() else 'nothing'}"
+        )
     inside = [path for path in _visible(folder) if path.resolve() != but.resolve()]
     shared = folder / SHARED if (folder / SHARED).is_file() else None
     found = [_of_folder(path, shared) for path in inside if path.is_dir()]
@@ -94,7 +98,9 @@ def _of_folder(path: Path, shared: Path | None) -> Member:
         names = shortened([file.name for file in own], 3)
         return replace(member, why=f"found the machine files {names}, expected one, or one called {SHARED}")
     if member.machine is None:
-        return replace(member, why=f"found no machine file, expected {SHARED} here, or one beside all machines")
+        return replace(
+            member, why=f"found no machine file, expected {SHARED} here, or one beside all machines"
+        )
     if not tables:
         where = f"in {RECORDINGS}" if apart.is_dir() else "here"
         return replace(member, why=f"found no recording {where}, expected at least one ({', '.join(_TABLE)})")

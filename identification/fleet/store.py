@@ -23,7 +23,9 @@ from truepose.identification.fleet.summary import Summary
 STORE, SUMS, JOURNAL = "fleet.parquet", "sums.json", "journal.jsonl"
 GROUP = 1000
 """Records that are read at once: a few MB."""
-_COLUMNS = pa.schema([("name", pa.string()), ("key", pa.string()), ("final", pa.bool_()), ("record", pa.string())])
+_COLUMNS = pa.schema(
+    [("name", pa.string()), ("key", pa.string()), ("final", pa.bool_()), ("record", pa.string())]
+)
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,9 @@ class Store:
         try:
             return pq.ParquetFile(self.path)
         except (OSError, pa.ArrowInvalid) as exc:
-            raise InputError(f"{self.path}: found no table of truepose fleet ({exc}); delete it to begin anew") from None
+            raise InputError(
+                f"{self.path}: found no table of truepose fleet ({exc}); delete it to begin anew"
+            ) from None
 
     def _read(self, text: str) -> Record:
         record = Record.of_text(text)
@@ -78,7 +82,6 @@ class Store:
                 f"{self.path}: found a record of another version, expected one of this; delete the folder to begin anew"
             )
         return record
-
 
     def write(self, records: Iterable[Record]) -> None:
         """Records, by name; the same records, the same bytes."""

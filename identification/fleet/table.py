@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -50,7 +50,9 @@ def row(record: Record, odd: Oddness | None) -> Row:
     if not record.diagnosed:
         return Row(record.name, record.status, record.why)
     told = record.figures
-    kind, rms = next(iter(told["rms"].items()), ("", {}))
+    every: Mapping[str, Mapping[str, Any]] = told["rms"]
+    kind = next(iter(every), "")
+    rms = every.get(kind, {})
     unusual: dict[str, Any] = {}
     if odd is not None:
         because = "; ".join(reason.text for reason in odd.reasons)

@@ -130,7 +130,11 @@ def change_sentences(changes: Changes | None) -> list[str]:
         return [f"Nothing has changed since the last run{again}."]
     out = [f"New: {shortened(changes.new, NAMED)}."] if changes.new else []
     out += [f"Gone: {shortened(changes.gone, NAMED)}."] if changes.gone else []
-    for what, words in (("status", "Otherwise done"), ("verdict", "Other verdict"), ("findings", "Other findings")):
+    for what, words in (
+        ("status", "Otherwise done"),
+        ("verdict", "Other verdict"),
+        ("findings", "Other findings"),
+    ):
         names = [one.machine for one in changes.said if one.what == what]
         out += [f"{words}: {shortened(names, NAMED)}."] if names else []
     names = list(dict.fromkeys(one.machine for one in changes.moved))

@@ -130,9 +130,7 @@ def _counts(record: Record) -> bool:
     return record.status == "done"
 
 
-def _fleet(
-    name: str, rows: Sequence[Row], summary: Summary, changes: Changes | None, brief: bool
-) -> Fleet:
+def _fleet(name: str, rows: Sequence[Row], summary: Summary, changes: Changes | None, brief: bool) -> Fleet:
     unusual = sorted((r for r in rows if r.odd), key=lambda r: (-(r.oddness or 0.0), r.name))
     undone = [r for r in rows if r.status not in ("done", "refused")]
     return Fleet(

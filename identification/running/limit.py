@@ -26,7 +26,9 @@ def within(minutes: float | None) -> Iterator[None]:
     def raise_there() -> None:
         with lock:
             if not over:
-                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(OverdueError))
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                    ctypes.c_ulong(thread), ctypes.py_object(OverdueError)
+                )
 
     timer = threading.Timer(60.0 * minutes, raise_there)
     timer.daemon = True

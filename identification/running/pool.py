@@ -93,7 +93,7 @@ class Cluster(Pool):
     @property
     def workers(self) -> int:
         """Threads of all workers."""
-        return max(sum(self.client.nthreads().values()), 1)
+        return max(int(sum(self.client.nthreads().values())), 1)
 
     def results(
         self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
@@ -103,10 +103,14 @@ class Cluster(Pool):
         from distributed.scheduler import KilledWorker
 
         def submitted(k: int) -> Future:
-            return self.client.submit(_numbered, work, tasks[k], k, pure=False, key=f"truepose-{k}-{uuid4().hex}")
+            return self.client.submit(
+                _numbered, work, tasks[k], k, pure=False, key=f"truepose-{k}-{uuid4().hex}"
+            )
 
         waiting = iter(tasks)
-        numbers = {future: k for k in islice(waiting, min(at_once, 2 * self.workers)) for future in [submitted(k)]}
+        numbers = {
+            future: k for k in islice(waiting, min(at_once, 2 * self.workers)) for future in [submitted(k)]
+        }
         coming = as_completed(numbers)
         for future in coming:
             k = numbers.pop(future)
@@ -135,7 +139,9 @@ def cluster(address: str) -> Iterator[Cluster]:
     with client:
         for worker, version in _versions(client, address).items():
             if version != VERSION:
-                raise InputError(f"--dask {address}: found truepose {version} on {worker}, expected {VERSION} on all")
+                raise InputError(
+                    f"--dask {address}: found truepose {version} on {worker}, expected {VERSION} on all"
+                )
         yield Cluster(client)
 
 

@@ -23,6 +23,7 @@ from truepose.identification.fleet.folder import Member, members
 from truepose.identification.fleet.record import SCHEMA
 from truepose.identification.fleet.result import Fleet
 from truepose.identification.fleet.summary import KEPT
+from truepose.identification.learned_prior import read_prior
 from truepose.identification.running.ending import Folders, ended
 from truepose.identification.running.pool import Pool, each
 from truepose.identification.running.work import Options, Task, done
@@ -43,12 +44,16 @@ def run_fleet(
     where results cannot be written, and where another run is at work in the same folder.
     """
     found = members(folders.machines, folders.results)
+    if options.prior is not None:
+        read_prior(options.prior)  # what is wrong with it is no machine's fault
     folders.results.mkdir(parents=True, exist_ok=True)
     journal = folders.journal
     journal.open().close()
     with held(journal.path, wait=False) as free:
         if not free:
-            raise InputError(f"{folders.results}: found another run of truepose fleet at work there, expected none")
+            raise InputError(
+                f"{folders.results}: found another run of truepose fleet at work there, expected none"
+            )
         keys = _work(found, folders, pool, options, progress)
         fleet = ended(keys, folders, brief=options.brief)
         journal.path.unlink()
@@ -57,9 +62,10 @@ def run_fleet(
 
 def settings_of(options: Options) -> str:
     """What all results depend on beside a machine's own files."""
-    plugins = [hashlib.sha256(path.read_bytes()).hexdigest() for path in options.plugins]
-    told = [SCHEMA, KEPT, VERSION, options.anyway, options.shuffled, options.brief, plugins]
-    return json.dumps(told)
+    files = [*options.plugins, *([options.prior] if options.prior else [])]
+    digests = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
+    told = [SCHEMA, KEPT, VERSION, options.anyway, options.shuffled, options.brief, options.prior is not None]
+    return json.dumps([*told, digests])
 
 
 def _work(
@@ -84,7 +90,9 @@ def _work(
 
 def _task(member: Member, folders: Folders, settings: str, options: Options) -> Task:
     """A machine with its key; one whose files cannot be read is one that says so."""
-    task = partial(Task, folder=folders.machines, output=folders.results / MACHINES / member.name, options=options)
+    task = partial(
+        Task, folder=folders.machines, output=folders.results / MACHINES / member.name, options=options
+    )
     try:
         return task(member, key=member.key(folders.machines, settings))
     except OSError as exc:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import html
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from truepose.identification.check.result import Check
     from truepose.identification.diagnosis.result import Diagnosis
     from truepose.identification.fit.calibrate import Calibration
+    from truepose.identification.learned_prior import LearnedPrior
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine import Machine
 
@@ -38,13 +38,17 @@ _one_at_a_time = threading.Lock()
 
 @dataclass(frozen=True)
 class Options:
-    """How every machine is worked with. limit: minutes for each, None for as long as it takes; ``plugins``: absolute paths."""
+    """How every machine is worked with.
+
+    limit: minutes for each, None for as long as it takes; prior: what another fleet has taught; both paths absolute.
+    """
 
     anyway: bool = False
     shuffled: bool = False
     brief: bool = False
     plugins: tuple[Path, ...] = ()
     limit: float | None = None
+    prior: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,9 @@ def done(task: Task) -> Record:
     """
     held = Record.read(task.output)
     if held is not None and held.key == task.key and held.final:
-        return held  # by a run that was killed before it could note it, or by a worker that was lost afterwards
+        return (
+            held  # by a run that was killed before it could note it, or by a worker that was lost afterwards
+        )
     found = task.record("failed", task.member.why) if task.member.why else _tried(task)
     record = found if isinstance(found, Record) else _record(task, found)
     _write(task, record, None if isinstance(found, Record) else found)
@@ -115,7 +121,9 @@ def _worked_out(task: Task) -> _Result | Record:
     if machine is None or rows is None or (check.verdict == "wrong" and not options.anyway):
         return task.record("wrong", refusal(check))
     machine, rows = _seen_from(task, machine, rows)
-    return _Result(_told_check(task, check), calibrate(machine, rows), diagnose(machine, rows))
+    learned = None if options.prior is None else _prior(options.prior)
+    diagnosis = diagnose(machine, rows, prior=learned)
+    return _Result(_told_check(task, check), calibrate(machine, rows), diagnosis)
 
 
 @cache
@@ -124,12 +132,22 @@ def _load(plugin: Path) -> None:
     load_plugin(plugin)
 
 
+@cache
+def _prior(file: Path) -> LearnedPrior:
+    """Read once in a process."""
+    from truepose.identification.learned_prior import read_prior
+
+    return read_prior(file)
+
+
 def _seen_from(task: Task, machine: Machine, rows: Recording) -> tuple[Machine, Recording]:
     """Both with files as seen from the fleet's folder."""
     told = task.told
     if machine.file is not None:
         path = Path(told(str(machine.file.path)))
-        machine = replace(machine, file=replace(machine.file, path=path), notes=tuple(map(told, machine.notes)))
+        machine = replace(
+            machine, file=replace(machine.file, path=path), notes=tuple(map(told, machine.notes))
+        )
     return machine, replace(rows, files=tuple(map(told, rows.files)), notes=tuple(map(told, rows.notes)))
 
 

@@ -21,6 +21,7 @@ from truepose.commands.common import (
     written,
 )
 from truepose.commands.gate import GateOption
+from truepose.commands.identify import PriorOption
 from truepose.commands.progress import counted
 from truepose.commands.results import FLEET, check_directory
 from truepose.errors import InputError
@@ -35,7 +36,12 @@ FolderArg = Annotated[
 WorkersOption = Annotated[
     int,
     typer.Option(
-        "-j", "--workers", metavar="N", help="Machines at once; 0: one for each processor.", min=0, show_default=False
+        "-j",
+        "--workers",
+        metavar="N",
+        help="Machines at once; 0: one for each processor.",
+        min=0,
+        show_default=False,
     ),
 ]
 DaskOption = Annotated[
@@ -43,8 +49,8 @@ DaskOption = Annotated[
     typer.Option(
         "--dask",
         metavar="ADDRESS",
-        help="Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its workers have this "
-        "version of truepose and see DIR and the results under the same paths.",
+        help="Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its workers "
+        "have this version of truepose and see DIR and the results under the same paths.",
         show_default=False,
     ),
 ]
@@ -52,7 +58,10 @@ BriefOption = Annotated[bool, typer.Option("--brief", help="Without the report.h
 LimitOption = Annotated[
     float | None,
     typer.Option(
-        "--limit", metavar="MINUTES", help="Give up a machine after so long; its row says so.", show_default=False
+        "--limit",
+        metavar="MINUTES",
+        help="Give up a machine after so long; its row says so.",
+        show_default=False,
     ),
 ]
 
@@ -64,6 +73,7 @@ def fleet(
     dask: DaskOption = "",
     brief: BriefOption = False,
     limit: LimitOption = None,
+    prior: PriorOption = None,
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
@@ -80,9 +90,9 @@ def fleet(
 
     Started again it goes on where it was, and works on machines only whose files, options or truepose have changed.
 
-    Example: truepose fleet fleet -o fleet-results
+    Example: truepose fleet line1 -o line1-results
 
-    Example: truepose fleet fleet -o fleet-results --workers 2 --brief --limit 30
+    Example: truepose fleet line1 -o line1-results --workers 2 --brief --limit 30
     """
     with reported(plugin):
         from truepose.identification.report.fleet_files import PAGE
@@ -95,13 +105,16 @@ def fleet(
         if limit is not None and not limit > 0:
             raise InputError(f"--limit: found {limit:g}, expected minutes above 0")
         plugins = tuple(path.resolve() for path in plugin or ())
-        options = Options(anyway, shuffled, brief, plugins, limit)
+        known = None if prior is None else prior.resolve()
+        options = Options(anyway, shuffled, brief, plugins, limit, known)
         folders = Folders.of(folder, output)
         try:
             with counted("fleet") as hear, _pool(workers, dask) as pool:
                 found = run_fleet(folders, pool, options, progress=hear)
         except KeyboardInterrupt:
-            typer.echo(f"stopped: what is done stands in {output}; the same command goes on from there", err=True)
+            typer.echo(
+                f"stopped: what is done stands in {output}; the same command goes on from there", err=True
+            )
             raise
         summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
         finish(summary, fleet_lines(found, str(output / PAGE)), (), as_json=as_json)
@@ -116,7 +129,9 @@ def _pool(workers: int, dask: str) -> Iterator[Pool]:
     from truepose.threads import cores
 
     if dask and workers:
-        raise InputError("--dask: found with --workers, expected one of them: a cluster has the workers that it has")
+        raise InputError(
+            "--dask: found with --workers, expected one of them: a cluster has the workers that it has"
+        )
     if not dask:
         yield Cores(workers or cores())
         return

@@ -14,7 +14,9 @@ from truepose.identification.fleet.changes import Change, compared, limit, paire
 from truepose.identification.fleet.record import Record
 
 
-def record(name: str, rng: np.random.Generator | None = None, verdict: str = "adequate", key: str = "k") -> Record:
+def record(
+    name: str, rng: np.random.Generator | None = None, verdict: str = "adequate", key: str = "k"
+) -> Record:
     shift = np.zeros(20) if rng is None else rng.standard_normal(20)
     parameters = {f"p{k}": (float(10.0 + 0.1 * shift[k]), 0.1) for k in range(20)}
     return Record(name, key, "done", "", {"verdict": verdict, "findings": []}, parameters)

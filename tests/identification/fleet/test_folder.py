@@ -74,7 +74,9 @@ def test_a_name_that_no_file_can_hold_is_spelt_out(tmp_path: Path) -> None:
 CHANGES: list[Callable[[Path], object]] = [
     lambda folder: (folder / "m/1.csv").write_text("other"),
     lambda folder: (folder / "m/1.csv").rename(folder / "m/2.csv"),
-    lambda folder: (folder / "m/machine.yaml").write_text("mechanism: {type: urdf, file: 'arm.urdf'} # other"),
+    lambda folder: (folder / "m/machine.yaml").write_text(
+        "mechanism: {type: urdf, file: 'arm.urdf'} # other"
+    ),
     lambda folder: (folder / "m/arm.urdf").write_text("other"),
     lambda folder: put(folder, "m/0.csv"),
 ]

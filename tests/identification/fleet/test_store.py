@@ -22,7 +22,9 @@ RECORDS = st.builds(
     key=st.text(st.characters(codec="utf-8")),
     status=st.sampled_from(STATUSES),
     why=st.text(st.characters(codec="utf-8")),
-    figures=st.dictionaries(st.text(st.characters(codec="utf-8")), st.one_of(st.none(), NUMBERS, st.booleans())),
+    figures=st.dictionaries(
+        st.text(st.characters(codec="utf-8")), st.one_of(st.none(), NUMBERS, st.booleans())
+    ),
     parameters=st.dictionaries(st.text(st.characters(codec="utf-8")), st.tuples(NUMBERS, NUMBERS)),
 )
 

@@ -70,7 +70,9 @@ def statuses(results: Path) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def machines(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three that can be worked with, and one that lacks a column."""
-    folder = write_fleet(tmp_path_factory.mktemp("here") / "line", {"gain": [GAIN], "play": [PLAY], "plain": []})
+    folder = write_fleet(
+        tmp_path_factory.mktemp("here") / "line", {"gain": [GAIN], "play": [PLAY], "plain": []}
+    )
     write_machine(folder / "unread", rows(9).drop(columns="q2"))
     return folder
 
@@ -108,7 +110,9 @@ def test_files_say_what_came_of_each(reference: Mapping[str, bytes]) -> None:
     ] and told["undone"][0]["why"].startswith("unread/recording.csv: missing column 'q2'")
     for name in ("calibrated.yaml", "fit.json", "diagnosis.json", "improved.yaml", "record.json"):
         assert f"machines/gain/{name}" in reference
-    assert {name for name in reference if name.startswith("machines/unread/")} == {"machines/unread/record.json"}
+    assert {name for name in reference if name.startswith("machines/unread/")} == {
+        "machines/unread/record.json"
+    }
     diagnosis = json.loads(reference["machines/gain/diagnosis.json"])
     assert diagnosis["files"] == ["gain/recording.csv"]
     assert [f["effect"] for f in diagnosis["findings"]] == ["actuator-scale"]
@@ -143,7 +147,9 @@ def survived(poisoned: tuple[Path, Options], tmp_path_factory: pytest.TempPathFa
     return results
 
 
-def test_a_machine_that_kills_its_process_stops_nobody(survived: Path, reference: Mapping[str, bytes]) -> None:
+def test_a_machine_that_kills_its_process_stops_nobody(
+    survived: Path, reference: Mapping[str, bytes]
+) -> None:
     assert statuses(survived) == {
         "gain": "done", "killer": "broken", "plain": "done", "play": "done", "unread": "failed"
     }  # fmt: skip
@@ -163,7 +169,18 @@ def test_killed_in_the_middle_it_goes_on(
     machines: Path, reference: Mapping[str, bytes], tmp_path: Path
 ) -> None:
     results = tmp_path / "results"
-    command = [sys.executable, "-m", "truepose.cli", "fleet", str(machines), "-o", str(results), "-j", "1", "--brief"]
+    command = [
+        sys.executable,
+        "-m",
+        "truepose.cli",
+        "fleet",
+        str(machines),
+        "-o",
+        str(results),
+        "-j",
+        "1",
+        "--brief",
+    ]
     with subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL) as process:
         while not (results / JOURNAL).is_file() or (results / JOURNAL).read_text().count('"key"') < 2:
             assert process.poll() is None
@@ -194,7 +211,10 @@ def test_only_what_changed_is_worked_with_again(machines: Path, tmp_path: Path) 
     assert sorted(run(line, results, Cores(2))) == ["more", "plain"]
     changes = json.loads((results / "fleet.json").read_text(encoding="utf-8"))["changes"]
     assert (changes["new"], changes["gone"]) == (["more"], ["gain"])
-    assert {(one["machine"], one["what"]) for one in changes["said"]} == {("plain", "verdict"), ("plain", "findings")}
+    assert {(one["machine"], one["what"]) for one in changes["said"]} == {
+        ("plain", "verdict"),
+        ("plain", "findings"),
+    }
     shutil.rmtree(results / "machines")  # the page is made of the records alone
     assert run(line, results, Cores(2)) == []
     fresh = tmp_path / "fresh"
