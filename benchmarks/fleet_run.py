@@ -123,7 +123,8 @@ def _processor() -> float:
 
 def page(results: Path, count: int | None, room: Path) -> Iterator[str]:
     """The end of a run with the records that another left, or with more that are drawn from them; then with one changed."""
-    kept = list(Store(results).records())
+    journal = Journal(results / JOURNAL)  # of a run that has not ended yet
+    kept = list(Store(results).records()) or list(journal.records(journal.keys()))
     records = kept if count is None else [_another(kept[k % len(kept)], k) for k in range(count)]
     folders = Folders(room / "fleet", room / "results")
     shutil.rmtree(folders.results, ignore_errors=True)

@@ -7,6 +7,7 @@ others, one at a time with nothing beside it; one whose process dies then, too, 
 from __future__ import annotations
 
 import contextlib
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 R = TypeVar("R")
+LIBRARIES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""What libraries of linear algebra read before they read OMP_NUM_THREADS."""
 CONNECTING = 30.0
 """Seconds that a cluster has to answer."""
 
@@ -137,24 +140,41 @@ def cluster(address: str) -> Iterator[Cluster]:
     except (OSError, ValueError) as exc:
         raise InputError(f"--dask {address}: found no scheduler there: {exc}") from None
     with client:
-        for worker, version in _versions(client, address).items():
+        for worker, (version, threads) in _states(client, address).items():
             if version != VERSION:
                 raise InputError(
                     f"--dask {address}: found truepose {version} on {worker}, expected {VERSION} on all"
                 )
+            if threads:
+                raise InputError(
+                    f"--dask {address}: found {threads} on {worker}, expected OMP_NUM_THREADS=1: with more threads of linear"
+                    " algebra results differ in their last digits. A worker that has a nanny starts so"
+                )
         yield Cluster(client)
 
 
-def _versions(client: Client, address: str) -> dict[str, str]:
+def _states(client: Client, address: str) -> dict[str, tuple[str, str]]:
+    """Of each worker the version of truepose, and what is wrong with its threads."""
     try:
-        found: dict[str, str] = client.run(_version)
+        found: dict[str, tuple[str, str]] = client.run(_state)
     except Exception as exc:  # whatever a worker raises that has no truepose
         raise InputError(f"--dask {address}: found a worker without truepose {VERSION}: {exc}") from None
     return found
 
 
-def _version() -> str:
-    return VERSION
+def _state() -> tuple[str, str]:
+    return VERSION, several_threads(os.environ)
+
+
+def several_threads(environment: Mapping[str, str]) -> str:
+    """The variable that lets linear algebra have more than one thread; empty where none does.
+
+    Sums in several threads are rounded otherwise, so that files would depend on the computer that wrote them.
+    """
+    told = {name: environment.get(name, "") for name in ("OMP_NUM_THREADS", *LIBRARIES)}
+    wrong = (name for name, value in told.items() if value != "1" and (value or name == "OMP_NUM_THREADS"))
+    name = next(wrong, "")
+    return name and (f"{name}={told[name]}" if told[name] else f"no {name}")
 
 
 def each(work: Callable[[T], R], tasks: Sequence[T], pool: Pool) -> Iterator[tuple[T, R | None]]:
@@ -176,4 +196,4 @@ def _numbered(work: Callable[[T], R], task: T, number: int) -> tuple[int, R]:
     return number, work(task)
 
 
-__all__ = ["Cluster", "Cores", "Pool", "cluster", "each"]
+__all__ = ["Cluster", "Cores", "Pool", "cluster", "each", "several_threads"]

@@ -55,6 +55,7 @@ def run_fleet(
                 f"{folders.results}: found another run of truepose fleet at work there, expected none"
             )
         keys = _work(found, folders, pool, options, progress)
+        progress(1, 1, "what they say together")
         fleet = ended(keys, folders, brief=options.brief)
         journal.path.unlink()
     return fleet

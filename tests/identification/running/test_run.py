@@ -20,7 +20,7 @@ from truepose.errors import InputError
 from truepose.identification.fleet.record import Record
 from truepose.identification.fleet.store import JOURNAL
 from truepose.identification.running.ending import Folders
-from truepose.identification.running.pool import Cluster, Cores, Pool, cluster
+from truepose.identification.running.pool import Cluster, Cores, Pool, cluster, several_threads
 from truepose.identification.running.run import run_fleet
 from truepose.identification.running.work import Options
 
@@ -59,7 +59,7 @@ def run(machines: Path, results: Path, pool: Pool, options: Options | None = Non
         names.append(name)
 
     run_fleet(Folders.of(machines, results), pool, options or Options(brief=True), progress=hear)
-    return [name for name in names if not name.startswith("looking")]
+    return [name for name in names if not name.startswith("looking") and name != "what they say together"]
 
 
 def statuses(results: Path) -> dict[str, str]:
@@ -252,3 +252,17 @@ def test_two_runs_do_not_work_in_one_folder(machines: Path, tmp_path: Path) -> N
 def test_results_do_not_lie_among_the_machines(machines: Path) -> None:
     with pytest.raises(InputError, match="expected another folder for the results"):
         Folders.of(machines, machines)
+
+
+@pytest.mark.parametrize(
+    ("environment", "wrong"),
+    [
+        ({"OMP_NUM_THREADS": "1"}, ""),
+        ({"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}, ""),
+        ({}, "no OMP_NUM_THREADS"),
+        ({"OMP_NUM_THREADS": "8"}, "OMP_NUM_THREADS=8"),
+        ({"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "2"}, "OPENBLAS_NUM_THREADS=2"),
+    ],
+)
+def test_workers_whose_sums_are_rounded_otherwise_are_known(environment: dict[str, str], wrong: str) -> None:
+    assert several_threads(environment) == wrong
