@@ -7,8 +7,8 @@
 `--learn N --judge N` of ``sit`` and ``table`` take fewer: each diagnosis takes 4 to 10 s of one core.
 
 Machines are arms of ``challenge/simulator``, which computes its physics by other means than the catalogue's. How often a fleet
-has an effect at a place, and how large, is drawn once for the fleet and never told: some effects have weak places (30 to 50 %
-of machines), some are rare (1 to 4 % at each place), some never occur; sizes scatter by 1.5 about the fleet's median. ``sit``
+has an effect at a place, and how large, is drawn once for the fleet and never told: two effects have a weak place (30 to 50 %
+of machines), five are rare (1 to 4 % at each place), others never occur; sizes scatter by 1.5 about the fleet's median. ``sit``
 reads ``FOLDER/machines`` alone; the truth is in ``FOLDER/truth.json``.
 """
 
@@ -40,8 +40,8 @@ from truepose.identification.learned_prior import read_prior, write_prior
 Array = NDArray[np.float64]
 LEARN, JUDGE = 100, 100
 PLAN = Plan(poses=30, repeats=2)
-CLASSES = ("frequent", "rare", "never")
-SHARES = (0.3, 0.35, 0.35)
+FREQUENT, RARE = 2, 5
+"""Kinds with a weak place, and kinds that are rare everywhere; all others never occur."""
 LEAST = 1e-4
 """Probability that the scores count at least, for what is there and what is not."""
 BINS = ((0.5, 0.8), (0.8, 0.95), (0.95, 1.01))
@@ -50,14 +50,15 @@ WITHOUT, WITH = "default", "learned"
 
 def fleet(rng: np.random.Generator) -> list[dict[str, Any]]:
     """Kinds at places with their frequency in the fleet and median size: the hyper-parameters."""
-    out = []
-    for kind in _kinds():
-        group = CLASSES[int(rng.choice(3, p=SHARES))]
+    kinds, out = _kinds(), list[dict[str, Any]]()
+    for number, k in enumerate(rng.permutation(len(kinds))):
+        kind = kinds[k]
         median = kind.typical * float(np.exp(rng.uniform(np.log(0.4), np.log(2.5))))
-        weak = rng.permutation(len(kind.places))[: int(rng.integers(1, 3))]
-        for k, place in enumerate(kind.places):
-            q = rng.uniform(0.3, 0.5) if group == "frequent" and k in weak else rng.uniform(0.01, 0.04)
-            frequency = 0.0 if group == "never" else float(q)
+        weak = int(rng.integers(len(kind.places)))
+        for at, place in enumerate(kind.places):
+            frequent = number < FREQUENT and at == weak
+            q = rng.uniform(0.3, 0.5) if frequent else rng.uniform(0.01, 0.04)
+            frequency = float(q) if number < FREQUENT + RARE else 0.0
             own = {"kind": kind.name, "slug": kind.slug, "place": list(place), "frequency": frequency}
             out.append({**own, "median": median})
     return out
@@ -222,7 +223,7 @@ def _head(study: Study) -> list[str]:
         "Simulated arms of one fleet (`challenge/simulator`), 60 rows each. Frequencies and median sizes of effects were drawn",
         "once, and only the simulator knows them. Made by",
         "",
-        "    python -m benchmarks.fleet_prior draw FOLDER --seed 2",
+        "    python -m benchmarks.fleet_prior draw FOLDER --seed 3",
         f"    python -m benchmarks.fleet_prior sit FOLDER{fewer}",
         f"    python -m benchmarks.fleet_prior table FOLDER{fewer} -o benchmarks/results/fleet_prior.md",
         "",

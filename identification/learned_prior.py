@@ -19,6 +19,7 @@ from pydantic_core import PydanticCustomError
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
 from truepose.identification.prior import SIZES
+from truepose.models.effect import effects
 from truepose.models.field_errors import input_error
 from truepose.models.fields import Section
 from truepose.models.placed import EffectAtPlace
@@ -29,7 +30,9 @@ Array = NDArray[np.float64]
 SCHEMA: Final = "truepose/prior/1"
 ROUNDING = 0.01
 """How far written shares may be from adding up to one."""
-Odds = Annotated[float, Field(ge=1e-6, le=1e6)]
+MOST = 1e6
+"""Most that odds may be multiplied or divided by."""
+Odds = Annotated[float, Field(ge=1.0 / MOST, le=MOST)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 SizeShare = Annotated[float, Field(gt=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]
@@ -126,7 +129,7 @@ class FleetPrior:
         if found is None:
             return None
         shares = np.array(found.sizes)
-        return np.log(shares / shares.sum())
+        return np.asarray(np.log(shares / shares.sum()))
 
     def notes(self, places: Iterable[EffectAtPlace]) -> tuple[str, ...]:
         """Where the fleet is of another kind than the machine, whose effects and places these are."""
@@ -138,12 +141,14 @@ class FleetPrior:
             for place in effect.places.get(self.mechanism, {})
         )
         said = f"the prior was learned from {learned.machines} machines ({_told(kinds)})"
-        if not learned.effects or here:
-            return (said,)
-        return (
-            f"{said}, and this one is a {self.mechanism or 'mechanism without a type'} of other places:"
-            " frequencies at places say nothing here, those of effects do",
-        )
+        if learned.effects and not here:
+            said += (
+                f", and this one is a {self.mechanism or 'mechanism without a type'} of other places: frequencies at"
+                " places say nothing here, those of effects do"
+            )
+        unknown = sorted(learned.effects.keys() - set(effects))
+        missing = f"the prior names effects that the catalogue has not: {joined(unknown)}; load their plug-in"
+        return (said, missing) if unknown else (said,)
 
 
 def _told(kinds: Mapping[str, int]) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from truepose.identification.fleet.statistics import Tree, statistics, trees
 from truepose.identification.fleet.summary import Summary
-from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior, ToleranceNote
+from truepose.identification.learned_prior import MOST, EffectPrior, LearnedPrior, PlacePrior, ToleranceNote
 
 SMALLEST = 1e-4
 """Share of a size below which it is written as this."""
@@ -46,14 +46,18 @@ def _effect(tree: Tree) -> EffectPrior:
             found=short(tree.found[k]),
             frequency=short(of.mean),
             usual=short(float(1.0 / (1.0 + np.exp(-of.usual)))),
-            odds=short(float(np.exp(of.log_factor))),
+            odds=_odds(of.log_factor),
         )
     return EffectPrior(
         machines=max(tree.machines),
-        odds=short(float(np.exp(tree.hierarchy.elsewhere.log_factor))),
+        odds=_odds(tree.hierarchy.elsewhere.log_factor),
         sizes=tuple(max(short(share), SMALLEST) for share in tree.hierarchy.sizes.tolist()),
         places=places,
     )
+
+
+def _odds(log_factor: float) -> float:
+    return short(float(np.clip(np.exp(log_factor), 1.0 / MOST, MOST)))
 
 
 def short(value: float) -> float:

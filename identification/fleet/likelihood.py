@@ -5,15 +5,17 @@ An effect is there with a frequency q, and its size is drawn around the fleet's 
 
     p(readings | q, j) / p(readings | absent) = 1 - q + q sum_s K(s | j) B_s
 
-with B_s the Bayes factor of the effect at size s, 1 at sizes that its recording would not show. Where rivals may explain the
-same, each takes its share c of the machine as above, and with 1 - c the machine says of it at most that it may be there as
-well (B = 1), so that rivals together are counted once: a step of EM over which of them it is. A constant's deviation x +- e
-(in tolerances) says N(x; 0, r^2 + e^2), with r the true spread over the stated tolerance.
+with B_s the Bayes factor of the effect at size s, 1 at sizes that its recording would not show. Where rivals explain the same
+with a probability r, the machine counts 1 - r as above, with B against nothing at all, and r as one in which no size that would
+be noticed is there: a step of EM over which of them it is, so that rivals together are counted once.
+
+A constant's deviation x +- e (in tolerances) says N(x; 0, r^2 + e^2), with r the true spread over the stated tolerance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,8 @@ LOG_ODDS: Array = np.linspace(-11.0, 5.0, 33)
 """(g,) grid of the log odds of a frequency; between its points a log likelihood is smooth."""
 RATIOS: Array = np.geomspace(0.05, 20.0, 61)
 """(r,) grid of true spreads over stated tolerances."""
+LARGEST = 15.0
+"""Log Bayes factor beyond which a posterior tells no more."""
 SLAB: Array = np.exp(SIZES.log_prior)
 """(s,) prior share of each size."""
 
@@ -45,6 +49,25 @@ def _kernel() -> Array:
 KERNEL: Array = _kernel()
 
 
+@dataclass(frozen=True)
+class Told:
+    """What machines say of an effect each (p,): log Bayes factor against nothing, prior share of sizes that are not seen,
+    and the probability that a rival explains what it would."""
+
+    log_factor: Array
+    unseen: Array
+    rival: Array
+
+    @classmethod
+    def of(cls, kept: Sequence[Sequence[Any]]) -> Told:
+        """From ``[probability, prior, log Bayes factor, unseen, credit]`` of each."""
+        p, _, log_factor, unseen, credit = np.array([one[:5] for one in kept], dtype=float).reshape(-1, 5).T
+        rival = np.minimum(p * (1.0 - credit) / np.maximum(credit, 1e-9), 1.0 - p)
+        nothing = np.maximum(1.0 - p - rival, np.exp(-LARGEST))
+        against = log_factor + np.log(np.maximum(1.0 - p, np.exp(-LARGEST))) - np.log(nothing)
+        return cls(np.minimum(against, LARGEST), unseen, rival)
+
+
 def by_size(log_factor: float, unseen: float, more: Mapping[str, Any]) -> Array:
     """(s,) Bayes factor of an effect at each size, from what is kept of it."""
     shown = np.clip((np.cumsum(SLAB) - unseen) / SLAB, 0.0, 1.0)  # small sizes are those that are not seen
@@ -53,20 +76,21 @@ def by_size(log_factor: float, unseen: float, more: Mapping[str, Any]) -> Array:
     return np.asarray((1.0 - shown) + np.exp(log_factor) * (1.0 - unseen) * share / SLAB)
 
 
-def of_frequency(factors: Array, neutral: Array, credit: Array) -> Array:
-    """(p, j, g) log likelihood of frequencies and usual sizes, from Bayes factors (p, s) with a credit (p,), and without."""
-    own, other = (_log_mixed((part @ KERNEL.T)[:, :, None]) for part in (factors, neutral))
-    c = credit[:, None, None]
-    return np.asarray(c * own + (1.0 - c) * other)
+def of_frequency(told: Told, more: Sequence[Mapping[str, Any]]) -> Array:
+    """(p, j, g) log likelihood of frequencies and usual sizes."""
+    pairs = list(zip(told.log_factor.tolist(), told.unseen.tolist(), strict=True))
+    own = np.array([by_size(*pair, one) for pair, one in zip(pairs, more, strict=True)])
+    other = np.array([by_size(-np.inf, unseen, {}) for _, unseen in pairs])
+    r = told.rival[:, None, None]
+    mixed, without = (_log_mixed((part @ KERNEL.T)[:, :, None]) for part in (own, other))
+    return np.asarray((1.0 - r) * mixed + r * without)
 
 
-def of_presence(log_factor: Array, unseen: Array, credit: Array) -> Array:
+def of_presence(told: Told) -> Array:
     """(p, g) log likelihood of frequencies, whatever the size."""
-    own, other = (
-        _log_mixed((unseen + (1.0 - unseen) * np.exp(part))[:, None])
-        for part in (log_factor, np.minimum(log_factor, 0.0))
-    )
-    return np.asarray(credit[:, None] * own + (1.0 - credit[:, None]) * other)
+    there = told.unseen + (1.0 - told.unseen) * np.exp(told.log_factor)
+    r = told.rival[:, None]
+    return np.asarray((1.0 - r) * _log_mixed(there[:, None]) + r * _log_mixed(told.unseen[:, None]))
 
 
 def _log_mixed(there: Array) -> Array:
@@ -81,4 +105,14 @@ def of_spread(deviation: Array, std: Array) -> Array:
     return np.asarray(-0.5 * np.sum(np.log(variance) + deviation[:, None] ** 2 / variance, axis=0))
 
 
-__all__ = ["KERNEL", "LOG_ODDS", "RATIOS", "SLAB", "by_size", "of_frequency", "of_presence", "of_spread"]
+__all__ = [
+    "KERNEL",
+    "LOG_ODDS",
+    "RATIOS",
+    "SLAB",
+    "Told",
+    "by_size",
+    "of_frequency",
+    "of_presence",
+    "of_spread",
+]

@@ -15,7 +15,7 @@ any grouping into shards, and taking a machine out again give the very same summ
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logit
 
 from truepose.errors import InputError
-from truepose.identification.fleet.likelihood import by_size, of_frequency, of_presence, of_spread
+from truepose.identification.fleet.likelihood import Told, of_frequency, of_presence, of_spread
 
 Whole = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -79,11 +79,11 @@ class Summary:
 
     def among(self, kind: str) -> dict[tuple[str, ...], Array]:
         """Sums of one kind by what follows it in their keys, counts and numbers in their own units."""
-        out = {}
+        out = dict[tuple[str, ...], Array]()
         for key, value in self.sums.items():
             first, *rest = key.split("|")
             if first == kind:
-                out[tuple(rest)] = value * UNIT
+                out[tuple(rest)] = np.asarray(value * UNIT, dtype=np.float64)
         return out
 
     @property
@@ -112,7 +112,7 @@ class Summary:
             ) from None
 
 
-def total(summaries: Iterator[Summary]) -> Summary:
+def total(summaries: Iterable[Summary]) -> Summary:
     """Of all of them, as quick as one sum: each is added in place."""
     machines, sums = 0, dict[str, Whole]()
     for one in summaries:
@@ -148,10 +148,8 @@ def _of_places(mechanism: str, places: Mapping[str, Mapping[str, list[Any]]]) ->
     told = [(name, one, one[5] if len(one) > 5 else {}) for name, one in every if one[1] > 0.0]
     if not told:
         return
-    factors = np.array([by_size(one[2], one[3], more) for _, one, more in told])
-    neutral = np.array([by_size(min(one[2], 0.0), one[3], {}) for _, one, _ in told])
-    credit = np.array([one[4] for _, one, _ in told])
-    for (name, one, more), likely in zip(told, of_frequency(factors, neutral, credit), strict=True):
+    likelihoods = of_frequency(Told.of([one for _, one, _ in told]), [more for *_, more in told])
+    for (name, one, more), likely in zip(told, likelihoods, strict=True):
         yield f"place|{mechanism}|{name}", _whole(1.0, _log_odds(one[1]), one[0], likely)
         if "size" in more:
             p, (y, e), a = one[0], more["size"], more.get("amount", 0.0)
@@ -165,8 +163,7 @@ def _of_effects(mechanism: str, effects: Mapping[str, list[Any]]) -> Iterator[tu
     told = {name: one for name, one in effects.items() if one[1] > 0.0}
     if not told:
         return
-    parts = (np.array([one[k] for one in told.values()]) for k in (2, 3, 4))
-    for (name, one), likely in zip(told.items(), of_presence(*parts), strict=True):
+    for (name, one), likely in zip(told.items(), of_presence(Told.of(list(told.values()))), strict=True):
         yield f"anywhere|{mechanism}|{name}", _whole(1.0, _log_odds(one[1]), one[0], likely)
 
 

@@ -107,6 +107,8 @@ def test_machines_of_another_type_hear_of_effects_alone(frequent: LearnedPrior) 
     assert other.log_odds(EffectAtPlace("gravity-sag", ("base",))) == 0.0
     assert "100 serial" in other.notes([cause])[0] and "6-ups" in other.notes([cause])[0]
     assert "6-ups" not in FleetPrior(frequent, "serial").notes([cause])[0]
+    foreign = frequent.model_copy(update={"effects": {"of-a-plug-in": effect, **frequent.effects}})
+    assert "of-a-plug-in" in FleetPrior(foreign, "serial").notes([cause])[1]
 
 
 def test_the_file_gives_back_what_was_written(tmp_path: Path, frequent: LearnedPrior) -> None:

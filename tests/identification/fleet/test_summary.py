@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+from scipy.special import expit
 
 from support.fleets import DrawnFleet
 from truepose.errors import InputError
-from truepose.identification.fleet.likelihood import KERNEL, SLAB, by_size
+from truepose.identification.fleet.hierarchy import FINE
+from truepose.identification.fleet.likelihood import KERNEL, LOG_ODDS, SLAB, by_size
 from truepose.identification.fleet.odd import oddness
-from truepose.identification.fleet.statistics import statistics
+from truepose.identification.fleet.statistics import statistics, trees
 from truepose.identification.fleet.summary import Summary, total
 
 
@@ -28,9 +31,9 @@ def machines(seed: int, number: int, places: int = 3, ratio: float = 1.0) -> lis
 @given(seed=st.integers(0, 2**20), order=st.permutations(range(6)), cut=st.integers(0, 6))
 def test_sums_know_no_order_and_no_grouping(seed: int, order: list[int], cut: int) -> None:
     every = machines(seed, 6)
-    whole = total(iter(every))
+    whole = total(every)
     shuffled = [every[k] for k in order]
-    parts = total(iter(shuffled[:cut])), total(iter(shuffled[cut:]))
+    parts = total(shuffled[:cut]), total(shuffled[cut:])
     assert reduce(add, shuffled) == whole == parts[0] + parts[1] == parts[1] + parts[0]
     assert whole - parts[0] == parts[1] and whole + Summary.empty() == whole
     assert Summary.from_json(json.loads(json.dumps(whole.to_json()))) == whole
@@ -63,6 +66,32 @@ def test_what_is_kept_of_sizes_adds_up(factor: float, unseen: float) -> None:
     """Summed over the slab, unnoticed sizes say nothing and the others what the Bayes factor says."""
     expected = unseen + (1.0 - unseen) * np.exp(factor)
     assert SLAB @ by_size(factor, unseen, {}) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_place_alone_is_what_its_machines_say_times_what_was_known() -> None:
+    """One likelihood once: a place hears of others through their effect, and not of itself."""
+    rng = np.random.default_rng(5)
+    fleet = DrawnFleet(np.array([0.6]), 6, -3.0)
+    (tree,) = trees(total(Summary.of(fleet.machine(rng)) for _ in range(12))).values()
+    found = tree.hierarchy.place(0)
+    fine = CubicSpline(LOG_ODDS, tree.hierarchy.likely[0], axis=1)(FINE)
+    expected = found.before * (SLAB @ np.exp(fine - fine.max()))
+    np.testing.assert_allclose(found.shares, expected / expected.sum(), atol=1e-9)
+    assert found.before @ expit(FINE) == pytest.approx(expit(-3.0), rel=1e-6)
+
+
+def test_rivals_that_explain_the_same_are_counted_once() -> None:
+    """In 60 machines something is surely there, which either of two may be: each of them in half, not both in all."""
+    rng = np.random.default_rng(2)
+    kept = [DrawnFleet(np.zeros(2), 5, -4.0).machine(rng) for _ in range(60)]
+    for one in kept:
+        one["places"]["backlash"] = {q: [0.5, 0.018, 4.0, 0.0, 0.5] for q in ("q1", "q2")}
+    told = statistics(total(Summary.of(one) for one in kept)).places
+    assert all(0.35 < one.frequency.value < 0.65 for one in told)
+    for one in kept:
+        one["places"]["backlash"] = {q: [0.5, 0.018, 4.0, 0.0, 1.0] for q in ("q1", "q2")}
+    alone = statistics(total(Summary.of(one) for one in kept)).places
+    assert all(one.frequency.value > 0.85 for one in alone)
 
 
 def test_frequencies_and_tolerances_hold_what_was_drawn() -> None:
