@@ -82,6 +82,7 @@ def _work(
         keys[member.name] = task.key
         if there.get(member.name) != task.key:
             todo.append(task)
+    progress(0, max(len(todo), 1), f"{len(todo)} of {len(found)} to work with")
     with journal.open() as stream:
         for finished, (task, record) in enumerate(each(done, todo, pool), start=1):
             journal.note(stream, record or task.record("broken", DEAD))

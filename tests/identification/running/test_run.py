@@ -59,7 +59,7 @@ def run(machines: Path, results: Path, pool: Pool, options: Options | None = Non
         names.append(name)
 
     run_fleet(Folders.of(machines, results), pool, options or Options(brief=True), progress=hear)
-    return [name for name in names if not name.startswith("looking") and name != "what they say together"]
+    return [name for name in names if " " not in name]  # else it is what goes on
 
 
 def statuses(results: Path) -> dict[str, str]:
@@ -225,13 +225,12 @@ def test_only_what_changed_is_worked_with_again(machines: Path, tmp_path: Path) 
 
 def test_a_machine_that_takes_too_long_is_a_row_and_is_tried_again(machines: Path, tmp_path: Path) -> None:
     shutil.copytree(machines / "gain", tmp_path / "line" / "gain")
-    shutil.copytree(machines / "unread", tmp_path / "line" / "unread")
     line, results = tmp_path / "line", tmp_path / "results"
     run(line, results, Cores(2), Options(brief=True, limit=1e-4))
-    assert statuses(results) == {"gain": "broken", "unread": "failed"}
+    assert statuses(results) == {"gain": "broken"}
     assert pd.read_csv(results / "fleet.csv")["why"][0] == "took longer than 0.0001 min"
     assert run(line, results, Cores(2), Options(brief=True, limit=60.0)) == ["gain"]
-    assert statuses(results) == {"gain": "done", "unread": "failed"}
+    assert statuses(results) == {"gain": "done"}
 
 
 def test_two_runs_do_not_work_in_one_folder(machines: Path, tmp_path: Path) -> None:
