@@ -281,6 +281,11 @@ def _frequencies(study: Study, drawn: list[dict[str, Any]]) -> Iterator[str]:
             f = found.frequency
             name = f"{one['slug']}, {'+'.join(one['place'])}"
             yield f"| {name} | {one['frequency']:.2f} | {f.value:.2f} ({f.low:.2f} to {f.high:.2f}) | {found.usual:.3f} |"
+    yield from (
+        "",
+        "What no recording of such a plan shows (a scale of the sensor that the machine's lengths swallow) stays at what was",
+        "expected before, and its interval is that of the prior.",
+    )
 
 
 def _holds(q: float, found: EffectInFleet) -> bool:

@@ -21,7 +21,7 @@ from truepose.files import atomic_write_text
 from truepose.identification.prior import SIZES
 from truepose.models.effect import effects
 from truepose.models.field_errors import input_error
-from truepose.models.fields import Section
+from truepose.models.fields import FilePart
 from truepose.models.placed import EffectAtPlace
 from truepose.models.yaml_document import document_text, flow_text, read_document
 from truepose.wording import joined
@@ -38,7 +38,7 @@ SizeShare = Annotated[float, Field(gt=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]
 
 
-class PlacePrior(Section):
+class PlacePrior(FilePart):
     """An effect at one place."""
 
     machines: Count
@@ -53,7 +53,7 @@ class PlacePrior(Section):
     """How many times likelier than without this file it is there: what ``diagnose`` takes."""
 
 
-class EffectPrior(Section):
+class EffectPrior(FilePart):
     """An effect at all its places."""
 
     machines: Count
@@ -75,7 +75,7 @@ class EffectPrior(Section):
         return self
 
 
-class ToleranceNote(Section):
+class ToleranceNote(FilePart):
     """A class of parts in the fleet; for the reader, who may correct machine files by it."""
 
     deviations: Count
@@ -84,7 +84,7 @@ class ToleranceNote(Section):
     high: Annotated[float, Field(gt=0.0)]
 
 
-class LearnedPrior(Section):
+class LearnedPrior(FilePart):
     """What a prior file holds."""
 
     schema_: Literal["truepose/prior/1"] = Field(SCHEMA, alias="schema")

@@ -195,8 +195,8 @@ LengthToleranceVector = Annotated[Triple, _vector("length", _TOLERANCE), _ONE_OR
 AngleToleranceVector = Annotated[Triple, _vector("angle", _TOLERANCE), _ONE_OR_THREE, _ANGLE]
 
 
-class Section(BaseModel):
-    """A part of the machine file: frozen, and every field it does not know is an error."""
+class FilePart(BaseModel):
+    """A part of a file that users write: frozen, and every field it does not know is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False, use_attribute_docstrings=True)
 
@@ -212,3 +212,7 @@ class Section(BaseModel):
                 context = {"field": str(key), "hint": hint, "found": data[key]}
                 raise PydanticCustomError("unknown_field", "unknown field; {hint}", context)
         return data
+
+
+class Section(FilePart):
+    """A part of the machine file."""
