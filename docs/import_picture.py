@@ -64,6 +64,7 @@ FLOORS = (
     ("identification.planning",),
     ("identification.fleet",),
     ("identification.report",),
+    ("identification.running",),
     ("__init__",),
     ("commands",),
     ("demo",),

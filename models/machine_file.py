@@ -9,8 +9,9 @@ copy of `MachineFile.raw`.
 from __future__ import annotations
 
 import copy
+import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -96,6 +97,7 @@ class MachineFile:
     forces: Mapping[str, ForceSection] = field(default_factory=dict)
     recordings: Mapping[str, RecordingSection] = field(default_factory=dict)
     refused: tuple[str, ...] = ()  # why its fit may not be called a calibration
+    digest: str = ""  # SHA-256 of the file that was read; empty for a document in memory
 
     def override_for(self, parameter: str, unit: str) -> float | None:
         """The tolerance that `tolerances:` states for a parameter, in its `unit`; None if none."""
@@ -167,7 +169,8 @@ def read_machine(path: Path | str) -> MachineFile:
 
     Raises InputError naming file, field, what was found and what was expected.
     """
-    return checked_machine(Path(path), read_document(path))
+    file = checked_machine(Path(path), read_document(path))
+    return replace(file, digest=hashlib.sha256(Path(path).read_bytes()).hexdigest())
 
 
 def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:

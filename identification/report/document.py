@@ -36,6 +36,7 @@ class Table:
     """A table; columns after ``text_columns`` hold numbers and are set to the right.
 
     csv: the whole table as text with all digits, for the button that copies it; a table that has it can be sorted.
+    links: where the first cell of each row leads.
     """
 
     head: Sequence[str]
@@ -43,6 +44,7 @@ class Table:
     caption: str = ""
     text_columns: int = 1
     csv: str = ""
+    links: Sequence[str] = ()
     kind: Literal["table"] = "table"
 
 

@@ -98,8 +98,7 @@ def write_calibration(
     """
     far = far_row_words(document["rows_that_do_not_fit"])
     with atomic_directory(output) as partial:
-        write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose, kept=result.kept)
-        atomic_write_text(partial / "fit.json", json_text(document))
+        _calibration_files(result, document, partial, pose)
         page = pages.calibration_html(result, far, cautions, pose)
         atomic_write_text(partial / REPORT, page)
         return sorted(file.name for file in partial.iterdir())
@@ -112,14 +111,39 @@ def write_diagnosis(
 
     What a ``check`` of the files found stands above all.
     """
-    found = {} if check is None else checked(check)
     with atomic_directory(output) as partial:
-        atomic_write_text(partial / "diagnosis.json", json_text({**diagnosis_json(result), **found}))
-        pose = expected_pose(result.applied)
-        judgement = diagnosis_judgement(result)
-        write_calibrated(partial / "improved.yaml", result.after, result.recording, pose, judgement)
+        _diagnosis_files(result, partial, check)
         atomic_write_text(partial / REPORT, pages.report_html(result, truth, caution(check) if check else ()))
         return sorted(file.name for file in partial.iterdir())
+
+
+def put_both(
+    calibration: Calibration, diagnosis: Diagnosis, check: Check, partial: Path, *, brief: bool = False
+) -> None:
+    """What calibrate and diagnose write, into a folder that is not published yet: one ``report.html``, the diagnosis's.
+
+    ``brief``: without the report.
+    """
+    document = {**calibration_json(calibration, far_rows(calibration)), **checked(check)}
+    pose = calibrated_pose(calibration.fit, calibration.recording, calibration.began)
+    _calibration_files(calibration, document, partial, pose)
+    _diagnosis_files(diagnosis, partial, check)
+    if not brief:
+        atomic_write_text(partial / REPORT, pages.report_html(diagnosis, None, caution(check)))
+
+
+def _calibration_files(
+    result: Calibration, document: Mapping[str, Any], partial: Path, pose: ExpectedPose | None
+) -> None:
+    write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose, kept=result.kept)
+    atomic_write_text(partial / "fit.json", json_text(document))
+
+
+def _diagnosis_files(result: Diagnosis, partial: Path, check: Check | None) -> None:
+    found = {} if check is None else checked(check)
+    atomic_write_text(partial / "diagnosis.json", json_text({**diagnosis_json(result), **found}))
+    pose, judgement = expected_pose(result.applied), diagnosis_judgement(result)
+    write_calibrated(partial / "improved.yaml", result.after, result.recording, pose, judgement)
 
 
 def write_drift(result: Drift, output: Path, check: Check | None = None) -> list[str]:

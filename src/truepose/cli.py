@@ -18,6 +18,7 @@ from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
 from truepose.commands.drift import drift
 from truepose.commands.export import export
+from truepose.commands.fleet import fleet
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
 from truepose.commands.import_ import import_
@@ -65,6 +66,7 @@ for _command in (
     diagnose,
     identifiability,
     drift,
+    fleet,
     plan,
     poses,
     predict,

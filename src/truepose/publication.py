@@ -64,8 +64,8 @@ def clear(target: Path, own: Path) -> None:
     for home, name in ((target.parent, re.escape(f".{target.name}")), (target, "")):
         ours = re.compile(name + r"\.[0-9a-f]{12}\.partial")
         with contextlib.suppress(OSError):  # a folder that may not be listed
-            for left in list(home.iterdir()) if home.is_dir() else ():
-                if left != own and ours.fullmatch(left.name):
+            for found in os.listdir(home) if home.is_dir() else ():  # noqa: PTH208 -- names alone: there may be 10^5
+                if ours.fullmatch(found) and (left := home / found) != own:
                     with held(left, wait=False) as dead:
                         if dead:
                             settle(left, target)

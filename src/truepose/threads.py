@@ -6,10 +6,12 @@ them are the same digit by digit. ``TRUEPOSE_THREADS`` says how many; by default
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import ContextVar
 from typing import TypeVar
 
 import joblib
@@ -22,12 +24,31 @@ VARIABLE = "TRUEPOSE_THREADS"
 MOST = 8
 """Threads unless more are asked for: each holds a block of rows in memory, and more would wait for the rest of the work."""
 
+_single: ContextVar[bool] = ContextVar("single", default=False)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Let what runs in the block have one thread: where whole pieces of work run beside each other, each has one."""
+    token = _single.set(True)
+    try:
+        yield
+    finally:
+        _single.reset(token)
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return int(joblib.cpu_count())
+
 
 def processors() -> int:
     """How many threads work at once. Raises InputError where the variable is no number from 1 on."""
+    if _single.get():
+        return 1
     asked = os.environ.get(VARIABLE)
     if asked is None:
-        return min(int(joblib.cpu_count()), MOST)
+        return min(cores(), MOST)
     if not asked.isdecimal() or int(asked) < 1:
         raise InputError(f"{VARIABLE}: found {asked!r}, expected a number of threads, 1 or more")
     return int(asked)
@@ -61,4 +82,4 @@ def all_done(work: Callable[[T], None], items: Sequence[T]) -> None:
         pass
 
 
-__all__ = ["all_done", "in_order", "processors"]
+__all__ = ["all_done", "cores", "in_order", "one_thread", "processors"]

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
+from support.tiny_fleets import write_fleet
 from truepose.cli import app
 from truepose.models.load import load_machine
 
@@ -117,6 +118,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert made.exit_code == 0, made.output
     for name, text in (("kr10.csv", TABLE), ("points.txt", POINTS), ("joints.csv", JOINTS), ("job.src", JOB)):
         (folder / name).write_text(text, encoding="utf-8")
+    write_fleet(folder / "line1", {"a": []})
     points = rng.uniform(-100, 100, (4, 3))
     pd.DataFrame(points, columns=["x", "y", "z"]).assign(point=["P1", "P2", "P3", "P4"]).to_csv(
         folder / "body.csv", index=False

@@ -18,7 +18,7 @@ HOWTOS = sorted((DOCS / "howto").glob("*.md"))
 PAGES = [DOCS / "tutorial.md", *HOWTOS]
 LANGUAGES = {"sh", "text", "csv", "txt", "yaml", "python", "c"}
 NAMES = {
-    *("apply-c", "apply-plc", "apply-ur", "backlash-or-friction", "drift"),
+    *("apply-c", "apply-plc", "apply-ur", "backlash-or-friction", "drift", "fleet"),
     *("hexapod", "probe-clock", "robot-programs", "ros-bag", "thermal", "urdf"),
 }
 

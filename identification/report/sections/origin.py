@@ -8,7 +8,6 @@ from pathlib import Path
 
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.recording.origin import digest_of
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.document import Section, Table
 from truepose.identification.report.numbers import measure
@@ -40,14 +39,15 @@ def origin_section(
     machine: Machine, recording: Recording, command: str, options: Sequence[str] = ()
 ) -> Section:
     """Version, files, date, instrument, command."""
-    own = str(machine.file.path) if machine.file is not None else ""
+    own = file_name(machine) if machine.file is not None else machine.name
+    digest = machine.file.digest if machine.file is not None else ""
     line = " ".join(["truepose", command, file_name(machine), recording_names(recording.files), *options])
     digests = recording.digests or ("",) * len(recording.files)
     dates = [when for when in recording.dates if when]
     rows = [
         ["truepose", VERSION],
         ["command, or what does the same", line],
-        ["machine file", f"{Path(own).name or machine.name}, SHA-256 {digest_of(own) or NOT_A_FILE}"],
+        ["machine file", f"{own}, SHA-256 {digest or NOT_A_FILE}"],
         *(
             ["recording", f"{Path(name).name}, SHA-256 {digest or NOT_A_FILE}"]
             for name, digest in zip(recording.files, digests, strict=True)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from truepose.errors import InputError
 
-FIT, DIAGNOSIS, DRIFT = "fit.json", "diagnosis.json", "drift.json"
-WRITERS = {FIT: "calibrate", DIAGNOSIS: "diagnose", DRIFT: "drift"}
-"""Commands that write a report.html, by the file that tells that it is theirs."""
+FIT, DIAGNOSIS, DRIFT, FLEET = "fit.json", "diagnosis.json", "drift.json", "fleet.json"
+WRITERS = {FIT: "calibrate", DIAGNOSIS: "diagnose", DRIFT: "drift", FLEET: "fleet"}
+"""Commands that write a report.html or a folder of machines, by the file that tells that it is theirs."""
 CODE = "_kin.h"
 
 
@@ -54,4 +54,4 @@ def check_code(path: Path, name: str) -> None:
         )
 
 
-__all__ = ["DIAGNOSIS", "DRIFT", "FIT", "check_code", "check_directory", "check_machine"]
+__all__ = ["DIAGNOSIS", "DRIFT", "FIT", "FLEET", "check_code", "check_directory", "check_machine"]

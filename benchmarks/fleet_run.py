@@ -1,0 +1,195 @@
+"""What `truepose fleet` costs: small machines by the thousand, on cores and on Dask, and the page of many records.
+
+    python -m benchmarks.fleet_run draw -n 2000 -o FLEET           # arms of two joints, 16 poses each
+    python -m benchmarks.fleet_run ways FLEET -n 24 -o ROOM        # 1 and 2 workers, Dask: processor time, same bytes
+    truepose fleet FLEET -o RESULTS --brief                        # all of them
+    python -m benchmarks.fleet_run page RESULTS -o ROOM            # the end alone: its time and what is kept for each
+    python -m benchmarks.fleet_run page RESULTS -n 10000 -o ROOM   # the same with so many records, drawn from these
+
+Every command prints rows of the tables of `benchmarks/results/fleet_run.md`. The arms' forward kinematics are written out
+here; three in ten have a scale error in the first joint, one in ten a play in the second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import shutil
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.identification.fleet.record import Record
+from truepose.identification.fleet.store import JOURNAL, Journal, Store
+from truepose.identification.running.ending import Folders, ended
+from truepose.identification.running.pool import Cores, Pool, cluster
+from truepose.identification.running.run import run_fleet
+from truepose.identification.running.work import Options
+
+Array = NDArray[np.float64]
+SIGMA, LENGTH, ANGLE = 0.01, 0.1, 0.0005
+MACHINE = f"""schema: truepose/machine/1
+name: arm
+mechanism:
+  type: serial
+  joints:
+    - {{name: q1, kind: revolute, r: 300, range: [-170, 170]}}
+    - {{name: q2, kind: revolute, alpha: -90, d: 100, range: [-90, 90]}}
+frames: {{tool: {{in: flange, xyz: [400, 50, 30], tolerance: {{xyz: {LENGTH}}}}}}}
+sensor: {{type: position, sigma: {{xyz: {SIGMA}}}}}
+tolerances: {{length: {LENGTH}, angle: {np.degrees(ANGLE):.6f}}}
+"""
+POSES = 16
+
+
+def draw(count: int, output: Path, seed: int) -> None:
+    """Recordings of so many machines, and one machine file for all."""
+    output.mkdir(parents=True)
+    (output / "machine.yaml").write_text(MACHINE, encoding="utf-8")
+    for k in range(count):
+        _recording(np.random.default_rng([seed, k])).to_csv(output / f"arm{k:06d}.csv", index=False)
+
+
+def _recording(rng: np.random.Generator) -> pd.DataFrame:
+    q = np.radians([165.0, 85.0]) * rng.uniform(-1.0, 1.0, (POSES, 2))
+    side = rng.choice([-1.0, 1.0], (POSES, 2))
+    gain = 2e-3 * np.exp(0.3 * rng.standard_normal()) if rng.random() < 0.3 else 0.0
+    play = 2e-3 * np.exp(0.3 * rng.standard_normal()) if rng.random() < 0.1 else 0.0
+    turn = q * [1.0 + gain, 1.0] - side * [0.0, play / 2] + ANGLE * rng.standard_normal(2)
+    up = np.array([0.0, 0.0, 300.0 + LENGTH * rng.standard_normal()])
+    out = np.array([100.0 + LENGTH * rng.standard_normal(), 0.0, 0.0])
+    tool = np.array([400.0, 50.0, 30.0]) + LENGTH * rng.standard_normal(3)
+    first, second = np.array([0.0, -np.pi / 2]) + ANGLE * rng.standard_normal(2)
+    elbow = _about_x(second).apply(_about_z(turn[:, 1]).apply(tool)) + out
+    point = _about_x(first).apply(_about_z(turn[:, 0]).apply(elbow + up))
+    point = point + SIGMA * rng.standard_normal(point.shape)
+    columns = {"q1": np.degrees(q[:, 0]), "q2": np.degrees(q[:, 1])}
+    columns |= dict(zip("xyz", point.T, strict=True)) | {"approach.q1": side[:, 0], "approach.q2": side[:, 1]}
+    return pd.DataFrame(columns)
+
+
+def _about_x(angle: float) -> Rotation:
+    return Rotation.from_euler("x", angle)
+
+
+def _about_z(angles: Array) -> Rotation:
+    return Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0]))
+
+
+def ways(fleet: Path, count: int, room: Path) -> Iterator[str]:
+    """The first machines of a fleet on cores and on Dask: processor time of all processes, and whether bytes are the same."""
+    from distributed import LocalCluster
+
+    few = room / "fleet"
+    few.mkdir(parents=True)
+    for file in [fleet / "machine.yaml", *sorted(fleet.glob("*.csv"))[:count]]:
+        shutil.copy(file, few)
+    first: dict[str, bytes] = {}
+    for name in ("1 worker", "2 workers", "Dask, 2 workers"):
+        began, used = time.perf_counter(), _processor()
+        with ExitStack() as stack:
+            pool: Pool = Cores(int(name[0])) if name[0].isdigit() else _local(stack, LocalCluster)
+            run_fleet(Folders.of(few, room / name), pool, Options(brief=True))
+        wall, own = time.perf_counter() - began, _processor() - used
+        files = {
+            str(f.relative_to(room / name)): f.read_bytes() for f in (room / name).rglob("*") if f.is_file()
+        }
+        first = first or files
+        same = "yes" if files == first else "NO"
+        yield f"| {name} | {count} | {wall:.0f} s | {own / count:.2f} s | {same} ({len(files)} files) |"
+
+
+def _local(stack: ExitStack, local: type) -> Pool:
+    found = stack.enter_context(local(n_workers=2, threads_per_worker=1, dashboard_address=None))
+    return stack.enter_context(cluster(found.scheduler_address))
+
+
+def _processor() -> float:
+    """Seconds of this process and of those that ended below it; workers of joblib are among them when they have ended."""
+    from joblib.externals.loky import get_reusable_executor
+
+    get_reusable_executor().shutdown(wait=True)
+    own, below = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
+    return own.ru_utime + own.ru_stime + below.ru_utime + below.ru_stime
+
+
+def page(results: Path, count: int | None, room: Path) -> Iterator[str]:
+    """The end of a run with the records that another left, or with more that are drawn from them; then with one changed."""
+    journal = Journal(results / JOURNAL)  # of a run that has not ended yet
+    kept = list(Store(results).records()) or list(journal.records(journal.keys()))
+    records = kept if count is None else [_another(kept[k % len(kept)], k) for k in range(count)]
+    folders = Folders(room / "fleet", room / "results")
+    shutil.rmtree(folders.results, ignore_errors=True)
+    yield _end(folders, records, records, "all new")
+    changed = replace(_another(records[0], 1), name=records[0].name)
+    yield _end(folders, [changed], records, "one changed")
+
+
+def _end(folders: Folders, noted: list[Record], records: list[Record], what: str) -> str:
+    journal = Journal(folders.results / JOURNAL)
+    with journal.open() as stream:
+        for record in noted:
+            journal.note(stream, record)
+    keys = {record.name: record.key for record in records} | {record.name: record.key for record in noted}
+    began = time.process_time()
+    ended(keys, folders, brief=True)
+    used = time.process_time() - began
+    journal.path.unlink()
+    sizes = {file.name: file.stat().st_size for file in folders.results.iterdir()}
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    each = sizes["fleet.parquet"] / len(records)
+    told = ", ".join(
+        f"{name} {sizes[name] / 1e3:.0f} kB"
+        for name in ("fleet.csv", "fleet.html", "sums.json", "prior.yaml")
+    )
+    return f"| {len(records)} | {what} | {used:.1f} s | {each:.0f} bytes | {told} | {memory:.0f} MB |"
+
+
+def _another(record: Record, number: int) -> Record:
+    """A machine like one of these: other constants, by their 1-sigma, so that no two records are alike."""
+    rng = np.random.default_rng(number)
+    own = {n: (round(v + s * rng.standard_normal(), 9), s) for n, (v, s) in record.parameters.items()}
+    told = dict(record.evidence)
+    if told:
+        parameters = {
+            n: [round(x + e * rng.standard_normal(), 4), e, c] for n, (x, e, c) in told["parameters"].items()
+        }
+        told["parameters"] = parameters
+    key = f"{rng.integers(2**63):064x}"
+    return replace(record, name=f"arm{number:06d}", key=key, parameters=own, evidence=told)
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=("draw", "ways", "page"))
+    parser.add_argument("folder", type=Path, nargs="?")
+    parser.add_argument("-n", type=int)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    if asked.what == "draw":
+        draw(asked.n or 2000, asked.output, asked.seed)
+        return
+    lines = (
+        ways(asked.folder, asked.n or 24, asked.output)
+        if asked.what == "ways"
+        else page(asked.folder, asked.n, asked.output)
+    )
+    for line in lines:
+        sys.stdout.write(line + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,199 @@
+"""Tasks on several processes: by joblib on the cores of this computer, by Dask on a cluster's.
+
+A process that dies takes nothing with it but its own task. Those that may have been at work in it are tried again after all
+others, one at a time with nothing beside it; one whose process dies then, too, is given up.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from itertools import islice
+from typing import TYPE_CHECKING, Any, TypeVar
+from uuid import uuid4
+
+import joblib
+
+from truepose.errors import InputError
+from truepose.version import VERSION
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+T = TypeVar("T")
+R = TypeVar("R")
+LIBRARIES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""What libraries of linear algebra read before they read OMP_NUM_THREADS."""
+CONNECTING = 30.0
+"""Seconds that a cluster has to answer."""
+
+
+class Pool(ABC):
+    """Where tasks are worked with, ``workers`` of them at once."""
+
+    @property
+    @abstractmethod
+    def workers(self) -> int:
+        """How many are worked with at once."""
+
+    @abstractmethod
+    def results(
+        self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
+    ) -> Iterator[tuple[int, R | None]]:
+        """Tasks by number with their results, as they come; None for one that may have killed its process.
+
+        What is not named when it ends was not begun, or what came of it was lost with another.
+        """
+
+
+@dataclass(frozen=True)
+class Cores(Pool):
+    """Processes on this computer, each with one thread of linear algebra."""
+
+    number: int
+
+    @property
+    def workers(self) -> int:
+        """As many as were asked for."""
+        return self.number
+
+    def results(
+        self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
+    ) -> Iterator[tuple[int, R | None]]:
+        """All processes end when one dies: whichever task was handed out may be to blame."""
+        begun = dict[int, None]()
+
+        def calls() -> Iterator[Any]:
+            for k, task in tasks.items():
+                begun[k] = None
+                yield joblib.delayed(_numbered)(work, task, k)
+
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+            parallel = joblib.Parallel(  # of one alone joblib would make none in a process of its own: two stand ready
+                max(at_once, 2), pre_dispatch=at_once, batch_size=1, return_as="generator_unordered"
+            )
+        try:
+            for k, result in parallel(calls()):
+                del begun[k]
+                yield k, result
+        except BrokenProcessPool:
+            yield from ((k, None) for k in list(begun))
+
+
+@dataclass(frozen=True)
+class Cluster(Pool):
+    """Workers of Dask, as many as there are while it runs.
+
+    Not by joblib's own way to Dask, which waits for ever for a task whose worker has died (1.6.0).
+    """
+
+    client: Client
+
+    @property
+    def workers(self) -> int:
+        """Threads of all workers."""
+        return max(int(sum(self.client.nthreads().values())), 1)
+
+    def results(
+        self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
+    ) -> Iterator[tuple[int, R | None]]:
+        """Two tasks for each thread are on their way, so that none waits for the network."""
+        from distributed import as_completed
+        from distributed.scheduler import KilledWorker
+
+        def submitted(k: int) -> Future:
+            return self.client.submit(
+                _numbered, work, tasks[k], k, pure=False, key=f"truepose-{k}-{uuid4().hex}"
+            )
+
+        waiting = iter(tasks)
+        numbers = {
+            future: k for k in islice(waiting, min(at_once, 2 * self.workers)) for future in [submitted(k)]
+        }
+        coming = as_completed(numbers)
+        for future in coming:
+            k = numbers.pop(future)
+            try:
+                yield future.result()
+            except KilledWorker:
+                yield k, None
+            for following in islice(waiting, 1):
+                numbers[new := submitted(following)] = following
+                coming.add(new)
+
+
+@contextlib.contextmanager
+def cluster(address: str) -> Iterator[Cluster]:
+    """The Dask cluster whose scheduler has this address. Raises InputError where there is none with this truepose."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            "--dask: Dask is not installed, expected the extra dask: pip install 'truepose[dask]'"
+        ) from None
+    try:
+        client = Client(address, timeout=CONNECTING)
+    except (OSError, ValueError) as exc:
+        raise InputError(f"--dask {address}: found no scheduler there: {exc}") from None
+    with client:
+        for worker, (version, threads) in _states(client, address).items():
+            if version != VERSION:
+                raise InputError(
+                    f"--dask {address}: found truepose {version} on {worker}, expected {VERSION} on all"
+                )
+            if threads:
+                raise InputError(
+                    f"--dask {address}: found {threads} on {worker}, expected OMP_NUM_THREADS=1: with more threads of linear"
+                    " algebra results differ in their last digits. A worker that has a nanny starts so"
+                )
+        yield Cluster(client)
+
+
+def _states(client: Client, address: str) -> dict[str, tuple[str, str]]:
+    """Of each worker the version of truepose, and what is wrong with its threads."""
+    try:
+        found: dict[str, tuple[str, str]] = client.run(_state)
+    except Exception as exc:  # whatever a worker raises that has no truepose
+        raise InputError(f"--dask {address}: found a worker without truepose {VERSION}: {exc}") from None
+    return found
+
+
+def _state() -> tuple[str, str]:
+    return VERSION, several_threads(os.environ)
+
+
+def several_threads(environment: Mapping[str, str]) -> str:
+    """The variable that lets linear algebra have more than one thread; empty where none does.
+
+    Sums in several threads are rounded otherwise, so that files would depend on the computer that wrote them.
+    """
+    told = {name: environment.get(name, "") for name in ("OMP_NUM_THREADS", *LIBRARIES)}
+    wrong = (name for name, value in told.items() if value != "1" and (value or name == "OMP_NUM_THREADS"))
+    name = next(wrong, "")
+    return name and (f"{name}={told[name]}" if told[name] else f"no {name}")
+
+
+def each(work: Callable[[T], R], tasks: Sequence[T], pool: Pool) -> Iterator[tuple[T, R | None]]:
+    """Every task with its result, in the order in which they are done; None for one whose process died twice."""
+    left, suspects = dict(enumerate(tasks)), list[int]()
+    while left:
+        for k, result in pool.results(work, left.copy(), pool.workers):
+            task = left.pop(k)
+            if result is None:
+                suspects.append(k)
+            else:
+                yield task, result
+    for k in suspects:
+        found = dict(pool.results(work, {k: tasks[k]}, 1))
+        yield tasks[k], found.get(k)
+
+
+def _numbered(work: Callable[[T], R], task: T, number: int) -> tuple[int, R]:
+    return number, work(task)
+
+
+__all__ = ["Cluster", "Cores", "Pool", "cluster", "each", "several_threads"]

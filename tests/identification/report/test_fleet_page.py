@@ -1,0 +1,119 @@
+"""The page of a fleet: it loads nothing, whatever a machine is called; it shows what there is, and says what it leaves out."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from truepose.identification.fleet.changes import Change, Changes, Moved
+from truepose.identification.fleet.result import SHOWN, Fleet
+from truepose.identification.fleet.statistics import (
+    ConstantInFleet,
+    EffectInFleet,
+    FleetStatistics,
+    Interval,
+    ToleranceInFleet,
+)
+from truepose.identification.fleet.table import Row, table
+from truepose.identification.report.fleet_page import fleet_html
+from truepose.identification.report.fleet_words import fleet_json, fleet_lines, often
+from truepose.identification.report.json_text import json_text
+
+HOSTILE = '<script>alert("1")</script>&'
+SEEN = EffectInFleet(
+    "serial", "backlash", (), 100, Interval(0.4, 0.3, 0.5), 0.05, 40.0, 12.0,
+    Interval(0.1, 0.08, 0.12), 1.5, Interval(1e-4, 8e-5, 1.2e-4), "rad",
+)  # fmt: skip
+RARE = replace(SEEN, effect="drift", frequency=Interval(0.01, 0.0, 0.03), found=0.6, size=None, amount=None)
+STATISTICS = FleetStatistics(
+    100,
+    (SEEN, RARE),
+    (replace(SEEN, place=("q2",)),),
+    (ToleranceInFleet("serial", "angle q", 600, Interval(1.6, 1.4, 1.8), 0.0),),
+    (ConstantInFleet("serial", "q2.r", 100, Interval(0.5, 0.3, 0.7), 1.0),),
+)
+DONE = Row(
+    HOSTILE, "done", machine="arm", check="ok", verdict="missing-physics", concealed=True, chi2_before=40.0, chi2_after=1.0,
+    reading="position", rms_before=900.0, rms_after=15.0, unit="um", held_out=True, ratio=0.02, noise=1.0,
+    findings="backlash at q2", odd=True, oddness=4.2, odd_because="backlash at q2, which 0 of 99 others have",
+)  # fmt: skip
+FAILED = Row("zz/..", "failed", f"zz/r.csv: missing column {HOSTILE!r}")
+CHANGES = Changes(
+    new=(HOSTILE,),
+    gone=("b",),
+    said=(Change(HOSTILE, "verdict", "adequate", "missing-physics"),),
+    moved=(Moved(HOSTILE, "q2.r", 0.3, 7.0),),
+    compared=12,
+    again=1,
+)
+
+
+def fleet(changes: Changes | None = CHANGES, rows: int = 1) -> Fleet:
+    counts = {"done": rows, "failed": 1}
+    told = [DONE] * min(rows, SHOWN)
+    return Fleet(
+        HOSTILE, rows + 1, counts, {"missing-physics": rows}, STATISTICS, 1, told[:1], [FAILED], told, changes
+    )
+
+
+def test_a_page_loads_nothing_and_runs_nothing_of_a_machine_s() -> None:
+    page = fleet_html(fleet())
+    assert "<script>alert" not in page and "&lt;script&gt;alert" in page
+    assert not re.search(r"(?:src|href)=[\"']?(?:https?:|//|data:)", page)
+    links = set(re.findall(r'href="(machines/[^"]*)"', page))
+    assert links == {"machines/%3Cscript%3Ealert%28%221%22%29%3C%2Fscript%3E%26/report.html"}
+    assert fleet_html(fleet()) == page
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "in 40 % of machines",
+        "from",
+        "angle q",
+        "q2.r",
+        "which 0 of 99 others have",
+        "zz/..",
+        "New:",
+        "Gone:",
+        "7.00",
+    ],
+)
+def test_a_page_says_what_the_fleet_says(said: str) -> None:
+    assert said in fleet_html(fleet())
+
+
+def test_what_is_left_out_is_counted() -> None:
+    page = fleet_html(fleet(rows=SHOWN + 5))
+    assert f"Shown are {SHOWN} of {SHOWN + 6}." in page
+
+
+def test_first_run_and_a_run_without_change() -> None:
+    assert "nothing to compare with" in fleet_html(fleet(None))
+    assert "Nothing has changed since the last run." in fleet_html(fleet(Changes()))
+
+
+def test_an_empty_fleet_has_a_page_too() -> None:
+    nothing = Fleet(
+        "line", 1, {"failed": 1}, {}, FleetStatistics(0, (), (), (), ()), 0, (), [FAILED], (), None
+    )
+    assert "None of 1 machines could be diagnosed." in fleet_html(nothing)
+    assert json_text(fleet_json(nothing)) and fleet_lines(nothing, "fleet.html")
+
+
+def test_words_for_a_terminal() -> None:
+    lines = "\n".join(fleet_lines(fleet(), "results/fleet.html"))
+    assert "backlash" in lines and "(drift)" not in lines
+    assert often(SEEN) and not often(RARE)
+    assert (
+        "angle q: not met; true spread 1.6 (1.4 to 1.8) of the stated tolerance, 600 constants."
+        in " ".join(lines.split())
+    )
+    assert lines.endswith("report: results/fleet.html")
+
+
+def test_a_table_has_a_row_a_machine() -> None:
+    found = table([DONE, FAILED])
+    assert found["name"].tolist() == [HOSTILE, "zz/.."] and found["oddness"].isna().tolist() == [False, True]

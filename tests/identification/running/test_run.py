@@ -1,0 +1,267 @@
+"""A fleet's run: the same bytes however it was worked out; nobody stopped by a machine that fails or kills its process."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from support.tiny_fleets import GAIN, PLAY, rows, write_fleet, write_machine
+from truepose.errors import InputError
+from truepose.identification.fleet.record import Record
+from truepose.identification.fleet.store import JOURNAL
+from truepose.identification.running.ending import Folders
+from truepose.identification.running.pool import Cluster, Cores, Pool, cluster, several_threads
+from truepose.identification.running.run import run_fleet
+from truepose.identification.running.work import Options
+
+POISON = """
+import os, signal
+from truepose.models.effects.base import Effect, effects
+
+@effects.add("poison")
+class Poison(Effect):
+    slug = "poison"
+    title = "Kills the process"
+
+    def places(self, machine):
+        if machine.name == "poison":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return []
+
+    def coefficients(self, machine, place, settings):
+        return ()
+
+    def shifts(self, site):
+        return {}
+"""
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder."""
+    return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
+
+
+def run(machines: Path, results: Path, pool: Pool, options: Options | None = None) -> list[str]:
+    """The names of the machines that were worked with."""
+    names = list[str]()
+
+    def hear(_: int, __: int, name: str) -> None:
+        names.append(name)
+
+    run_fleet(Folders.of(machines, results), pool, options or Options(brief=True), progress=hear)
+    return [name for name in names if " " not in name]  # else it is what goes on
+
+
+def statuses(results: Path) -> dict[str, str]:
+    table = pd.read_csv(results / "fleet.csv")
+    return dict(zip(table["name"], table["status"], strict=True))
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three that can be worked with, and one that lacks a column."""
+    folder = write_fleet(
+        tmp_path_factory.mktemp("here") / "line", {"gain": [GAIN], "play": [PLAY], "plain": []}
+    )
+    write_machine(folder / "unread", rows(9).drop(columns="q2"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def reference(machines: Path, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, bytes]:
+    """What one worker at a time makes of them."""
+    results = tmp_path_factory.mktemp("one") / "results"
+    assert sorted(run(machines, results, Cores(1))) == ["gain", "plain", "play", "unread"]
+    return tree(results)
+
+
+@pytest.fixture(scope="module")
+def dask() -> Iterator[Cluster]:
+    """Two workers; the scheduler gives up a task with which one has died."""
+    distributed = pytest.importorskip("distributed")
+    import dask
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as local,
+        cluster(local.scheduler_address) as found,
+    ):
+        yield found
+
+
+def test_files_say_what_came_of_each(reference: Mapping[str, bytes]) -> None:
+    told = json.loads(reference["fleet.json"])
+    assert told["schema"] == "truepose/fleet/1"
+    assert told["statuses"] == {"done": 3, "failed": 1}
+    assert told["undone"] == [
+        {"name": "unread", "status": "failed", "why": told["undone"][0]["why"]}
+    ] and told["undone"][0]["why"].startswith("unread/recording.csv: missing column 'q2'")
+    for name in ("calibrated.yaml", "fit.json", "diagnosis.json", "improved.yaml", "record.json"):
+        assert f"machines/gain/{name}" in reference
+    assert {name for name in reference if name.startswith("machines/unread/")} == {
+        "machines/unread/record.json"
+    }
+    diagnosis = json.loads(reference["machines/gain/diagnosis.json"])
+    assert diagnosis["files"] == ["gain/recording.csv"]
+    assert [f["effect"] for f in diagnosis["findings"]] == ["actuator-scale"]
+    assert JOURNAL not in reference
+
+
+def test_two_workers_in_another_place_give_the_same_bytes(
+    machines: Path, reference: Mapping[str, bytes], tmp_path: Path
+) -> None:
+    shutil.copytree(machines, tmp_path / "there" / "line")
+    run(tmp_path / "there" / "line", tmp_path / "results", Cores(2))
+    assert tree(tmp_path / "results") == reference
+
+
+@pytest.fixture(scope="module")
+def poisoned(machines: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Options]:
+    """The same machines, and one that kills whatever process works with it."""
+    folder = tmp_path_factory.mktemp("poisoned")
+    shutil.copytree(machines, folder / "line")
+    shutil.copytree(machines / "plain", folder / "line" / "killer")
+    file = folder / "line" / "killer" / "machine.yaml"
+    file.write_text(file.read_text(encoding="utf-8").replace("name: tiny", "name: poison"), encoding="utf-8")
+    (folder / "poison.py").write_text(POISON, encoding="utf-8")
+    return folder / "line", Options(brief=True, plugins=(folder / "poison.py",))
+
+
+@pytest.fixture(scope="module")
+def survived(poisoned: tuple[Path, Options], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What two workers on cores make of them."""
+    results = tmp_path_factory.mktemp("cores") / "results"
+    run(poisoned[0], results, Cores(2), poisoned[1])
+    return results
+
+
+def test_a_machine_that_kills_its_process_stops_nobody(
+    survived: Path, reference: Mapping[str, bytes]
+) -> None:
+    assert statuses(survived) == {
+        "gain": "done", "killer": "broken", "plain": "done", "play": "done", "unread": "failed"
+    }  # fmt: skip
+    for name in ("gain", "plain", "play"):
+        same = f"machines/{name}/diagnosis.json"
+        assert (survived / same).read_bytes() == reference[same]
+
+
+def test_dask_gives_the_same_bytes(
+    poisoned: tuple[Path, Options], survived: Path, dask: Cluster, tmp_path: Path
+) -> None:
+    run(poisoned[0], tmp_path / "results", dask, poisoned[1])
+    assert tree(tmp_path / "results") == tree(survived)
+
+
+def test_killed_in_the_middle_it_goes_on(
+    machines: Path, reference: Mapping[str, bytes], tmp_path: Path
+) -> None:
+    results = tmp_path / "results"
+    command = [
+        sys.executable,
+        "-m",
+        "truepose.cli",
+        "fleet",
+        str(machines),
+        "-o",
+        str(results),
+        "-j",
+        "1",
+        "--brief",
+    ]
+    with subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL) as process:
+        while not (results / JOURNAL).is_file() or (results / JOURNAL).read_text().count('"key"') < 2:
+            assert process.poll() is None
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGKILL)
+    noted = [Record.of_text(line) for line in (results / JOURNAL).read_text().splitlines()]
+    whole = {record.name for record in noted if record is not None}
+    assert not (results / "fleet.csv").exists() and 2 <= len(whole) <= 4
+    for found in results.glob("machines/*/record.json"):
+        assert tree(found.parent) == tree_of(reference, f"machines/{found.parent.name}/")
+    assert set(run(machines, results, Cores(2))) == {"gain", "plain", "play", "unread"} - whole
+    left = {name: data for name, data in tree(results).items() if ".partial" not in name}
+    assert left == reference
+
+
+def tree_of(whole: Mapping[str, bytes], below: str) -> dict[str, bytes]:
+    return {name.removeprefix(below): data for name, data in whole.items() if name.startswith(below)}
+
+
+def test_only_what_changed_is_worked_with_again(machines: Path, tmp_path: Path) -> None:
+    line, results = tmp_path / "line", tmp_path / "results"
+    shutil.copytree(machines, line)
+    run(line, results, Cores(2))
+    assert run(line, results, Cores(2)) == []
+    shutil.rmtree(line / "gain")
+    write_machine(line / "plain", rows(2, [GAIN]))
+    write_machine(line / "more", rows(7))
+    assert sorted(run(line, results, Cores(2))) == ["more", "plain"]
+    changes = json.loads((results / "fleet.json").read_text(encoding="utf-8"))["changes"]
+    assert (changes["new"], changes["gone"]) == (["more"], ["gain"])
+    assert {(one["machine"], one["what"]) for one in changes["said"]} == {
+        ("plain", "verdict"),
+        ("plain", "findings"),
+    }
+    shutil.rmtree(results / "machines")  # the page is made of the records alone
+    assert run(line, results, Cores(2)) == []
+    fresh = tmp_path / "fresh"
+    run(line, fresh, Cores(2))
+    for name in ("fleet.csv", "fleet.parquet", "sums.json", "prior.yaml"):
+        assert (results / name).read_bytes() == (fresh / name).read_bytes()
+
+
+def test_a_machine_that_takes_too_long_is_a_row_and_is_tried_again(machines: Path, tmp_path: Path) -> None:
+    shutil.copytree(machines / "gain", tmp_path / "line" / "gain")
+    line, results = tmp_path / "line", tmp_path / "results"
+    run(line, results, Cores(2), Options(brief=True, limit=1e-4))
+    assert statuses(results) == {"gain": "broken"}
+    assert pd.read_csv(results / "fleet.csv")["why"][0] == "took longer than 0.0001 min"
+    assert run(line, results, Cores(2), Options(brief=True, limit=60.0)) == ["gain"]
+    assert statuses(results) == {"gain": "done"}
+
+
+def test_two_runs_do_not_work_in_one_folder(machines: Path, tmp_path: Path) -> None:
+    refused = list[str]()
+
+    def hear(*_: object) -> None:
+        if refused:
+            return
+        try:
+            run(machines, tmp_path, Cores(1))
+        except InputError as exc:
+            refused.append(str(exc))
+
+    run_fleet(Folders.of(machines, tmp_path), Cores(1), Options(brief=True), progress=hear)
+    assert refused == [f"{tmp_path}: found another run of truepose fleet at work there, expected none"]
+
+
+def test_results_do_not_lie_among_the_machines(machines: Path) -> None:
+    with pytest.raises(InputError, match="expected another folder for the results"):
+        Folders.of(machines, machines)
+
+
+@pytest.mark.parametrize(
+    ("environment", "wrong"),
+    [
+        ({"OMP_NUM_THREADS": "1"}, ""),
+        ({"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}, ""),
+        ({}, "no OMP_NUM_THREADS"),
+        ({"OMP_NUM_THREADS": "8"}, "OMP_NUM_THREADS=8"),
+        ({"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "2"}, "OPENBLAS_NUM_THREADS=2"),
+    ],
+)
+def test_workers_whose_sums_are_rounded_otherwise_are_known(environment: dict[str, str], wrong: str) -> None:
+    assert several_threads(environment) == wrong
