@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.parquet as pq  # type: ignore[import-untyped]
 import yaml
 from drivers.arm import GRAVITY, HIGH, JOINTS, KEYS, LOW, SIGMA, TOOL, WEIGHTS, constants, document
 from numpy.typing import NDArray

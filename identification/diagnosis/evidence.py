@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
+from truepose.identification.diagnosis.place_evidence import Amount, PlaceEvidence
 from truepose.identification.diagnosis.posterior_summary import Inclusion
-from truepose.identification.diagnosis.result import Amount, PlaceEvidence
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.spike_slab import Members
 from truepose.identification.posterior.state import State, moments, slot_odds, typical

@@ -8,14 +8,17 @@ with more of them, and candidates are the same throughout: those of the whole re
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import outliers
 from truepose.identification.diagnosis.null_fits import Fits, free_fit
 from truepose.identification.diagnosis.search import ROUGH, Expansion, Start, noise_at, settled, start_from
-from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.prior import STATED
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine import Machine
@@ -53,25 +56,42 @@ def sizes(machine: Machine, recording: Recording) -> list[int]:
 def further(
     near: Expansion, fits: Fits, recording: Recording, progress: Callable[[str], None]
 ) -> tuple[Fits, Expansion]:
-    """The fits without effects, and where the mode stays, with more rows; from where it stayed with fewer."""
-    machine, terms = near.signatures.machine, near.terms(near.start.accepted)
-    noise = noise_at(near.problem, near.known[0]) if near.known else 1.0
-    start, own = start_from(near.fit, terms), ~recording.validation
+    """The fits without effects, and where the mode stays, with more rows; from where it stayed with fewer.
+
+    Where its set has no minimum with all of them, the search begins from what the file states.
+    """
+    machine = near.signatures.machine
     progress(f"{FITTING} {len(recording):,} rows")
-    there = estimate(machine, recording, terms, start=start, tolerance=np.inf, noise=noise)
-    far = outliers.outlying_rows(there, recording, own)
-    del there
-    fit = estimate(machine, recording, terms, start=start, exclude=far, tolerance=ROUGH, noise=noise)
+    far, fit = _fitted(near, recording)
     before = estimate(machine, recording, machine.effects, start=fits.before.p, exclude=far)
     fits = Fits(free_fit(machine, recording, before, far, fits.free.p), before, far)
     progress(f"{WEIGHING} {len(recording):,} rows with {len(near.catalogue.candidates)} explanations")
-    bare = Signatures(machine, recording, ()).linearise(before).bare()
     begun = Start(
-        near.signatures.over(recording), near.catalogue, fit, near.start.accepted, far, fits.rms,
-        near.start.refined, None, bare, near.known[0] if near.known else None, halved=len(recording) == len(recording.whole),
-    )  # fmt: skip
+        near.signatures.over(recording),
+        near.catalogue,
+        before if fit is None else fit,
+        dict.fromkeys(near.catalogue.stated, STATED) if fit is None else near.start.accepted,
+        far,
+        fits.rms,
+        near.start.refined,
+        bare=Signatures(machine, recording, ()).linearise(before).bare(),
+        known=near.known[0] if near.known and fit is not None else None,
+        halved=len(recording) == len(recording.whole),
+    )
     del near
     return fits, settled(begun)
+
+
+def _fitted(near: Expansion, recording: Recording) -> tuple[Mask, Estimate | None]:
+    """Rows (n,) that are far off beside what was found with fewer, and the fit with it to the others; None if it has none."""
+    machine, terms = near.signatures.machine, near.terms(near.start.accepted)
+    noise = noise_at(near.problem, near.known[0]) if near.known else 1.0
+    fitted = partial(estimate, machine, recording, terms, start=start_from(near.fit, terms), noise=noise)
+    far = outliers.outlying_rows(fitted(tolerance=np.inf), recording, ~recording.validation)
+    try:
+        return far, fitted(exclude=far, tolerance=ROUGH)
+    except ConvergenceError:
+        return far, None
 
 
 __all__ = ["FITTING", "WEIGHING", "further", "sizes", "stages"]

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.result import Diagnosis, PlaceEvidence
+from truepose.identification.diagnosis.place_evidence import PlaceEvidence
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.fleet.summary import KEPT

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from support.searched_arm import ARM, SCALE
+from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import stages
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.prediction.simulate import simulate
@@ -87,3 +88,23 @@ def test_halves_and_whole_are_summed_in_one_pass(arm: tuple[Machine, Recording])
         whole.counts == alone.counts == tuple(a + b for a, b in zip(*(h.counts for h in halves), strict=True))
     )
     np.testing.assert_array_equal(whole.gram, halves[0].gram + halves[1].gram)
+
+
+def test_a_set_without_a_minimum_among_more_rows_is_found_again(
+    arm: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first fit of a further stage that has effects fails once; the search then begins without them."""
+    machine, recording = arm
+    real, failed = stages.estimate, list[int]()
+
+    def once(*args: Any, **more: Any) -> Any:
+        if args[2] and "exclude" in more and more["start"] is not None and not failed:
+            failed.append(1)
+            raise ConvergenceError("no minimum")
+        return real(*args, **more)
+
+    monkeypatch.setattr(stages, "MANY", 100)
+    monkeypatch.setattr(stages, "estimate", once)
+    found = diagnose(machine, recording)
+    assert failed
+    assert [(f.effect, f.place) for f in found.findings] == [("actuator-scale", ("q1",))]

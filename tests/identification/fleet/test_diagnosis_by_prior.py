@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 import truepose
 from support import TESTS
 from truepose.cli import app
-from truepose.identification.diagnosis.result import Diagnosis, PlaceEvidence
+from truepose.identification.diagnosis.place_evidence import PlaceEvidence
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fleet.evidence import kept
 from truepose.identification.fleet.summary import Summary
 from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior, write_prior
