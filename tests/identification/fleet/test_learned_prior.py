@@ -25,7 +25,8 @@ from truepose.identification.learned_prior import (
 )
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
-from truepose.identification.signatures.linearisation import Linearisation, Signatures
+from truepose.identification.signatures.linearisation import Linearisation
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine import Machine
 from truepose.models.placed import EffectAtPlace
 
