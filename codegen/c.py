@@ -45,9 +45,10 @@ _LIMITS = {
     "fk_limit": 300,
     "attempt_limit": 40,
     "seed_limit": 20,
-    "care_limit": 40,
+    "care_limit": 20,
     "all_iter": 4000,
     "polish_limit": 12,
+    "lane_limit": 7,
     "leaps": 6,
     "patience": 2,
 }

@@ -4,7 +4,7 @@
 /* Solutions of the drawn arm at T, at most 8 rows of q. */
 int starts_at(const real *T, real *q)
 {
-    manner how = { 0, 0, 0, 0 };
+    manner how = { 0, 0, 0, 0, 0 };
     return drawn_solutions(&how, T, (real(*)[6])q);
 }
 
