@@ -18,11 +18,12 @@ import numpy as np
 
 from truepose.codegen.blocks import Blocks, blocks_of
 from truepose.codegen.branches import branches_of
-from truepose.codegen.chain import pivot_order
+from truepose.codegen.chain import ChainExpressions, pivot_order
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
 from truepose.codegen.names import check_machine_name, comment, identifiers
 from truepose.codegen.printer import Real, literal
+from truepose.codegen.resultant import DEGREE, elimination_of
 from truepose.codegen.reference import slopes_of, strain_of
 from truepose.codegen.texts import environment
 from truepose.codegen.trigonometry import trigonometry
@@ -39,6 +40,8 @@ SPARE_MAX_ITER = 4000
 """The same where there are joints to spare, whose ranges leave many solutions outside."""
 CLOSED_MAX_ITER = 400
 """The same of a closed chain."""
+SEARCH_ITER = 20000
+"""Evaluations that all solutions may take where no equation tells of them."""
 POINTING_STARTS = 12
 """Places from which two joints are tried to point somewhere: a direction is met from few of them on each side of the pier."""
 _LIMITS = {
@@ -49,6 +52,10 @@ _LIMITS = {
     "all_iter": 4000,
     "polish_limit": 12,
     "lane_limit": 7,
+    "zero_rounds": 40,
+    "slack": 0.1,
+    "quiet": 320,
+    "together": 16,
     "leaps": 6,
     "patience": 2,
 }
@@ -135,6 +142,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "stride": 0.5 if nx else 1.0,
         "lit": lit,
         "numbers": numbers,
+        "wide": lambda values: ", ".join(literal(float(v), "double") for v in values),
         "table": lambda values: "\n".join(f"    {lit(v)}," for v in values),
         "layout": layout,
         "nx": nx,
@@ -205,15 +213,35 @@ def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[
 def _elimination(model: SymbolicModel, blocks: Blocks, layout: Layout, real: Real) -> dict[str, Any]:
     """Order of the pivots of six columns, and the smallest to go on with: rounding grows by their inverse."""
     if blocks.chain is None or not blocks.chain.six:
-        return {"branches": None, "order": [], "pivots": [], "per_mm": []}
+        return {"branches": None, "resultant": None, "order": [], "pivots": [], "per_mm": []}
     share = 1e-9 if real == "double" else 1e-3
     samples = np.array([q for q, _ in layout.vectors])
     per_mm = 1.0 / layout.unknown
+    branches = branches_of(model, blocks.chain, layout.reach, layout.turns)
     return {
-        "branches": branches_of(model, blocks.chain, layout.reach, layout.turns),
+        "branches": branches,
+        **_general(model, blocks.chain, layout, bool(branches)),
         "order": pivot_order(model, blocks.chain, samples, layout.reach),
         "pivots": [float(f"{share * size:.3g}") for size in per_mm],
         "per_mm": per_mm,
+    }
+
+
+def _general(
+    model: SymbolicModel, chain: ChainExpressions, layout: Layout, similar: bool
+) -> dict[str, Any]:
+    """What finds all solutions of a six-joint arm that is not similar to one with a closed form."""
+    found = None
+    if not similar:
+        found = elimination_of(model, chain, layout.reach, layout.turns, layout.vectors)
+    angles = 2.0 * np.pi * np.arange(2 * DEGREE + 1) / (2 * DEGREE + 1)
+    return {
+        "resultant": found,
+        **({} if similar or found else {"all_iter": SEARCH_ITER}),
+        "nudged": found is not None and bool(np.any(found.tilts)),
+        "loop_turns": [int(turn) for turn in np.roll(found.turns, -found.first)] if found else [],
+        "sample_cosines": np.cos(angles),
+        "sample_sines": np.sin(angles),
     }
 
 
