@@ -227,9 +227,7 @@ def _elimination(model: SymbolicModel, blocks: Blocks, layout: Layout, real: Rea
     }
 
 
-def _general(
-    model: SymbolicModel, chain: ChainExpressions, layout: Layout, similar: bool
-) -> dict[str, Any]:
+def _general(model: SymbolicModel, chain: ChainExpressions, layout: Layout, similar: bool) -> dict[str, Any]:
     """What finds all solutions of a six-joint arm that is not similar to one with a closed form."""
     found = None
     if not similar:

@@ -122,7 +122,9 @@ def screws_of(
     v, w = jacobian[:3].T, jacobian[3:].T
     turn, slide = np.linalg.norm(w, axis=1), np.linalg.norm(v, axis=1)
     turns = turn > 0.5
-    if not np.all(np.where(turns, np.array(turning) & (np.abs(turn - 1.0) < 0.05), turn * reach < 1e-3 * slide)):
+    if not np.all(
+        np.where(turns, np.array(turning) & (np.abs(turn - 1.0) < 0.05), turn * reach < 1e-3 * slide)
+    ):
         return None
     points = np.where(turns[:, None], np.cross(w, v) / np.maximum(turn, 0.5)[:, None] ** 2, 0.0)
     axes = np.where(turns[:, None], w, v)
@@ -150,7 +152,9 @@ def solutions(screws: Screws, G: tuple[Array, Array], first: int) -> Array:
     values = np.linalg.det(_at(matrices / np.abs(matrices).max(), angles))
     powers = np.roll(np.fft.fft(values), DEGREE)  # of z^-8 ... z^8
     zeros = np.roots(powers[::-1])
-    found = [_behind(loop, G, right, matrices, float(np.angle(z))) for z in zeros if abs(np.log(abs(z))) < 0.1]
+    found = [
+        _behind(loop, G, right, matrices, float(np.angle(z))) for z in zeros if abs(np.log(abs(z))) < 0.1
+    ]
     return np.roll(np.array(found).reshape(-1, 6), first, axis=1)
 
 
@@ -233,7 +237,7 @@ def _errors(screws: Screws, first: int, samples: Sequence[tuple[Array, tuple[Arr
     for q, G in samples:
         with np.errstate(all="ignore"):
             off = solutions(screws, G, first) - q
-        off = np.where(screws.turns, np.mod(off + np.pi, 2 * np.pi) - np.pi, off)
+            off = np.where(screws.turns, np.mod(off + np.pi, 2 * np.pi) - np.pi, off)
         far = np.nan_to_num(np.abs(off), nan=np.inf).max(axis=1)
         out.append(float(far.min(initial=np.inf)))
     return np.array(out)

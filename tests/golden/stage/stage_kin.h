@@ -33,6 +33,9 @@ typedef double stage_real;
 #define stage_NZ 1 /* drivers (none: one unused place) */
 #define stage_MAX_ITER 1500 /* evaluations of the model in one inverse, at most */
 
+#define stage_BRANCHES 16 /* joints that ik_all may find for one pose */
+#define stage_MAX_ALL 20000 /* evaluations of the model in one ik_all, at most */
+
 /* Places in p. */
 #define stage_P_q1_beta 0 /* rad: q1.beta */
 #define stage_P_q1_alpha 1 /* rad: q1.alpha */
@@ -91,6 +94,12 @@ int stage_fk_from(const stage_real *p, const stage_real *z, const stage_real q[s
    0 only when T is met within 1e-06 mm and 1e-09 rad; joint ranges hold to the same tolerance. */
 int stage_ik(const stage_real *p, const stage_real *z, const stage_real T[12],
     const stage_real q_guess[stage_N], stage_real q[stage_N]);
+
+/* All joints within their ranges that put the tool at T, one after the other in q, and how many; joints that differ by
+   full turns count once, that nearest the middle of its range. Those that Newton's method finds from starts spread
+   over the ranges, until 320 in a row lead to none that is new. */
+int stage_ik_all(const stage_real *p, const stage_real *z, const stage_real T[12],
+    stage_real q[stage_BRANCHES * stage_N], int *count);
 
 /* [v; w] at the tool in the base frame by dq: row-major, mm and rad a unit of q. */
 int stage_jac(const stage_real *p, const stage_real *z, const stage_real q[stage_N],
