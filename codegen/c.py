@@ -23,8 +23,8 @@ from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
 from truepose.codegen.names import check_machine_name, comment, identifiers
 from truepose.codegen.printer import Real, literal
-from truepose.codegen.resultant import DEGREE, elimination_of
 from truepose.codegen.reference import slopes_of, strain_of
+from truepose.codegen.resultant import DEGREE, elimination_of
 from truepose.codegen.texts import environment
 from truepose.codegen.trigonometry import trigonometry
 from truepose.codegen.wrappers import wrappers

@@ -7,9 +7,9 @@ bilinear in sine and cosine on each side. Eight of the fourteen equations elimin
 same six times the half-angle of joint 4, are twelve equations for twelve power products of joints 4 and 5. Their
 determinant is a trigonometric polynomial of degree 8 in joint 3, whose real zeros are the solutions.
 
-Which joint is taken for the first can be chosen, as the loop is closed. In some arms the determinant vanishes altogether
-for some choices (axes that meet or are parallel): ``elimination_of`` tries all on poses with known readings. Where none finds every one,
-the screws are moved a little: the solutions of an arm nearby are good starts.
+Which joint is taken for the first can be chosen, as the loop is closed. Where axes meet or are parallel the determinant
+vanishes altogether for some choices: ``elimination_of`` tries all on poses with known readings. Where none finds every
+one, the screws are moved a little: the solutions of an arm nearby are good starts.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 DEGREE = 8
 """Of the determinant in joint 3: an arm has 16 solutions at most."""
 NUDGE = 4e-5
-"""How far screws of special arms are moved: rad, and parts of the reach. More moves the solutions too far, less leaves the determinant
-too small: of 64 poses each of three special arms 1e-4 of a turn and ten times that find all but one, and ten fewer."""
+"""How far screws of special arms are moved: rad, and parts of the reach. More moves the solutions away: of 192 poses of three
+drawings (CRX-10iA, Gen3 lite, UR10) 191 had a start within _NEAR of their readings, 172 at ten times this, 94 at fifty."""
 SAMPLES = 24
 """Poses that a choice of the first joint is tried on."""
 _ENOUGH = 0.9
@@ -114,9 +114,9 @@ def elimination_of(
 def screws_of(
     model: SymbolicModel, chain: ChainExpressions, reach: float, turning: Sequence[bool]
 ) -> tuple[Screws, Array, Array] | None:
-    """Screws of a chain of six readings, its tool (3, 4) at readings zero, mm, and rad or parts of the reach a unit of each reading.
+    """Screws of a chain of six readings, its tool (3, 4) at readings zero, mm, and units (6,) of the readings.
 
-    None where a joint neither turns by its reading nor slides.
+    The units are rad, or parts of the reach. None where a joint neither turns by its reading nor slides.
     """
     (jacobian,), (tool,) = jacobians_and_tools(model, chain, np.zeros((1, 6)), 1.0)
     v, w = jacobian[:3].T, jacobian[3:].T

@@ -1,7 +1,8 @@
 """Calibrated arms: UR10 and PUMA 560 with errors on every constant, so that no decoupled closed form holds; and three without.
 
 The drawings are published Denavit-Hartenberg values: the UR10's of its maker, the PUMA's of Armstrong's and Corke's
-survey in Craig's frames. The last axes of CRX-10iA and Gen3 lite do not meet (offset wrists); the third arm is drawn at random. A specimen adds to every constant a uniform error of at most 1 mm or 0.5 deg.
+survey in Craig's frames. The last axes of CRX-10iA and Gen3 lite do not meet (offset wrists); the third arm is drawn at
+random. A specimen adds to every constant a uniform error of at most 1 mm or 0.5 deg.
 """
 
 from __future__ import annotations

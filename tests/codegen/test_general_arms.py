@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.generated_c import needs_compiler
-from support.six_joint_arms import GENERAL, BuiltArm, built, errors, folded, search
+from support.six_joint_arms import GENERAL, BuiltArm, built, counted, errors, folded, search
 from truepose.codegen.resultant import Screws, solutions
 
 Array = NDArray[np.float64]
@@ -116,3 +118,34 @@ def test_out_of_reach_there_is_none(root_directory: Path) -> None:
     pose = made.arm.poses(made.arm.readings(1, seed=15))[0].copy()
     pose[3] += 1e5
     assert made.ik_all(pose)[0] == 1
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["ur_built", "general"])
+def test_vector_lanes_find_the_same(root_directory: Path, name: str) -> None:
+    plain, lanes = (
+        built(root_directory, name, flags) for flags in (("-DTRUEPOSE_SCALAR",), ("-march=native",))
+    )
+    poses = plain.arm.poses(plain.arm.readings(60, seed=16))
+    pairs = [(plain.ik_all(pose)[1], lanes.ik_all(pose)[1]) for pose in poses]
+    for one, other in pairs:
+        assert len(one) == len(other)
+        assert max(among(plain, other, q).min() for q in one) < SAME
+    assert sum(len(one) for one, _ in pairs) > 200
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["ur_built", "general", "gantry_built"])
+def test_all_solutions_take_no_more_evaluations_than_the_header_says(root_directory: Path, name: str) -> None:
+    made = counted(root_directory, name)
+    header = (made.directory / f"{name}_kin.h").read_text()
+    limit = int(re.findall(rf"#define {name}_MAX_ALL (\d+)", header)[0])
+    count = ctypes.c_int.in_dll(made.library, "evaluations")
+    poses = made.arm.poses(made.arm.readings(40, seed=17))
+    poses[:, [3, 7, 11]] *= np.linspace(0.7, 2.0, 40)[:, None]
+    spent = []
+    for pose in poses:
+        count.value = 0
+        made.ik_all(pose)
+        spent.append(count.value)
+    assert 0 < max(spent) <= limit
