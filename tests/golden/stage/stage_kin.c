@@ -1363,6 +1363,9 @@ static real turned_by(int j, real a, real b)
     return turning[j] ? fabs(d - 6.283185307179586 * floor(d * 0.15915494309189535 + 0.5)) : d * per_unit[j] / REACH;
 }
 
+/* Solutions next to a double one that all meet the pose stand this far apart: the root of the tolerance. */
+#define SAME 2.2360679774997898e-05
+
 /* Solutions found so far, whether in the ranges or not, and how many evaluations of the model are left. */
 enum { ALL_ITER = 20000 };
 
@@ -1408,7 +1411,7 @@ static void look(const model *m, const real *T, int care, bunch *starts, finding
         if (!met[i] && care) {
             met[i] = search(&whole, y[i], 20, &known->budget) == 0;
         }
-        if (met[i] && known->number < stage_BRANCHES && clear_of(y[i], known->q, known->number, -1, 1e-06)) {
+        if (met[i] && known->number < stage_BRANCHES && clear_of(y[i], known->q, known->number, -1, SAME)) {
             copy(y[i], known->q[known->number++], 6);
         }
     }
