@@ -168,7 +168,7 @@ def _left(loop: Screws) -> Array:
             p, direction = rotation @ p + shift, rotation @ direction
         out[place] = _fourteen(p, direction)
     factors = [_HALF_ANGLE @ _TURNED if loop.turns[k] else _SLID for k in (3, 4)]
-    return np.einsum("ai,bj,ck,ijkn->abcn", _TURNED, *factors, out)
+    return np.asarray(np.einsum("ai,bj,ck,ijkn->abcn", _TURNED, *factors, out))
 
 
 def _right(loop: Screws, G: tuple[Array, Array]) -> Array:
@@ -181,7 +181,7 @@ def _right(loop: Screws, G: tuple[Array, Array]) -> Array:
             p, direction = rotation @ p + shift, rotation @ direction
         out[place] = _fourteen(p, direction)
     factors = [_TURNED if loop.turns[k] else _SLID[::-1] for k in (0, 1)]
-    return np.einsum("ai,bj,ijn->abn", *factors, out).reshape(9, 14)
+    return np.asarray(np.einsum("ai,bj,ijn->abn", *factors, out)).reshape(9, 14)
 
 
 def _behind(loop: Screws, G: tuple[Array, Array], right: Array, matrices: Array, third: float) -> Array:
