@@ -51,11 +51,11 @@ _LIMITS = {
     "care_limit": 20,
     "all_iter": 4000,
     "polish_limit": 12,
-    "lane_limit": 7,
-    "zero_rounds": 40,
-    "slack": 0.1,
-    "quiet": 320,
-    "together": 16,
+    "lane_limit": 7,  # steps taken together in lanes; stragglers go on alone
+    "zero_rounds": 40,  # for all zeros of a polynomial: 10 to 15 are usual
+    "slack": 0.1,  # rad that a zero may be off the unit circle to be a start: effects bend the real arm
+    "quiet": 320,  # starts in a row without a new solution that end a search
+    "together": 16,  # starts of a search that are looked at together
     "leaps": 6,
     "patience": 2,
 }
