@@ -52,7 +52,7 @@ _LIMITS = {
     "all_iter": 4000,
     "polish_limit": 12,
     "lane_limit": 7,  # steps taken together in lanes; stragglers go on alone
-    "zero_rounds": 40,  # for all zeros of a polynomial: 10 to 15 are usual
+    "zero_rounds": 40,  # rounds of steps for all zeros of a polynomial, at most
     "slack": 0.1,  # rad that a zero may be off the unit circle to be a start: effects bend the real arm
     "quiet": 320,  # starts in a row without a new solution that end a search
     "together": 16,  # starts of a search that are looked at together
