@@ -207,7 +207,9 @@ class _Writer:
                 self.graph, self.real, ("p", "z", "k", "start"), {**self._places, **plan.given}
             )
             statements = printer.statements(plan.targets)
-            texts.append(function_text(plan.title, _lane_name(plan.name), plan.arguments("lanes"), statements))
+            texts.append(
+                function_text(plan.title, _lane_name(plan.name), plan.arguments("lanes"), statements)
+            )
             helpers |= printer.helpers
         return [lane_runtime(self.real, helpers), *texts]
 

@@ -128,7 +128,7 @@ def render(
     }
     if features.listed and features.branches and not context["lists_all"]:
         raise InputError(
-            f"features: found branches, but {machine.name} is no open chain of six readings, which alone have them; leave it out"
+            f"features: found branches, but {machine.name} is no open chain of six readings; leave it out"
         )
     texts = {file: environment().get_template(template).render(context) for file, template in _files(context)}
     if features.listed:

@@ -1,4 +1,4 @@
-"""What the templates read of an open chain of six readings: elimination of six columns, and what all its solutions start from."""
+"""What the templates read of an open chain of six readings: its elimination, and what all solutions start from."""
 
 from __future__ import annotations
 
@@ -55,7 +55,9 @@ def six_joints(
     }
 
 
-def _general(model: SymbolicModel, chain: ChainExpressions, layout: Layout, *, wanted: bool) -> dict[str, Any]:
+def _general(
+    model: SymbolicModel, chain: ChainExpressions, layout: Layout, *, wanted: bool
+) -> dict[str, Any]:
     """What finds all solutions of a six-joint arm that is not similar to one with a closed form."""
     found = elimination_of(model, chain, layout.reach, layout.turns, layout.vectors) if wanted else None
     angles = 2.0 * np.pi * np.arange(2 * DEGREE + 1) / (2 * DEGREE + 1)
