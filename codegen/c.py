@@ -16,9 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from truepose.codegen.blocks import Blocks, blocks_of
-from truepose.codegen.branches import branches_of
-from truepose.codegen.chain import pivot_order
+from truepose.codegen.blocks import blocks_of
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
@@ -27,6 +25,7 @@ from truepose.codegen.offered import driver_units, entries, offered
 from truepose.codegen.printer import Real, literal
 from truepose.codegen.pruning import pruned
 from truepose.codegen.reference import slopes_of, strain_of
+from truepose.codegen.six_joints import six_joints
 from truepose.codegen.texts import environment
 from truepose.codegen.trigonometry import trigonometry
 from truepose.codegen.wrappers import wrappers
@@ -48,9 +47,14 @@ _LIMITS = {
     "fk_limit": 300,
     "attempt_limit": 40,
     "seed_limit": 20,
-    "care_limit": 40,
+    "care_limit": 20,
     "all_iter": 4000,
     "polish_limit": 12,
+    "lane_limit": 7,  # steps taken together in lanes; stragglers go on alone
+    "zero_rounds": 40,  # rounds of steps for all zeros of a polynomial, at most
+    "slack": 0.1,  # rad that a zero may be off the unit circle to be a start: effects bend the real arm
+    "quiet": 320,  # starts in a row without a new solution that end a search
+    "together": 16,  # starts of a search that are looked at together
     "leaps": 6,
     "patience": 2,
 }
@@ -113,20 +117,18 @@ def render(
         "operations": blocks.operations,
         **(blocks.loops.context if blocks.loops else dict.fromkeys(("loops", "whole", "roots", "legs"))),
         "per_unit": np.array(layout.bounded).astype(bool) / layout.unknown,
-        "six": blocks.chain is not None and blocks.chain.six,
         "mixed": blocks.chain is not None and blocks.chain.mixed is not None,
         "rolled": blocks.chain is not None and blocks.chain.six and blocks.chain.steps.numel() > 0,
-        **_elimination(model, blocks, layout, real, features.cold),
+        **six_joints(model, blocks.chain, layout, real, features),
         "kept": blocks.kept(model.p_home.tolist(), model.z_home.tolist()),
         "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
         **offered(features, model, layout, blocks, ideal),
         "held": left_out_words(left_out(machine, features)),
     }
-    if features.listed and features.branches and not context["branches"]:
+    if features.listed and features.branches and not context["lists_all"]:
         raise InputError(
-            f"features: found branches, but {machine.name} has no closed form next to it, as arms of six turning joints have"
-            " whose last axes meet or whose axes 2 to 4 are parallel; leave it out"
+            f"features: found branches, but {machine.name} is no open chain of six readings; leave it out"
         )
     texts = {file: environment().get_template(template).render(context) for file, template in _files(context)}
     if features.listed:
@@ -171,6 +173,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "stride": 0.5 if nx else 1.0,
         "lit": lit,
         "numbers": numbers,
+        "wide": lambda values: ", ".join(literal(float(v), "double") for v in values),
         "table": lambda values: "\n".join(f"    {lit(v)}," for v in values),
         "layout": layout,
         "nx": nx,
@@ -236,26 +239,6 @@ def _nominal(model: SymbolicModel, nominal: Mapping[str, float] | None) -> list[
     own = dict(zip(model.names, model.p_home, strict=True))
     drawn = {name: value for name, value in (nominal or {}).items() if FRAME_OF.get(name) != "tool"}
     return [float(drawn.get(name, own[name])) if name in geometry else 0.0 for name in model.names]
-
-
-def _elimination(
-    model: SymbolicModel, blocks: Blocks, layout: Layout, real: Real, cold: bool
-) -> dict[str, Any]:
-    """Order of the pivots of six columns, and the smallest to go on with: rounding grows by their inverse.
-
-    Without ``cold``, other ways to go on, single precision takes a smaller one: the check of the pose judges the result.
-    """
-    if blocks.chain is None or not blocks.chain.six:
-        return {"branches": None, "order": [], "pivots": [], "per_mm": []}
-    share = 1e-9 if real == "double" else 1e-3 if cold else 1e-6
-    samples = np.array([q for q, _ in layout.vectors])
-    per_mm = 1.0 / layout.unknown
-    return {
-        "branches": branches_of(model, blocks.chain, layout.reach, layout.turns),
-        "order": pivot_order(model, blocks.chain, samples, layout.reach),
-        "pivots": [float(f"{share * size:.3g}") for size in per_mm],
-        "per_mm": per_mm,
-    }
 
 
 def _joints(machine: Machine) -> list[dict[str, Any]]:

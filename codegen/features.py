@@ -16,7 +16,7 @@ from truepose.wording import joined, meant
 FEATURES: Final[Mapping[str, str]] = {
     "warm": "fk, jac, ik from a nearby guess, compensate; always there",
     "cold": "ik goes on from other starts where the guess does not lead to the pose",
-    "branches": "ik_all: every solution of an arm of six turning joints",
+    "branches": "ik_all: every solution of an open chain of six readings",
     "p": "parameters at run time; without it the calibrated ones are built in, and p must be NULL",
     "batch": "NAME_batch.c: many poses a call",
     "state": "NAME_state.c: drivers that remember (direction of motion, lagged heat), worked out in every control cycle",

@@ -42,6 +42,7 @@ PARTS: dict[str, tuple[str, Part]] = {
     "branches": ("all branches of a pose", _timings(branches.rows)),
 }
 HEXAPOD = "hexapod"
+GENERAL = "general"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -70,6 +71,9 @@ def _report(given: argparse.Namespace, options: study.Options) -> Iterator[str]:
             for part, (title, measure) in PARTS.items():
                 if part in given.part:
                     yield f"## {b.arm.title}: {title}\n\n{measure(b, options)}"
+    for drawing in arms.GENERAL.values() if GENERAL in given.part else ():
+        b = study.bench(drawing, options, {})
+        yield f"## {b.arm.title}: all branches of a pose\n\n{_timings(branches.rows)(b, options)}"
     if HEXAPOD in given.part:
         rows = quietest(lambda: hexapod.rows(options), options.rounds)
         yield f"## 6-PUS: inverse\n\n{tables.timings(rows)}"
@@ -129,7 +133,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--real", choices=("double", "float"), default="double", help="type of the C")
     parser.add_argument("--arm", nargs="+", choices=sorted(arms.DRAWINGS), default=list(arms.DRAWINGS))
-    parser.add_argument("--part", nargs="+", choices=[*PARTS, HEXAPOD], default=[*PARTS, HEXAPOD])
+    parser.add_argument(
+        "--part", nargs="+", choices=[*PARTS, GENERAL, HEXAPOD], default=[*PARTS, GENERAL, HEXAPOD]
+    )
     parser.add_argument(
         "--peers", default=sys.executable, metavar="PYTHON", help="interpreter that has the peers"
     )

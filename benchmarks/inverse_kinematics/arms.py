@@ -1,13 +1,14 @@
-"""Two calibrated arms: UR10 and PUMA 560 with errors on every constant, so that no decoupled closed form holds.
+"""Calibrated arms: UR10 and PUMA 560 with errors on every constant, so that no decoupled closed form holds; and three without.
 
 The drawings are published Denavit-Hartenberg values: the UR10's of its maker, the PUMA's of Armstrong's and Corke's
-survey in Craig's frames. A specimen adds to every constant a uniform error of at most 1 mm or 0.5 deg.
+survey in Craig's frames. The last axes of CRX-10iA and Gen3 lite do not meet (offset wrists); the third arm is drawn at
+random. A specimen adds to every constant a uniform error of at most 1 mm or 0.5 deg.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,30 @@ PUMA = Drawing(
     np.array([0.0, 0.0, 100.0, 0.0, 0.0, 0.0]),
 )
 DRAWINGS = {drawing.name: drawing for drawing in (UR10, PUMA)}
+
+
+def _plain(name: str, title: str, alpha: Sequence[float], d: Sequence[float], r: Sequence[float]) -> Drawing:
+    """An arm by alpha (deg), d and r (mm) whose joints may turn once around."""
+    zeros = np.zeros(6)
+    table = np.column_stack([zeros, alpha, d, zeros, r]).astype(float)
+    return Drawing(name, title, table, np.array(6 * [[-180.0, 180.0]]))
+
+
+CRX = _plain(
+    "crx10", "CRX-10iA", (0, -90, 180, -90, 90, -90), (0, 0, 540, 0, 0, 0), (0, 0, 0, -540, 150, -160)
+)
+LITE = _plain(
+    "lite", "Gen3 lite", (0, 90, 180, 90, 90, 90), (0, 0, 280, 0, 0, 0), (243.3, 30, 20, 245, 57, 235)
+)
+RANDOM = _plain(
+    "random6r",
+    "random 6R",
+    (25, -118, 64, 141, -47, 83),
+    (112, 287, 341, 58, 203, 96),
+    (310, 73, 264, 187, 131, 322),
+)
+GENERAL = {drawing.name: drawing for drawing in (CRX, LITE, RANDOM)}
+"""Arms that are similar to none with a closed form."""
 
 
 @dataclass(frozen=True)

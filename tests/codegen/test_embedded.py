@@ -39,7 +39,7 @@ def test_every_vector_is_solved_on_the_target(root_directory: Path, name: str, r
     position, rotation = allowed(written(root_directory, name, real))
     assert found.target.real == real
     assert found.solved, found
-    assert found.vectors >= 20
+    assert found.vectors >= 20 and found.cold
     for cost in (found.fk, found.warm, found.cold):
         assert cost.codes == (found.vectors, 0, 0, 0, 0)
         assert cost.position <= position and cost.rotation <= rotation  # false of NaN too
@@ -68,6 +68,7 @@ def test_the_code_needs_no_memory_but_the_stack(root_directory: Path, real: Real
     assert 0 < found.linked_fk.text < found.linked_ik.text
     # calls write no more than their frames reserve, and some of the C library
     library = 1024
+    assert found.cold
     assert found.chain_ik.frames[0][0] == "arm_ik"
     assert max(found.warm.stack, found.cold.stack) < found.chain_ik.size + library
     assert found.fk.stack < found.chain_fk.size + library

@@ -91,7 +91,7 @@ def test_hostile_input_keeps_every_promise(
     counts = counted(ran.stdout)
     for function, by_code in counts.items():
         if sum(by_code) == 0:
-            assert function == "ik_all" and name != "arm"
+            assert function == "ik_all" and name not in ("arm", "nano")
             continue
         assert by_code[0] > 10, (function, by_code)
         assert by_code[4] > 10, (function, by_code)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.graph_machines import machine_of, model_of
-from support.six_joint_arms import ARMS, DRAWN
+from support.six_joint_arms import ARMS, BUILT, DRAWN, GENERAL
 from truepose.codegen import branches, layout, reference
 from truepose.codegen.branches import branches_of
 from truepose.codegen.chain import ChainExpressions, pivot_order
@@ -42,7 +42,7 @@ def arm(name: str) -> tuple[SymbolicModel, ChainExpressions]:
     return model, ChainExpressions.of(model, chain)
 
 
-@pytest.mark.parametrize("name", [name for name in ARMS if name != "general"])
+@pytest.mark.parametrize("name", [*DRAWN, *BUILT])
 def test_the_drawn_arm_is_the_arm_next_to_it(name: str) -> None:
     """Exactly where it was built as drawn; else with axes within 0.05 rad and a meeting point within 2 % of the reach."""
     frames = ARMS[name].frames(np.zeros((1, 6)))[0]
@@ -65,6 +65,11 @@ def test_the_drawn_arm_is_the_arm_next_to_it(name: str) -> None:
     assert found.side @ across == pytest.approx(0.0, abs=1e-12) and np.linalg.norm(
         found.side
     ) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_no_drawn_arm_is_next_to_a_general_one(name: str) -> None:
+    assert branches_of(*arm(name), 1500.0, TURNING) is None
 
 
 def test_an_arm_with_a_joint_that_does_not_repeat_after_a_turn_has_no_closed_form() -> None:

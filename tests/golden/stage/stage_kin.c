@@ -882,7 +882,7 @@ static const real least[6] = { 1e-09, 1e-09, 1e-09, 2.73e-08, 2.73e-08, 2.73e-08
 static const real per_unit[6] = { 1.0, 1.0, 1.0, 27.279000000000003, 27.279000000000003, 27.279000000000003 };
 
 /* Where the pivots stand, one in each column. */
-static const unsigned char row[6] = { 1, 2, 0, LINES + 2, LINES + 1, LINES + 0 };
+static const unsigned char pivot_in[6] = { 1, 2, 0, LINES + 2, LINES + 1, LINES + 0 };
 
 /* Triangular factors of six columns without exchanges, in place, with inverse pivots; 0 where a pivot is too small to go
    on without looking for a better one. */
@@ -892,12 +892,12 @@ SMALL int factorise(real *J)
     WRITTEN_OUT
     for (k = 0; k < 6; ++k) {
         real *own = J + SIDE6 * k;
-        sound &= fabs(own[row[k]]) > least[k];
-        own[row[k]] = 1.0 / own[row[k]];
+        sound &= fabs(own[pivot_in[k]]) > least[k];
+        own[pivot_in[k]] = 1.0 / own[pivot_in[k]];
         ROWS_WRITTEN_OUT
         for (i = k + 1; i < 6; ++i) {
-            real *a = own + row[i];
-            const real *b = own + row[k];
+            real *a = own + pivot_in[i];
+            const real *b = own + pivot_in[k];
             const real share = *a * *b;
             *a = share;
             WRITTEN_OUT
@@ -918,8 +918,8 @@ SMALL void solve(const real *J, real *e)
     int i, k;
     WRITTEN_OUT
     for (i = 0; i < 6; ++i) {
-        const real *a = J + row[i];
-        real sum = e[row[i]];
+        const real *a = J + pivot_in[i];
+        real sum = e[pivot_in[i]];
         WRITTEN_OUT
         for (k = 0; k < i; ++k, a += SIDE6) {
             sum -= *a * x[k];
@@ -928,7 +928,7 @@ SMALL void solve(const real *J, real *e)
     }
     WRITTEN_OUT
     for (i = 5; i >= 0; --i) {
-        const real *a = J + SIDE6 * i + row[i], *pivot = a;
+        const real *a = J + SIDE6 * i + pivot_in[i], *pivot = a;
         real sum = x[i];
         WRITTEN_OUT
         for (k = i + 1; k < 6; ++k) {
@@ -943,9 +943,15 @@ SMALL void solve(const real *J, real *e)
     }
 }
 
+#if defined(__SSE2__) || defined(__aarch64__)
+#define INLINED static inline __attribute__((always_inline)) /* into the inverse: 20 ns */
+#else
+#define INLINED APART
+#endif
+
 /* Newton's method from readings nearby, which become the last point: 1 met; 0 left to the damped search. Once steps are
    small the last derivative will do. */
-static int polish(const model *m, const real *F, real *q, int *budget)
+INLINED int polish_here(const model *m, const real *F, real *q, int *budget)
 {
     real C[4 * LINES], J[SIDE6 * 6], *e = C; /* the gap takes the place of the pose's axes */
     stand at;
@@ -988,6 +994,20 @@ static int polish(const model *m, const real *F, real *q, int *budget)
     }
     return 0;
 }
+
+APART int polish(const model *m, const real *F, real *q, int *budget)
+{
+    return polish_here(m, F, q, budget);
+}
+
+static void cross(const real *a, const real *b, real *out)
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+enum { STARTS = 16 }; /* that are looked at together */
 
 /* ---- damped solver: the same for every machine ---- */
 
@@ -1352,6 +1372,202 @@ APART int restart(const model *m, const real *target, const real *guess, real *q
     return outside ? 3 : ended ? 1 : 2;
 }
 
+/* ---- exact solutions from starts near them ---- */
+
+/* Difference of readings of joint j: rad up to full turns, or a slide's in parts of the reach. */
+static real turned_by(int j, real a, real b)
+{
+    const real d = fabs(a - b);
+    return turning[j] ? fabs(d - 6.283185307179586 * floor(d * 0.15915494309189535 + 0.5)) : d * per_unit[j] / REACH;
+}
+
+/* Solutions next to a double one that all meet the pose stand this far apart: the root of the tolerance. */
+#define SAME 2.2360679774997898e-05
+
+/* Solutions found so far, whether in the ranges or not, and how many evaluations of the model are left. */
+enum { ALL_ITER = 20000 };
+
+typedef struct {
+    real q[stage_BRANCHES][6];
+    int number, budget;
+} findings;
+
+/* Newton's method from n starts, which become the last points; whether each met the pose. */
+static void polish_all(const model *m, const real *F, int n, real (*q)[6], unsigned char *met, int *budget);
+
+/* Starts that are looked at together. */
+typedef struct {
+    real q[STARTS][6];
+    int number;
+} bunch;
+
+/* Largest difference of readings. */
+static real apart(const real *a, const real *b)
+{
+    real largest = 0.0;
+    int j;
+    for (j = 0; j < NQ; ++j) {
+        const real d = turned_by(j, a[j], b[j]);
+        largest = d > largest ? d : largest;
+    }
+    return largest;
+}
+
+/* Whether readings differ from all n others, but for one, by more than this in some joint. */
+static int clear_of(const real *q, real (*others)[6], int n, int but, real within)
+{
+    int k;
+    for (k = 0; k < n; ++k) {
+        if (k != but && !(apart(q, others[k]) > within)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Add the solutions next to starts, where there are any and new ones; with care, also where plain steps do not lead to
+   them. */
+static void look(const model *m, const real *T, int care, bunch *starts, findings *known)
+{
+    const task whole = { m, T };
+    real y[STARTS][6];
+    unsigned char met[STARTS];
+    int i;
+    copy(starts->q[0], y[0], 6 * starts->number);
+    polish_all(m, T, starts->number, y, met, &known->budget);
+    for (i = 0; i < starts->number; ++i) {
+        if (!met[i] && care) {
+            met[i] = search(&whole, y[i], 20, &known->budget) == 0;
+        }
+        if (met[i] && known->number < stage_BRANCHES && clear_of(y[i], known->q, known->number, -1, SAME)) {
+            copy(y[i], known->q[known->number++], 6);
+        }
+    }
+    starts->number = 0;
+}
+
+/* One more start; where there is no room, those before it are looked at. */
+static real *one_more(const model *m, const real *T, int care, bunch *starts, findings *known)
+{
+    if (starts->number == STARTS) {
+        look(m, T, care, starts, known);
+    }
+    return starts->q[starts->number++];
+}
+
+/* How the tool's motion bends away from a straight one along readings n: its second derivative by columns J (lines). */
+static void bend_along(const real *J, const real *n, real *out)
+{
+    real turned[3], both[3], over[3], along[3];
+    int i, j;
+    for (j = 0; j < 6; ++j, J += SIDE6) {
+        const real *w = J + LINES, share = n[j] / REACH;
+        for (i = 0; i < 3; ++i) {
+            const real before = j == 0 ? 0.0 : turned[i], own = n[j] * w[i];
+            both[i] = before + before + own;
+            turned[i] = before + own;
+        }
+        cross(both, J, over);
+        cross(turned, w, along); /* its own turn is along w */
+        for (i = 0; i < 3; ++i) {
+            out[i] = (j == 0 ? 0.0 : out[i]) + share * over[i];
+            out[LINES + i] = (j == 0 ? 0.0 : out[LINES + i]) + share * along[i];
+        }
+    }
+}
+
+/* The solution across a fold: where two are about to merge, the pose hardly changes along the way n from one to the other,
+   and comes back to T where its bend has made up for what change there is. */
+static void look_across(const model *m, const real *T, int from, bunch *starts, findings *known)
+{
+    real J[SIDE6 * 6], factors[SIDE6 * 6], pose[12], e[SIDE6], n[SIDE6], largest = 0.0, size = 0.0, bend = 0.0;
+    int j;
+    if (known->budget < 1) {
+        return;
+    }
+    --known->budget;
+    chain_at(m, known->q[from], pose, J);
+    copy(J, factors, SIDE6 * 6);
+    if (!factorise(factors)) {
+        return;
+    }
+    for (j = 0; j < SIDE6; ++j) {
+        n[j] = e[j] = 1.0; /* of a fourth line, not used, too */
+    }
+    solve(factors, n);
+    bend_along(J, n, e);
+    solve(factors, e);
+    for (j = 0; j < 6; ++j) {
+        largest = fabs(n[j]) > largest ? fabs(n[j]) : largest;
+        size += n[j] * n[j];
+        bend -= 0.5 * n[j] * e[j];
+    }
+    bend /= size;
+    if (fabs(bend) > 1.5 * largest) {
+        real q[6];
+        for (j = 0; j < 6; ++j) {
+            q[j] = known->q[from][j] + n[j] / bend;
+        }
+        if (clear_of(q, known->q, known->number, from, 0.5 * largest / fabs(bend))) {
+            copy(q, one_more(m, T, 1, starts, known), 6);
+        }
+    }
+}
+
+/* Add the solutions across folds from those that are known, beginning with number `from`. */
+APART void look_across_all(const model *m, const real *T, int from, bunch *starts, findings *known)
+{
+    while (from < known->number) {
+        const int last = known->number;
+        for (; from < last; ++from) {
+            look_across(m, T, from, starts, known);
+        }
+        look(m, T, 1, starts, known);
+    }
+}
+
+/* Each solution near the middle of its ranges, those within them first; how many are. */
+static int sort_out(findings *known)
+{
+    int i, j, number = 0;
+    for (i = 0; i < known->number; ++i) {
+        real y[6];
+        copy(known->q[i], y, NQ);
+        (void)unwind(centre, y); /* which the pose does not feel: 1e-12 mm */
+        if (inside(y)) {
+            for (j = 0; j < NQ; ++j) {
+                known->q[i][j] = known->q[number][j];
+                known->q[number][j] = y[j];
+            }
+            ++number;
+        }
+    }
+    return number;
+}
+
+/* ---- exact solutions of an arm that is like none with a closed form ---- */
+
+/* All solutions that are found from starts spread over the ranges, until QUIET of them in a row have led to none that is
+   new; those within their ranges first; how many are. */
+enum { QUIET = 320 };
+
+APART int collect(const model *m, const real *T, findings *known)
+{
+    bunch starts;
+    int start = 1, quiet = 0;
+    known->number = 0;
+    while (quiet < QUIET && known->budget > 0 && known->number < stage_BRANCHES) {
+        const int before = known->number;
+        for (starts.number = 0; starts.number < STARTS; ++starts.number) {
+            place(start++, centre, starts.q[starts.number]);
+        }
+        look(m, T, quiet + STARTS >= QUIET, &starts, known); /* with care at the end: also what is about to merge */
+        look_across_all(m, T, before, &starts, known);
+        quiet = known->number > before ? 0 : quiet + STARTS;
+    }
+    return sort_out(known);
+}
+
 APART int inverse(const model *m, const real *T, const real *guess, real *q)
 {
     int budget = stage_MAX_ITER;
@@ -1360,7 +1576,7 @@ APART int inverse(const model *m, const real *T, const real *guess, real *q)
         return 4;
     }
     copy(guess, y, NQ);
-    if (polish(m, T, y, &budget) && inside(y)) {
+    if (polish_here(m, T, y, &budget) && inside(y)) {
         copy(y, q, NQ);
         return 0;
     }
@@ -1377,6 +1593,35 @@ APART int inverse_with(const real *p, const real *z, const real *T, const real *
 int stage_ik(const real *p, const real *z, const real T[12], const real q_guess[stage_N], real q[stage_N])
 {
     return p || z ? inverse_with(p, z, T, q_guess, q) : inverse(&usual, T, q_guess, q);
+}
+
+APART int every(const model *m, const real *T, real *q, int *count)
+{
+    findings known;
+    int number;
+    if (!is_pose(T)) {
+        return 4;
+    }
+    known.budget = ALL_ITER;
+    number = collect(m, T, &known);
+    if (number == 0) {
+        return known.number > 0 ? 3 : 1;
+    }
+    copy(&known.q[0][0], q, number * NQ);
+    *count = number;
+    return 0;
+}
+
+APART int every_with(const real *p, const real *z, const real *T, real *q, int *count)
+{
+    model m;
+    real own[NK];
+    return attach(&m, own, p, z) ? every(&m, T, q, count) : 4;
+}
+
+int stage_ik_all(const real *p, const real *z, const real T[12], real q[stage_BRANCHES * stage_N], int *count)
+{
+    return p || z ? every_with(p, z, T, q, count) : every(&usual, T, q, count);
 }
 
 APART int derivative(const model *m, const real *q, real *J)
@@ -1440,3 +1685,449 @@ int stage_compensate(const real *p, const real *z, const real q_nominal[stage_N]
     code = forward(&drawn, q_nominal, 0, T);
     return code != 0 ? code : inverse(&usual, T, q_nominal, q);
 }
+
+/* ---- several starts of one pose at once, in vector lanes where they are wide ---- */
+
+#if defined(__GNUC__) && defined(__AVX__) && !defined(TRUEPOSE_SCALAR)
+#undef LINES
+#undef SIDE6
+#undef ROWS_WRITTEN_OUT
+#define LINES 3
+#define SIDE6 6
+#define ROWS_WRITTEN_OUT WRITTEN_OUT
+
+/* Several rows at once. `lanes` holds one number of each of LANES rows; + - * / work on it as they do on `real`, which
+   is spread over all lanes where the two meet. Without vector types (or with TRUEPOSE_SCALAR) LANES is 1 and `lanes` is
+   `real`. No row sees another: what one lane gives does not depend on its place nor on what is in the others. */
+#if defined(__GNUC__) && !defined(TRUEPOSE_SCALAR)
+#if defined(__AVX512F__)
+#define LANES 8
+#elif defined(__AVX__)
+#define LANES 4
+#elif defined(__SSE2__) || defined(__aarch64__)
+#define LANES 2
+#endif
+#endif
+#ifndef LANES
+#define LANES 1
+#endif
+
+#if LANES > 1
+typedef real lanes __attribute__((vector_size(LANES * sizeof(real))));
+typedef long long lane_bits __attribute__((vector_size(LANES * sizeof(real))));
+#define LANES_OF(x) ((x) - (lanes){ 0 })
+#define LANES_SELECT(test, a, b) \
+    ((lanes)(((lane_bits)(test) & (lane_bits)(a)) | (~(lane_bits)(test) & (lane_bits)(b))))
+#define LANES_KEEP(test, a) ((lanes)((lane_bits)(test) & (lane_bits)(a)))
+#define LANES_ABS(a) ((lanes)((lane_bits)(a) & ~(lane_bits)LANES_OF(-0.0)))
+#define LANES_SIGNED(a, sign) \
+    ((lanes)(((lane_bits)(a) & ~(lane_bits)LANES_OF(-0.0)) | ((lane_bits)(sign) & (lane_bits)LANES_OF(-0.0))))
+#else
+typedef real lanes;
+#define LANES_OF(x) ((lanes)(x))
+#define LANES_SELECT(test, a, b) ((test) ? (a) : (b))
+#define LANES_KEEP(test, a) ((test) ? (a) : 0.0)
+#define LANES_ABS(a) fabs(a)
+#define LANES_SIGNED(a, sign) copysign(a, sign)
+#endif
+#define LANES_TEST(test) LANES_KEEP(test, LANES_OF(1.0))
+
+/* The first `size` numbers of `count` rows, `stride` apart; lanes without a row repeat the last one. */
+static void lanes_load(const real *rows, int stride, int count, int size, lanes *out)
+{
+    int j, k;
+    for (k = 0; k < LANES; k++) {
+        const real *row = rows + (k < count ? k : count - 1) * stride;
+        for (j = 0; j < size; j++)
+            ((real *)(out + j))[k] = row[j];
+    }
+}
+
+/* The other way: lanes beyond `count` are left out. */
+static void lanes_store(const lanes *in, int size, int stride, int count, real *rows)
+{
+    int j, k;
+    for (k = 0; k < count; k++)
+        for (j = 0; j < size; j++)
+            rows[k * stride + j] = ((const real *)(in + j))[k];
+}
+
+#if LANES > 1
+static int lanes_any(const lane_bits *test)
+{
+    const long long *lane = (const long long *)test;
+    long long any = 0;
+    int k;
+    for (k = 0; k < LANES; k++)
+        any |= lane[k];
+    return any != 0;
+}
+#endif
+
+/* Sine and cosine by polynomials about the nearest multiple of pi/2, to 1 ulp; far away by the C library. */
+static void lanes_sincos(const lanes *x, lanes *sine, lanes *cosine)
+{
+#if LANES > 1
+    const lanes shifted = *x * 0.6366197723675814 + 6755399441055744.0; /* its last bits count quarter turns */
+    const lanes turned = shifted - 6755399441055744.0;
+    const lanes first = *x - turned * 1.5707963267923333;
+    const lanes second = turned * 2.5633441515839558e-12;
+    const lanes near = first - second;
+    const lanes lost = turned * 1.0562999066987428e-23 - ((first - near) - second);
+    const lanes r = near - lost, tail = (near - r) - lost; /* r + tail to twice the precision */
+    const lanes z = r * r, half = 0.5 * z, rest = 1.0 - half;
+    const lanes odd = r + (r * z * (-0.16666666666666632 + z * (0.008333333333322424 + z * (-0.00019841269829816817 + z * (2.7557313695177738e-06 + z * (-2.5050758645319124e-08 + z * 1.5896827451067535e-10))))) + tail * rest);
+    const lanes even = rest + (((1.0 - rest) - half) + (z * z * (0.0416666666666666 + z * (-0.0013888888888874138 + z * (2.480158728949169e-05 + z * (-2.755731435520116e-07 + z * (2.087572367866976e-09 + z * -1.1359669557960587e-11))))) - r * tail));
+    const lane_bits quarter = (lane_bits)shifted, across = (quarter & 1) != 0;
+    const lane_bits minus = (lane_bits)LANES_OF(-0.0);
+    const lane_bits far = (*x > 100000.0) | (*x < -100000.0);
+    *sine = (lanes)((lane_bits)LANES_SELECT(across, even, odd) ^ (((quarter & 2) != 0) & minus));
+    *cosine = (lanes)((lane_bits)LANES_SELECT(across, odd, even) ^ ((((quarter + 1) & 2) != 0) & minus));
+    if (lanes_any(&far)) {
+        int k;
+        for (k = 0; k < LANES; k++)
+            if (((const long long *)&far)[k]) {
+                const real value = ((const real *)x)[k];
+                ((real *)sine)[k] = sin(value);
+                ((real *)cosine)[k] = cos(value);
+            }
+    }
+#else
+    *sine = sin(*x);
+    *cosine = cos(*x);
+#endif
+}
+
+/* Angles and lengths of the moves. */
+static void lanes_moves_of(const model *m, const lanes *q, lanes *v)
+{
+    const real *k = m->k;
+    v[0] = q[0];
+    v[1] = q[1];
+    v[2] = q[2];
+    v[3] = (q[3] + k[16]);
+    v[4] = ((q[4] + k[17]) + k[18]);
+    v[5] = (q[5] + k[19]);
+}
+
+/* Line j of the chain's pose, by sines (or lengths) and cosines of the moves. */
+static void lanes_end_line(const model *m, int j, const lanes *restrict s, const lanes *restrict c, lanes *restrict C)
+{
+    const real *p = m->p;
+    const real *k = m->k;
+    const real a0 = ((k[0 + j] * k[21]) + (k[4 + j] * k[22])) + (k[8 + j] * k[23]);
+    const real a1 = ((k[0 + j] * k[26]) + (k[4 + j] * k[27])) + (k[8 + j] * k[28]);
+    const real a2 = ((k[0 + j] * k[30]) - (k[4 + j] * k[20])) + (k[8 + j] * k[31]);
+    const real a3 = ((a0 * k[25]) + (a1 * k[29])) + (a2 * k[32]);
+    const real a4 = ((a0 * k[35]) + (a1 * k[36])) + (a2 * k[37]);
+    const real a5 = ((a0 * k[39]) - (k[24] * a1)) + (a2 * k[40]);
+    const real a6 = ((a3 * k[34]) + (a4 * k[38])) + (a5 * k[41]);
+    const real a7 = ((a3 * k[42]) + (a4 * k[43])) + (a5 * k[44]);
+    const lanes a8 = (c[3] * a6) + (s[3] * a7);
+    const lanes a9 = (c[3] * a7) - (a6 * s[3]);
+    const real a10 = ((a3 * k[46]) - (k[33] * a4)) + (a5 * k[47]);
+    const lanes a11 = (a9 * k[45]) + (a10 * k[48]);
+    const lanes a12 = (c[4] * a8) + (s[4] * a11);
+    const lanes a13 = (c[4] * a11) - (a8 * s[4]);
+    const lanes a14 = (k[45] * a10) - (a9 * k[48]);
+    const lanes a15 = (a13 * k[49]) + (a14 * k[50]);
+    const lanes a16 = (c[5] * a12) + (s[5] * a15);
+    const lanes a17 = (c[5] * a15) - (a12 * s[5]);
+    const lanes a18 = (k[49] * a14) - (a13 * k[50]);
+    const real a19 = ((k[0 + j] * k[60]) - (k[4 + j] * k[61])) + (k[8 + j] * k[62]);
+    const lanes a20 = (((k[12 + j] + (k[8 + j] * s[0])) + a19) + (a2 * s[1])) + (((a0 * k[63]) - (a1 * k[64])) + (a2 * k[65]));
+    const lanes a21 = (a20 + (a5 * s[2])) + (((a3 * k[66]) - (a4 * k[67])) + (a5 * k[68]));
+    const lanes a22 = (a21 + (((a8 * k[69]) - (a9 * k[70])) + (a10 * k[71]))) + (((a12 * k[72]) - (a13 * k[73])) + (a14 * k[74]));
+    const lanes a23 = a22 + (((a16 * p[36]) + (a17 * p[37])) + (a18 * p[38]));
+    C[0 * LINES + j] = (((a16 * k[51]) + (a17 * k[52])) - (a18 * k[53]));
+    C[1 * LINES + j] = (((a16 * k[54]) + (a17 * k[55])) + (a18 * k[56]));
+    C[2 * LINES + j] = (((a16 * k[57]) + (a17 * k[58])) + (a18 * k[59]));
+    C[3 * LINES + j] = a23;
+}
+
+/* Line j of the chain's pose, by sines (or lengths) and cosines of the moves; and of the axis and origin of every move. */
+static void lanes_chain_line(const model *m, int j, const lanes *restrict s, const lanes *restrict c, lanes *restrict C, lanes *restrict A)
+{
+    const real *p = m->p;
+    const real *k = m->k;
+    const real a0 = ((k[0 + j] * k[21]) + (k[4 + j] * k[22])) + (k[8 + j] * k[23]);
+    const real a1 = ((k[0 + j] * k[26]) + (k[4 + j] * k[27])) + (k[8 + j] * k[28]);
+    const real a2 = ((k[0 + j] * k[30]) - (k[4 + j] * k[20])) + (k[8 + j] * k[31]);
+    const real a3 = ((a0 * k[25]) + (a1 * k[29])) + (a2 * k[32]);
+    const real a4 = ((a0 * k[35]) + (a1 * k[36])) + (a2 * k[37]);
+    const real a5 = ((a0 * k[39]) - (k[24] * a1)) + (a2 * k[40]);
+    const real a6 = ((a3 * k[34]) + (a4 * k[38])) + (a5 * k[41]);
+    const real a7 = ((a3 * k[42]) + (a4 * k[43])) + (a5 * k[44]);
+    const lanes a8 = (c[3] * a6) + (s[3] * a7);
+    const lanes a9 = (c[3] * a7) - (a6 * s[3]);
+    const real a10 = ((a3 * k[46]) - (k[33] * a4)) + (a5 * k[47]);
+    const lanes a11 = (a9 * k[45]) + (a10 * k[48]);
+    const lanes a12 = (c[4] * a8) + (s[4] * a11);
+    const lanes a13 = (c[4] * a11) - (a8 * s[4]);
+    const lanes a14 = (k[45] * a10) - (a9 * k[48]);
+    const lanes a15 = (a13 * k[49]) + (a14 * k[50]);
+    const lanes a16 = (c[5] * a12) + (s[5] * a15);
+    const lanes a17 = (c[5] * a15) - (a12 * s[5]);
+    const lanes a18 = (k[49] * a14) - (a13 * k[50]);
+    const real a19 = ((k[0 + j] * k[60]) - (k[4 + j] * k[61])) + (k[8 + j] * k[62]);
+    const lanes a20 = (k[12 + j] + (k[8 + j] * s[0])) + a19;
+    const lanes a21 = (a20 + (a2 * s[1])) + (((a0 * k[63]) - (a1 * k[64])) + (a2 * k[65]));
+    const lanes a22 = (a21 + (a5 * s[2])) + (((a3 * k[66]) - (a4 * k[67])) + (a5 * k[68]));
+    const lanes a23 = a22 + (((a8 * k[69]) - (a9 * k[70])) + (a10 * k[71]));
+    const lanes a24 = a23 + (((a12 * k[72]) - (a13 * k[73])) + (a14 * k[74]));
+    const lanes a25 = a24 + (((a16 * p[36]) + (a17 * p[37])) + (a18 * p[38]));
+    C[0 * LINES + j] = (((a16 * k[51]) + (a17 * k[52])) - (a18 * k[53]));
+    C[1 * LINES + j] = (((a16 * k[54]) + (a17 * k[55])) + (a18 * k[56]));
+    C[2 * LINES + j] = (((a16 * k[57]) + (a17 * k[58])) + (a18 * k[59]));
+    C[3 * LINES + j] = a25;
+    A[0 * LINES + j] = LANES_OF(k[8 + j]);
+    A[1 * LINES + j] = LANES_OF(k[12 + j]);
+    A[2 * LINES + j] = LANES_OF(a2);
+    A[3 * LINES + j] = a20;
+    A[4 * LINES + j] = LANES_OF(a5);
+    A[5 * LINES + j] = a21;
+    A[6 * LINES + j] = LANES_OF(a10);
+    A[7 * LINES + j] = a22;
+    A[8 * LINES + j] = a14;
+    A[9 * LINES + j] = a23;
+    A[10 * LINES + j] = a18;
+    A[11 * LINES + j] = a24;
+}
+
+/* Sines (of slides: lengths) and cosines of the moves. */
+static void lanes_turns_of(const lanes *v, lanes *s, lanes *c)
+{
+    int k;
+    for (k = 0; k < NV; ++k) {
+        if (!turns[k]) {
+            s[k] = v[k];
+            continue;
+        }
+        lanes_sincos(v + k, s + k, c + k);
+    }
+}
+
+/* The same after small changes d of the moves, at most 0.03 rad: exact to rounding. */
+static void lanes_turn_on(const lanes *d, lanes *s, lanes *c)
+{
+    int k;
+    for (k = 0; k < NV; ++k) {
+        if (!turns[k]) {
+            s[k] += d[k];
+            continue;
+        }
+        {
+            const lanes w = d[k] * d[k], was = s[k];
+            const lanes sine = d[k] - d[k] * w * (0.16666666666666666 - w * (0.008333333333333333 - w * 0.0001984126984126984));
+            const lanes less = w * (0.5 - w * (0.041666666666666664 - w * 0.001388888888888889));
+            s[k] += c[k] * sine - s[k] * less;
+            c[k] -= was * sine + c[k] * less;
+        }
+    }
+}
+
+/* Columns [v; REACH w] at the tool by the moves, in place of their axes and origins. */
+static void lanes_columns_of(const lanes *C, lanes *A)
+{
+    int k;
+    for (k = 0; k < NV; ++k, A += 6) {
+        const lanes x = A[0], y = A[1], z = A[2];
+        const lanes dx = C[9] - A[3], dy = C[10] - A[4], dz = C[11] - A[5];
+        if (!turns[k]) {
+            A[3] = A[4] = A[5] = LANES_OF(0.0);
+            continue;
+        }
+        A[0] = y * dz - z * dy;
+        A[1] = z * dx - x * dz;
+        A[2] = x * dy - y * dx;
+        A[3] = REACH * x;
+        A[4] = REACH * y;
+        A[5] = REACH * z;
+    }
+}
+
+/* Where the pivots stand, one in each column. */
+static const unsigned char lanes_pivot_in[6] = { 1, 2, 0, LINES + 2, LINES + 1, LINES + 0 };
+
+/* Triangular factors of six columns without exchanges, in place, with inverse pivots. */
+static void lanes_factorise(lanes *J)
+{
+    int i, j, k;
+    WRITTEN_OUT
+    for (k = 0; k < 6; ++k) {
+        lanes *own = J + SIDE6 * k;
+        own[lanes_pivot_in[k]] = 1.0 / own[lanes_pivot_in[k]];
+        ROWS_WRITTEN_OUT
+        for (i = k + 1; i < 6; ++i) {
+            lanes *a = own + lanes_pivot_in[i];
+            const lanes *b = own + lanes_pivot_in[k];
+            const lanes share = *a * *b;
+            *a = share;
+            WRITTEN_OUT
+            for (j = k + 1; j < 6; ++j) {
+                a += SIDE6;
+                b += SIDE6;
+                *a -= share * *b;
+            }
+        }
+    }
+}
+
+/* The six unknowns for a right side e (6 lines), in its place one after the other. */
+static void lanes_solve(const lanes *J, lanes *e)
+{
+    lanes x[6];
+    int i, k;
+    WRITTEN_OUT
+    for (i = 0; i < 6; ++i) {
+        const lanes *a = J + lanes_pivot_in[i];
+        lanes sum = e[lanes_pivot_in[i]];
+        WRITTEN_OUT
+        for (k = 0; k < i; ++k, a += SIDE6) {
+            sum -= *a * x[k];
+        }
+        x[i] = sum;
+    }
+    WRITTEN_OUT
+    for (i = 5; i >= 0; --i) {
+        const lanes *a = J + SIDE6 * i + lanes_pivot_in[i], *pivot = a;
+        lanes sum = x[i];
+        WRITTEN_OUT
+        for (k = i + 1; k < 6; ++k) {
+            a += SIDE6;
+            sum -= *a * x[k];
+        }
+        x[i] = sum * *pivot;
+    }
+    WRITTEN_OUT
+    for (i = 0; i < 6; ++i) {
+        e[i] = x[i];
+    }
+}
+
+/* What takes the pose C (lines) to the target F, [mm; REACH rad], in e; met: 1 where that is nothing; near: 1 where it is
+   less than about a quarter turn. */
+static void lanes_gap_of(const lanes *F, const lanes *C, lanes *e, lanes *met, lanes *near)
+{
+    const real half = 0.5 * REACH;
+    lanes trace = LANES_OF(0.0), p, w;
+    int i;
+    e[3] = e[4] = e[5] = trace;
+    for (i = 0; i < 3; ++i) {
+        const lanes x = C[3 * i], y = C[3 * i + 1], z = C[3 * i + 2], a = F[i], b = F[4 + i], c = F[8 + i];
+        e[3] += half * (y * c - z * b);
+        e[4] += half * (z * a - x * c);
+        e[5] += half * (x * b - y * a);
+        trace += x * a + y * b + z * c;
+        e[i] = F[4 * i + 3] - C[9 + i];
+    }
+    p = e[0] * e[0] + e[1] * e[1] + e[2] * e[2];
+    w = e[3] * e[3] + e[4] * e[4] + e[5] * e[5];
+    *met = LANES_TEST((p <= TIGHT * TIGHT) & (w <= TURN * TURN) & (trace > 0.0));
+    *near = LANES_TEST(trace > 0.0);
+}
+
+static real most_of(const lanes *a)
+{
+    const real *lane = (const real *)a;
+    real most = lane[0];
+    int k;
+    for (k = 1; k < LANES; ++k) {
+        most = most > lane[k] ? most : lane[k];
+    }
+    return most;
+}
+
+/* Newton's method from readings q, which become the last point, in every lane that is active (1); 1 where the pose F is met.
+   A lane that has met its pose, or cannot, stands still. *rounds: how many there may be, then how many there were. */
+static lanes lanes_polish(const model *m, const lanes *F, lanes active, int *rounds, lanes *q)
+{
+    const lanes none = LANES_OF(0.0);
+    lanes s[NV], c[NV], C[12], J[36], e[6], met = none, near;
+    int k, j, fresh = 1, chord = 0;
+    for (k = 0; k < *rounds; ++k) {
+        lanes largest = none, shorter;
+        real most;
+        if (fresh) {
+            lanes v[NV];
+            lanes_moves_of(m, q, v);
+            lanes_turns_of(v, s, c);
+        }
+        if (chord) {
+            for (j = 0; j < 3; ++j) {
+                lanes_end_line(m, j, s, c, C);
+            }
+        } else {
+            for (j = 0; j < 3; ++j) {
+                lanes_chain_line(m, j, s, c, C, J);
+            }
+            lanes_columns_of(C, J);
+        }
+        lanes_gap_of(F, C, e, &met, &near);
+        active *= near * (1.0 - met);
+        if (!(most_of(&active) > 0.0)) {
+            break;
+        }
+        if (!chord) {
+            lanes_factorise(J);
+        }
+        lanes_solve(J, e);
+        for (j = 0; j < NQ; ++j) {
+            const lanes moved = LANES_ABS(e[j]) * per_unit[j];
+            largest = LANES_SELECT(moved <= largest, largest, moved); /* a NaN stays */
+        }
+        active = LANES_KEEP(largest <= 100.0 * REACH, active);
+        largest = LANES_KEEP(active > 0.5, largest);
+        shorter = LANES_KEEP(active > 0.5, LANES_SELECT(largest > LONGEST, LONGEST / largest, LANES_OF(1.0)));
+        for (j = 0; j < NQ; ++j) {
+            e[j] = LANES_KEEP(active > 0.5, e[j] * shorter);
+            q[j] += e[j];
+        }
+        most = most_of(&largest);
+        chord = most <= 0.002 * REACH;
+        fresh = most > 0.03 * REACH;
+        if (!fresh) {
+            lanes_turn_on(e, s, c);
+        }
+    }
+    *rounds = k;
+    return met;
+}
+
+APART void polish_all(const model *m, const real *F, int n, real (*q)[6], unsigned char *met, int *budget)
+{
+    lanes target[12];
+    int first, i;
+    for (i = 0; i < 12; ++i) {
+        target[i] = LANES_OF(F[i]);
+    }
+    for (first = 0; first < n; first += LANES) {
+        const int count = n - first < LANES ? n - first : LANES, most = *budget / count;
+        int rounds = most < 7 ? most : 7;
+        lanes u[6], done;
+        real rows[LANES][6];
+        lanes_load(q[first], 6, count, 6, u);
+        done = rounds > 0 ? lanes_polish(m, target, LANES_OF(1.0), &rounds, u) : LANES_OF(0.0);
+        *budget -= count * (rounds + 1 < most ? rounds + 1 : most);
+        lanes_store(u, 6, 6, count, rows[0]);
+        for (i = 0; i < count; ++i) {
+            met[first + i] = ((const real *)&done)[i] > 0.5;
+            copy(rows[i], q[first + i], 6);
+            if (!met[first + i]) { /* a straggler is not to hold up the others */
+                int few = *budget < 5 ? *budget : 5;
+                *budget -= few;
+                met[first + i] = (unsigned char)polish(m, F, q[first + i], &few);
+                *budget += few;
+            }
+        }
+    }
+}
+#else
+static void polish_all(const model *m, const real *F, int n, real (*q)[6], unsigned char *met, int *budget)
+{
+    int i;
+    for (i = 0; i < n; ++i) {
+        met[i] = (unsigned char)polish(m, F, q[i], budget);
+    }
+}
+#endif

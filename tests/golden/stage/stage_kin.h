@@ -36,10 +36,13 @@ typedef double stage_real;
 /* What was generated: 1, or 0 for what is not there. */
 #define stage_HAS_WARM 1 /* fk, jac, ik from a guess nearby, compensate */
 #define stage_HAS_COLD 1 /* ik from any guess */
-#define stage_HAS_BRANCHES 0 /* ik_all */
+#define stage_HAS_BRANCHES 1 /* ik_all */
 #define stage_HAS_P 1 /* parameters at run time */
 #define stage_HAS_BATCH 1 /* stage_batch.h */
 #define stage_HAS_STATE 0 /* stage_state.h: drivers that remember */
+
+#define stage_BRANCHES 16 /* joints that ik_all may find for one pose */
+#define stage_MAX_ALL 20000 /* evaluations of the model in one ik_all, at most */
 
 /* Places in p. */
 #define stage_P_q1_beta 0 /* rad: q1.beta */
@@ -99,6 +102,12 @@ int stage_fk_from(const stage_real *p, const stage_real *z, const stage_real q[s
    0 only when T is met within 1e-06 mm and 1e-09 rad; joint ranges hold to the same tolerance. */
 int stage_ik(const stage_real *p, const stage_real *z, const stage_real T[12],
     const stage_real q_guess[stage_N], stage_real q[stage_N]);
+
+/* All joints within their ranges that put the tool at T, one after the other in q, and how many; joints that differ by
+   full turns count once, that nearest the middle of its range. Those that Newton's method finds from starts spread
+   over the ranges, until 320 in a row lead to none that is new. */
+int stage_ik_all(const stage_real *p, const stage_real *z, const stage_real T[12],
+    stage_real q[stage_BRANCHES * stage_N], int *count);
 
 /* [v; w] at the tool in the base frame by dq: row-major, mm and rad a unit of q. */
 int stage_jac(const stage_real *p, const stage_real *z, const stage_real q[stage_N],

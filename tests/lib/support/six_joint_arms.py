@@ -25,12 +25,16 @@ _FIELDS = ("beta", "alpha", "d", "theta", "r")
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm by its table: rows (6, 5) of beta, alpha (deg), d (mm), theta (deg), r (mm), and ranges (6, 2), deg."""
+    """An arm by its table: rows (6, 5) of beta, alpha (deg), d (mm), theta (deg), r (mm), and ranges (6, 2), deg.
+
+    ``slides`` are the joints (from 0) that slide; their ranges are mm.
+    """
 
     name: str
     table: Array
     ranges: Array
     tool: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    slides: tuple[int, ...] = ()
 
     @property
     def text(self) -> str:
@@ -40,7 +44,8 @@ class Arm:
             numbers = ", ".join(
                 f"{field}: {value!r}" for field, value in zip(_FIELDS, row.tolist(), strict=True)
             )
-            rows.append(f"    - {{name: q{k}, kind: revolute, {numbers}, range: [{low}, {high}]}}\n")
+            kind = "prismatic" if k - 1 in self.slides else "revolute"
+            rows.append(f"    - {{name: q{k}, kind: {kind}, {numbers}, range: [{low}, {high}]}}\n")
         head = f"schema: truepose/machine/1\nname: {self.name}\nmechanism:\n  type: serial\n  joints:\n"
         return head + "".join(rows) + f"frames: {{tool: {{in: flange, xyz: {list(self.tool)}}}}}\n"
 
@@ -51,9 +56,14 @@ class Arm:
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """Joint ranges (6,), (6,), rad."""
-        low, high = np.radians(self.ranges).T
+        """Joint ranges (6,), (6,), rad; mm of slides."""
+        low, high = np.where(self.slide[:, None], self.ranges, np.radians(self.ranges)).T
         return low, high
+
+    @property
+    def slide(self) -> NDArray[np.bool_]:
+        """(6,): whether each joint slides."""
+        return np.isin(np.arange(6), self.slides)
 
     def readings(self, count: int, seed: int) -> Array:
         """(count, 6) anywhere within the ranges."""
@@ -75,8 +85,9 @@ class Arm:
         pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
         out = []
         for k, ((*_, theta, r), fixed) in enumerate(zip(self.table, self._fixed, strict=True)):
-            turned = fixed @ _turn(2, np.radians(theta) + q[:, k])
-            turned[:, :, 3] += r * turned[:, :, 2]
+            angle, along = (0.0 * q[:, k], q[:, k, None]) if k in self.slides else (q[:, k], 0.0)
+            turned = fixed @ _turn(2, np.radians(theta) + angle)
+            turned[:, :, 3] += (r + along) * turned[:, :, 2]
             pose = pose @ turned
             out.append(pose)
         out.append(pose @ _shift(*self.tool))
@@ -189,7 +200,7 @@ def built(where: Path, name: str, flags: tuple[str, ...] = ()) -> BuiltArm:
     files = generate(arm.machine(where), directory)
     assert any(file.name == f"{name}_batch.c" for file in files)
     sources = [str(INSIDE), f"{name}_batch.c"]
-    inside = ["-I.", f'-DFILE_OF_ARM="{name}_kin.c"']
+    inside = ["-I.", f'-DFILE_OF_ARM="{name}_kin.c"', *(["-DNO_DRAWN_ARM"] if name in GENERAL else [])]
     command = [
         COMPILER,
         *WARNINGS,
@@ -284,4 +295,20 @@ BUILT = {
     name: _as_built(arm, name, seed)
     for seed, (name, arm) in enumerate((("ur_built", _UR), ("turned_built", _TURNED), ("puma_built", _PUMA)))
 }
-ARMS = {**DRAWN, **BUILT, "general": _GENERAL}
+_OFFSET = _drawn(
+    "offset", (0, -90, 180, -90, 90, -90), (0, 0, 540, 0, 0, 0), (0, 0, 0, -540, 150, -160), _ROUND
+)
+"""The wrist of FANUC's CRX-10iA: its axes do not meet."""
+_RAIL = replace(
+    _as_built(_GENERAL, "rail_built", 9),
+    ranges=np.array([*_ROUND[:2], (-250, 400), *_ROUND[3:]]),
+    slides=(2,),
+)
+_GANTRY = replace(
+    _as_built(_PUMA, "gantry_built", 10), ranges=np.array([*3 * [(-300, 300)], *_ROUND[3:]]), slides=(0, 1, 2)
+)
+GENERAL = {
+    arm.name: arm for arm in (_GENERAL, _OFFSET, _as_built(_OFFSET, "offset_built", 8), _RAIL, _GANTRY)
+}
+"""Arms similar to none with a closed form."""
+ARMS = {**DRAWN, **BUILT, **GENERAL}
