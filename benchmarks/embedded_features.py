@@ -23,7 +23,11 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from benchmarks.embedded import REALS, SEED, ur10
+sys.path.insert(
+    0, str(Path(__file__).resolve().parent)
+)  # benchmarks/, where these modules stand by themselves
+from embedded import REALS, SEED, ur10
+
 from truepose.codegen.c import generate
 from truepose.codegen.embedded.measure import OPTIMISATIONS, Measurement, measure
 from truepose.codegen.features import ALL, Features
