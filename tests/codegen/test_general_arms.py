@@ -201,6 +201,8 @@ def test_what_finds_branches_is_there_only_where_it_is_used(root_directory: Path
             assert len(re.findall(rf"\b{function}\b", text)) > 1, function
     similar = name == "puma_built"
     assert "findings" not in texts["warm"] and ("findings" in texts["cold,p"]) == similar
+    for features, text in texts.items():  # nor anything for vector lanes, which it alone has in this file
+        assert ("#undef LINES" in text) == ("findings" in text), features
     assert "collect" not in texts["cold,p"] and "look_beside" not in texts["cold,p"]
     assert "collect" in texts["cold,branches"]
 
