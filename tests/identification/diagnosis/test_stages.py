@@ -12,6 +12,7 @@ from support.searched_arm import ARM, SCALE
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import stages
 from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -97,13 +98,13 @@ def test_a_set_without_a_minimum_among_more_rows_is_found_again(
 ) -> None:
     """The first fit of a further stage that has effects fails once; the search then begins without them."""
     machine, recording = arm
-    real, failed = stages.estimate, list[int]()
+    failed = list[int]()
 
     def once(*args: Any, **more: Any) -> Any:
         if args[2] and "exclude" in more and more["start"] is not None and not failed:
             failed.append(1)
             raise ConvergenceError("no minimum")
-        return real(*args, **more)
+        return estimate(*args, **more)
 
     monkeypatch.setattr(stages, "MANY", 100)
     monkeypatch.setattr(stages, "estimate", once)
