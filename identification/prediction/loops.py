@@ -13,9 +13,12 @@ from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.models.closure import ROUNDS, closed
 from truepose.models.home import coordinate_scale, slides_of
 from truepose.models.kinematics import SymbolicModel
+from truepose.threads import in_order
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+TOGETHER = 16_384
+"""Rows whose loops are closed together: each has a matrix as wide as it has passive coordinates."""
 _STEPS = 8
 _FEW = 12
 """Rounds of Newton's method for rows that are given up where it does not get there."""
@@ -66,12 +69,20 @@ class Loops:
     def _closed(
         self, x: Array, q: Array, z: Array, p: Array, rounds: int = ROUNDS, grown: Array | float = 1.0
     ) -> tuple[Array, Mask]:
-        def equations(x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-            g, gx, gap = self.closure(x, q[rows], z[rows], p)
-            return g, gx, gap
-
         scale = replace(self.scale, size=self.scale.size * grown, limit=self.scale.limit * grown)
-        return closed(equations, x, scale, rounds=rounds)
+
+        def some(first: int) -> tuple[Array, Mask]:
+            own = slice(first, first + TOGETHER)
+            some_q, some_z = q[own], z[own]
+
+            def equations(x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+                g, gx, gap = self.closure(x, some_q[rows], some_z[rows], p)
+                return g, gx, gap
+
+            return closed(equations, x[own], scale, rounds=rounds)
+
+        found = list(in_order(some, range(0, max(len(x), 1), TOGETHER)))
+        return np.concatenate([x for x, _ in found]), np.concatenate([good for _, good in found])
 
     def _continue(
         self, x: Array, good: Mask, at: tuple[Array, Array, Array], origin: NDArray[np.intp] | None
