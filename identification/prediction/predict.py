@@ -28,6 +28,8 @@ from truepose.wording import joined
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+TOGETHER = 16_384
+"""Rows that are predicted together."""
 POSE = ("pose.x", "pose.y", "pose.z", "pose.rx", "pose.ry", "pose.rz")
 
 
@@ -87,15 +89,30 @@ def predicted(predictor: Predictor, *, with_std: bool = True) -> Prediction:
         )
     x, good = predictor.assemble(p)
     x[~good] = predictor.model.home
-    _, values, jacobian, poses = predictor.columns(p, x)
+    parts = [_of_some(predictor.of_rows(rows), p, x[rows], with_std) for rows in _parted(machine, len(x))]
+    values, poses, std = (None if own[0] is None else np.concatenate(own) for own in zip(*parts, strict=True))
+    assert values is not None
+    assert poses is not None
     good = _complete(machine, predictor.recording, good)
     values, poses = np.where(good[:, None], values, np.nan), np.where(good[:, None, None], poses, np.nan)
-    if not with_std:
-        return Prediction(columns, values, None, poses, good)
-    std = np.where(
-        good[:, None], column_std(predictor, np.nan_to_num(values), np.nan_to_num(jacobian)), np.nan
+    return Prediction(
+        columns, values, None if std is None else np.where(good[:, None], std, np.nan), poses, good
     )
-    return Prediction(columns, values, std, poses, good)
+
+
+def _parted(machine: Machine, rows: int) -> list[NDArray[np.intp]]:
+    """Rows that are predicted together: all where a reading compares rows, else some at a time, for their derivatives."""
+    step = max(rows, 1) if any(s.compares or s.differs_from_row for s in machine.sensors) else TOGETHER
+    return [np.arange(start, min(start + step, rows)) for start in range(0, max(rows, 1), step)]
+
+
+def _of_some(predictor: Predictor, p: Array, x: Array, with_std: bool) -> tuple[Array, Array, Array | None]:
+    """Values (n, k), poses (n, 4, 4) and, where they are wanted, 1-sigmas (n, k) of the predictor's rows."""
+    if not with_std:
+        _, values, poses = predictor.values(p, x)
+        return values, poses, None
+    _, values, jacobian, poses = predictor.columns(p, x)
+    return values, poses, column_std(predictor, np.nan_to_num(values), np.nan_to_num(jacobian))
 
 
 def unassembled(recording: Recording, frame: pd.DataFrame) -> list[str]:
