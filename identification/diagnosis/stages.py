@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import outliers
-from truepose.identification.diagnosis.null_fits import Fits, free_fit
+from truepose.identification.diagnosis.null_fits import Fits, refitted
 from truepose.identification.diagnosis.search import ROUGH, Expansion, Start, noise_at, settled, start_from
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prior import STATED
@@ -63,18 +63,17 @@ def further(
     machine = near.signatures.machine
     progress(f"{FITTING} {len(recording):,} rows")
     far, fit = _fitted(near, recording)
-    before = estimate(machine, recording, machine.effects, start=fits.before.p, exclude=far)
-    fits = Fits(free_fit(machine, recording, before, far, fits.free.p), before, far)
+    fits = refitted(machine, recording, fits, far)
     progress(f"{WEIGHING} {len(recording):,} rows with {len(near.catalogue.candidates)} explanations")
     begun = Start(
         near.signatures.over(recording),
         near.catalogue,
-        before if fit is None else fit,
+        fits.before if fit is None else fit,
         dict.fromkeys(near.catalogue.stated, STATED) if fit is None else near.start.accepted,
         far,
         fits.rms,
         near.start.refined,
-        bare=Signatures(machine, recording, ()).linearise(before).bare(),
+        bare=Signatures(machine, recording, ()).linearise(fits.before).bare(),
         known=near.known[0] if near.known and fit is not None else None,
         halved=len(recording) == len(recording.whole),
     )

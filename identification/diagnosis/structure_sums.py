@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
+from truepose.identification.prediction.blocks import TOGETHER
+
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-BLOCK = 16_384
-"""Rows that are summed together."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class StructureSums:
         """``order`` (n,): indices that put rows in the order of acquisition."""
         width = sum(one.width for one in functions.values())
         squares, products = np.zeros((width, width)), np.zeros((width, residual.shape[1]))
-        for start in range(0, len(residual), BLOCK):
-            rows = slice(start, start + BLOCK)
+        for start in range(0, len(residual), TOGETHER):
+            rows = slice(start, start + TOGETHER)
             phi = np.hstack([one.at(rows) for one in functions.values()])
             squares += phi.T @ phi
             products += phi.T @ residual[rows]
@@ -98,8 +98,8 @@ def _orthonormal(squares: Array, functions: Mapping[str, Functions]) -> tuple[Ar
 def _lag(residual: Array, order: Index) -> float:
     """The sum of products of neighbours over the root of their number."""
     total = 0.0
-    for start in range(0, len(order) - 1, BLOCK):
-        here = residual[order[start : start + BLOCK + 1]]
+    for start in range(0, len(order) - 1, TOGETHER):
+        here = residual[order[start : start + TOGETHER + 1]]
         total += float(np.sum(here[1:] * here[:-1]))
     return total / float(np.sqrt((len(order) - 1) * residual.shape[1]))
 

@@ -14,6 +14,8 @@ from truepose.identification.prediction.by_ports import ByPorts, Part
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
+TOGETHER = 16_384
+"""Rows of which wide matrices are held at a time, where one block after another would be slow. Cost alone."""
 
 
 @dataclass(frozen=True)
@@ -105,4 +107,4 @@ def joined(rows: slice, parts: Sequence[Block]) -> Block:
     return Block(rows, residual, dense, compare, lost)
 
 
-__all__ = ["Block", "joined", "written_out"]
+__all__ = ["TOGETHER", "Block", "joined", "written_out"]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from truepose.codegen.evaluation.batch import BatchFunction
+from truepose.identification.prediction.blocks import TOGETHER
 from truepose.models.closure import ROUNDS, closed
 from truepose.models.home import coordinate_scale, slides_of
 from truepose.models.kinematics import SymbolicModel
@@ -17,8 +18,6 @@ from truepose.threads import in_order
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-TOGETHER = 16_384
-"""Rows whose loops are closed together: each has a matrix as wide as it has passive coordinates."""
 _STEPS = 8
 _FEW = 12
 """Rounds of Newton's method for rows that are given up where it does not get there."""

@@ -14,6 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.prediction.blocks import TOGETHER
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.spread import column_std
@@ -28,8 +29,6 @@ from truepose.wording import joined
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-TOGETHER = 16_384
-"""Rows that are predicted together."""
 POSE = ("pose.x", "pose.y", "pose.z", "pose.rx", "pose.ry", "pose.rz")
 
 

@@ -179,7 +179,7 @@ def test_sums_over_very_many_rows_tell_the_same_of_structure(
     error = noise(case, seed) + 0.5 * np.sin(4.0 * clocked.q[:, [1]])
     by_rows = structure_alarm(left(case, error), clocked)
     monkeypatch.setattr(alarms, "LARGEST_PROJECTION", 0)
-    monkeypatch.setattr(structure_sums, "BLOCK", 7 + seed)
+    monkeypatch.setattr(structure_sums, "TOGETHER", 7 + seed)
     by_sums = structure_alarm(left(case, error), clocked)
     assert by_sums.about == by_rows.about
     assert (by_sums.statistic, by_sums.share) == pytest.approx((by_rows.statistic, by_rows.share), rel=1e-9)
