@@ -30,6 +30,42 @@ RANGES = np.array([(-165, 165), (-110, 110), (-110, 70), (-160, 160), (-120, 120
 TOOL = (12.0, -7.0, 93.0, 3.0, -5.0, 20.0)
 SCALE = 8e-4
 """Of the reading of axis 4 of the real arm."""
+RAPID_MODULE = """MODULE weld
+  ! CONST robtarget no:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  TASK PERS wobjdata fix:=[FALSE,TRUE,"a; b",[[100,0,0],[1,0,0,0]],[[0,50,0],[0.70710678,0,0,0.70710678]]];
+  PERS wobjdata held:=[TRUE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+  PERS wobjdata turning:=[FALSE,FALSE,"STN1",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+  LOCAL CONST robtarget p10 := [ [ 400 , 1.5 , 2E2 ],
+      [ 1 , 0 , 0 , 0 ],
+      [ 0 , 0 , 0 , 0 ] , [ 9E+09 , 9E9 , 9E9 , 9E9 , 9E9 , 9E9 ] ];
+  CONST robtarget many{2}:=[[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],
+    [[4,5,6],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]];
+  CONST robtarget track:=[[1,2,3],[1,0,0,0],[0,0,0,0],[1500,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget named:=[[x0,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget twice:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget part:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget spun:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget odd:=[[1,2,3],[0.5,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget arc:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget sets:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST jointtarget home:=[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  PROC main()
+    TPWrite "MoveL p10";
+    MoveAbsJ home\\NoEOffs,v500,fine,tool0;
+    MoveL p10,v100\\V:=50,z10,gun\\WObj:=fix;
+    MoveC many{1},many{2},v100,fine,gun;
+    ArcL\\On,arc,v100,seam1,weld1\\Weave:=w,fine,gun\\WObj:=fix;
+    MoveLDO sets,v100,z10,gun,do1,1;
+    MoveL Offs(p10,0,0,50),v100,z10,gun\\WObj:=fix;
+    MoveL twice,v100,z10,gun\\WObj:=fix;
+    MoveL twice,v100,z10,gun;
+    MoveL part,v100,z10,gun\\WObj:=held;
+    MoveL spun,v100,z10,gun\\WObj:=turning;
+    MoveL [[7,8,9],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,z10,gun\\WObj:=cell;
+    p10.trans.z := 5;
+  ENDPROC
+ENDMODULE
+"""
 
 
 def step(row: Array, q: float) -> Array:
