@@ -65,11 +65,16 @@ class Found:
 def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Expansion:
     """Where the mode stays, from the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary
     whitened residual."""
-    more = proposed(signatures, null, cat)
-    if more is not cat:
-        signatures, cat = signatures.of(more.candidates), more
-    signatures = signatures.seen_from(null)
+    signatures, cat = prepared(signatures, null, cat)
     return settled(Start(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms))
+
+
+def prepared(signatures: Signatures, fit: Estimate, cat: Catalogue) -> tuple[Signatures, Catalogue]:
+    """With the lines that a fit leaves among the candidates, and long series in the directions that its readings see."""
+    more = proposed(signatures, fit, cat)
+    if more is not cat:
+        signatures = signatures.of(more.candidates)
+    return signatures.seen_from(fit), more
 
 
 def settled(start: Start) -> Expansion:

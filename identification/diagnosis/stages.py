@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import outliers
 from truepose.identification.diagnosis.null_fits import Fits, refitted
-from truepose.identification.diagnosis.search import ROUGH, Expansion, Start, noise_at, settled, start_from
+from truepose.identification.diagnosis.search import (
+    ROUGH,
+    Expansion,
+    Start,
+    noise_at,
+    prepared,
+    settled,
+    start_from,
+)
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prior import STATED
 from truepose.identification.recording.recording import Recording
@@ -64,12 +72,14 @@ def further(
     progress(f"{FITTING} {len(recording):,} rows")
     far, fit = _fitted(near, recording)
     fits = refitted(machine, recording, fits, far)
-    progress(f"{WEIGHING} {len(recording):,} rows with {len(near.catalogue.candidates)} explanations")
+    cat, begins = near.catalogue, fits.before if fit is None else fit
+    signatures, cat = prepared(Signatures(machine, recording, cat.candidates), begins, cat)
+    progress(f"{WEIGHING} {len(recording):,} rows with {len(cat.candidates)} explanations")
     begun = Start(
-        near.signatures.over(recording),
-        near.catalogue,
-        fits.before if fit is None else fit,
-        dict.fromkeys(near.catalogue.stated, STATED) if fit is None else near.start.accepted,
+        signatures,
+        cat,
+        begins,
+        dict.fromkeys(cat.stated, STATED) if fit is None else near.start.accepted,
         far,
         fits.rms,
         near.start.refined,

@@ -63,12 +63,6 @@ class Signatures:
         other._turn(self._by_label)
         return other
 
-    def over(self, recording: Recording) -> Signatures:
-        """The same candidates, in the same directions, over other rows."""
-        other = Signatures(self.machine, recording, self.candidates)
-        other._turn(self._by_label)
-        return other
-
     def seen_from(self, fit: Estimate) -> Signatures:
         """The same with long series in the directions that the readings fitted there see; what has them keeps them."""
         wide = series_ports(self.candidates, self._shifts.layout)
