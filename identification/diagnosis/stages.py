@@ -22,12 +22,14 @@ from truepose.identification.diagnosis.search import (
     Start,
     noise_at,
     prepared,
+    search,
     settled,
     start_from,
 )
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prior import STATED
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine import Machine
 
@@ -61,12 +63,28 @@ def sizes(machine: Machine, recording: Recording) -> list[int]:
     return [len(rows) for rows in stages(machine, recording)[1:]]
 
 
+def first(machine: Machine, recording: Recording, fits: Fits, cat: Catalogue) -> tuple[Fits, Expansion]:
+    """The fits without effects, and where the mode stays, by a search of these rows from nothing; once more where other rows
+    are far off beside what it finds."""
+    signatures = Signatures(machine, recording, cat.candidates)
+    near = search(signatures, cat, fits.before, fits.outliers, fits.rms)
+    again = _far(near.fit, recording)
+    if np.array_equal(again, fits.outliers):
+        return fits, near
+    fits = refitted(machine, recording, fits, again)
+    # a short one is quick from nothing
+    start = None if near.short else near.without(again, fits.before, fits.rms)
+    del near
+    return fits, search(signatures, cat, fits.before, again, fits.rms) if start is None else settled(start)
+
+
 def further(
     near: Expansion, fits: Fits, recording: Recording, progress: Callable[[str], None]
 ) -> tuple[Fits, Expansion]:
     """The fits without effects, and where the mode stays, with more rows; from where it stayed with fewer.
 
-    Where its set has no minimum with all of them, the search begins from what the file states.
+    Where its set has no minimum with all of them, the search begins from what the file states. It goes on once more where
+    other rows are far off beside what it finds.
     """
     machine = near.signatures.machine
     progress(f"{FITTING} {len(recording):,} rows")
@@ -88,7 +106,16 @@ def further(
         halved=len(recording) == len(recording.whole),
     )
     del near
-    return fits, settled(begun)
+    near = settled(begun)
+    again = _far(near.fit, recording)
+    if np.array_equal(again, far):
+        return fits, near
+    others = refitted(machine, recording, fits, again)
+    start = near.without(again, others.before, others.rms)
+    if start is None:
+        return fits, near
+    del near
+    return others, settled(start)
 
 
 def _fitted(near: Expansion, recording: Recording) -> tuple[Mask, Estimate | None]:
@@ -96,11 +123,16 @@ def _fitted(near: Expansion, recording: Recording) -> tuple[Mask, Estimate | Non
     machine, terms = near.signatures.machine, near.terms(near.start.accepted)
     noise = noise_at(near.problem, near.known[0]) if near.known else 1.0
     fitted = partial(estimate, machine, recording, terms, start=start_from(near.fit, terms), noise=noise)
-    far = outliers.outlying_rows(fitted(tolerance=np.inf), recording, ~recording.validation)
+    far = _far(fitted(tolerance=np.inf), recording)
     try:
         return far, fitted(exclude=far, tolerance=ROUGH)
     except ConvergenceError:
         return far, None
 
 
-__all__ = ["FITTING", "WEIGHING", "further", "sizes", "stages"]
+def _far(fit: Estimate, recording: Recording) -> Mask:
+    """Rows (n,) that were to be fitted and are far off."""
+    return outliers.outlying_rows(fit, recording, ~recording.validation)
+
+
+__all__ = ["FITTING", "WEIGHING", "first", "further", "sizes", "stages"]
