@@ -34,8 +34,9 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine import Machine
 
 Mask = NDArray[np.bool_]
-MANY, STEP = 20_000, 10
-"""Calibration rows up to which a search has all of them from the beginning, and how many times more follow. Cost alone."""
+MANY, SPARED, STEP = 20_000, 2.0, 10.0
+"""Calibration rows that a search begins with where there are more than so many times as many, and how many times more follow
+at most. Cost alone."""
 SEED = 23
 FITTING, WEIGHING = "fitting", "weighing"
 """How it is told what goes on with more rows."""
@@ -44,18 +45,27 @@ FITTING, WEIGHING = "fitting", "weighing"
 def stages(machine: Machine, recording: Recording) -> list[Recording]:
     """The rows that a search has, one stage after another; the last has all.
 
-    One row is drawn of each ten that follow each other, so that no motion is in step with them. Where a reading compares rows
+    One row is drawn of each few that follow each other, so that no motion is in step with them. Where a reading compares rows
     a part of them says something else, and there is one stage.
     """
     out, rows = [recording], recording.in_time(~recording.validation)
     if any(sensor.compares or sensor.differs_from_row for sensor in machine.sensors):
         return out
     rng = np.random.default_rng(SEED)
-    while len(rows) > MANY:
-        groups = len(rows) // STEP
-        rows = rows[np.arange(groups) * STEP + rng.integers(0, STEP, groups)]
+    for count in _fewer(len(rows)):
+        edges = np.linspace(0, len(rows), count + 1).astype(np.int64)
+        rows = rows[edges[:-1] + rng.integers(0, np.diff(edges))]
         out.insert(0, recording.subset(np.sort(rows)))
     return out
+
+
+def _fewer(rows: int) -> list[int]:
+    """How many rows the stages before all of them have, the largest first: from ``MANY`` on always the same times more."""
+    times = rows / MANY
+    if times <= SPARED:
+        return []
+    further = int(np.ceil(np.log(times) / np.log(STEP)))
+    return [round(MANY * times ** (k / further)) for k in reversed(range(further))]
 
 
 def sizes(machine: Machine, recording: Recording) -> list[int]:
