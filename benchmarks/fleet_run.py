@@ -30,9 +30,9 @@ from scipy.spatial.transform import Rotation
 from truepose.identification.fleet.record import Record
 from truepose.identification.fleet.store import JOURNAL, Journal, Store
 from truepose.identification.running.ending import Folders, ended
-from truepose.identification.running.pool import Cores, Pool, cluster
 from truepose.identification.running.run import run_fleet
 from truepose.identification.running.work import Options
+from truepose.pool import Cores, Pool, cluster
 
 Array = NDArray[np.float64]
 SIGMA, LENGTH, ANGLE = 0.01, 0.1, 0.0005

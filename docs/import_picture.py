@@ -38,7 +38,7 @@ FOLDERS = {
 FLOORS = (
     ("errors", "wording", "shown", "version"),
     ("publication",),
-    ("files", "threads"),
+    ("files", "threads", "pool"),
     ("models",),
     ("models.sensors", "models.builders"),
     ("models.effects",),

@@ -20,6 +20,7 @@ from typing import Generic, TypeVar
 from truepose.errors import InputError
 
 T = TypeVar("T")
+_PREFIX = "truepose_plugin_"
 
 
 class Registry(Generic[T]):
@@ -72,8 +73,7 @@ def load_plugin(path: Path) -> ModuleType:
     there: files of one name in two folders do not clash. Raises InputError when the file cannot be run; its
     module is then forgotten.
     """
-    path = Path(path)
-    name = f"truepose_plugin_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}"
+    path, name = Path(path), _module_name(path)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None or not path.is_file():
         raise InputError(
@@ -87,3 +87,19 @@ def load_plugin(path: Path) -> ModuleType:
         del sys.modules[name]
         raise InputError(f"{path}: the plugin cannot be loaded: {type(exc).__name__}: {exc}") from exc
     return module
+
+
+def load_once(path: Path) -> None:
+    """The same, unless it was loaded before."""
+    if _module_name(path) not in sys.modules:
+        load_plugin(path)
+
+
+def loaded_plugins() -> tuple[Path, ...]:
+    """Absolute paths of the files that were loaded, in their order."""
+    files = [module.__file__ for name, module in sys.modules.items() if name.startswith(_PREFIX)]
+    return tuple(Path(file).resolve() for file in files if file is not None)
+
+
+def _module_name(path: Path) -> str:
+    return f"{_PREFIX}{hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:12]}_{Path(path).stem}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import resource
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 from truepose.commands.gate import gated
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.report.files import write_diagnosis
+from truepose.pool import rows_on
 
 
 class Stages:
@@ -29,15 +31,17 @@ class Stages:
         self._name, self._since = text, now
 
 
-def main(machine: str, recording: str) -> None:
-    """Run and print."""
+def main(machine: str, recording: str, dask: str = "") -> None:
+    """Run and print; ``dask``: address of a cluster that sums up the rows."""
     began, stages = time.monotonic(), Stages()
     stages.say("reading and checking")
     loaded, rows, check = gated(Path(machine), [Path(recording)])
-    result = diagnose(loaded, rows, progress=stages.say)
+    with rows_on(dask):
+        result = diagnose(loaded, rows, progress=stages.say)
     stages.say("writing the report")
     with tempfile.TemporaryDirectory() as folder:
         write_diagnosis(result, Path(folder), check=check)
+        digest = hashlib.sha256((Path(folder) / "diagnosis.json").read_bytes()).hexdigest()
         size = (Path(folder) / "report.html").stat().st_size
     stages.say("")
     found = {
@@ -48,6 +52,7 @@ def main(machine: str, recording: str) -> None:
         "stages": stages.seconds,
         "report": size,
         "verdict": result.verdict,
+        "digest": digest,
         "names": [
             [f.effect, list(f.place), f.probability, {n: [q.value, q.std] for n, q in f.parameters.items()}]
             for f in result.findings

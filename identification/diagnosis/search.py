@@ -198,9 +198,9 @@ class Expansion:
     def without(self, exclude: Mask, null: Estimate, rms: float) -> Start | None:
         """A start for a search with other rows left out, from this one's end; ``null`` is the fit without effects to them.
 
-        None where the set is short, so that a search from nothing is quick, or where there is no minimum.
+        None where nothing was found yet, or where there is no minimum.
         """
-        if self.short or not self.known:
+        if not self.known:
             return None
         start, signatures = self.start, self.signatures
         bare = Signatures(signatures.machine, signatures.recording, ()).linearise(null).bare()

@@ -22,18 +22,21 @@ from truepose.identification.diagnosis.search import (
     Start,
     noise_at,
     prepared,
+    search,
     settled,
     start_from,
 )
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prior import STATED
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine import Machine
 
 Mask = NDArray[np.bool_]
-MANY, STEP = 20_000, 10
-"""Calibration rows up to which a search has all of them from the beginning, and how many times more follow. Cost alone."""
+MANY, SPARED, STEP = 20_000, 2.0, 10.0
+"""Calibration rows that a search begins with where there are more than so many times as many, and how many times more follow
+at most. Cost alone."""
 SEED = 23
 FITTING, WEIGHING = "fitting", "weighing"
 """How it is told what goes on with more rows."""
@@ -42,18 +45,27 @@ FITTING, WEIGHING = "fitting", "weighing"
 def stages(machine: Machine, recording: Recording) -> list[Recording]:
     """The rows that a search has, one stage after another; the last has all.
 
-    One row is drawn of each ten that follow each other, so that no motion is in step with them. Where a reading compares rows
+    One row is drawn of each few that follow each other, so that no motion is in step with them. Where a reading compares rows
     a part of them says something else, and there is one stage.
     """
     out, rows = [recording], recording.in_time(~recording.validation)
     if any(sensor.compares or sensor.differs_from_row for sensor in machine.sensors):
         return out
     rng = np.random.default_rng(SEED)
-    while len(rows) > MANY:
-        groups = len(rows) // STEP
-        rows = rows[np.arange(groups) * STEP + rng.integers(0, STEP, groups)]
+    for count in _fewer(len(rows)):
+        edges = np.linspace(0, len(rows), count + 1).astype(np.int64)
+        rows = rows[edges[:-1] + rng.integers(0, np.diff(edges))]
         out.insert(0, recording.subset(np.sort(rows)))
     return out
+
+
+def _fewer(rows: int) -> list[int]:
+    """How many rows the stages before all of them have, the largest first: from ``MANY`` on always the same times more."""
+    times = rows / MANY
+    if times <= SPARED:
+        return []
+    further = int(np.ceil(np.log(times) / np.log(STEP)))
+    return [round(MANY * times ** (k / further)) for k in reversed(range(further))]
 
 
 def sizes(machine: Machine, recording: Recording) -> list[int]:
@@ -61,12 +73,28 @@ def sizes(machine: Machine, recording: Recording) -> list[int]:
     return [len(rows) for rows in stages(machine, recording)[1:]]
 
 
+def first(machine: Machine, recording: Recording, fits: Fits, cat: Catalogue) -> tuple[Fits, Expansion]:
+    """The fits without effects, and where the mode stays, by a search of these rows from nothing; once more where other rows
+    are far off beside what it finds."""
+    signatures = Signatures(machine, recording, cat.candidates)
+    near = search(signatures, cat, fits.before, fits.outliers, fits.rms)
+    again = _far(near.fit, recording)
+    if np.array_equal(again, fits.outliers):
+        return fits, near
+    fits = refitted(machine, recording, fits, again)
+    # a short one is quick from nothing
+    start = None if near.short else near.without(again, fits.before, fits.rms)
+    del near
+    return fits, search(signatures, cat, fits.before, again, fits.rms) if start is None else settled(start)
+
+
 def further(
     near: Expansion, fits: Fits, recording: Recording, progress: Callable[[str], None]
 ) -> tuple[Fits, Expansion]:
     """The fits without effects, and where the mode stays, with more rows; from where it stayed with fewer.
 
-    Where its set has no minimum with all of them, the search begins from what the file states.
+    Where its set has no minimum with all of them, the search begins from what the file states. It goes on once more where
+    other rows are far off beside what it finds.
     """
     machine = near.signatures.machine
     progress(f"{FITTING} {len(recording):,} rows")
@@ -88,7 +116,16 @@ def further(
         halved=len(recording) == len(recording.whole),
     )
     del near
-    return fits, settled(begun)
+    near = settled(begun)
+    again = _far(near.fit, recording)
+    if np.array_equal(again, far):
+        return fits, near
+    others = refitted(machine, recording, fits, again)
+    start = near.without(again, others.before, others.rms)
+    if start is None:
+        return fits, near
+    del near
+    return others, settled(start)
 
 
 def _fitted(near: Expansion, recording: Recording) -> tuple[Mask, Estimate | None]:
@@ -96,11 +133,16 @@ def _fitted(near: Expansion, recording: Recording) -> tuple[Mask, Estimate | Non
     machine, terms = near.signatures.machine, near.terms(near.start.accepted)
     noise = noise_at(near.problem, near.known[0]) if near.known else 1.0
     fitted = partial(estimate, machine, recording, terms, start=start_from(near.fit, terms), noise=noise)
-    far = outliers.outlying_rows(fitted(tolerance=np.inf), recording, ~recording.validation)
+    far = _far(fitted(tolerance=np.inf), recording)
     try:
         return far, fitted(exclude=far, tolerance=ROUGH)
     except ConvergenceError:
         return far, None
 
 
-__all__ = ["FITTING", "WEIGHING", "further", "sizes", "stages"]
+def _far(fit: Estimate, recording: Recording) -> Mask:
+    """Rows (n,) that were to be fitted and are far off."""
+    return outliers.outlying_rows(fit, recording, ~recording.validation)
+
+
+__all__ = ["FITTING", "WEIGHING", "first", "further", "sizes", "stages"]

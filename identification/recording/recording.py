@@ -182,6 +182,8 @@ class Recording(Shown):
         the order of acquisition where no clock was recorded (`place_in_order`). Where no column tells the side that a joint
         arrived from, the order of the rows does, unless they are `shuffled`.
         """
+        if sessions is None and name in self._told:
+            return self._told[name]
         driver = Driver.of(name)
         if driver.after is not None:
             return frozen((self.session_rank(sessions) >= driver.after).astype(np.float64))
@@ -235,6 +237,14 @@ class Recording(Shown):
             _whole=self.whole,
             _rows=index if self._rows is None else frozen(self._rows[index]),
         )
+
+    def alone(self, rows: Rows, drivers: Sequence[str]) -> Recording:
+        """Some rows without the whole that they are of, for work elsewhere; they keep what these drivers are there."""
+        part = self.subset(rows)
+        told = {name: part.driver(name) for name in drivers if name not in part.logged}
+        alone = replace(part, _whole=None, _rows=None)
+        alone._told.update(told)
+        return alone
 
     def _index(self, wanted: slice | IntArray | BoolArray) -> IntArray:
         """(k,) places from 0 on; those counted from the end are."""

@@ -25,8 +25,8 @@ from truepose.identification.fleet.result import Fleet
 from truepose.identification.fleet.summary import KEPT
 from truepose.identification.learned_prior import read_prior
 from truepose.identification.running.ending import Folders, ended
-from truepose.identification.running.pool import Pool, each
 from truepose.identification.running.work import Options, Task, done
+from truepose.pool import Pool, each
 from truepose.publication import held
 from truepose.version import VERSION
 

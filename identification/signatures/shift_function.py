@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 
 import casadi as ca
 import numpy as np
@@ -19,14 +20,19 @@ Array = NDArray[np.float64]
 
 
 class ShiftFunction:
-    """All candidates' shifts by their coefficients (in units of scale), as one function of a row."""
+    """All candidates' shifts by their coefficients (in units of scale), as one function of a row.
 
-    def __init__(self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect]) -> None:
+    size: rows that will be evaluated, by which it is decided whether compiling pays; drivers: what rows are asked for.
+    """
+
+    def __init__(
+        self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect], size: int
+    ) -> None:
         self._machine, self._recording = machine, recording
         self._names = [*(p.name for p in machine.parameters), *machine.ports]
-        self._drivers = list(dict.fromkeys(name for c in candidates for name in c.drivers))
+        self.drivers = tuple(dict.fromkeys(name for c in candidates for name in c.drivers))
         q = {name: ca.SX.sym(name) for name in machine.mechanism.readings}
-        z = {name: ca.SX.sym(name) for name in self._drivers}
+        z = {name: ca.SX.sym(name) for name in self.drivers}
         values = {name: ca.SX.sym(name) for name in self._names}
         self._loads = [f"{case}{name}" for case in machine.load_cases for name in self._names]
         loads = {name: ca.SX.sym(f"load.{name}") for name in self._loads}
@@ -48,7 +54,13 @@ class ShiftFunction:
         groups = (q, z, values, loads, states)
         inputs = [ca.vertcat(*group.values()) if group else ca.SX(0, 1) for group in groups]
         together = ca.vertcat(*outputs) if outputs else ca.SX(0, 1)
-        self._function = BatchFunction("shifts", inputs, [together], rows=len(recording.q))
+        self._function = BatchFunction("shifts", inputs, [together], rows=size)
+
+    def over(self, recording: Recording) -> ShiftFunction:
+        """The same function over other rows."""
+        other = copy(self)
+        other._recording = recording
+        return other
 
     def __call__(
         self, names: Sequence[str], p: Array, loads: Mapping[str, Array], states: Mapping[str, Array],
@@ -58,8 +70,8 @@ class ShiftFunction:
         at = {name: k for k, name in enumerate(names)}
         which = [at[name] for name in self._names]
         rec = self._recording
-        z = np.empty((len(rows), len(self._drivers)))
-        for k, name in enumerate(self._drivers):
+        z = np.empty((len(rows), len(self.drivers)))
+        for k, name in enumerate(self.drivers):
             recorded = rec.driver(name)
             z[:, k] = driver_default(self._machine, name) if recorded is None else recorded[rows]
         force, state = (

@@ -14,26 +14,26 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
+from truepose.identification.signatures.point import Point
 
 Array = NDArray[np.float64]
 
 
-def blocks_of_every_set(predictor: Predictor, fit: Estimate, p: Array) -> Iterator[Block]:
-    """Blocks at parameters p (np,) of the fit; by constants of masses, the derivatives are those of what the file states."""
-    counts = fit.used * fit.weights
+def blocks_of_every_set(predictor: Predictor, here: Point) -> Iterator[Block]:
+    """Blocks at a point; by constants of masses, the derivatives are those of what the file states."""
+    counts, p = here.used * here.weights, here.among(predictor.model.names)
     names = [parameter.name for parameter in predictor.machine.pulling if parameter.free]
     at = [predictor.model.names.index(name) for name in names]
     stated = {effect.label for effect in predictor.machine.effects}
-    own = {name for effect in fit.effects if effect.label not in stated for name in effect.parameter_names}
+    own = {name for effect in here.effects if effect.label not in stated for name in effect.parameter_names}
     found = [name in own for name in predictor.model.names]
     if not at or not any(found):
-        yield from predictor.blocks(p, fit.x, counts)
+        yield from predictor.blocks(p, here.x, counts)
         return
     without = np.where(found, 0.0, p)
-    pairs = zip(predictor.blocks(p, fit.x, counts), predictor.blocks(without, fit.x, counts), strict=True)
+    pairs = zip(predictor.blocks(p, here.x, counts), predictor.blocks(without, here.x, counts), strict=True)
     for block, plain in pairs:
         columns = block.dense.copy()
         place = np.array(at) if block.at is None else np.searchsorted(block.at, at)  # no mass follows ports

@@ -27,7 +27,7 @@ from truepose.commands.results import FLEET, check_directory
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
-    from truepose.identification.running.pool import Pool
+    from truepose.pool import Pool
 
 FolderArg = Annotated[
     Path,
@@ -125,7 +125,7 @@ def fleet(
 @contextlib.contextmanager
 def _pool(workers: int, dask: str) -> Iterator[Pool]:
     """Cores of this computer, or a cluster."""
-    from truepose.identification.running.pool import Cores, cluster
+    from truepose.pool import Cores, cluster
     from truepose.threads import cores
 
     if dask and workers:

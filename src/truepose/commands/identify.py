@@ -86,6 +86,16 @@ PriorOption = Annotated[
         show_default=False,
     ),
 ]
+DaskOption = Annotated[
+    str,
+    typer.Option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Scheduler of a Dask cluster (tcp://host:8786) that sums up the rows of a long recording. Its workers have this "
+        "version of truepose.",
+        show_default=False,
+    ),
+]
 
 
 def calibrate(
@@ -160,6 +170,7 @@ def diagnose(
     prior: PriorOption = None,
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
+    dask: DaskOption = "",
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -179,6 +190,7 @@ def diagnose(
         from truepose.identification.report.lines import LINES
         from truepose.identification.report.notes import diagnosis_notes
         from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
+        from truepose.pool import rows_on
 
         learned = None if prior is None else read_prior(prior)
         check_directory(output, DIAGNOSIS)
@@ -192,7 +204,7 @@ def diagnose(
                 tried=tried_names(try_columns),
             )
             check_machine(output, DIAGNOSIS, loaded.name)
-        with progress("diagnosing", diagnosing(sizes(loaded, rows))) as say:
+        with progress("diagnosing", diagnosing(sizes(loaded, rows))) as say, rows_on(dask):
             result = run(loaded, rows, prior=learned, progress=say)
             say("writing the report")
             names = write_diagnosis(result, output, check=check)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from support.searched_arm import ARM, SCALE
 from truepose.errors import ConvergenceError
@@ -42,12 +45,23 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Recording]:
     return machine, load_recording(machine, [folder / "rows.csv"])
 
 
-def test_each_stage_has_one_of_ten_rows_that_follow_each_other(
+@given(st.integers(1, 3_000_000))
+def test_stages_grow_by_the_same_step(rows: int) -> None:
+    counts = [rows, *stages._fewer(rows)]
+    if rows <= 2 * stages.MANY:
+        assert counts == [rows]
+        return
+    steps = [more / fewer for more, fewer in itertools.pairwise(counts)]
+    assert counts[-1] == stages.MANY
+    assert max(steps) <= stages.STEP * 1.001 and max(steps) / min(steps) < 1.001  # counts are whole numbers
+
+
+def test_each_stage_has_one_of_the_rows_that_follow_each_other(
     arm: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine, recording = arm
     assert stages.stages(machine, recording) == [recording]
-    monkeypatch.setattr(stages, "MANY", 50)
+    monkeypatch.setattr(stages, "MANY", 9)
     first, second, last = stages.stages(machine, recording)
     assert last is recording
     assert (len(first), len(second)) == (9, 90)

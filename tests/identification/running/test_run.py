@@ -20,9 +20,9 @@ from truepose.errors import InputError
 from truepose.identification.fleet.record import Record
 from truepose.identification.fleet.store import JOURNAL
 from truepose.identification.running.ending import Folders
-from truepose.identification.running.pool import Cluster, Cores, Pool, cluster, several_threads
 from truepose.identification.running.run import run_fleet
 from truepose.identification.running.work import Options
+from truepose.pool import Cluster, Cores, Pool, cluster, several_threads
 
 POISON = """
 import os, signal

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from uuid import uuid4
 
 import joblib
+from joblib.parallel import get_active_backend
 
 from truepose.errors import InputError
 from truepose.version import VERSION
@@ -28,6 +29,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 LIBRARIES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """What libraries of linear algebra read before they read OMP_NUM_THREADS."""
+_LARGE = "distributed.admin.large-graph-warning-threshold"
 CONNECTING = 30.0
 """Seconds that a cluster has to answer."""
 
@@ -102,13 +104,14 @@ class Cluster(Pool):
         self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
     ) -> Iterator[tuple[int, R | None]]:
         """Two tasks for each thread are on their way, so that none waits for the network."""
+        import dask
         from distributed import as_completed
         from distributed.scheduler import KilledWorker
 
         def submitted(k: int) -> Future:
-            return self.client.submit(
-                _numbered, work, tasks[k], k, pure=False, key=f"truepose-{k}-{uuid4().hex}"
-            )
+            key = f"truepose-{k}-{uuid4().hex}"
+            with dask.config.set({_LARGE: "1TB"}):  # each task goes once and is large for a reason
+                return self.client.submit(_numbered, work, tasks[k], k, pure=False, key=key)
 
         waiting = iter(tasks)
         numbers = {
@@ -140,25 +143,44 @@ def cluster(address: str) -> Iterator[Cluster]:
     except (OSError, ValueError) as exc:
         raise InputError(f"--dask {address}: found no scheduler there: {exc}") from None
     with client:
-        for worker, (version, threads) in _states(client, address).items():
-            if version != VERSION:
-                raise InputError(
-                    f"--dask {address}: found truepose {version} on {worker}, expected {VERSION} on all"
-                )
-            if threads:
-                raise InputError(
-                    f"--dask {address}: found {threads} on {worker}, expected OMP_NUM_THREADS=1: with more threads of linear"
-                    " algebra results differ in their last digits. A worker that has a nanny starts so"
-                )
-        yield Cluster(client)
+        yield _checked(client, f"--dask {address}")
 
 
-def _states(client: Client, address: str) -> dict[str, tuple[str, str]]:
+@contextlib.contextmanager
+def rows_on(address: str) -> Iterator[None]:
+    """Let passes over many rows run on this cluster, as ``joblib.parallel_config(backend="dask")`` does; empty: on cores."""
+    if not address:
+        yield
+        return
+    with cluster(address) as found, joblib.parallel_config(backend="dask", client=found.client):
+        yield
+
+
+def present() -> Cluster | None:
+    """The cluster that joblib has been told to work on here; None where it works on cores. Raises InputError where its workers
+    have another truepose."""
+    client = getattr(get_active_backend()[0], "client", None)
+    return None if client is None else _checked(client, "joblib's backend 'dask'")
+
+
+def _checked(client: Client, where: str) -> Cluster:
+    for worker, (version, threads) in _states(client, where).items():
+        if version != VERSION:
+            raise InputError(f"{where}: found truepose {version} on {worker}, expected {VERSION} on all")
+        if threads:
+            raise InputError(
+                f"{where}: found {threads} on {worker}, expected OMP_NUM_THREADS=1: with more threads of linear"
+                " algebra results differ in their last digits. A worker that has a nanny starts so"
+            )
+    return Cluster(client)
+
+
+def _states(client: Client, where: str) -> dict[str, tuple[str, str]]:
     """Of each worker the version of truepose, and what is wrong with its threads."""
     try:
         found: dict[str, tuple[str, str]] = client.run(_state)
     except Exception as exc:  # whatever a worker raises that has no truepose
-        raise InputError(f"--dask {address}: found a worker without truepose {VERSION}: {exc}") from None
+        raise InputError(f"{where}: found a worker without truepose {VERSION}: {exc}") from None
     return found
 
 
@@ -179,21 +201,44 @@ def several_threads(environment: Mapping[str, str]) -> str:
 
 def each(work: Callable[[T], R], tasks: Sequence[T], pool: Pool) -> Iterator[tuple[T, R | None]]:
     """Every task with its result, in the order in which they are done; None for one whose process died twice."""
-    left, suspects = dict(enumerate(tasks)), list[int]()
+    for k, result in numbered(work, tasks, pool):
+        yield tasks[k], result
+
+
+def numbered(work: Callable[[T], R], tasks: Sequence[T], pool: Pool) -> Iterator[tuple[int, R | None]]:
+    """The same with the number of each task, which is asked for only when it is begun."""
+    left, suspects = dict.fromkeys(range(len(tasks))), list[int]()
     while left:
-        for k, result in pool.results(work, left.copy(), pool.workers):
-            task = left.pop(k)
+        for k, result in pool.results(work, _Some(tasks, tuple(left)), pool.workers):
+            del left[k]
             if result is None:
                 suspects.append(k)
             else:
-                yield task, result
+                yield k, result
     for k in suspects:
-        found = dict(pool.results(work, {k: tasks[k]}, 1))
-        yield tasks[k], found.get(k)
+        found = dict(pool.results(work, _Some(tasks, (k,)), 1))
+        yield k, found.get(k)
+
+
+@dataclass(frozen=True)
+class _Some(Mapping[int, T]):
+    """Some of the tasks, by number."""
+
+    tasks: Sequence[T]
+    numbers: tuple[int, ...]
+
+    def __getitem__(self, number: int) -> T:
+        return self.tasks[number]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self.numbers)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
 
 
 def _numbered(work: Callable[[T], R], task: T, number: int) -> tuple[int, R]:
     return number, work(task)
 
 
-__all__ = ["Cluster", "Cores", "Pool", "cluster", "each", "several_threads"]
+__all__ = ["Cluster", "Cores", "Pool", "cluster", "each", "numbered", "present", "rows_on", "several_threads"]
