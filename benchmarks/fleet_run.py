@@ -17,7 +17,7 @@ import resource
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -124,33 +124,38 @@ def _processor() -> float:
 def page(results: Path, count: int | None, room: Path) -> Iterator[str]:
     """The end of a run with the records that another left, or with more that are drawn from them; then with one changed."""
     journal = Journal(results / JOURNAL)  # of a run that has not ended yet
-    kept = list(Store(results).records()) or list(journal.records(journal.keys()))
-    records = kept if count is None else [_another(kept[k % len(kept)], k) for k in range(count)]
+    kept = list(Store(results).lines()) or list(journal.lines(journal.keys()))
     folders = Folders(room / "fleet", room / "results")
     shutil.rmtree(folders.results, ignore_errors=True)
-    yield _end(folders, records, records, "all new")
-    changed = replace(_another(records[0], 1), name=records[0].name)
-    yield _end(folders, [changed], records, "one changed")
+    own = (line.record for line in kept)
+    drawn = (_another(kept[k % len(kept)].record, k) for k in range(count or 0))
+    keys = _noted(folders, own if count is None else drawn)
+    yield _end(folders, keys, "all new")
+    changed = _another(kept[0].record, 1)
+    keys |= _noted(folders, [replace(changed, name=next(iter(keys)))])
+    yield _end(folders, keys, "one changed")
 
 
-def _end(folders: Folders, noted: list[Record], records: list[Record], what: str) -> str:
-    journal = Journal(folders.results / JOURNAL)
-    with journal.open() as stream:
-        for record in noted:
-            journal.note(stream, record)
-    keys = {record.name: record.key for record in records} | {record.name: record.key for record in noted}
+def _noted(folders: Folders, records: Iterable[Record]) -> dict[str, str]:
+    """The keys of records that are in the journal then."""
+    keys = dict[str, str]()
+    with folders.journal.open() as stream:
+        for record in records:
+            Journal.note(stream, record)
+            keys[record.name] = record.key
+    return keys
+
+
+def _end(folders: Folders, keys: Mapping[str, str], what: str) -> str:
     began = time.process_time()
     ended(keys, folders, brief=True)
     used = time.process_time() - began
-    journal.path.unlink()
+    folders.journal.path.unlink()
     sizes = {file.name: file.stat().st_size for file in folders.results.iterdir()}
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    each = sizes["fleet.parquet"] / len(records)
-    told = ", ".join(
-        f"{name} {sizes[name] / 1e3:.0f} kB"
-        for name in ("fleet.csv", "fleet.html", "sums.json", "prior.yaml")
-    )
-    return f"| {len(records)} | {what} | {used:.1f} s | {each:.0f} bytes | {told} | {memory:.0f} MB |"
+    told = [f"{used:.1f} s", f"{sizes['fleet.parquet'] / len(keys):.0f} bytes"]
+    told += [f"{sizes[name] / 1e3:,.0f} kB" for name in ("fleet.csv", "fleet.html", "sums.json")]
+    return f"| {' | '.join([f'{len(keys):,}', what, *told, f'{memory:.0f} MB'])} |"
 
 
 def _another(record: Record, number: int) -> Record:

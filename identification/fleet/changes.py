@@ -10,7 +10,7 @@ import heapq
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from scipy.stats import norm
 
@@ -20,6 +20,17 @@ FALSE = 0.05
 """Probability that of all parameters compared one that stands still is said to have moved. The usual level."""
 LEAST = 3.0
 """Difference in 1-sigma below which nothing is said to have moved, however few were compared: the field's three sigma."""
+
+
+class Named(Protocol):
+    """What has the name of a machine."""
+
+    @property
+    def name(self) -> str:
+        """Of the machine."""
+
+
+Item = TypeVar("Item", bound=Named)
 
 
 @dataclass(frozen=True)
@@ -112,14 +123,12 @@ def compared(before: Iterable[Record], after: Iterable[Record]) -> Changes:
     return comparison.result()
 
 
-def paired(
-    before: Iterable[Record], after: Iterable[Record]
-) -> Iterator[tuple[Record | None, Record | None]]:
-    """Records of two runs by machine, each run in the order of names."""
+def paired(before: Iterable[Item], after: Iterable[Item]) -> Iterator[tuple[Item | None, Item | None]]:
+    """Records of two runs, or lines of them, by machine; each run in the order of names."""
     both = heapq.merge(
         ((r.name, 0, r) for r in before), ((r.name, 1, r) for r in after), key=lambda one: one[:2]
     )
-    waiting: Record | None = None
+    waiting: Item | None = None
     for _, which, record in both:
         if which == 0:
             if waiting is not None:

@@ -16,7 +16,7 @@ from truepose.identification.diagnosis.place_evidence import PlaceEvidence
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
-from truepose.identification.fleet.summary import KEPT
+from truepose.identification.fleet.columns import KEPT
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,7 @@ A constant's deviation x +- e (in tolerances) says N(x; 0, r^2 + e^2), with r th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,50 +57,62 @@ class Told:
     rival: Array
 
     @classmethod
-    def of(cls, kept: Sequence[Sequence[Any]]) -> Told:
-        """From ``[probability, prior, log Bayes factor, unseen, credit]`` of each."""
-        p, _, log_factor, unseen, credit = np.array([one[:5] for one in kept], dtype=float).reshape(-1, 5).T
+    def of(cls, numbers: Array) -> Told:
+        """From rows (p, 5): probability, prior, log Bayes factor, unseen, credit."""
+        p, _, log_factor, unseen, credit = numbers.T
         rival = np.minimum(p * (1.0 - credit) / np.maximum(credit, 1e-9), 1.0 - p)
         nothing = np.maximum(1.0 - p - rival, np.exp(-LARGEST))
         against = log_factor + np.log(np.maximum(1.0 - p, np.exp(-LARGEST))) - np.log(nothing)
         return cls(np.minimum(against, LARGEST), unseen, rival)
 
 
-def by_size(log_factor: float, unseen: float, more: Mapping[str, Any]) -> Array:
-    """(s,) Bayes factor of an effect at each size, from what is kept of it."""
-    shown = np.clip((np.cumsum(SLAB) - unseen) / SLAB, 0.0, 1.0)  # small sizes are those that are not seen
-    share = np.array(more["sizes"]) if "sizes" in more else SLAB * shown
-    share = share / max(float(share.sum()), 1e-300)
-    return np.asarray((1.0 - shown) + np.exp(log_factor) * (1.0 - unseen) * share / SLAB)
+def _shown(unseen: Array) -> Array:
+    """(p, s) share of each size that a recording would show: small ones are those that are not seen."""
+    return np.clip((np.cumsum(SLAB) - unseen[:, None]) / SLAB, 0.0, 1.0)
 
 
-def of_frequency(told: Told, more: Sequence[Mapping[str, Any]]) -> Array:
-    """(p, j, g) log likelihood of frequencies and usual sizes."""
-    pairs = list(zip(told.log_factor.tolist(), told.unseen.tolist(), strict=True))
-    own = np.array([by_size(*pair, one) for pair, one in zip(pairs, more, strict=True)])
-    other = np.array([by_size(-np.inf, unseen, {}) for _, unseen in pairs])
-    r = told.rival[:, None, None]
-    mixed, without = (_log_mixed((part @ KERNEL.T)[:, :, None]) for part in (own, other))
-    return np.asarray((1.0 - r) * mixed + r * without)
+def by_size(log_factor: Array, unseen: Array, sizes: Array) -> Array:
+    """(p, s) Bayes factor of effects (p,) at each size. sizes (p, s): how probable each is, rows of NaN where nobody knows."""
+    shown = _shown(unseen)
+    share = np.where(np.isnan(sizes), SLAB * shown, sizes)
+    share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
+    return np.asarray((1.0 - shown) + (np.exp(log_factor) * (1.0 - unseen))[:, None] * share / SLAB)
+
+
+def of_frequency(told: Told, sizes: Array) -> Array:
+    """(p, j, g) log likelihood of frequencies and usual sizes; sizes (p, s) as in ``by_size``."""
+    out = _log_mixed(_scattered(by_size(told.log_factor, told.unseen, sizes)))
+    at = np.flatnonzero(told.rival > 0.0)  # few: where a recording cannot tell two effects apart
+    r = told.rival[at, None, None]
+    out[at] = (1.0 - r) * out[at] + r * _log_mixed(_scattered(1.0 - _shown(told.unseen[at])))
+    return out
+
+
+def _scattered(factors: Array) -> Array:
+    """(p, j) Bayes factors by the fleet's usual size, from those by size (p, s). No product of matrices: its rounding would
+    depend on how many rows there are, and sums of machines have to be the same in any grouping."""
+    return np.asarray(sum(factors[:, s, None] * KERNEL[:, s] for s in range(len(SLAB))))
 
 
 def of_presence(told: Told) -> Array:
     """(p, g) log likelihood of frequencies, whatever the size."""
     there = told.unseen + (1.0 - told.unseen) * np.exp(told.log_factor)
     r = told.rival[:, None]
-    return np.asarray((1.0 - r) * _log_mixed(there[:, None]) + r * _log_mixed(told.unseen[:, None]))
+    return np.asarray((1.0 - r) * _log_mixed(there) + r * _log_mixed(told.unseen))
 
 
 def _log_mixed(there: Array) -> Array:
-    """(..., g) of an effect that is there with each frequency, from its Bayes factors (..., 1)."""
+    """(..., g) of an effect that is there with each frequency, from its Bayes factors (...)."""
     q = expit(LOG_ODDS)
-    return np.asarray(np.log(1.0 - q + q * there))
+    out = q * there[..., None]
+    out += 1.0 - q
+    return np.asarray(np.log(out, out=out))
 
 
 def of_spread(deviation: Array, std: Array) -> Array:
-    """(r,) log likelihood of a class's spread from deviations (k,) and their 1-sigmas, in tolerances."""
+    """(p, r) log likelihood of a spread from each deviation (p,) with its 1-sigma, in tolerances; those of a class add."""
     variance = RATIOS**2 + std[:, None] ** 2
-    return np.asarray(-0.5 * np.sum(np.log(variance) + deviation[:, None] ** 2 / variance, axis=0))
+    return np.asarray(-0.5 * (np.log(variance) + deviation[:, None] ** 2 / variance))
 
 
 __all__ = [

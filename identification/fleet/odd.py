@@ -7,14 +7,22 @@ nothing odd); a machine is odd when the smallest is so small that no more than o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import expit, stdtr
 
+from truepose.identification.fleet.columns import (
+    UNIT,
+    Columns,
+    Said,
+    Whole,
+    constant_moments,
+    effect_moments,
+    size_moments,
+)
 from truepose.identification.fleet.summary import Summary
 from truepose.identification.prior import URN
 
@@ -48,82 +56,109 @@ class Oddness:
     reasons: tuple[Reason, ...]
 
 
-def oddness(kept: Mapping[str, Any], summary: Summary) -> Oddness:
-    """Of a machine that is part of the summary, from what is kept of it."""
-    own = Summary.of(kept)
-    others, kind = _without(summary, own), str(kept["mechanism"])
-    looked = [*_effects(kept, others, kind), *_sizes(own, others), *_constants(kept, others, kind)]
-    found = sorted((one for one in looked if one.share < ODD), key=lambda one: (one.share, one.name))
-    least = min([1.0, *(len(looked) * one.share for one in found)])
-    return Oddness(float(-np.log10(max(least, 1e-300))) + 0.0, least < ODD, tuple(found))
+@dataclass(frozen=True)
+class _Looked:
+    """Things that were looked at (n,): in which machine, their share, and what makes the reason of the k-th."""
+
+    machine: NDArray[np.intp]
+    share: Array
+    reason: Callable[[int], Reason]
 
 
-def _without(summary: Summary, own: Summary) -> Mapping[str, Array]:
-    """Sums of the others, where this machine has something to compare: exact, for sums are whole numbers."""
-    among = Summary(0, {key: summary.sums[key] for key in own.sums if key in summary.sums})
-    return {
-        "|".join((kind, *rest)): sums for kind in _KINDS for rest, sums in (among - own).among(kind).items()
-    }
+def oddness(columns: Columns, summary: Summary) -> list[Oddness]:
+    """Of machines that were gathered and are part of the summary, in their order."""
+    number = np.zeros(columns.machines, dtype=np.intp)
+    reasons: list[list[Reason]] = [[] for _ in range(columns.machines)]
+    for looked in (_effects(columns, summary), _sizes(columns, summary), _constants(columns, summary)):
+        number += np.bincount(looked.machine, minlength=columns.machines)
+        for k in np.flatnonzero(looked.share < ODD).tolist():
+            reasons[looked.machine[k]].append(looked.reason(k))
+    return [_oddness(*one) for one in zip(number.tolist(), reasons, strict=True)]
 
 
-_KINDS = ("place", "size", "constant")
+def _oddness(looked: int, reasons: Sequence[Reason]) -> Oddness:
+    found = tuple(sorted(reasons, key=lambda one: (one.share, one.name)))
+    least = min(1.0, looked * found[0].share) if found else 1.0
+    return Oddness(float(-np.log10(max(least, 1e-300))) + 0.0, least < ODD, found)
 
 
-def _effects(kept: Mapping[str, Any], others: Mapping[str, Array], kind: str) -> Iterator[Reason]:
+def _others(kind: str, said: Said, own: Whole, summary: Summary) -> Array:
+    """(r, c) sums of the others about what each row is about: exact, for sums are whole numbers."""
+    there, columns = summary.sums, own.shape[1]
+    nothing = np.zeros(columns, dtype=np.int64)
+    sums = np.array([there.get(f"{kind}|{key}", nothing)[:columns] for key in said.keys], dtype=np.int64)
+    return np.asarray((sums.reshape(-1, columns)[said.thing] - own) * UNIT)
+
+
+def _effects(columns: Columns, summary: Summary) -> _Looked:
     """What is surely there, or surely not although it would have been seen; the frequency of others beside today's prior."""
-    for effect, places in kept["places"].items():
-        for place, one in places.items():
-            sums = others.get(f"place|{kind}|{effect}|{place}")
-            if sums is None:
-                continue
-            n, found = round(sums[0]), float(sums[2])
-            usual = 1.0 / (1.0 + np.exp(-sums[1] / n))
-            share = (found + URN * usual) / (n + URN)
-            said, unseen = float(one[0]), float(one[3])
-            if said >= SURE:
-                text = f"{effect} at {place}, which {_count(found, n)} others have"
-                yield Reason("present", f"{effect}@{place}", share, text)
-            elif said <= 1.0 - SURE and unseen < 1.0 - SURE:
-                text = f"no {effect} at {place}, which {_count(found, n)} others have"
-                yield Reason("absent", f"{effect}@{place}", 1.0 - share, text)
+    said = columns.places
+    p, unseen = said.numbers[:, 0], said.numbers[:, 3]
+    others = _others("place", said, effect_moments(said), summary)
+    present, absent = p >= SURE, (p <= 1.0 - SURE) & (unseen < 1.0 - SURE)
+    at = np.flatnonzero((others[:, 0] > 0.5) & (present | absent))
+    (n, odds, found), there = others[at].T, present[at]
+    share = (found + URN * expit(odds / n)) / (n + URN)
+    share = np.where(there, share, 1.0 - share)
+
+    def reason(k: int) -> Reason:
+        _, effect, place = said.keys[said.thing[at[k]]].split("|")
+        what, kind = ("no ", "absent") if not there[k] else ("", "present")
+        text = f"{what}{effect} at {place}, which {found[k]:.0f} of {n[k]:.0f} others have"
+        return Reason(kind, f"{effect}@{place}", float(share[k]), text)
+
+    return _Looked(said.machine[at], share, reason)
 
 
-def _count(found: float, n: int) -> str:
-    return f"{found:.0f} of {n}"
-
-
-def _sizes(own: Summary, others: Mapping[str, Array]) -> Iterator[Reason]:
+def _sizes(columns: Columns, summary: Summary) -> _Looked:
     """Sizes of effects that are surely there, by those of others that have them."""
-    for (kind, effect, place, unit), mine in own.among("size").items():
-        sums = others.get(f"size|{kind}|{effect}|{place}|{unit}")
-        if sums is None or mine[0] < SURE or sums[0] < OTHERS:
-            continue
-        mean = float(sums[1] / sums[0])
-        log, spread = float(mine[1] / mine[0]), float(sums[2] / sums[0]) - mean**2
-        share, _ = _tail(log - mean, spread, float(sums[0]))
-        times = float(np.exp(log - mean))
-        text = f"{effect} at {place} is {times:.2g} times the median of {sums[0]:.0f} others"
-        yield Reason("size", f"{effect}@{place}", share, text)
+    said = columns.sizes
+    moments = size_moments(said)
+    own, others = moments * UNIT, _others("size", said, moments, summary)
+    at = np.flatnonzero((own[:, 0] >= SURE) & (others[:, 0] >= OTHERS))
+    n, mean, variance = _normal(*others[at, :3].T)
+    away = own[at, 1] / own[at, 0] - mean
+    share, _ = _tail(away, variance, n)
+
+    def reason(k: int) -> Reason:
+        _, effect, place, _ = said.keys[said.thing[at[k]]].split("|")
+        text = f"{effect} at {place} is {np.exp(away[k]):.2g} times the median of {n[k]:.0f} others"
+        return Reason("size", f"{effect}@{place}", float(share[k]), text)
+
+    return _Looked(said.machine[at], share, reason)
 
 
-def _constants(kept: Mapping[str, Any], others: Mapping[str, Array], kind: str) -> Iterator[Reason]:
+def _constants(columns: Columns, summary: Summary) -> _Looked:
     """Deviations from the drawing, by those of others."""
-    for name, (x, _, _) in kept["parameters"].items():
-        sums = others.get(f"constant|{kind}|{name}")
-        if sums is None or sums[0] < OTHERS:
-            continue
-        n, mean = float(sums[0]), float(sums[1] / sums[0])
-        share, far = _tail(x - mean, float(sums[2] / n) - mean**2, n)
-        text = f"{name} is {x:+.1f} tolerances off its drawing, {far:.1f} times the spread of {n:.0f} others from their mean"
-        yield Reason("parameter", name, share, text)
+    said = columns.constants
+    others = _others("constant", said, constant_moments(said), summary)
+    at = np.flatnonzero(others[:, 0] >= OTHERS)
+    n, mean, variance = _normal(*others[at, :3].T)
+    x = said.numbers[at, 0]
+    share, far = _tail(x - mean, variance, n)
+
+    def reason(k: int) -> Reason:
+        _, name = said.keys[said.thing[at[k]]].split("|")
+        text = (
+            f"{name} is {x[k]:+.1f} tolerances off its drawing, {far[k]:.1f} times the spread of {n[k]:.0f} others"
+            " from their mean"
+        )
+        return Reason("parameter", name, float(share[k]), text)
+
+    return _Looked(said.machine[at], share, reason)
 
 
-def _tail(away: float, variance: float, n: float) -> tuple[float, float]:
+def _normal(n: Array, value: Array, square: Array) -> tuple[Array, Array, Array]:
+    """Number, mean and variance about the mean, from sums."""
+    mean = value / n
+    return n, mean, square / n - mean**2
+
+
+def _tail(away: Array, variance: Array, n: Array) -> tuple[Array, Array]:
     """Two-sided probability of a next value as far from the mean of n as this (normal, both moments estimated), and how many
     1-sigmas of theirs it is away. variance: of theirs about their mean, over n."""
-    sigma = np.sqrt(max(variance, 1e-12) * n / (n - 1.0))
-    far = abs(away) / sigma
-    return float(2.0 * student.sf(far / np.sqrt(1.0 + 1.0 / n), n - 1.0)), float(far)
+    far = np.abs(away) / np.sqrt(np.maximum(variance, 1e-12) * n / (n - 1.0))
+    return np.asarray(2.0 * stdtr(n - 1.0, -far / np.sqrt(1.0 + 1.0 / n))), far
 
 
 __all__ = ["Oddness", "Reason", "oddness"]

@@ -14,25 +14,36 @@ any grouping into shards, and taking a machine out again give the very same summ
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import logit
+from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.fleet.likelihood import Told, of_frequency, of_presence, of_spread
+from truepose.identification.fleet.columns import (
+    UNIT,
+    Columns,
+    Said,
+    Whole,
+    constant_moments,
+    effect_moments,
+    size_moments,
+    whole,
+)
+from truepose.identification.fleet.likelihood import (
+    LOG_ODDS,
+    RATIOS,
+    SLAB,
+    Told,
+    of_frequency,
+    of_presence,
+    of_spread,
+)
 
-Whole = NDArray[np.int64]
 Array = NDArray[np.float64]
 SCHEMA = "truepose/fleet-summary/1"
-KEPT = "truepose/kept/1"
-UNIT = 2.0**-20
-LEAST = 1e-6
-"""Smallest prior probability that is told from none."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +61,12 @@ class Summary:
     @classmethod
     def of(cls, kept: Mapping[str, Any]) -> Summary:
         """Of one machine, from what ``truepose.identification.fleet.evidence.kept`` keeps of it."""
-        if kept.get("schema") != KEPT:
-            raise InputError(
-                f"schema of what was kept of a machine: found {kept.get('schema')!r}, expected {KEPT!r}"
-            )
-        return cls(1, dict(sorted(_sums(kept))))
+        return cls.of_columns(Columns.of([kept]))
+
+    @classmethod
+    def of_columns(cls, columns: Columns) -> Summary:
+        """Of machines that were gathered: the same as ``total`` of each, and quicker; takes 0.3 MB a machine meanwhile."""
+        return cls(columns.machines, dict(sorted(_sums(columns))))
 
     def __add__(self, other: Summary) -> Summary:
         """Of the machines of both."""
@@ -125,55 +137,36 @@ def total(summaries: Iterable[Summary]) -> Summary:
     return Summary(machines, {key: sums[key] for key in sorted(sums) if sums[key].any()})
 
 
-def _whole(*parts: ArrayLike) -> Whole:
-    flat = np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in parts])
-    return np.asarray(np.rint(flat / UNIT), dtype=np.int64)
+def _sums(columns: Columns) -> Iterator[tuple[str, Whole]]:
+    for kind, counts in (("mechanism", columns.mechanisms), ("verdict", columns.verdicts)):
+        for name, count in counts.items():
+            yield f"{kind}|{name}", whole([float(count)])[0]
+    places, anywhere, classes = columns.places, columns.anywhere, columns.classes
+    frequency = of_frequency(Told.of(places.numbers[:, :5]), places.numbers[:, 5:])
+    flat = frequency.reshape(len(frequency), SLAB.size * LOG_ODDS.size)
+    yield from _added("place", places, effect_moments(places), whole(flat))
+    presence = of_presence(Told.of(anywhere.numbers))
+    yield from _added("anywhere", anywhere, effect_moments(anywhere), whole(presence))
+    yield from _added("size", columns.sizes, size_moments(columns.sizes))
+    yield from _added("constant", columns.constants, constant_moments(columns.constants))
+    yield from _added("class", *_spreads(classes))
 
 
-def _sums(kept: Mapping[str, Any]) -> Iterator[tuple[str, Whole]]:
-    mechanism = str(kept["mechanism"])
-    yield f"mechanism|{mechanism}", _whole(1.0)
-    yield f"verdict|{kept['verdict']}", _whole(1.0)
-    yield from _of_places(mechanism, kept["places"])
-    yield from _of_effects(mechanism, kept["anywhere"])
-    yield from _of_constants(mechanism, kept["parameters"])
+def _spreads(said: Said) -> tuple[Said, Whole]:
+    """A row for each class of each machine: deviations, log likelihood (g,) of the spread."""
+    x, e = said.numbers.T
+    new = (np.diff(said.thing, prepend=-1) != 0) | (np.diff(said.machine, prepend=-1) != 0)
+    first = np.flatnonzero(new)
+    likely = np.add.reduceat(of_spread(x, e), first, axis=0) if first.size else np.empty((0, len(RATIOS)))
+    rows = Said(said.keys, said.thing[first], said.machine[first], said.numbers[first])
+    return rows, whole(np.diff(first, append=len(new)), likely)
 
 
-def _log_odds(prior: float) -> float:
-    return float(logit(min(max(prior, LEAST), 1.0 - LEAST)))
+def _added(kind: str, said: Said, *parts: Whole) -> Iterator[tuple[str, Whole]]:
+    """Sums over machines, of each thing."""
+    if said.keys:
+        sums = np.concatenate([np.add.reduceat(part, said.first, axis=0) for part in parts], axis=1)
+        yield from zip((f"{kind}|{key}" for key in said.keys), sums, strict=True)
 
 
-def _of_places(mechanism: str, places: Mapping[str, Mapping[str, list[Any]]]) -> Iterator[tuple[str, Whole]]:
-    every = [(f"{effect}|{place}", one) for effect, own in places.items() for place, one in own.items()]
-    told = [(name, one, one[5] if len(one) > 5 else {}) for name, one in every if one[1] > 0.0]
-    if not told:
-        return
-    likelihoods = of_frequency(Told.of([one for _, one, _ in told]), [more for *_, more in told])
-    for (name, one, more), likely in zip(told, likelihoods, strict=True):
-        yield f"place|{mechanism}|{name}", _whole(1.0, _log_odds(one[1]), one[0], likely)
-        if "size" in more:
-            p, (y, e), a = one[0], more["size"], more.get("amount", 0.0)
-            yield (
-                f"size|{mechanism}|{name}|{more.get('unit', '')}",
-                _whole(p, p * y, p * y**2, p * e**2, p * a),
-            )
-
-
-def _of_effects(mechanism: str, effects: Mapping[str, list[Any]]) -> Iterator[tuple[str, Whole]]:
-    told = {name: one for name, one in effects.items() if one[1] > 0.0}
-    if not told:
-        return
-    for (name, one), likely in zip(told.items(), of_presence(Told.of(list(told.values()))), strict=True):
-        yield f"anywhere|{mechanism}|{name}", _whole(1.0, _log_odds(one[1]), one[0], likely)
-
-
-def _of_constants(mechanism: str, constants: Mapping[str, list[Any]]) -> Iterator[tuple[str, Whole]]:
-    count = Counter(one[2] for one in constants.values())
-    for name, (x, e, _) in constants.items():
-        yield f"constant|{mechanism}|{name}", _whole(1.0, x, x**2, e**2)
-    for kind, number in count.items():
-        own = np.array([[x, e] for x, e, one in constants.values() if one == kind])
-        yield f"class|{mechanism}|{kind}", _whole(float(number), of_spread(own[:, 0], own[:, 1]))
-
-
-__all__ = ["KEPT", "SCHEMA", "Summary", "total"]
+__all__ = ["SCHEMA", "Summary", "total"]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from truepose.files import atomic_file
 from truepose.identification.fleet.changes import findings_text
 from truepose.identification.fleet.odd import Oddness
 from truepose.identification.fleet.record import Record
@@ -44,19 +46,20 @@ class Row:
     oddness: float | None = None
     odd_because: str = ""
 
+    def with_oddness(self, odd: Oddness) -> Row:
+        """With how unlike its fleet the machine is."""
+        because = "; ".join(reason.text for reason in odd.reasons)
+        return replace(self, odd=odd.odd, oddness=round(odd.score, 3), odd_because=because)
 
-def row(record: Record, odd: Oddness | None) -> Row:
-    """The row of a record, with its oddness where its fleet says something of it."""
+
+def row(record: Record) -> Row:
+    """The row of a record, of whose oddness nothing is known yet."""
     if not record.diagnosed:
         return Row(record.name, record.status, record.why)
     told = record.figures
     every: Mapping[str, Mapping[str, Any]] = told["rms"]
     kind = next(iter(every), "")
     rms = every.get(kind, {})
-    unusual: dict[str, Any] = {}
-    if odd is not None:
-        because = "; ".join(reason.text for reason in odd.reasons)
-        unusual = {"odd": odd.odd, "oddness": round(odd.score, 3), "odd_because": because}
     return Row(
         record.name,
         record.status,
@@ -76,13 +79,20 @@ def row(record: Record, odd: Oddness | None) -> Row:
         noise=told["noise"],
         findings=findings_text(record),
         remainder=told["remainder"] or "",
-        **unusual,
     )
 
 
 def table(rows: Iterable[Row]) -> pd.DataFrame:
     """One row a machine; cells of a machine without a diagnosis are empty."""
-    return pd.DataFrame([asdict(one) for one in rows], columns=[field.name for field in fields(Row)])
+    return pd.DataFrame([vars(one) for one in rows], columns=[field.name for field in fields(Row)])
 
 
-__all__ = ["Row", "row", "table"]
+def write_rows(path: Path, groups: Iterable[Sequence[Row]]) -> None:
+    """The table as CSV, whole or not at all; only a group of rows is held in memory."""
+    with atomic_file(path) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as stream:
+        table(()).to_csv(stream, index=False, lineterminator="\n")
+        for rows in groups:
+            table(rows).to_csv(stream, index=False, lineterminator="\n", header=False)
+
+
+__all__ = ["Row", "row", "table", "write_rows"]

@@ -12,7 +12,7 @@ import numpy as np
 from truepose.identification.fleet.result import Fleet
 from truepose.identification.fleet.statistics import EffectInFleet, Interval, ToleranceInFleet
 from truepose.identification.report.document import Block, Charts, Table, Text
-from truepose.identification.report.fleet_words import off_drawing, often
+from truepose.identification.report.fleet_words import off_drawing, often, percent_range
 from truepose.identification.report.level_words import title
 from truepose.identification.report.numbers import NONE, percent, significant, unit_symbol
 from truepose.shown.chart import Axis, Chart, Layer, Level, Line, Marks
@@ -48,9 +48,7 @@ def _often_chart(shown: Sequence[EffectInFleet]) -> Chart:
     names = [_called(one) for one in shown]
     usual = 100 * np.array([one.usual for one in shown])
     before = Marks(usual, np.arange(len(shown), dtype=float), "free", "expected before", "ring")
-    return _intervals(
-        names, [_scaled(one.frequency, 100.0) for one in shown], "share of machines [%]", [before]
-    )
+    return _intervals(names, [_scaled(one.frequency, 100.0) for one in shown], "machines [%]", [before])
 
 
 def _scaled(interval: Interval, factor: float) -> Interval:
@@ -100,7 +98,7 @@ def _effect_table(effects: Sequence[EffectInFleet], caption: str) -> Table:
 
 
 def _effect_row(one: EffectInFleet) -> list[str]:
-    _, _, often, *ends, usual, size, low, high, unit, spread = _digits(one)
+    _, _, often, _, _, usual, size, low, high, unit, spread = _digits(one)
     size_ends = f"{significant(low)} to {significant(high)}" if size is not None else NONE
     return [
         f"{title(one.effect)} ({one.effect})",
@@ -108,7 +106,7 @@ def _effect_row(one: EffectInFleet) -> list[str]:
         one.mechanism,
         str(one.machines),
         percent(often),
-        " to ".join(map(percent, ends)),
+        percent_range(one.frequency),
         percent(usual),
         f"{significant(size)} {unit_symbol(unit)}".rstrip(),
         size_ends,

@@ -79,7 +79,7 @@ def headline(fleet: Fleet) -> str:
 def effect_sentence(one: EffectInFleet) -> str:
     """``backlash (backlash): in 34 % of machines (28 % to 41 %); median 4.2×10⁻⁴ rad (...)``."""
     where = f" at {' + '.join(one.place)}" if one.place else ""
-    often = f"in {percent(one.frequency.value)} of machines ({_range(one.frequency)}; expected {percent(one.usual)})"
+    often = f"in {percent(one.frequency.value)} of machines ({percent_range(one.frequency)}; expected {percent(one.usual)})"
     size = size_words(one)
     return f"{title(one.effect)} ({one.effect}){where}: {often}{f'; {size}' if size else ''}."
 
@@ -95,8 +95,10 @@ def size_words(one: EffectInFleet) -> str:
     return f"median {significant(sized.value)} ({low} to {high}) {tail}".rstrip() + spread
 
 
-def _range(interval: Interval) -> str:
-    return f"{percent(interval.low)} to {percent(interval.high)}"
+def percent_range(interval: Interval) -> str:
+    """From where to where a share may be; once where both ends read alike."""
+    low, high = percent(interval.low), percent(interval.high)
+    return low if low == high else f"{low} to {high}"
 
 
 def off_drawing(fleet: Fleet) -> list[ConstantInFleet]:
@@ -186,6 +188,7 @@ __all__ = [
     "moved_words",
     "off_drawing",
     "often",
+    "percent_range",
     "said_words",
     "size_words",
     "status_sentences",

@@ -1,32 +1,33 @@
 """The end of a run over a fleet: records and their sums are put together, and table, page and prior are made of them.
 
-No machine's folder is opened. Records are read one group after the other, so that memory holds a group and the table's rows.
+No machine's folder is opened. Records are read one group after the other, so that memory holds a group of them.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from truepose.errors import InputError
-from truepose.files import atomic_directory, write_table
+from truepose.files import atomic_directory
 from truepose.identification.fleet.changes import Changes, Comparison, paired
+from truepose.identification.fleet.columns import Gathered
 from truepose.identification.fleet.learn import learned
-from truepose.identification.fleet.odd import Oddness, oddness
+from truepose.identification.fleet.odd import oddness
 from truepose.identification.fleet.record import Record
 from truepose.identification.fleet.result import SHOWN, Fleet
 from truepose.identification.fleet.statistics import statistics
-from truepose.identification.fleet.store import JOURNAL, Journal, Store
-from truepose.identification.fleet.summary import Summary, total
-from truepose.identification.fleet.table import Row, row, table
+from truepose.identification.fleet.store import JOURNAL, Journal, Line, Store, groups
+from truepose.identification.fleet.summary import Summary
+from truepose.identification.fleet.table import Row, row, write_rows
 from truepose.identification.learned_prior import write_prior
 from truepose.identification.report.fleet_files import DOCUMENT, PAGE, put_fleet
 
 TABLE, PRIOR = "fleet.csv", "prior.yaml"
 TOGETHER = 64
-"""Machines whose sums are added up at once: more would fill the memory, fewer take longer."""
+"""Machines that are worked out at once: more would fill the memory, fewer take longer."""
 FILES = (TABLE, DOCUMENT, PAGE, PRIOR)
 
 
@@ -61,16 +62,15 @@ def ended(keys: Mapping[str, str], folders: Folders, *, brief: bool) -> Fleet:
 
     ``brief``: machines have no reports that the page could lead to.
     """
-    now = _Now(keys, folders.store, folders.journal)
+    now, shown = _Now(keys, folders.store, folders.journal), _Shown()
     with atomic_directory(folders.results) as partial:
         after = Store(partial)
-        after.write(now.records())
+        after.write(now.lines())
         after.write_summary(now.summary)
         changes = now.comparison.result() if folders.store.exists else None
-        rows = [row(record, _odd(record, now.summary)) for record in after.records()]
-        write_table(partial / TABLE, table(rows))
+        write_rows(partial / TABLE, map(shown.take, _rows(after.lines(), now.summary)))
         write_prior(partial / PRIOR, learned(now.summary))
-        fleet = _fleet(folders.machines.name, rows, now.summary, changes, brief)
+        fleet = shown.fleet(folders.machines.name, now.summary, changes, brief)
         put_fleet(fleet, partial)
     return fleet
 
@@ -83,46 +83,51 @@ class _Now:
         self.comparison = Comparison()
         self.summary = Summary.empty()
 
-    def records(self) -> Iterator[Record]:
-        """By name; sums and differences are whole when all were taken.
+    def lines(self) -> Iterator[Line]:
+        """By name; sums and differences are whole when all were taken. What is as it was is passed on unread.
 
-        The sums of the last run are brought up to date; where there are none, all records are added up.
+        The sums of the last run are brought up to date; where there are none, its records are added up.
         """
-        sums = self._before.summary()
+        sums = self._before.summary() or _summed(self._before.records())
         added, taken = _Sum(), _Sum()
-        for old, new in paired(self._before.records(), self._journal.records(self._keys)):
+        for old, new in paired(self._before.lines(), self._journal.lines(self._keys)):
             now = new or (old if old is not None and old.name in self._keys else None)
-            self.comparison.take(old, now)
-            if sums is not None and now != old:
-                taken.take(old)
-            if sums is None or now != old:
-                added.take(now)
+            if now is not old:
+                before = None if old is None else old.record
+                after = None if now is None else now.record
+                self.comparison.take(before, after)
+                taken.take(before)
+                added.take(after)
             if now is not None:
                 yield now
-        self.summary = (sums or Summary.empty()) + added.total() - taken.total()
+        self.summary = sums + added.total() - taken.total()
 
 
 class _Sum:
     """The sums of records taken one after the other; some wait, for many are added up as quickly as two."""
 
     def __init__(self) -> None:
-        self._waiting = [Summary.empty()]
+        self._sum, self._waiting = Summary.empty(), Gathered()
 
     def take(self, record: Record | None) -> None:
         """What a machine adds."""
         if record is not None and _counts(record):
-            self._waiting.append(Summary.of(record.evidence))
-        if len(self._waiting) > TOGETHER:
-            self._waiting = [self.total()]
+            self._waiting.take(record.evidence)
+        if self._waiting.machines >= TOGETHER:
+            self.total()
 
     def total(self) -> Summary:
         """Of all."""
-        return total(iter(self._waiting))
+        self._sum += Summary.of_columns(self._waiting.columns)
+        self._waiting = Gathered()
+        return self._sum
 
 
-def _odd(record: Record, summary: Summary) -> Oddness | None:
-    """How unlike the others a machine is; of one that no statistics are made of nothing is said."""
-    return oddness(record.evidence, summary) if _counts(record) else None
+def _summed(records: Iterable[Record]) -> Summary:
+    out = _Sum()
+    for record in records:
+        out.take(record)
+    return out.total()
 
 
 def _counts(record: Record) -> bool:
@@ -130,22 +135,54 @@ def _counts(record: Record) -> bool:
     return record.status == "done"
 
 
-def _fleet(name: str, rows: Sequence[Row], summary: Summary, changes: Changes | None, brief: bool) -> Fleet:
-    unusual = sorted((r for r in rows if r.odd), key=lambda r: (-(r.oddness or 0.0), r.name))
-    undone = [r for r in rows if r.status not in ("done", "refused")]
-    return Fleet(
-        name,
-        len(rows),
-        dict(Counter(r.status for r in rows)),
-        dict(Counter(r.verdict for r in rows if r.verdict)),
-        statistics(summary),
-        len(unusual),
-        unusual[:SHOWN],
-        undone[:SHOWN],
-        rows[:SHOWN],
-        changes,
-        brief,
-    )
+def _rows(lines: Iterable[Line], summary: Summary) -> Iterator[list[Row]]:
+    """Rows of the table, a group at a time. Of a machine that no statistics are made of it is not said how odd it is."""
+    for group in groups(lines, TOGETHER):
+        rows, counted, gathered = list[Row](), list[int](), Gathered()
+        for k, record in enumerate(line.record for line in group):
+            rows.append(row(record))
+            if _counts(record):
+                counted.append(k)
+                gathered.take(record.evidence)
+        for k, odd in zip(counted, oddness(gathered.columns, summary), strict=True):
+            rows[k] = rows[k].with_oddness(odd)
+        yield rows
+
+
+class _Shown:
+    """What a page shows of the rows that passed: counts, and no more than ``SHOWN`` of each kind."""
+
+    def __init__(self) -> None:
+        self._statuses, self._verdicts, self._odd = Counter[str](), Counter[str](), 0
+        self._first, self._undone, self._unusual = list[Row](), list[Row](), list[Row]()
+
+    def take(self, rows: list[Row]) -> list[Row]:
+        """The same rows again."""
+        odd = [r for r in rows if r.odd]
+        self._odd += len(odd)
+        self._statuses.update(r.status for r in rows)
+        self._verdicts.update(r.verdict for r in rows if r.verdict)
+        self._first += rows[: SHOWN - len(self._first)]
+        self._undone += [r for r in rows if r.status not in ("done", "refused")][: SHOWN - len(self._undone)]
+        unusual = sorted([*self._unusual, *odd], key=lambda r: (-(r.oddness or 0.0), r.name))
+        self._unusual = unusual[:SHOWN]
+        return rows
+
+    def fleet(self, name: str, summary: Summary, changes: Changes | None, brief: bool) -> Fleet:
+        """The whole outcome."""
+        return Fleet(
+            name,
+            self._statuses.total(),
+            dict(self._statuses),
+            dict(self._verdicts),
+            statistics(summary),
+            self._odd,
+            self._unusual,
+            self._undone,
+            self._first,
+            changes,
+            brief,
+        )
 
 
 __all__ = ["FILES", "Folders", "ended"]

@@ -19,10 +19,10 @@ from functools import partial
 from pathlib import Path
 
 from truepose.errors import InputError
+from truepose.identification.fleet.columns import KEPT
 from truepose.identification.fleet.folder import Member, members
 from truepose.identification.fleet.record import SCHEMA
 from truepose.identification.fleet.result import Fleet
-from truepose.identification.fleet.summary import KEPT
 from truepose.identification.learned_prior import read_prior
 from truepose.identification.running.ending import Folders, ended
 from truepose.identification.running.work import Options, Task, done

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from truepose.errors import InputError
 from truepose.identification.fleet.record import STATUSES, Record
-from truepose.identification.fleet.store import GROUP, JOURNAL, STORE, SUMS, Journal, Store
+from truepose.identification.fleet.store import GROUP, JOURNAL, STORE, SUMS, Journal, Line, Store
 from truepose.identification.fleet.summary import Summary
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -31,6 +31,10 @@ RECORDS = st.builds(
 
 def plain(number: int, key: str = "k") -> Record:
     return Record(f"m{number:05d}", key, "failed", f"why {number}")
+
+
+def line(record: Record, source: Path) -> Line:
+    return Line(record.name, record.key, record.final, record.text(), source)
 
 
 @given(RECORDS)
@@ -61,18 +65,21 @@ def test_a_journal_goes_on_after_a_line_that_was_cut_off(tmp_path: Path) -> None
         journal.note(stream, Record("m9", "k", "broken"))
     assert journal.keys() == {"m00001": "k", "m00002": "later"}
     everything = {f"m{number:05d}": "k" for number in range(5)}
-    assert list(journal.records(everything)) == [plain(1)]  # of the second there is another key
+    assert list(journal.lines(everything)) == [
+        line(plain(1), journal.path)
+    ]  # of the second there is another key
     assert Journal(tmp_path / "none").keys() == {}
 
 
 def test_a_store_gives_back_what_was_written(tmp_path: Path) -> None:
     store, records = Store(tmp_path), [plain(number) for number in range(GROUP + 3)]
     assert not store.exists and store.keys() == {} and list(store.records()) == []
-    store.write(iter(records))
+    store.write(line(record, tmp_path) for record in records)
     assert list(store.records()) == records
+    assert list(store.lines()) == [line(record, store.path) for record in records]
     assert store.keys() == {record.name: "k" for record in records}
     before = (tmp_path / STORE).read_bytes()
-    store.write(iter(records))
+    store.write(list(store.lines()))
     assert (tmp_path / STORE).read_bytes() == before
     assert store.summary() is None
     store.write_summary(Summary.empty())

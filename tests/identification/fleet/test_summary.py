@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.special import expit
 
-from support.fleets import DrawnFleet
+from support.fleets import DrawnFleet, mixed_machines
 from truepose.errors import InputError
+from truepose.identification.fleet.columns import Columns
 from truepose.identification.fleet.hierarchy import FINE
 from truepose.identification.fleet.likelihood import KERNEL, LOG_ODDS, SLAB, by_size
-from truepose.identification.fleet.odd import oddness
 from truepose.identification.fleet.statistics import statistics, trees
 from truepose.identification.fleet.summary import Summary, total
 
@@ -38,6 +38,12 @@ def test_sums_know_no_order_and_no_grouping(seed: int, order: list[int], cut: in
     assert whole - parts[0] == parts[1] and whole + Summary.empty() == whole
     assert Summary.from_json(json.loads(json.dumps(whole.to_json()))) == whole
     assert whole.machines == 6 and whole.mechanisms == {"serial": 6}
+
+
+@given(seed=st.integers(0, 2**20), number=st.integers(0, 12))
+def test_machines_that_are_added_up_at_once_are_the_sum_of_each(seed: int, number: int) -> None:
+    every = mixed_machines(np.random.default_rng(seed), number)
+    assert Summary.of_columns(Columns.of(every)) == total(Summary.of(one) for one in every)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +71,8 @@ def test_a_fleet_of_which_nothing_is_known_has_the_sizes_of_the_slab() -> None:
 def test_what_is_kept_of_sizes_adds_up(factor: float, unseen: float) -> None:
     """Summed over the slab, unnoticed sizes say nothing and the others what the Bayes factor says."""
     expected = unseen + (1.0 - unseen) * np.exp(factor)
-    assert SLAB @ by_size(factor, unseen, {}) == pytest.approx(expected, rel=1e-9)
+    (factors,) = by_size(np.array([factor]), np.array([unseen]), np.full((1, len(SLAB)), np.nan))
+    assert SLAB @ factors == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_place_alone_is_what_its_machines_say_times_what_was_known() -> None:
@@ -110,28 +117,3 @@ def test_frequencies_and_tolerances_hold_what_was_drawn() -> None:
     assert len(held) == 300 and 0.85 < np.mean(held) < 0.95
     assert np.mean(spreads) > 0.8
     assert abs(np.mean(far)) < 3.0 * np.std(far) / np.sqrt(50)
-
-
-def test_a_machine_that_has_what_no_other_has_is_odd_and_others_are_not() -> None:
-    rng = np.random.default_rng(1)
-    quiet = DrawnFleet(np.zeros(3), 5, -4.0)
-    kept = [quiet.machine(rng) for _ in range(60)]
-    kept[7]["places"]["backlash"]["q2"] = [0.99, 0.018, 9.0, 0.1, 1.0]
-    kept[9]["parameters"]["c1"][0] = 9.0
-    fleet = total(Summary.of(one) for one in kept)
-    told = [oddness(one, fleet) for one in kept]
-    assert told[7].odd and told[7].reasons[0].name == "backlash@q2" and told[7].reasons[0].kind == "present"
-    assert told[9].odd and told[9].reasons[0].name == "c1" and "+9.0 tolerances" in told[9].reasons[0].text
-    assert sum(one.odd for one in told) <= 6  # one in twenty is called odd by chance
-
-
-def test_a_machine_that_lacks_what_all_others_have_is_odd() -> None:
-    rng = np.random.default_rng(1)
-    kept = [DrawnFleet(np.zeros(1), 5, -4.0).machine(rng) for _ in range(600)]
-    for one in kept[1:]:
-        one["places"]["backlash"]["q1"] = [0.9999, 0.018, 13.0, 0.1, 1.0]
-    kept[0]["places"]["backlash"]["q1"] = [0.0, 0.018, -9.0, 0.0, 1.0]
-    told = oddness(kept[0], total(Summary.of(one) for one in kept))
-    assert told.reasons[0].kind == "absent" and told.odd
-    alone = oddness(kept[0], Summary.of(kept[0]))
-    assert not alone.odd and not alone.reasons and alone.score == 0.0

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from support.browser import browser, tried
 from truepose.identification.fleet.changes import Change, Changes, Moved
 from truepose.identification.fleet.result import SHOWN, Fleet
 from truepose.identification.fleet.statistics import (
@@ -18,7 +20,7 @@ from truepose.identification.fleet.statistics import (
 )
 from truepose.identification.fleet.table import Row, table
 from truepose.identification.report.fleet_page import fleet_html
-from truepose.identification.report.fleet_words import fleet_json, fleet_lines, often
+from truepose.identification.report.fleet_words import effect_sentence, fleet_json, fleet_lines, often
 from truepose.identification.report.json_text import json_text
 
 HOSTILE = '<script>alert("1")</script>&'
@@ -101,6 +103,33 @@ def test_an_empty_fleet_has_a_page_too() -> None:
     )
     assert "None of 1 machines could be diagnosed." in fleet_html(nothing)
     assert json_text(fleet_json(nothing)) and fleet_lines(nothing, "fleet.html")
+
+
+def test_an_interval_whose_ends_read_alike_is_told_once() -> None:
+    rare = replace(SEEN, frequency=Interval(1e-5, 1e-6, 1e-4))
+    assert "below 0.1 % of machines (below 0.1 %; expected" in effect_sentence(rare)
+    assert "in 40 % of machines (30 % to 50 %; expected" in effect_sentence(SEEN)
+
+
+LINES = """
+return Array.prototype.map.call(document.querySelectorAll("td:has(> small)"), function (cell) {
+  var range = document.createRange(), tops = new Set();
+  range.selectNodeContents(cell);
+  Array.prototype.forEach.call(range.getClientRects(), function (box) { tops.add(Math.round(box.bottom / 10)); });
+  return tops.size;
+});
+"""
+
+
+@pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")
+@pytest.mark.parametrize("width", [800, 1280])
+def test_names_of_effects_are_not_broken_into_single_words(width: int, tmp_path: Path) -> None:
+    shown = fleet()
+    long = replace(SEEN, effect="actuator-scale", place=("q1", "q2"))
+    told = replace(STATISTICS, anywhere=(SEEN, replace(long, place=())), places=(SEEN, long))
+    page = fleet_html(replace(shown, statistics=told))
+    lines, console = tried(page, LINES, tmp_path, width)
+    assert not console and len(lines) == 4 and max(lines) <= 2
 
 
 def test_words_for_a_terminal() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,6 +60,47 @@ class DrawnFleet:
             },
             "parameters": {f"c{k}": [float(x[k]), float(std[k]), CLASS] for k in range(4)},
         }
+
+
+def mixed_machines(rng: np.random.Generator, number: int) -> list[dict[str, Any]]:
+    """Machines of two mechanisms that have, or have not, what others have; of each something is missing."""
+    effects = ("backlash", "drift", "scale")
+    often = {(effect, place): rng.choice([0.01, 0.4, 0.98]) for effect in effects for place in ("q1", "q2")}
+    return [_mixed(rng, often) for _ in range(number)]
+
+
+def _mixed(rng: np.random.Generator, often: Mapping[tuple[str, str], float]) -> dict[str, Any]:
+    places = dict[str, dict[str, list[Any]]]()
+    for (effect, place), share in often.items():
+        if rng.random() < 0.9:
+            places.setdefault(effect, {})[place] = _told(rng, share)
+    anywhere = {effect: _told(rng, 0.5)[:5] for effect in places}
+    constants = {
+        f"c{k}": float(rng.choice([0.5, 8.0], p=[0.95, 0.05]) * rng.standard_normal()) for k in range(4)
+    }
+    return {
+        "schema": "truepose/kept/1",
+        "machine": "arm",
+        "mechanism": str(rng.choice(["serial", "parallel"], p=[0.8, 0.2])),
+        "verdict": str(rng.choice(["missing-physics", "adequate"])),
+        "places": places,
+        "anywhere": anywhere,
+        "parameters": {
+            name: [x, 0.1, f"class {name < 'c2'}"] for name, x in constants.items() if rng.random() < 0.9
+        },
+    }
+
+
+def _told(rng: np.random.Generator, often: float) -> list[Any]:
+    """Of a place: surely there or surely not, as a rule; now and then unseen, explained by a rival, or held impossible."""
+    p = rng.uniform(0.98, 1.0) if rng.random() < often else rng.uniform(0.0, 0.02)
+    p = p if rng.random() < 0.97 else rng.uniform()
+    prior, unseen = rng.choice([0.0, often], p=[0.1, 0.9]), rng.choice([0.05, 0.95], p=[0.8, 0.2])
+    own = [float(v) for v in (p, prior, 10.0 * p - 5.0, unseen, rng.choice([1.0, 0.4], p=[0.8, 0.2]))]
+    size = [float(rng.normal(-2.0, 0.3) + rng.choice([0.0, 2.0], p=[0.95, 0.05])), 0.1]
+    amount = {"amount": size[0], "unit": str(rng.choice(["mm", "rad"]))} if rng.random() < 0.5 else {}
+    shares = {"sizes": rng.dirichlet(np.ones(len(SLAB))).tolist()} if rng.random() < 0.8 else {}
+    return [*own, {**shares, "size": size, **amount}] if p > 0.1 else own
 
 
 def seen(value: float, usual: float) -> list[Any]:
