@@ -5,7 +5,7 @@ What is no plain number is left to ``Table.numbers``, which also says what is wr
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,6 @@ class ArrowCells(Sequence[object]):
     def __init__(self, cells: Any) -> None:
         self._cells = pa.array(cells) if isinstance(cells, np.ndarray) else cells
 
-    @property
-    def array(self) -> Any:
-        """The pyarrow array itself."""
-        return self._cells
-
     def __len__(self) -> int:
         return len(self._cells)
 
@@ -36,7 +31,7 @@ class ArrowCells(Sequence[object]):
         return self._list[place]
 
     def __iter__(self) -> Iterator[object]:
-        return iter(self._list)
+        return iter(self._cells.to_pylist())
 
     @cached_property
     def _list(self) -> list[object]:
@@ -84,54 +79,78 @@ def _plain(cells: Any) -> Any:
 
 
 class StackedCells(ArrowCells):
-    """Columns of several blocks of rows, one under the other: each is kept in the form that holds it best."""
+    """A column in parts, some rows each, which are asked for anew whenever it is read: a file may be larger than memory."""
 
-    def __init__(self, parts: Sequence[ArrowCells]) -> None:
-        self._parts = list(parts)
-
-    @property
-    def array(self) -> Any:
-        """All parts as one pyarrow array."""
-        return pa.array(self._list)
-
-    def __len__(self) -> int:
-        return sum(len(part) for part in self._parts)
-
-    @cached_property
-    def _list(self) -> list[object]:
-        return [cell for part in self._parts for cell in part]
-
-    @property
-    def empty(self) -> bool:
-        """Whether no cell holds anything but blanks."""
-        return all(part.empty for part in self._parts)
-
-    def numbers(self, *, lost: bool = False) -> FloatArray | None:
-        """(n,) as of ``ArrowCells``, filled part by part."""
-        out, at = np.empty(len(self)), 0
-        for part in self._parts:
-            own = part.numbers(lost=lost)
-            if own is None:
-                return None
-            out[at : at + len(own)] = own
-            at += len(own)
-        return out
-
-
-class ParquetCells(StackedCells):
-    """A column of a Parquet file, read some rows at a time whenever it is asked for: a file may be larger than memory."""
-
-    def __init__(self, path: Path, name: str, rows: int) -> None:
-        self._path, self._name, self._rows = path, name, rows
+    def __init__(self, rows: int, parts: Callable[[], Iterable[ArrowCells]]) -> None:
+        self._rows, self._parts = rows, parts
 
     def __len__(self) -> int:
         return self._rows
 
+    def __iter__(self) -> Iterator[object]:
+        for part in self._parts():
+            yield from part
+
+    @cached_property
+    def _list(self) -> list[object]:
+        return list(self)
+
     @property
-    def _parts(self) -> Iterator[ArrowCells]:  # type: ignore[override]
-        with pq.ParquetFile(self._path) as file:
-            for batch in file.iter_batches(columns=[self._name]):
+    def empty(self) -> bool:
+        """Whether no cell holds anything but blanks."""
+        return all(part.empty for part in self._parts())
+
+    def numbers(self, *, lost: bool = False) -> FloatArray | None:
+        """(n,) as of ``ArrowCells``, filled part by part."""
+        return _stacked(self._parts(), self._rows, lost=lost)
+
+
+class TextCells(StackedCells):
+    """A column of a text file: of its parts numbers and labels are ``kept``, None where only the file has the texts.
+
+    ``written`` reads all texts from the file, as they stand there.
+    """
+
+    def __init__(
+        self,
+        rows: int,
+        written: Callable[[], Iterable[ArrowCells]],
+        kept: Sequence[ArrowCells | FloatArray | None],
+    ) -> None:
+        labels = [part for part in kept if isinstance(part, ArrowCells)]
+        super().__init__(rows, written if len(labels) < len(kept) else lambda: labels)
+        self._kept = kept
+
+    def numbers(self, *, lost: bool = False) -> FloatArray | None:
+        """(n,) as of ``ArrowCells``; the file is not read again."""
+        kept = [part for part in self._kept if part is not None]
+        if len(kept) < len(self._kept):
+            return None
+        parts = (part if isinstance(part, ArrowCells) else ArrowCells(part) for part in kept)
+        return _stacked(parts, self._rows, lost=lost)
+
+
+def parquet_cells(path: Path, name: str, rows: int) -> StackedCells:
+    """A column of a Parquet file."""
+
+    def parts() -> Iterator[ArrowCells]:
+        with pq.ParquetFile(path) as file:
+            for batch in file.iter_batches(columns=[name]):
                 yield ArrowCells(batch.column(0))
 
+    return StackedCells(rows, parts)
 
-__all__ = ["ArrowCells", "ParquetCells", "StackedCells"]
+
+def _stacked(parts: Iterable[ArrowCells], rows: int, *, lost: bool) -> FloatArray | None:
+    """(rows,) numbers of all parts, None where one has none."""
+    out, at = np.empty(rows), 0
+    for part in parts:
+        own = part.numbers(lost=lost)
+        if own is None:
+            return None
+        out[at : at + len(own)] = own
+        at += len(own)
+    return out
+
+
+__all__ = ["ArrowCells", "StackedCells", "TextCells", "parquet_cells"]

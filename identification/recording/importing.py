@@ -11,10 +11,11 @@ import numpy as np
 import pandas as pd
 
 from truepose.errors import InputError
+from truepose.identification.recording.encoding import decoded
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.spreadsheet import MAGIC
 from truepose.identification.recording.table import Column, Table, bag_table, is_bag, read_table
-from truepose.identification.recording.text import SI, decoded
+from truepose.identification.recording.text import SI
 from truepose.identification.recording.tpoint import is_tpoint, machine_text, read_tpoint
 from truepose.identification.recording.tracker_text import ANY, DIALECTS, dialect_of, read_points
 from truepose.wording import joined, shortened

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import codecs
 import datetime
 import hashlib
 import re
 from itertools import takewhile
 from pathlib import Path
 
+from truepose.identification.recording.encoding import MARKS
+
 _COMMENTS = ("#", "!", "%", "*", "//")
 _DATE = re.compile(r"(?<!\d)((?:19|20)\d\d-\d\d-\d\d)(?!\d)")
 _SHUFFLED = re.compile(r"\border\s*[:=]\s*shuffled\b", re.IGNORECASE)
 _FIELD = re.compile(r"[\s,;]+")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_MARKS = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
 _LINES, _BYTES = 40, 1 << 16
 """Lines and bytes at the head of a file in which comments are looked for."""
 
@@ -63,7 +59,7 @@ def _is_comment(line: str) -> bool:
 
 def _text(head: bytes) -> str:
     """The head of a file as text, whose dates and comments are of ASCII in any case; empty for one that is none."""
-    for mark, name in _MARKS:
+    for mark, name in MARKS:
         if head.startswith(mark):
             return head.decode(name, errors="ignore")
     return "" if b"\0" in head else head.decode("latin-1")

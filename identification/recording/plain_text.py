@@ -1,88 +1,58 @@
-"""Large plain texts, a block of rows at a time: numbers are kept as such, texts that repeat by their distinct values.
-
-Plain are numbers, texts and separators only. Quotes, comments between rows, decimal commas and rows of the wrong length are
-left to ``text.read_text``, which also says what is wrong.
-"""
+"""Columns of a block of lines by Arrow, where it reads them as Python's csv does: most blocks are such."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
-from typing import Any, BinaryIO
+import io
+from typing import Any, Final
 
+import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.compute as pc  # type: ignore[import-untyped]
 import pyarrow.csv as pacsv  # type: ignore[import-untyped]
 
-from truepose.identification.recording.arrow_columns import ArrowCells, StackedCells
-
-BLOCK = 1 << 24
-"""Bytes that are read at a time."""
-REPEATED = 256
-"""Distinct texts of a column of a block up to which they stand as they were written: labels, and numbers of poses."""
-SEPARATORS = ("\t", ";", ",")
-"""What may stand between columns, beside spaces."""
-_NOT_PLAIN = (b'"', b"#", b"\0")
-_UTF8 = b"\xef\xbb\xbf"
+SPACES: Final = " "
+"""Separator of columns that any white space stands between."""
+_MARK: Final = "\ufeff"
 
 
-def read_plain_csv(stream: BinaryIO) -> tuple[list[str], list[StackedCells]] | None:
-    """Headers and columns; None for a file with anything else than plain cells."""
-    line = next((own for own in _lines(stream) if own and not own.startswith(b"#")), b"")
+def counts(line: str) -> bool:
+    """Whether a line is neither empty nor a comment."""
+    start = line.lstrip()
+    return bool(start) and not start.startswith("#")
+
+
+def plain_columns(block: str, count: int, separator: str) -> list[Any] | None:
+    """Arrays of texts, one for each of ``count`` columns; None where Python has to read the rows, or say what is wrong.
+
+    ``block``: whole lines. Not plain are line ends in quotes, quotes amid a cell, and rows of another length.
+    """
+    if "#" in block or separator.isspace() or count == 1:  # else no line of blanks passes for a row
+        lines = filter(counts, io.StringIO(block, newline=""))
+        block = "\n".join(map(_tabbed, lines)) if separator == SPACES else "".join(lines)
+    quoted = separator != SPACES and '"' in block
+    data, delimiter = block.encode(), "\t" if separator == SPACES else separator
+    if not delimiter.isascii() or block.startswith(_MARK) or (quoted and not _enclosed(data, delimiter)):
+        return None
     try:
-        header = line.decode("utf-8")
-    except UnicodeDecodeError:
+        columns = _columns(data, count, delimiter, quoted)
+    except pa.ArrowException:
         return None
-    known = [separator for separator in SEPARATORS if separator in header]
-    if len(known) != 1:  # one column, or a header that alone does not tell
-        return None
-    try:
-        names = next(csv.reader([header], delimiter=known[0], strict=True))
-    except csv.Error:
-        return None
-    parts: list[list[ArrowCells]] = [[] for _ in names]
-    marks = _NOT_PLAIN if known[0] == "," else (*_NOT_PLAIN, b",")
-    for block in _blocks(stream):
-        if any(mark in block for mark in marks):
-            return None
-        try:
-            columns = _columns(block, len(names), known[0])
-        except pa.ArrowException:
-            return None
-        for own, column in zip(parts, columns, strict=True):
-            own.append(_kept(column))
-    return (names, [StackedCells(own) for own in parts]) if parts[0] else None
+    longest = max(pc.max(pc.binary_length(column)).as_py() or 0 for column in columns)
+    return columns if longest <= csv.field_size_limit() else None
 
 
-def _lines(stream: BinaryIO) -> Iterator[bytes]:
-    """Lines up to the header, which are whole: comments and empty ones before it."""
-    for k, line in enumerate(stream):
-        if not line.endswith(b"\n"):
-            return
-        yield (line.removeprefix(_UTF8) if k == 0 else line).strip()
+def _tabbed(line: str) -> str:
+    """A line of words, tabs between them."""
+    return "\t".join(line.split())
 
 
-def _blocks(stream: BinaryIO) -> Iterator[bytes]:
-    """What follows, cut behind ends of lines."""
-    rest = b""
-    while data := stream.read(BLOCK):
-        end = data.rfind(b"\n") + 1
-        if end:
-            yield rest + data[:end]
-            rest = b""
-        rest += data[end:]
-    if rest.strip():
-        yield rest
-
-
-def _columns(block: bytes, count: int, separator: str) -> list[Any]:
-    """Arrays of texts; none where there is no row."""
-    if not block.strip():
-        return [pa.array([], pa.string())] * count
+def _columns(data: bytes, count: int, delimiter: str, quoted: bool) -> list[Any]:
     keys = [str(k) for k in range(count)]
     read = pacsv.read_csv(
-        pa.BufferReader(pa.py_buffer(block)),
+        pa.BufferReader(pa.py_buffer(data)),
         read_options=pacsv.ReadOptions(column_names=keys),
-        parse_options=pacsv.ParseOptions(delimiter=separator, quote_char=False),
+        parse_options=pacsv.ParseOptions(delimiter=delimiter, quote_char='"' if quoted else False),
         convert_options=pacsv.ConvertOptions(
             column_types=dict.fromkeys(keys, pa.string()), strings_can_be_null=False
         ),
@@ -90,13 +60,17 @@ def _columns(block: bytes, count: int, separator: str) -> list[Any]:
     return [column.combine_chunks() for column in read.columns]
 
 
-def _kept(column: Any) -> ArrowCells:
-    """A column of texts (n,): as numbers where it has many, all of them plain."""
-    told = column.dictionary_encode()
-    if len(told.dictionary) <= REPEATED:
-        return ArrowCells(told)
-    numbers = ArrowCells(column).numbers()
-    return ArrowCells(column if numbers is None else numbers)
+def _enclosed(data: bytes, delimiter: str) -> bool:
+    """Whether all quotes enclose whole cells of one line, or stand twice within: then no reader takes them otherwise."""
+    text = np.frombuffer(b"\n" + data + b"\n", np.uint8)
+    quotes, ends = np.flatnonzero(text == ord('"')), np.flatnonzero((text == ord("\n")) | (text == ord("\r")))
+    opening, closing = quotes[::2], quotes[1::2]
+    if len(opening) != len(closing):
+        return False
+    beside = np.zeros(256, dtype=np.bool_)
+    beside[[ord(c) for c in ('"', "\n", "\r", delimiter)]] = True
+    within_line = np.searchsorted(ends, opening) == np.searchsorted(ends, closing)
+    return bool(np.all(beside[text[opening - 1]] & beside[text[closing + 1]] & within_line))
 
 
-__all__ = ["SEPARATORS", "read_plain_csv"]
+__all__ = ["SPACES", "counts", "plain_columns"]

@@ -3,7 +3,7 @@
 Nothing here knows a robot. `read_table` keeps the cells as they stand; `Table.numbers`, `integers` and
 `texts` turn a column into values and refuse, naming file, row and column, whatever is not one. Rows count
 from 1: the first line of data; messages add the line of the file. Large files are read by columns, some rows at a time
-(`arrow_columns`, `plain_text`).
+(`arrow_columns`, `text_rows`).
 """
 
 from __future__ import annotations
@@ -22,14 +22,12 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import ArrowCells, ParquetCells
+from truepose.identification.recording.arrow_columns import ArrowCells, parquet_cells
 from truepose.identification.recording.memory_tables import columns_of
 from truepose.identification.recording.spreadsheet import MAGIC, read_spreadsheet
-from truepose.identification.recording.text import SI, TextTable, read_large_text, read_text
+from truepose.identification.recording.text import SI, TextTable, read_text
 from truepose.models.units import FloatArray, is_unit, parse_unit
 
-LARGE = 1 << 20
-"""Bytes from which a text is read by columns."""
 _SI_UNITS: Final = {"mm": "m", "rad": "rad"}
 _HEADER: Final = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$")
 _ROUND: Final = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
@@ -100,13 +98,12 @@ class Table:
             plain = cells.numbers(lost=True)
         if plain is not None:
             return plain
-        values = np.array([_number(cell) for cell in cells], dtype=np.float64)
-        rows: list[int] = np.flatnonzero(~np.isfinite(values)).tolist()
-        bad = [row for row in rows if not (lost and _empty(cells[row]))]
-        if bad:
-            hint = "; leave the cell empty where a reading was lost" if lost else ""
-            where = self.where(name, bad[0])
-            raise InputError(f"{where}: {_fault(cells[bad[0]])}, expected a finite number{hint}")
+        values = np.empty(len(cells))
+        for row, cell in enumerate(cells):
+            values[row] = _number(cell)
+            if not math.isfinite(values[row]) and not (lost and _empty(cell)):
+                hint = "; leave the cell empty where a reading was lost" if lost else ""
+                raise InputError(f"{self.where(name, row)}: {_fault(cell)}, expected a finite number{hint}")
         return values
 
     def integers(self, name: str) -> npt.NDArray[np.int64]:
@@ -177,13 +174,8 @@ def _read(path: Path) -> Table:
     if start.startswith(_PARQUET_MAGIC):
         with pq.ParquetFile(path) as table:
             names, rows = list(table.schema_arrow.names), int(table.metadata.num_rows)
-        return _table(file, TextTable(names, [ParquetCells(path, name, rows) for name in names]))
-    if start.startswith(MAGIC):
-        found = read_spreadsheet(path)
-    else:
-        plain = read_large_text(path) if path.stat().st_size >= LARGE else None
-        found = read_text(path.read_bytes(), file) if plain is None else plain
-    return _table(file, found)
+        return _table(file, TextTable(names, [parquet_cells(path, name, rows) for name in names]))
+    return _table(file, read_spreadsheet(path) if start.startswith(MAGIC) else read_text(path))
 
 
 def bag_table(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -> Table:

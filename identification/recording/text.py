@@ -1,38 +1,41 @@
-"""Texts of measured rows: how they are encoded, what stands between columns, and which decimal mark they use.
+"""Texts of measured rows: what stands between columns, and the columns themselves, never whole in memory.
 
-Nothing is guessed: a text that could be read in two ways is refused with what was found. Large plain texts are read
-a block at a time (``plain_text``).
+Nothing is guessed: a text that could be read in two ways is refused with what was found.
 """
 
 from __future__ import annotations
 
-import codecs
 import csv
-import io
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import pyarrow.compute as pc  # type: ignore[import-untyped]
 
 from truepose.errors import InputError
-from truepose.identification.recording.decimals import with_decimal_points
-from truepose.identification.recording.plain_text import SEPARATORS, read_plain_csv
+from truepose.identification.recording.arrow_columns import ArrowCells, TextCells
+from truepose.identification.recording.decimals import DecimalMarks, with_points
+from truepose.identification.recording.encoding import encoding_of
+from truepose.identification.recording.plain_text import SPACES, counts
+from truepose.identification.recording.text_rows import TextRows, open_text
+from truepose.models.units import FloatArray
 
 SI: Final = "SI"
 """Unit of a column in the SI unit of whatever is in it, as ROS logs: metres for lengths, radians for angles."""
-SPACES: Final = " "
-_NAMES: Final = {",": "a comma", ";": "a semicolon", "\t": "a tab", SPACES: "spaces"}
+_NAMES: Final = {"\t": "a tab", ";": "a semicolon", ",": "a comma"}
+"""What may stand between columns, beside spaces."""
 _SAMPLE = 50
-"""Rows that tell what stands between columns."""
+"""Lines that tell what stands between columns, the header among them."""
+_REPEATED = 256
+"""Distinct texts of a column of a block up to which they are kept: labels, and numbers of poses."""
+_PROBED = 1024
+"""Cells that tell most columns with more distinct texts."""
 _WORD: Final = re.compile(r"\S+(?:\s+(?:\[[^\]]*\]|\([^)]*\)))?")
-_SEPARATOR_LINE: Final = re.compile(r"sep=(.)\s*", re.IGNORECASE)
-_BINARY: Final = re.compile(r"[\x00-\x08\x0e-\x1f]")
-_MARKS: Final = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
+_SEPARATOR_LINE: Final = re.compile(r'sep=([^\r\n"])\s*', re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -48,143 +51,77 @@ class TextTable:
     notes: tuple[str, ...] = ()
 
 
-def read_large_text(path: Path) -> TextTable | None:
-    """A plain text of many rows, never whole in memory; None where it is not plain."""
-    with path.open("rb") as stream:
-        plain = read_plain_csv(stream)
-    if plain is None:
-        return None
-    return TextTable(*plain, line=lambda row: _line_of_row(path.read_bytes(), row))
-
-
-def read_text(data: bytes, where: str) -> TextTable:
-    """A text's header and rows; ``where`` opens messages.
+def read_text(path: Path) -> TextTable:
+    """A text's header and rows, read a block at a time: numbers and labels are kept, other cells read again when asked for.
 
     Raises InputError for a text that cannot be decoded or could be read in two ways, for a missing header and a row of
     the wrong length, csv.Error for quotes that do not close.
     """
-    text, notes = decoded(data, where)
-    kept = _Kept(text)
-    first = next(kept, "")
-    told = _SEPARATOR_LINE.fullmatch(first)  # a spreadsheet's own first line
-    first, separator = (next(kept, ""), told[1]) if told else (first, "")
-    if not first:
-        raise InputError(f"{where}: found no header, expected a line with the names of the columns")
-    separator = separator or _separator(text, first, where)
-    headers = (
-        _cells(first, separator) if separator == SPACES else next(csv.reader([first], delimiter=separator))
-    )
-    rows, lines = _rows(kept, separator)
-    _check_lengths(where, headers, rows, lines, separator)
-    columns: Sequence[Sequence[object]] = [[row[k] for row in rows] for k in range(len(headers))]
-    if separator != "," or '"' in text:  # only quoted cells hold a comma that commas stand around
-        columns = with_decimal_points(columns, headers, separator, where, lines.__getitem__)
-    return TextTable(headers, columns, lines.__getitem__, notes)
+    with path.open("rb") as stream:
+        encoding, notes = encoding_of(stream, str(path))
+    rows, marks = _rows_of(path, encoding), DecimalMarks()
+    kept: list[list[ArrowCells | FloatArray | None]] = [[] for _ in rows.headers]
+    count = 0
+    for columns in rows.blocks():
+        marks.add(columns)
+        count += len(columns[0])
+        for own, cells in zip(kept, columns, strict=True):
+            own.append(_kept(with_points(cells)))
+    marks.check(rows.headers, rows.separator, str(path), rows.line)
+    cells = [TextCells(count, partial(_written, rows, k), own) for k, own in enumerate(kept)]
+    return TextTable(rows.headers, cells, rows.line, notes)
 
 
-def decoded(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
-    """The text, with a note where it is no Unicode. Raises InputError for what is no text, or may be several."""
-    encoding = next((name for mark, name in _MARKS if data.startswith(mark)), None)
-    if encoding is None and data[:2].count(0) == 1 and not len(data) % 2:
-        encoding = "utf-16-le" if data[1:2] == b"\0" else "utf-16-be"
-    notes: tuple[str, ...] = ()
-    try:
-        text = data.decode(encoding or "utf-8")
-    except UnicodeDecodeError:
-        if encoding is not None or re.search(rb"[\x80-\x9f]", data):
-            raise InputError(
-                f"{where}: cannot read the file: neither text in UTF-8, UTF-16 or Latin-1, nor Parquet, Excel or a bag"
-            ) from None
-        text, notes = data.decode("latin-1"), (f"{where}: read as Latin-1: it is no text in UTF-8",)
-    found = _BINARY.search(text)
-    if found:
-        raise InputError(
-            f"{where}: cannot read the file: found the control character {found[0]!r}, expected text"
-        )
-    return text, notes
+def _written(rows: TextRows, column: int) -> Iterator[ArrowCells]:
+    """A column's texts, some rows at a time."""
+    return (ArrowCells(with_points(columns[column])) for columns in rows.blocks())
 
 
-class _Kept(Iterator[str]):
-    """Lines that are neither empty nor comments; ``number`` counts all lines up to the last one given."""
-
-    def __init__(self, text: str) -> None:
-        self.number = 0
-        self._lines = (
-            (k, line) for k, line in enumerate(io.StringIO(text, newline=""), start=1) if counts(line)
-        )
-
-    def __next__(self) -> str:
-        self.number, line = next(self._lines)
-        return line
+def _kept(cells: Any) -> ArrowCells | FloatArray | None:
+    """What is kept of some rows of a column of texts: few distinct ones as they stand, else numbers; None for others."""
+    if len(pc.unique(cells[:_PROBED])) <= _REPEATED:
+        told = cells.dictionary_encode()
+        if len(told.dictionary) <= _REPEATED:
+            return ArrowCells(told)
+    return ArrowCells(cells).numbers(lost=True)
 
 
-def counts(line: str) -> bool:
-    """Whether a line is neither empty nor a comment."""
-    start = line.lstrip()
-    return bool(start) and not start.startswith("#")
+def _rows_of(path: Path, encoding: str) -> TextRows:
+    """Where the rows of a file are, and what stands between their cells, as its first lines tell."""
+    with open_text(path, encoding) as stream:
+        lines = list(islice(filter(counts, stream), _SAMPLE))
+    told = _SEPARATOR_LINE.fullmatch(lines[0]) if lines else None  # a spreadsheet's own first line
+    header = next(iter(lines[1:] if told else lines), "")
+    if not header:
+        raise InputError(f"{path}: found no header, expected a line with the names of the columns")
+    sample = [line for line in lines if line != header]
+    separator = told[1] if told else _separator(header, sample, str(path))
+    names = _WORD.findall(header) if separator == SPACES else next(csv.reader([header], delimiter=separator))
+    return TextRows(path, encoding, separator, tuple(names), above=2 if told else 1)
 
 
-def _line_of_row(data: bytes, row: int) -> int:
-    kept = _Kept(data.decode("utf-8-sig"))
-    for _ in range(row + 2):  # the header is no row
-        next(kept)
-    return kept.number
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    if separator == SPACES:
-        return _WORD.findall(line)
-    try:
-        return next(csv.reader([line], delimiter=separator), [])
-    except csv.Error:
-        return []
-
-
-def _separator(text: str, header: str, where: str) -> str:
+def _separator(header: str, sample: Sequence[str], where: str) -> str:
     """What stands between columns: what splits the header, and rows into as many cells."""
-    known = [s for s in SEPARATORS if len(_cells(header, s)) > 1]
+    known = [s for s in _NAMES if _count(header, s) > 1]
     if len(known) == 1:
         return known[0]
-    rows = _Kept(text)
-    sample = [line for line, _ in zip(rows, range(_SAMPLE), strict=False) if line != header]
     if not known:
-        count = len(_cells(header, SPACES))
+        count = len(_WORD.findall(header))
         spaced = count > 1 and all(len(line.split()) == count for line in sample[:1])
         return SPACES if spaced else ","
-    fitting = [s for s in known if all(len(_cells(line, s)) == len(_cells(header, s)) for line in sample)]
+    fitting = [s for s in known if all(_count(line, s) == _count(header, s) for line in sample)]
     if len(fitting) == 1:
         return fitting[0]
     found = " and ".join(_NAMES[s] for s in fitting or known)
     raise InputError(f"{where}: found {found} in the header, expected one and the same between all columns")
 
 
-def _rows(kept: _Kept, separator: str) -> tuple[list[list[str]], list[int]]:
-    """Cells of all further rows, and the lines that they end on."""
-    lines: list[int] = []
-    if separator == SPACES:
-        rows = []
-        for line in kept:
-            rows.append(line.split())
-            lines.append(kept.number)
-        return rows, lines
-    rows = []
-    for row in csv.reader(kept, delimiter=separator, strict=True):
-        rows.append(row)
-        lines.append(kept.number)
-    return rows, lines
+def _count(line: str, separator: str) -> int:
+    """Cells of a line by itself."""
+    try:
+        return len(next(csv.reader([line], delimiter=separator), []))
+    except csv.Error:
+        return 0
 
 
-def _check_lengths(
-    where: str, headers: Sequence[str], rows: Sequence[Sequence[str]], lines: Sequence[int], separator: str
-) -> None:
-    for number, row in enumerate(rows):
-        if len(row) != len(headers):
-            twice = separator == "," and len(row) == 2 * len(headers)
-            hint = "; decimal commas need a semicolon or a tab between columns" if twice else ""
-            raise InputError(
-                f"{where}: row {number + 1} (line {lines[number]}): found {len(row)} cells, "
-                f"expected {len(headers)}{hint}"
-            )
-
-
-__all__ = ["SI", "SPACES", "TextTable", "counts", "decoded", "read_large_text", "read_text"]
+__all__ = ["SI", "TextTable", "read_text"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,71 +15,20 @@ import pytest
 from truepose.errors import InputError
 from truepose.identification.compensation import path_file
 from truepose.identification.compensation.path_file import csv_text
-from truepose.identification.recording import plain_text, table
+from truepose.identification.recording import text_rows
 from truepose.identification.recording.arrow_columns import ArrowCells
-from truepose.identification.recording.plain_text import read_plain_csv
 from truepose.identification.recording.table import Column, Table, read_table
 
 
 @pytest.fixture
 def both(monkeypatch: pytest.MonkeyPatch) -> Any:
     def read(path: Path) -> Iterator[Table]:
-        """As a large file, then as a small one."""
-        for large in (0, 1 << 30):
-            monkeypatch.setattr(table, "LARGE", large)
+        """A line at a time, then as one block."""
+        for block in (1, 1 << 30):
+            monkeypatch.setattr(text_rows, "BLOCK", block)
             yield read_table(path)
 
     return read
-
-
-@pytest.mark.parametrize(
-    ("text", "plain"),
-    [
-        ("q1 [mm],note,q2\n1,a,2.50\n-1e-3,b c,+4\n", True),
-        ("\ufeff# comment\n\nq1,note,q2\r\n 1 ,,2\r\n3,x,4\r\n", True),
-        ('q1,note,q2\n1,"a, b",2\n', False),
-        ("q1,note,q2\n1,a,2\n# between\n3,b,4\n", False),
-        ("q1,note,q2\n\n1,a,2\n\n3,b,4\n", True),
-    ],
-)
-def test_a_table_is_the_same_by_columns(text: str, plain: bool, tmp_path: Path, both: Any) -> None:
-    assert (read_plain_csv(io.BytesIO(text.encode())) is not None) == plain
-    path = tmp_path / "path.csv"
-    path.write_bytes(text.encode())
-    one, other = both(path)
-    assert (one.file, one.columns, one.n_rows) == (other.file, other.columns, other.n_rows)
-    for name in ("q1", "q2"):
-        np.testing.assert_array_equal(one.numbers(name), other.numbers(name))
-    assert {name: list(one.cells[name]) for name in one.names} == dict(other.cells)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "q1,q2\n1,2\n3,high\n",
-        "q1,q2\n1,2\n3,\n",
-        "q1,q2\n1,2\n3,nan\n",
-        "q1,q2\n1,2\n3,1_000\n",
-        "q1,q2\n1,2\n3\n",
-        "q1,q2\n1,2\n3,4,5\n",
-        "q1,q1 [mm]\n1,2\n",
-        "q1,q2\n",
-        "",
-        "q1,q2\n1,\udcff\n",
-    ],
-)
-def test_what_is_wrong_with_a_table_is_said_the_same(
-    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "path.csv"
-    path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    said = []
-    for large in (0, 1 << 30):
-        monkeypatch.setattr(table, "LARGE", large)
-        with pytest.raises(InputError) as caught:
-            read_table(path).numbers("q2")
-        said.append(str(caught.value))
-    assert said[0] == said[1]
 
 
 def test_columns_of_parquet_are_what_was_written(tmp_path: Path) -> None:
@@ -125,25 +73,6 @@ def test_what_is_written_reads_back_exactly(
         np.testing.assert_array_equal(found.numbers("q1"), values)
         assert list(found.cells["note"]) == note
         assert found.columns[0].unit == "mm"
-
-
-@pytest.mark.parametrize("block", [1, 7, 64, 1000])
-def test_blocks_of_any_size_are_the_same_columns(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever is cut where: labels, numbers, many distinct texts, no end of line at the end."""
-    rows = [f"{k * 0.125},{'ab'[k % 2]},{k % 7:03d},{'' if k == 5 else k}" for k in range(600)]
-    text = ("# a comment\n" + '"q1","note",pose,x\n' + "\n".join(rows)).encode()
-    whole = read_plain_csv(io.BytesIO(text))
-    monkeypatch.setattr(plain_text, "BLOCK", block)
-    cut = read_plain_csv(io.BytesIO(text))
-    assert whole is not None
-    assert cut is not None
-    assert cut[0] == whole[0] == ["q1", "note", "pose", "x"]
-    for one, other in zip(cut[1], whole[1], strict=True):
-        assert len(one) == 600
-        np.testing.assert_array_equal(one.numbers(lost=True), other.numbers(lost=True))
-    assert list(cut[1][1])[:3] == ["a", "b", "a"]
-    assert list(cut[1][2])[8] == "001"
-    assert cut[1][3].numbers() is None
 
 
 def test_a_parquet_column_is_read_in_batches(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from support.examples import examples
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
 from support.workbook import write_workbook
 from truepose.errors import InputError
-from truepose.identification.recording import table
+from truepose.identification.recording import text_rows
 from truepose.identification.recording.load import as_recording, load_recording, tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
@@ -121,14 +121,14 @@ def test_spaces_stand_between_columns(
 
 
 @pytest.mark.parametrize(("separator", "decimal"), [(";", ","), ("\t", "."), (";", ".")])
-def test_large_texts_are_read_alike(
+def test_texts_of_many_blocks_are_read_alike(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, separator: str, decimal: str
 ) -> None:
     frame = _frame([(1.25, -2.0, None, 0.5, "calibration"), (3.0, 4.5, 1.125, 0.25, "validation")])
     path = _text(separator, decimal, start="# first\n\n")(tmp_path / "rows.csv", frame)
-    small = _load(path)
-    monkeypatch.setattr(table, "LARGE", 0)
-    _same(_load(path), small)
+    whole = _load(path)
+    monkeypatch.setattr(text_rows, "BLOCK", 1)
+    _same(_load(path), whole)
     path.write_text(path.read_text().replace("validation", "later"))
     with pytest.raises(InputError, match=r"rows\.csv: row 2 \(line 5\), column 'role': found 'later'"):
         _load(path)
