@@ -127,10 +127,15 @@ def measure(
     with tempfile.TemporaryDirectory(prefix="truepose-") as folder:
         seen = observe(build(source, compiler, Path(folder)), target, compiler.tools)
         code = _Code.of(source, compiler, Path(folder))
+    return _measurement(source, compiler, code, seen)
+
+
+def _measurement(source: Source, compiler: Compiler, code: _Code, seen: Sequence[Observation]) -> Measurement:
+    """What was compiled and what was seen of its calls, summed up."""
     return Measurement(
         name=source.name,
-        target=target,
-        optimisation=optimisation,
+        target=compiler.target,
+        optimisation=compiler.optimisation,
         compiler=compiler.tools.compiler,
         emulator=compiler.tools.emulator,
         vectors=len(source.joints),
