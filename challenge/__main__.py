@@ -21,6 +21,7 @@ from truepose.commands.progress import counted
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
+    from challenge.examine import Challenge
     from challenge.score_table import Table
 
 CountOption = Annotated[
@@ -97,19 +98,14 @@ def challenge(
         check_directory(output)
         plugins = tuple(p.resolve() for p in plugin or ())
         if drawn is None:
-            named = {"only_machines": _names(machines), "strata": _names(strata)}
-            wanted = asked(output, n or CASES, seed=seed, timeout=timeout, plugins=plugins, **named)
+            names = {"only_machines": _names(machines), "strata": _names(strata)}
+            wanted = asked(output, n or CASES, seed=seed, timeout=timeout, plugins=plugins, **names)
         else:
             _alone(draw or bool(machines or strata))
             wanted = replace(sitting(drawn, output, n, timeout), plugins=plugins)
         with counted("drawing" if draw else "examining") as hear:
             seats = run(wanted, jobs=jobs or os.cpu_count() or 1, again=again, draw_only=draw, progress=hear)
-        names = [seat.name for seat in wanted.seats]
-        if draw:
-            summary = {"command": "challenge", "drawn": len(seats)}
-            finish(summary, [f"{len(seats)} of {len(names)} cases drawn: {output}"], [], as_json=as_json)
-        else:
-            _finish(_tabled(output, names, wanted.drawn), output, as_json)
+        _finish(wanted, len(seats), output, draw=draw, as_json=as_json)
 
 
 def _alone(beside: bool) -> None:
@@ -129,7 +125,17 @@ def _tabled(output: Path, cases: list[str], drawn: Path | None) -> Table:
     return tabled(output, cases, drawn)
 
 
-def _finish(found: Table, output: Path, as_json: bool) -> None:
+def _finish(asked: Challenge, done: int, output: Path, *, draw: bool, as_json: bool) -> None:
+    """Say how many cases were drawn; else score all, write the table and say what is in it."""
+    names = [seat.name for seat in asked.seats]
+    if draw:
+        told = f"{done} of {len(names)} cases drawn: {output}"
+        finish({"command": "challenge", "drawn": done}, [told], [], as_json=as_json)
+    else:
+        _finish_table(_tabled(output, names, asked.drawn), output, as_json)
+
+
+def _finish_table(found: Table, output: Path, as_json: bool) -> None:
     from challenge.score_table import lines
     from challenge.table_document import document
 

@@ -105,10 +105,30 @@ def render(
     """The files of ``generate`` as texts by file name."""
     model = symbolic_model(machine, machine.effects)
     layout = layout_of(model, real)
+    context = _context(model, layout, real, _nominal(model, nominal), features)
+    if features.listed and features.branches and not context["lists_all"]:
+        raise InputError(
+            f"features: found branches, but {machine.name} is no open chain of six readings; leave it out"
+        )
+    texts = {file: environment().get_template(template).render(context) for file, template in _files(context)}
+    if features.listed:
+        texts = {
+            file: pruned(text, machine.name) if file.endswith(".c") else text for file, text in texts.items()
+        }
+    return {**texts, "test_vectors.csv": _vectors(model, layout), **wrappers(context)}
+
+
+def _context(
+    model: SymbolicModel, layout: Layout, real: Real, ideal: list[float], features: Features
+) -> dict[str, Any]:
+    """What the templates read: the expressions, and all beside them. ``ideal``: nominal p (np,)."""
     blocks = blocks_of(model, layout, real, features)
-    ideal = _nominal(model, nominal)
-    context = {
-        **_common(model, layout, real),
+    return {
+        **_numbers(real),
+        **_sizes(model, layout),
+        **_interface(model, layout),
+        **_example(layout, single=real == "float"),
+        **_pointing(model, layout),
         "blocks": blocks.texts,
         "fixed_block": blocks.texts[0],
         "lane_blocks": blocks.lane_texts,
@@ -124,18 +144,8 @@ def render(
         "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
         **offered(features, model, layout, blocks, ideal),
-        "held": left_out_words(left_out(machine, features)),
+        "held": left_out_words(left_out(model.machine, features)),
     }
-    if features.listed and features.branches and not context["lists_all"]:
-        raise InputError(
-            f"features: found branches, but {machine.name} is no open chain of six readings; leave it out"
-        )
-    texts = {file: environment().get_template(template).render(context) for file, template in _files(context)}
-    if features.listed:
-        texts = {
-            file: pruned(text, machine.name) if file.endswith(".c") else text for file, text in texts.items()
-        }
-    return {**texts, "test_vectors.csv": _vectors(model, layout), **wrappers(context)}
 
 
 def _files(context: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -147,8 +157,8 @@ def _files(context: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*files, ("CMakeLists.txt", "CMakeLists.txt.j2"), ("README.md", "README.md.j2")]
 
 
-def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
-    """What the templates read beside the expressions."""
+def _numbers(real: Real) -> dict[str, Any]:
+    """How numbers are written, and what the solver is told of their precision."""
 
     def lit(value: float) -> str:
         return literal(float(value), real)
@@ -157,10 +167,7 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         return ", ".join(lit(v) for v in values)
 
     single = real == "float"
-    nx, forces = len(model.home), layout.bounded.count(0)
-    places = {name: k for k, name in enumerate(model.names)}
     return {
-        "name": model.machine.name,
         "real": real,
         "f": "f" if single else "",
         **trigonometry(real),
@@ -170,32 +177,45 @@ def _common(model: SymbolicModel, layout: Layout, real: Real) -> dict[str, Any]:
         "longest": 0.5,
         "small_turn": 0.1 if single else 0.03,
         "smallest": 1e-9 if single else 1e-13,
-        "stride": 0.5 if nx else 1.0,
         "lit": lit,
         "numbers": numbers,
         "wide": lambda values: ", ".join(literal(float(v), "double") for v in values),
         "table": lambda values: "\n".join(f"    {lit(v)}," for v in values),
+    }
+
+
+def _sizes(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
+    """Sizes of the model, where its iterations start, and how many there may be."""
+    nx = len(model.home)
+    return {
         "layout": layout,
         "nx": nx,
         "nc": model.closure.numel(),
         "ng": model.gap.numel(),
         "strain": strain_of(model),
-        "forces": forces,
+        "forces": layout.bounded.count(0),
+        "stride": 0.5 if nx else 1.0,
         "max_iter": CLOSED_MAX_ITER if nx else SPARE_MAX_ITER if len(layout.near) > 6 else MAX_ITER,
         **_LIMITS,
-        "p0": model.p_home,
-        "z0": model.z_home if len(model.z_home) else np.zeros(1),
         "home": np.concatenate([layout.near, layout.home]),
         "slopes": slopes_of(len(model.readings)),
         "turns": any(layout.turns),
         "turning": [int(turn) for turn in layout.turns],
+    }
+
+
+def _interface(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
+    """Names, units and usual values of what a caller gives."""
+    places = {name: k for k, name in enumerate(model.names)}
+    return {
+        "name": model.machine.name,
+        "p0": model.p_home,
+        "z0": model.z_home if len(model.z_home) else np.zeros(1),
         "tool": [places[f"tool.{axis}"] for axis in ("x", "y", "z", "rx", "ry", "rz")],
         "parameters": entries(model.names, [*model.machine.parameter_units.values()]),
         "joints": _joints(model.machine),
         "drivers": entries(model.drivers, driver_units(model)),
         "tolerance": {"position": f"{layout.position:g}", "rotation": f"{layout.rotation:g}"},
-        **_example(layout, single),
-        **_pointing(model, layout),
     }
 
 
@@ -212,7 +232,7 @@ def _pointing(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
     }
 
 
-def _example(layout: Layout, single: bool) -> dict[str, Any]:
+def _example(layout: Layout, *, single: bool) -> dict[str, Any]:
     """Vectors of ``example.c``, how far its guesses stand aside, and what it allows."""
     slack = 3.0 if single else 1.0  # rounding of p and q in single precision is not the solver's doing
     return {

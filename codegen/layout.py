@@ -7,6 +7,7 @@ Rodrigues parameters times 4 ``reach``, leg forces as a share of the carried wei
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,48 +69,55 @@ class Layout:
 def layout_of(model: SymbolicModel, real: Real) -> Layout:
     """Work out the constants; forward kinematics at sample readings gives the machine's size."""
     machine = model.machine
-    actuators = machine.mechanism.actuators
     length = _longest(machine)
     reference = Reference(model)
     near = _near(reference)
-    low, high = sample_ranges(machine, near, length)
-    vectors = tuple((q, _rounded(pose)) for q, pose in reference.samples(low, high, near, VECTORS))
-    reach = max([length, *(float(np.linalg.norm(pose[:3, 3])) for _, pose in vectors)])
-    # rounded, so that a last digit of another mathematical library does not change the code
-    reach = float(f"{reach:.6g}")
+    sampled = sample_ranges(machine, near, length)
+    vectors = tuple((q, _rounded(pose)) for q, pose in reference.samples(*sampled, near, VECTORS))
+    reach = _reach(length, [pose for _, pose in vectors])
     single = real == "float"
     position = _SINGLE * reach if single else 1e-6
     rotation = _SINGLE if single else 1e-9
-    share = _KEPT_SHARE
     unknown = natural_units(model, reach)
-    slack = np.array(
-        [
-            position * u if a.unit == "mm" else rotation * reach * u
-            for a, u in zip(actuators, unknown, strict=False)
-        ]
-    )
-    ranges = [a.range or (-_WIDE, _WIDE) for a in actuators]
+    low, high = _allowed(machine.mechanism.actuators, unknown, position, rotation * reach)
     bounded = _bounded(model)
-    start, width = _starts(machine, near, low, high)
+    start, width = _starts(machine, *sampled)
     return Layout(
         reach=reach,
         unknown=unknown,
         weight=_weights(model, unknown, bounded.count(0), reach),
         bounded=bounded,
-        low=np.array([r[0] for r in ranges]) - slack,
-        high=np.array([r[1] for r in ranges]) + slack,
+        low=low,
+        high=high,
         start=start,
         width=width,
-        turns=tuple(a.unit == "rad" and a.gain is None for a in actuators),
+        turns=tuple(a.unit == "rad" and a.gain is None for a in machine.mechanism.actuators),
         near=near,
         home=_steady(model.home),
         position=position,
         rotation=rotation,
-        closure=share * position if single else 1e-8,
-        share=share,
+        closure=_KEPT_SHARE * position if single else 1e-8,
+        share=_KEPT_SHARE,
         tight=0.1 if single else 1e-3,
         vectors=vectors,
     )
+
+
+def _reach(length: float, poses: Sequence[Array]) -> float:
+    """How far (mm) tools stand from the base, ``length`` at least; rounded, so that a last digit of another mathematical
+    library does not change the code."""
+    return float(f"{max([length, *(float(np.linalg.norm(pose[:3, 3])) for pose in poses)]):.6g}")
+
+
+def _allowed(
+    actuators: Sequence[Actuator], unknown: Array, position: float, turn: float
+) -> tuple[Array, Array]:
+    """Joint ranges (nq,), widened by the tolerance: ``position`` of a length, ``turn`` of an angle, both mm."""
+    slack = np.array(
+        [(position if a.unit == "mm" else turn) * u for a, u in zip(actuators, unknown, strict=False)]
+    )
+    ranges = [a.range or (-_WIDE, _WIDE) for a in actuators]
+    return np.array([r[0] for r in ranges]) - slack, np.array([r[1] for r in ranges]) + slack
 
 
 def _near(reference: Reference) -> Array:
@@ -203,7 +211,7 @@ def sample_ranges(machine: Machine, near: Array, length: float) -> tuple[Array, 
     return np.array(low), np.array(high)
 
 
-def _starts(machine: Machine, near: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def _starts(machine: Machine, low: Array, high: Array) -> tuple[Array, Array]:
     """Centre and width of the starts of the inverse: within ranges, at most one turn of a turning joint."""
     start, width = 0.5 * (low + high), high - low
     for k, a in enumerate(machine.mechanism.actuators):

@@ -13,6 +13,7 @@ from truepose.identification.fringes.lengths import read_fringes, sensor_of, wit
 from truepose.identification.recording.load import Sources, tables
 from truepose.identification.recording.load import load_recording as load_rows
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.table import Table
 from truepose.models.machine import Machine
 from truepose.models.sensors.irradiance import Irradiance
 
@@ -37,16 +38,7 @@ def load_recording(
         sensor_of(machine)
     files = tables(source)
     counted = need_observations and any(isinstance(sensor, Irradiance) for sensor in machine.sensors)
-    lacking = [k for k, table in enumerate(files) if "dL" not in table] if counted else []
-    if lacking and not irradiance:
-        raise InputError(
-            f"{files[lacking[0]].file}: missing column 'dL', and no --irradiance to count it from"
-        )
-    if counted and len(irradiance) != len(lacking):
-        raise InputError(
-            f"--irradiance: found {len(irradiance)} tables, expected {len(lacking)}: one for each recording "
-            "without a column 'dL', in the same order"
-        )
+    lacking = _to_count(files, len(irradiance)) if counted else []
     if not lacking:
         return load_rows(machine, files, need_observations=need_observations, shuffled=shuffled)
     rows = load_rows(machine, files, without="dL", shuffled=shuffled)
@@ -58,3 +50,18 @@ def load_recording(
         found.change[recorded] = load_rows(machine, others).observations["dL"]
         rows = replace(rows, notes=tuple(note for note in rows.notes if not note.startswith("column 'dL'")))
     return with_lengths(rows, found)
+
+
+def _to_count(files: Sequence[Table], given: int) -> list[int]:
+    """Which files have no column ``dL``. Raises InputError where as many photocurrents were not given."""
+    lacking = [k for k, table in enumerate(files) if "dL" not in table]
+    if lacking and not given:
+        raise InputError(
+            f"{files[lacking[0]].file}: missing column 'dL', and no --irradiance to count it from"
+        )
+    if given != len(lacking):
+        raise InputError(
+            f"--irradiance: found {given} tables, expected {len(lacking)}: one for each recording "
+            "without a column 'dL', in the same order"
+        )
+    return lacking

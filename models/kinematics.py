@@ -20,10 +20,9 @@ from truepose.errors import InputError
 from truepose.models.assembly import symbols
 from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.effect import Site
-from truepose.models.equipment import with_own_tools
 from truepose.models.home import closed_home, coordinate_scale, home_readings
 from truepose.models.machine import Machine
-from truepose.models.mechanism import COORDINATES, Mechanism
+from truepose.models.mechanism import COORDINATES
 from truepose.models.near_home import Stance, near_home
 from truepose.models.placed import PlacedEffect
 from truepose.models.potential import Still
@@ -34,6 +33,7 @@ from truepose.models.states import (
     state_names,
 )
 from truepose.models.statics import Statics
+from truepose.models.variables import Variables
 from truepose.models.view import TOOL_IN_WORLD, View
 
 
@@ -63,18 +63,16 @@ class SymbolicModel:
     gap (ng,)               what the loops lack, mm; more than nx entries where they are overconstrained
     q_home (nq,)            readings at home
     pose (4, 4)             nominal base frame to tool
-    world (4, 4)            sensor frame to tool
-    worlds                  the same of each of the machine's views: what its sensors read, and from where
+    worlds                  poses (4, 4) of each of the machine's views: what its sensors read, and from where
     reading_shift (k,)      what effects, and joints that are read, add to the columns of all sensors, mm or rad
     states                  by name, what effects may ask of the present state (``truepose.models.states``)
     values                  of all parameters and ports by name, with the shifts of effects
-    held                    the same world and reading_shift by the ports that effects move; None where loops close or
+    held                    ``world`` and reading_shift by the ports that effects move; None where loops close or
                             sensors read several tips
     """
 
     machine: Machine
     effects: tuple[PlacedEffect, ...]
-    readings: tuple[str, ...]
     drivers: tuple[str, ...]
     z_home: NDArray[np.float64]
     names: tuple[str, ...]
@@ -88,7 +86,6 @@ class SymbolicModel:
     closure: ca.SX
     gap: ca.SX
     pose: ca.SX
-    world: ca.SX
     worlds: Mapping[View, ca.SX]
     energies: Mapping[str, ca.SX]
     still: Still
@@ -96,6 +93,16 @@ class SymbolicModel:
     states: Mapping[str, ca.SX]
     values: Mapping[str, ca.SX]
     held: Held | None
+
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """Names of the joints that are read."""
+        return self.machine.mechanism.readings
+
+    @property
+    def world(self) -> ca.SX:
+        """(4, 4) sensor frame to tool."""
+        return self.worlds[TOOL_IN_WORLD]
 
     @property
     def equations(self) -> ca.SX:
@@ -118,59 +125,81 @@ def symbolic_model(
 
     Raises InputError when an effect asks for a port or a load that this machine has not.
     """
-    q = symbols("q", machine.mechanism.readings)
     drivers = driver_names(machine, effects, loads=ports)
-    z = symbols("z", drivers)
-    x, home = _passive_symbols(machine.mechanism)
-    theta = symbols("", [p.name for p in machine.parameters])
-    bare = symbols("", [*machine.ports]) if ports else dict[str, ca.SX]()
-    c = [symbols(f"c{k}_", list(effect.values)) for k, effect in enumerate(effects)]
-    values = {**theta, **{name: bare.get(name, ca.SX(0)) for name in machine.ports}}
-    if weighed and f"{PAYLOAD}.kg" in values:
-        values[f"{PAYLOAD}.kg"] = ca.SX(machine.geometry[f"{PAYLOAD}.kg"].nominal)
-    values = with_own_tools(machine, values, z)
-    passive, x_home = _now_and_home(machine, x)
-    statics = _statics(machine, effects, values, q, z, passive)
-    loads = statics.loads(values) if statics else {}
-    marks = symbols("state.", state_names(machine))
-    sites = [
-        Site(machine, effect.place, effect.settings_map, own, q, z, values, loads, marks)
-        for effect, own in zip(effects, c, strict=True)
-    ]
-    present = Present(machine, values, q, z, passive, marks)
-    shifted = present.in_place(_shifted(values, effects, sites))
-    stance = Stance(shifted, q, passive)
-    assembly = near_home(machine, stance, x_home, z) if x_home.numel() else stance.assembled(machine, z)
-    names, p_home = _constants(machine, effects, tuple(bare))
+    model = _model(_Woven.of(Variables.of(machine, effects, drivers, ports=ports), weighed=weighed))
+    return replace(model, home=assembled_home(model)) if len(model.home) else model
+
+
+@dataclass(frozen=True)
+class _Woven:
+    """Effects woven into a machine: ``present`` without them, ``shifted`` values of parameters and ports with them.
+
+    ``statics`` balances the weights where an effect asks for loads.
+    """
+
+    variables: Variables
+    present: Present
+    shifted: Mapping[str, ca.SX]
+    statics: Statics | None
+
+    @classmethod
+    def of(cls, variables: Variables, *, weighed: bool) -> _Woven:
+        """Every effect's shifts added at its ports."""
+        machine, q, z = variables.machine, variables.q, variables.z
+        values, (passive, _) = variables.values(weighed=weighed), variables.now_and_home
+        statics = _statics(machine, variables.effects, values, q, z, passive)
+        loads = statics.loads(values) if statics else {}
+        marks = symbols("state.", state_names(machine))
+        sites = [
+            Site(machine, effect.place, effect.settings_map, own, q, z, values, loads, marks)
+            for effect, own in zip(variables.effects, variables.c, strict=True)
+        ]
+        present = Present(machine, values, q, z, passive, marks)
+        return cls(variables, present, present.in_place(_shifted(values, variables.effects, sites)), statics)
+
+    def unknowns(self, closure: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """(nx,) unknowns and what determines them: the loops' closure, then the balance of forces."""
+        if self.statics is None:
+            return self.variables.x, closure
+        balance = self.statics.balance(self.shifted)
+        return ca.vertcat(self.variables.x, self.statics.forces), ca.vertcat(closure, balance)
+
+
+def _model(woven: _Woven) -> SymbolicModel:
+    """The bodies placed, and what sensors see of them."""
+    own, present, shifted = woven.variables, woven.present, woven.shifted
+    machine, (passive, x_home) = own.machine, own.now_and_home
+    stance = Stance(shifted, own.q, passive)
+    assembly = (
+        near_home(machine, stance, x_home, own.z) if x_home.numel() else stance.assembled(machine, own.z)
+    )
+    x, closure = woven.unknowns(assembly.closure)
     worlds = {view: assembly.seen(view, shifted) for view in machine.views}
-    shift, seen = reading_shifts(machine, worlds, values, shifted, q)
-    model = SymbolicModel(
+    shift, seen = reading_shifts(machine, worlds, present.values, shifted, own.q)
+    return SymbolicModel(
         machine=machine,
-        effects=tuple(effects),
-        readings=machine.mechanism.readings,
-        drivers=tuple(drivers),
-        z_home=np.array([driver_default(machine, name) for name in drivers]),
-        names=names,
-        p_home=p_home,
-        home=np.concatenate([home, np.zeros(statics.forces.numel() if statics else 0)]),
+        effects=own.effects,
+        drivers=tuple(own.z),
+        z_home=np.array([driver_default(machine, name) for name in own.z]),
+        names=own.names,
+        p_home=own.p_home,
+        home=np.concatenate([own.home, np.zeros(x.numel() - own.x.numel())]),
         q_home=home_readings(machine.mechanism),
-        q=ca.vertcat(*q.values()),
-        z=ca.vertcat(*z.values()) if z else ca.SX(0, 1),
-        p=ca.vertcat(*theta.values(), *(symbol for own in c for symbol in own.values()), *bare.values()),
-        x=ca.vertcat(x, statics.forces) if statics else x,
-        closure=ca.vertcat(assembly.closure, statics.balance(shifted)) if statics else assembly.closure,
+        q=ca.vertcat(*own.q.values()),
+        z=ca.vertcat(*own.z.values()) if own.z else ca.SX(0, 1),
+        p=own.p,
+        x=x,
+        closure=closure,
         gap=assembly.gap,
         pose=assembly.tool,
-        world=worlds[TOOL_IN_WORLD],
         worlds=worlds,
         energies=assembly.energies,
         still=assembly.still,
-        reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), marks, seen)) if seen else shift,
-        states=(present.directions() if ports else {}) | seen,
+        reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), present.marks, seen)) if seen else shift,
+        states=(present.directions() if own.bare else {}) | seen,
         values=shifted,
-        held=None if x.numel() or len(worlds) > 1 else _held(present, shifted, stance),
+        held=None if own.x.numel() or len(worlds) > 1 else _held(present, shifted, stance),
     )
-    return replace(model, home=assembled_home(model)) if len(model.home) else model
 
 
 def assembled_home(model: SymbolicModel) -> NDArray[np.float64]:
@@ -233,30 +262,6 @@ def _held(present: Present, shifted: Mapping[str, ca.SX], stance: Stance) -> Hel
     if not moved:
         return Held(ca.SX(0, 1), ca.SX(0, 1), world, put)
     return Held(ca.vertcat(*ports.values()), ca.vertcat(*(shifted[name] for name in moved)), world, put)
-
-
-def _constants(
-    machine: Machine, effects: Sequence[PlacedEffect], ports: tuple[str, ...]
-) -> tuple[tuple[str, ...], NDArray[np.float64]]:
-    """Names of the entries of p and their values as the machine file has them."""
-    names = [p.name for p in machine.parameters]
-    values = [p.nominal for p in machine.parameters]
-    for effect in effects:
-        names += effect.parameter_names
-        values += effect.values.values()
-    return (*names, *ports), np.array([*values, *(0.0 for _ in ports)])
-
-
-def _passive_symbols(mechanism: Mechanism) -> tuple[ca.SX, NDArray[np.float64]]:
-    size = sum(COORDINATES[j.kind] for j in mechanism.unknown)
-    home = [v for j in mechanism.unknown for v in (j.home or (0.0,) * COORDINATES[j.kind])]
-    return (ca.SX.sym("x", size) if size else ca.SX(0, 1)), np.array(home, dtype=float)
-
-
-def _now_and_home(machine: Machine, x: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Passive coordinates, and those of the assembly at home where the closure refers to it (else none)."""
-    n = sum(COORDINATES[j.kind] for j in machine.mechanism.passive)
-    return x[:n], x[n:]
 
 
 def _statics(

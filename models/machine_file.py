@@ -178,20 +178,11 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
     if raw.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema: found {raw.get('schema')!r}, expected {SCHEMA!r}")
     units = read_units(raw.get("units", {}), path)
-    context = {"units": units}
-    stated = raw.get("tolerances")
-    defaults = {}
-    if isinstance(stated, dict):
-        defaults = {key: stated[key] for key in DefaultTolerances.model_fields if key in stated}
     try:
-        document = MachineDocument.model_validate(copy.deepcopy(raw), context=context)
+        document = MachineDocument.model_validate(copy.deepcopy(raw), context={"units": units})
     except ValidationError as exc:
         raise input_error(exc, path) from None
-    try:
-        default = DefaultTolerances.model_validate(defaults, context=context)
-    except ValidationError as exc:
-        raise input_error(exc, path, "tolerances") from None
-    overrides = {key: value for key, value in document.tolerances.items() if key not in defaults}
+    tolerances = _tolerances(raw.get("tolerances"), document.tolerances, units, path)
     return MachineFile(
         path=path,
         name=document.name,
@@ -200,7 +191,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         mechanism=document.mechanism,
         frames=read_frames(document.frames, path),
         sensors=tuple(document.sensor),
-        tolerances=Tolerances(default.length, default.angle, overrides, units, str(path)),
+        tolerances=tolerances,
         masses=tuple(
             MassSpec(name, m.kg, m.com, m.in_, m.tolerance.kg, m.tolerance.com)
             for name, m in document.masses.items()
@@ -218,6 +209,21 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         recordings=document.recordings,
         refused=refused_by(document.judgement),
     )
+
+
+def _tolerances(
+    stated: object, named: Mapping[str, tuple[float | str, ...]], units: UnitSystem, path: Path
+) -> Tolerances:
+    """Those of lengths and angles, which are read from what is ``stated``, and of what is ``named`` beside them."""
+    defaults = {}
+    if isinstance(stated, dict):
+        defaults = {key: stated[key] for key in DefaultTolerances.model_fields if key in stated}
+    try:
+        default = DefaultTolerances.model_validate(defaults, context={"units": units})
+    except ValidationError as exc:
+        raise input_error(exc, path, "tolerances") from None
+    overrides = {key: value for key, value in named.items() if key not in defaults}
+    return Tolerances(default.length, default.angle, overrides, units, str(path))
 
 
 def write_machine(path: Path | str, document: Mapping[str, Any], comment: str = "") -> None:

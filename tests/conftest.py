@@ -17,6 +17,7 @@ from hypothesis import settings  # noqa: E402
 
 pytest.register_assert_rewrite("support")
 
+from support.bytecode import share_bytecode  # noqa: E402
 from support.examples import examples  # noqa: E402
 from support.generated_c import SANITIZERS, Built, build, has_sanitizers  # noqa: E402
 from support.skips import NOTHING_BESIDE, SHARED, judge  # noqa: E402
@@ -33,6 +34,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """``--update-golden``: see tests/codegen/test_golden.py and tests/identification/diagnosis/test_golden_diagnoses.py."""
     told = "write tests/golden and tests/golden_diagnoses as they come out now"
     parser.addoption("--update-golden", action="store_true", help=told)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Before workers start."""
+    share_bytecode(config)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -121,30 +121,8 @@ class Telescope(PortedMachine):
         return {"type": "pose", "sigma": {"xyz": sigma_factor * SIGMA_XYZ, "rot": sigma_factor * rot}}
 
     def document(self, sigma_factor: float, tolerance_factor: float) -> dict[str, Any]:
-        f, d = tolerance_factor, self.drawing
-        legs = [
-            {
-                "name": leg,
-                "joint": joint,
-                "a": [d[f"{leg}.a.{c}"].nominal for c in "xyz"],
-                "u": [0.0, 0.0, 1.0],
-                "b": [d[f"{leg}.b.{c}"].nominal for c in "xyz"],
-                "length": d[f"{leg}.length"].nominal,
-                "range": [-TRAVEL, TRAVEL],
-                "screw_pitch": PITCH,
-            }
-            for leg, joint in zip(LEGS, AXES.names, strict=True)
-        ]
+        f = tolerance_factor
         height = round(own.home_height(self.drawing), 4)
-        frames = {
-            name: {
-                "in": place,
-                "xyz": [d[f"{name}.{c}"].nominal for c in "xyz"],
-                "rpy": [0.0, 0.0, 0.0],
-                "tolerance": {"xyz": f * FRAMES[name][0], "rpy": f * FRAMES[name][1]},
-            }
-            for name, place in (("base", "world"), ("tool", "flange"))
-        }
         return {
             "schema": "truepose/machine/1",
             "name": self.name,
@@ -152,11 +130,11 @@ class Telescope(PortedMachine):
             "gravity": GRAVITY,
             "mechanism": {
                 "type": "6-pus",
-                "legs": legs,
+                "legs": [self._leg(leg, joint) for leg, joint in zip(LEGS, AXES.names, strict=True)],
                 "flexure": {"length": FLEXURE},
                 "home": [0.0, 0.0, height, 0.0, 0.0, 0.0],
             },
-            "frames": frames,
+            "frames": {"base": self._frame("base", "world", f), "tool": self._frame("tool", "flange", f)},
             "sensor": self.sensor(sigma_factor),
             "tolerances": {"length": f * LENGTH, "angle": f * ANGLE},
             "masses": {
@@ -164,6 +142,32 @@ class Telescope(PortedMachine):
             },
             "drivers": ["time", "payload", "approach", *(f"temperature.{leg}" for leg in LEGS)],
         }
+
+    def _leg(self, leg: str, joint: str) -> dict[str, Any]:
+        """The entry of a leg, as drawn."""
+        return {
+            "name": leg,
+            "joint": joint,
+            "a": self._point(f"{leg}.a"),
+            "u": [0.0, 0.0, 1.0],
+            "b": self._point(f"{leg}.b"),
+            "length": self.drawing[f"{leg}.length"].nominal,
+            "range": [-TRAVEL, TRAVEL],
+            "screw_pitch": PITCH,
+        }
+
+    def _frame(self, name: str, place: str, factor: float) -> dict[str, Any]:
+        """The entry of a frame, as drawn, with ``factor`` times its tolerance."""
+        return {
+            "in": place,
+            "xyz": self._point(name),
+            "rpy": [0.0, 0.0, 0.0],
+            "tolerance": {"xyz": factor * FRAMES[name][0], "rpy": factor * FRAMES[name][1]},
+        }
+
+    def _point(self, name: str) -> list[float]:
+        """Coordinates of a point in the drawing, mm."""
+        return [self.drawing[f"{name}.{c}"].nominal for c in "xyz"]
 
     def _outliers(self) -> Physics:
         return mounts.outliers(0.08, np.array([1.0, 1.0, 1.0, *[1 / 200.0] * 3]))

@@ -16,7 +16,7 @@ import numpy as np
 from truepose.codegen.embedded.emulator import Observation, observe
 from truepose.codegen.embedded.frames import Chain, read_frames
 from truepose.codegen.embedded.program import Compiler, Sizes, build, linked_sizes
-from truepose.codegen.embedded.source import read_source
+from truepose.codegen.embedded.source import Source, read_source
 from truepose.codegen.embedded.targets import Target, target_for
 from truepose.codegen.embedded.toolchain import Toolchain, missing, required, toolchain
 from truepose.errors import InputError
@@ -125,25 +125,25 @@ def measure(
         raise InputError(f"{directory}: found C in {source.real}, expected {target.real} for {target.title}")
     compiler = Compiler(tools or required(), target, optimisation)
     with tempfile.TemporaryDirectory(prefix="truepose-") as folder:
-        where = Path(folder)
-        seen = observe(build(source, compiler, where), target, compiler.tools)
-        sizes = compiler.sizes(where / "kin.o")
-        state = compiler.sizes(where / "state.o") if source.remembers else None
-        frames = read_frames(where / "kin.ci")
-        ik, fk = linked_sizes(source, compiler, where)
-    count = len(source.joints)
+        seen = observe(build(source, compiler, Path(folder)), target, compiler.tools)
+        code = _Code.of(source, compiler, Path(folder))
+    return _measurement(source, compiler, code, seen)
+
+
+def _measurement(source: Source, compiler: Compiler, code: _Code, seen: Sequence[Observation]) -> Measurement:
+    """What was compiled and what was seen of its calls, summed up."""
     return Measurement(
         name=source.name,
-        target=target,
-        optimisation=optimisation,
+        target=compiler.target,
+        optimisation=compiler.optimisation,
         compiler=compiler.tools.compiler,
         emulator=compiler.tools.emulator,
-        vectors=count,
-        object=sizes,
-        linked_ik=ik,
-        linked_fk=fk,
-        chain_ik=frames.deepest(f"{source.name}_ik"),
-        chain_fk=frames.deepest(f"{source.name}_fk"),
+        vectors=len(source.joints),
+        object=code.object,
+        linked_ik=code.linked_ik,
+        linked_fk=code.linked_fk,
+        chain_ik=code.chain_ik,
+        chain_fk=code.chain_fk,
         fk=_cost(seen, "fk"),
         warm=_cost(seen, "warm"),
         cold=_cost_if_any(seen, "cold"),
@@ -151,8 +151,34 @@ def measure(
         compensate=_cost(seen, "compensate"),
         refused=tuple(call for call in seen if call.what.startswith(("nan-", "far", "skewed"))),
         state=_cost_if_any(seen, "state"),
-        state_object=state,
+        state_object=code.state_object,
     )
+
+
+@dataclass(frozen=True)
+class _Code:
+    """What was compiled, before it runs: the fields of ``Measurement``."""
+
+    object: Sizes
+    state_object: Sizes | None
+    linked_ik: Sizes
+    linked_fk: Sizes
+    chain_ik: Chain
+    chain_fk: Chain
+
+    @classmethod
+    def of(cls, source: Source, compiler: Compiler, where: Path) -> _Code:
+        """Sizes of what ``build`` left in the folder ``where``, and of programs that are linked there."""
+        frames = read_frames(where / "kin.ci")
+        ik, fk = linked_sizes(source, compiler, where)
+        return cls(
+            object=compiler.sizes(where / "kin.o"),
+            state_object=compiler.sizes(where / "state.o") if source.remembers else None,
+            linked_ik=ik,
+            linked_fk=fk,
+            chain_ik=frames.deepest(f"{source.name}_ik"),
+            chain_fk=frames.deepest(f"{source.name}_fk"),
+        )
 
 
 def _cost_if_any(seen: Sequence[Observation], what: str) -> Cost | None:

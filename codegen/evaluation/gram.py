@@ -198,15 +198,7 @@ def _driver(code: RowWise, inputs: Sequence[int], tiles: _Tiles, m: int, length:
 
 def _sum_up(code: RowWise, reading: str, length: int, size: int) -> str:
     """The loop over rows: evaluate, weigh, add; the lanes of each of ``size`` sums are added up in the end, in order."""
-    return f"""
-/* Rows scaled by the root of their weight; what counts nothing is zero whatever it was. */
-static void weigh(lanes *y, const lanes *root)
-{{
-    int k;
-    for (k = 0; k < {code.y}; k++)
-        y[k] = LANES_KEEP(*root != LANES_OF(0.0), y[k] * *root);
-}}
-
+    return f"""{_weigh(code.y)}
 void sum_up(long long n, const real *const *in, const real *p, const real *weight, real *work, real *out);
 
 void sum_up(long long n, const real *const *in, const real *p, const real *weight, real *work, real *out)
@@ -237,6 +229,19 @@ void sum_up(long long n, const real *const *in, const real *p, const real *weigh
         for (k = 0; k < LANES; k++)
             out[t] += ((const real *)(sums + t))[k];
     }}
+}}
+"""
+
+
+def _weigh(size: int) -> str:
+    """Rows of ``size`` numbers, weighted."""
+    return f"""
+/* Rows scaled by the root of their weight; what counts nothing is zero whatever it was. */
+static void weigh(lanes *y, const lanes *root)
+{{
+    int k;
+    for (k = 0; k < {size}; k++)
+        y[k] = LANES_KEEP(*root != LANES_OF(0.0), y[k] * *root);
 }}
 """
 

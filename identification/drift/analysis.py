@@ -105,8 +105,7 @@ def drift(
     top, settled = joint_fit(machine, sessions, fits, prior, progress)
     found = movement_posterior(top, Kinds.of(machine, prior))
     progress("checking older calibrations")
-    timed = [s.time for s in sessions if s.time is not None]
-    times = tuple(timed) if len(timed) == len(sessions) else None
+    times = _times(sessions)
     return Drift(
         machine=machine.name,
         labels=tuple(s.label for s in sessions),
@@ -122,6 +121,12 @@ def drift(
         recording=recording,
         fits=tuple(fits),
     )
+
+
+def _times(sessions: Sequence[Session]) -> tuple[float, ...] | None:
+    """When the sessions were, s; None where one does not say."""
+    timed = [s.time for s in sessions if s.time is not None]
+    return tuple(timed) if len(timed) == len(sessions) else None
 
 
 def _fit(session: Session, prior: Prior) -> Estimate:

@@ -122,16 +122,9 @@ def calibrate(
         method |= {"scaling": scaling, TUNING[estimator]: f"{fit.shrunk.tuning:.6g}"}
     progress("fitting without tolerances")
     free, more = work.free(fit.p)
-    notes = [
-        *recording.notes,
-        *work.predictor.cautions,
-        *_left_out(fit, recording),
-        *notes,
-        *work.at_bounds(fit),
-        *more,
-    ]
+    before = [*recording.notes, *work.predictor.cautions, *_left_out(fit, recording)]
     kept = kept_covariance(machine, work.tolerances) if only else None
-    return Calibration(fit, free, recording, tuple(notes), method, kept)
+    return Calibration(fit, free, recording, (*before, *notes, *work.at_bounds(fit), *more), method, kept)
 
 
 def _checked(estimator: str, solver: str, scaling: str) -> bool:

@@ -84,14 +84,18 @@ def estimate(
         prior = widened(problem, widen)
         problem = Problem(predictor, prior, p, used)
         tolerance = FREE_TOLERANCE * problem.n_observations
-    for descend in _tries(problem, widen != 1.0, solver, damping, tolerance):
+    solution = _first_that_ends(problem, loss, _tries(problem, widen != 1.0, solver, damping, tolerance))
+    return replace(result(problem, solution, tuple(effects)), noise=noise)
+
+
+def _first_that_ends(problem: Problem, loss: str, tries: Sequence[Callable[..., Solution]]) -> Solution:
+    """The solution of the first try that finds a minimum. Raises ConvergenceError where none does."""
+    for descend in tries:
         solution = robust(problem, loss, descend)
         if solution.status.ok:
-            break
-    else:
-        moved = replace(solution, movement=problem.lifted(solution.movement))
-        raise ConvergenceError("; ".join([blame(moved, prior), *predictor.cautions]))
-    return replace(result(problem, solution, tuple(effects)), noise=noise)
+            return solution
+    moved = replace(solution, movement=problem.lifted(solution.movement))
+    raise ConvergenceError("; ".join([blame(moved, problem.prior), *problem.predictor.cautions]))
 
 
 def _tries(

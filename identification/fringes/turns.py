@@ -78,9 +78,15 @@ class Verdict:
 def judge(visit: Visit) -> Verdict:
     """Passed or turned: the simplest motions that fit decide; odds are 0 when none does."""
     light = light_of(visit)
-    for attempt in (smooth_verdict(light, _SIMPLE), _sudden(light), smooth_verdict(light, _FREE)):
-        if attempt is not None and attempt.fits:
-            return attempt
+    # one after another: most visits are decided by the first, which takes a fraction of the time of all
+    for attempt in (
+        lambda: smooth_verdict(light, _SIMPLE),
+        lambda: _sudden(light),
+        lambda: smooth_verdict(light, _FREE),
+    ):
+        verdict = attempt()
+        if verdict is not None and verdict.fits:
+            return verdict
     return Verdict(0.0, False, float(visit.high), np.inf)
 
 

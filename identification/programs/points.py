@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from truepose.errors import InputError
 from truepose.identification.programs.forms import RotationVector
@@ -39,47 +39,36 @@ class Points:
         named = [_HEADER.match(text[a:b].strip().removeprefix("\xef\xbb\xbf")) for a, b in header]
         units = {m["name"]: m["unit"] for m in named if m}
         place = {m["name"]: k for k, m in enumerate(named) if m}
-        joints = machine.mechanism.readings
-        wanted: tuple[str, ...] = joints if any(n in place for n in joints) else tuple(AXIS_UNITS)
+        readings = machine.mechanism.readings
+        joints = any(name in place for name in readings)
+        wanted = readings if joints else tuple(AXIS_UNITS)
         missing = [name for name in wanted if name not in place]
         if missing:
             raise InputError(
-                f"table: missing column {missing[0]!r}, expected the joints {', '.join(joints)}, or the tool's poses in "
+                f"table: missing column {missing[0]!r}, expected the joints {', '.join(readings)}, or the tool's poses in "
                 f"{', '.join(AXIS_UNITS)}"
             )
-        kinds = _kinds(machine) if wanted is joints else AXIS_UNITS
-        own = {n: _unit(machine, n, kinds[n], units[n], joints=wanted is joints) for n in wanted}
-        targets: list[Target] = []
-        left: list[Left] = []
-        for line, cells in rows:
-            numbers = [_number(text, *cells[place[n]]) if place[n] < len(cells) else None for n in wanted]
-            known = tuple(n for n in numbers if n is not None)
-            if len(known) < len(wanted):
-                left.append(
-                    Left(
-                        line,
-                        shown(text[cells[0][0] : cells[-1][1]]),
-                        "not every cell of the point is a number",
-                    )
-                )
-                continue
-            targets.append(
-                Target(
-                    line,
-                    f"row {len(targets) + len(left) + 1}",
-                    _kind(wanted, joints),
-                    known,
-                    place=cells[0][0],
-                )
-            )
-        return Program(
-            text, tuple(targets), in_order(left), _form(own, joints=wanted is joints),
-            {n: own[n] for n in joints} if wanted is joints else {},
-        )  # fmt: skip
+        kinds = _kinds(machine) if joints else AXIS_UNITS
+        own = {n: _unit(machine, n, kinds[n], units[n], joints=joints) for n in wanted}
+        targets, left = _targets(text, rows, [place[n] for n in wanted], "joints" if joints else "pose")
+        return Program(text, targets, in_order(left), _form(own, joints=joints), own if joints else {})
 
 
-def _kind(wanted: tuple[str, ...], joints: tuple[str, ...]) -> Kind:
-    return "joints" if wanted is joints else "pose"
+def _targets(
+    text: str, rows: Sequence[tuple[int, Cells]], columns: Sequence[int], kind: Kind
+) -> tuple[tuple[Target, ...], list[Left]]:
+    """The points of a table, numbers in ``columns``, and rows that lack one."""
+    targets: list[Target] = []
+    left: list[Left] = []
+    for count, (line, cells) in enumerate(rows, start=1):
+        numbers = [_number(text, *cells[k]) if k < len(cells) else None for k in columns]
+        known = tuple(n for n in numbers if n is not None)
+        if len(known) < len(columns):
+            row = shown(text[cells[0][0] : cells[-1][1]])
+            left.append(Left(line, row, "not every cell of the point is a number"))
+        else:
+            targets.append(Target(line, f"row {count}", kind, known, place=cells[0][0]))
+    return tuple(targets), left
 
 
 def _table(text: str) -> tuple[Cells, list[tuple[int, Cells]]]:

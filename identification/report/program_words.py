@@ -64,6 +64,15 @@ def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[
             "points that the program works out from a target get that target's correction: "
             f"{NEARBY:g} mm away it should be another by up to {found.nearby:.3g} mm"
         )
+    out += _taken_for_granted(found)
+    if not (machine.file and machine.file.nominal):
+        out.append("the machine file has no `nominal:`; its own constants are taken for the controller's")
+    return out
+
+
+def _taken_for_granted(found: Correction) -> list[str]:
+    """What neither the program nor an option tells: frames, drivers, from where joints come."""
+    out = []
     bare, toolless = found.unnamed
     if bare:
         out.append(f"poses that name no base ({bare}) stand in the robot's own; --base tells another")
@@ -83,8 +92,6 @@ def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[
             "no target tells from which side its joints arrive: they count as halfway, which is up to "
             f"{found.arrival:.3g} mm at the tool"
         )
-    if not (machine.file and machine.file.nominal):
-        out.append("the machine file has no `nominal:`; its own constants are taken for the controller's")
     return out
 
 

@@ -48,6 +48,25 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "alarms": {name: _alarm(a) for name, a in diagnosis.alarms.items()},
         "alarms_after": {name: _alarm(a) for name, a in diagnosis.alarms_after.items()},
         "findings": [*(finding_json(f) for f in diagnosis.findings), *outliers_json(diagnosis)],
+        **_probabilities(diagnosis),
+        "disagreement": diagnosis.disagreement,
+        "noise": diagnosis.noise,
+        "remainder": left and _remainder(left, units),
+        "candidates": [alternative_json(c) for c in diagnosis.candidates],
+        "evidence_map": dict(diagnosis.evidence_map),
+        "untestable": [untestable_json(u, diagnosis.missing) for u in diagnosis.untestable],
+        "fit": {name: _summary(fit, units, before=name != "free") for name, fit in diagnosis.fits.items()},
+        "proof": proof and _proof(proof),
+        "applied": diagnosis.applied and _applied(diagnosis.applied),
+        "parameters": parameters_json(diagnosis.after),
+        "notes": list(diagnosis_notes(diagnosis)),
+    }
+    return dict(finite(out))
+
+
+def _probabilities(diagnosis: Diagnosis) -> Json:
+    """How likely effects are: the leading ones, sets of them, places of one driver together, each one alone."""
+    return {
         "leading": [
             {"effect": one.effect, "place": list(one.place), "probability": one.probability}
             | {"levels": levels_json(one.levels, law_of(one))}
@@ -65,19 +84,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
             {"effect": i.effect, "place": list(i.place), "probability": i.probability}
             for i in diagnosis.inclusion
         ],
-        "disagreement": diagnosis.disagreement,
-        "noise": diagnosis.noise,
-        "remainder": left and _remainder(left, units),
-        "candidates": [alternative_json(c) for c in diagnosis.candidates],
-        "evidence_map": dict(diagnosis.evidence_map),
-        "untestable": [untestable_json(u, diagnosis.missing) for u in diagnosis.untestable],
-        "fit": {name: _summary(fit, units, before=name != "free") for name, fit in diagnosis.fits.items()},
-        "proof": proof and _proof(proof),
-        "applied": diagnosis.applied and _applied(diagnosis.applied),
-        "parameters": parameters_json(diagnosis.after),
-        "notes": list(diagnosis_notes(diagnosis)),
     }
-    return dict(finite(out))
 
 
 def fit_json(

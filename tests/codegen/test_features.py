@@ -216,8 +216,7 @@ def test_small_code_on_a_controller(root_directory: Path) -> None:
     assert max(warm.warm.stack, every.warm.stack) <= plain.warm.stack
 
 
-def test_what_nothing_uses_is_taken_out() -> None:
-    text = """/* a */
+SOURCE = """/* a */
 #include <math.h>
 
 #define USED 1 /* is */
@@ -259,7 +258,10 @@ int m_open(spread *s)
     return helper((int)*s);
 }
 """
-    out = pruned(text, "m")
+
+
+def test_what_nothing_uses_is_taken_out() -> None:
+    out = pruned(SOURCE, "m")
     for gone in ("other", "lonely", "UNUSED", "Never read"):
         assert gone not in out
     for kept in (

@@ -28,8 +28,11 @@ Q, P = ca.SX.sym("q", 3), ca.SX.sym("p", 2)
 
 
 def operations(a: ca.SX, b: ca.SX) -> dict[str, ca.SX]:
-    """Every operation that lanes know, of two numbers; arguments are kept where each is defined and smooth."""
-    inside, positive = a / (1 + ca.fabs(a)), 1 + a * a
+    """Every operation that lanes know, of two numbers."""
+    return {**arithmetic(a, b), **choices(a, b), **sines(a, b), **functions(a, b)}
+
+
+def arithmetic(a: ca.SX, b: ca.SX) -> dict[str, ca.SX]:
     return {
         "add": a + b,
         "sub": a - b,
@@ -38,9 +41,19 @@ def operations(a: ca.SX, b: ca.SX) -> dict[str, ca.SX]:
         "neg": -a,
         "sq": a * a,
         "twice": 2 * a,
-        "inv": 1 / positive,
-        "sqrt": ca.sqrt(positive),
+        "inv": 1 / (1 + a * a),
+        "sqrt": ca.sqrt(1 + a * a),
         "fabs": ca.fabs(a),
+        "copysign": ca.copysign(a, b),
+        "fmod": ca.fmod(a, 2.5),
+        "remainder": ca.remainder(a, 2.5),
+        "hypot": ca.hypot(a, b),
+    }
+
+
+def choices(a: ca.SX, b: ca.SX) -> dict[str, ca.SX]:
+    """Operations that compare or round."""
+    return {
         "sign": ca.sign(a),
         "floor": ca.floor(a),
         "ceil": ca.ceil(a),
@@ -54,6 +67,12 @@ def operations(a: ca.SX, b: ca.SX) -> dict[str, ca.SX]:
         "or": ca.logic_or(a > 0, b > 1),
         "not": ca.logic_not(a),
         "if": ca.if_else(a < b, a * b, 3.0),
+    }
+
+
+def sines(a: ca.SX, b: ca.SX) -> dict[str, ca.SX]:
+    """Sines and cosines, alone and inside other operations."""
+    return {
         "sin": ca.sin(a),
         "cos": ca.cos(b),
         "both": ca.sin(a + b) * ca.cos(a + b),
@@ -61,6 +80,13 @@ def operations(a: ca.SX, b: ca.SX) -> dict[str, ca.SX]:
         "size of a sine": ca.fabs(ca.sin(a)),
         "sine at most": ca.fmin(ca.sin(a), b),
         "sine and cosine in a call": ca.hypot(ca.sin(a), ca.cos(b)),
+    }
+
+
+def functions(a: ca.SX, b: ca.SX) -> dict[str, ca.SX]:
+    """Other functions; arguments are kept where each is defined and smooth."""
+    inside, positive = a / (1 + ca.fabs(a)), 1 + a * a
+    return {
         "tan": ca.tan(inside),
         "asin": ca.asin(inside),
         "acos": ca.acos(inside),
@@ -77,10 +103,6 @@ def operations(a: ca.SX, b: ca.SX) -> dict[str, ca.SX]:
         "acosh": ca.acosh(1 + positive),
         "atanh": ca.atanh(0.9 * inside),
         "erf": ca.erf(a),
-        "copysign": ca.copysign(a, b),
-        "fmod": ca.fmod(a, 2.5),
-        "remainder": ca.remainder(a, 2.5),
-        "hypot": ca.hypot(a, b),
         "log1p": ca.log1p(positive),
         "expm1": ca.expm1(inside),
     }

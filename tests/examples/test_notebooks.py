@@ -31,7 +31,7 @@ def test_a_notebook_runs(notebook: Path, tmp_path: Path) -> None:
         pytest.skip(f"the extra 'dev' is not installed: no {', '.join(missing)}")
     own = {"JUPYTER_CONFIG_DIR": "config", "JUPYTER_RUNTIME_DIR": "runtime", "IPYTHONDIR": "ipython"}
     environment = os.environ | {name: str(tmp_path / folder) for name, folder in own.items()}
-    options = ("-q", "-p", "no:cacheprovider", "--nbmake", f"--nbmake-timeout={TIMEOUT}")
+    options = ("-q", "-p", "no:cacheprovider", "-p", "nbmake", "--nbmake", f"--nbmake-timeout={TIMEOUT}")
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *options, str(notebook)],
         cwd=ROOT,

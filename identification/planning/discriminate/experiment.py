@@ -61,33 +61,66 @@ def discriminate(
     and as ``plan`` does.
     """
     _check(wanted.explanations, n)
-    offer = offer or Offer({})
-    parts = _parts(wanted)
-    machine, notes = _weighing(machine, parts, offer)
-    varied = factors(machine, parts, offer)
+    asked = _Question.of(machine, wanted, offer or Offer({}))
     rng = np.random.default_rng(seed)
     progress("looking at candidates")
-    pool = Pool.of(machine, varied, candidates, rng)
+    pool = Pool.of(asked.machine, asked.varied, candidates, rng)
     progress("looking at what they would tell")
-    stage = _Stage.of(machine, pool, parts, wanted, recorded, n)
+    stage = _Stage.of(asked.machine, pool, asked.parts, wanted, recorded, n)
     progress("choosing rows")
     design = chosen(stage.main, n) if stage.main.counted.any() else stage.drawn(n, rng)
-    values, rows = stage.values(design), pool.rows.take(np.flatnonzero(pool.main)[design])
     random = [stage.worst(stage.values(stage.drawn(n, rng))) for _ in range(DRAWS)]
     progress("weighing what is varied")
+    return _experiment(stage, asked, design, np.array(random), targets, seed)
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What is to be told apart: ``parts`` are the effects of all explanations, ``varied`` what rows may differ in.
+
+    The machine carries a payload where loads matter.
+    """
+
+    machine: Machine
+    wanted: Class
+    parts: tuple[PlacedEffect, ...]
+    varied: tuple[Factor, ...]
+    notes: tuple[Note, ...]
+
+    @classmethod
+    def of(cls, machine: Machine, wanted: Class, offer: Offer) -> _Question:
+        """The question of a class of explanations, with what an offer adds to the joints."""
+        parts = _parts(wanted)
+        machine, notes = _weighing(machine, parts, offer)
+        varied = factors(machine, parts, offer)
+        told = (*wanted.notes, *notes, *unplanned(parts), *_unused(offer, varied))
+        return cls(machine, wanted, parts, varied, told)
+
+
+def _experiment(
+    stage: _Stage,
+    asked: _Question,
+    design: Sequence[int],
+    random: Array,
+    targets: Sequence[Target],
+    seed: int,
+) -> Experiment:
+    """What a design of n rows tells, beside ``random`` ones (DRAWS,), and what each factor brings."""
+    explanations = asked.wanted.explanations
+    values, rows = stage.values(design), stage.pool.rows.take(np.flatnonzero(stage.pool.main)[design])
     return Experiment(
-        machine=machine,
-        explanations=wanted.explanations,
+        machine=asked.machine,
+        explanations=explanations,
         rows=_in_order(rows),
-        reference=pool.reference if any(s.differs_from_row for s in machine.sensors) else None,
-        pairs=stage.pairs(wanted.explanations, values),
+        reference=stage.pool.reference if any(s.differs_from_row for s in asked.machine.sensors) else None,
+        pairs=stage.pairs(explanations, values),
         expected=stage.worst(values),
-        already=None if recorded is None else stage.worst(stage.values([])),
-        random=np.array(random),
-        worth=stage.worth(varied, n),
+        already=None if stage.exist is None else stage.worst(stage.values([])),
+        random=random,
+        worth=stage.worth(asked.varied, len(design)),
         targets=tuple((target, stage.with_target(target, rows)) for target in targets),
         seed=seed,
-        notes=(*wanted.notes, *notes, *unplanned(parts), *_unused(offer, varied)),
+        notes=asked.notes,
     )
 
 

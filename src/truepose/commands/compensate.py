@@ -83,7 +83,6 @@ def compensate(
     """
     options = Options(dialect, base, tool, frame or (), at or (), limit, limit_angle)
     with reported(plugin):
-        from truepose.identification.programs.dialects import dialect_of
         from truepose.identification.report.applied_words import check_applicable
         from truepose.models.load import load_machine
 
@@ -92,16 +91,24 @@ def compensate(
             loaded = load_machine(machine)
             if not anyway:
                 check_applicable(loaded)
-            known = dialect_of(path, dialect)
-            if known is None:
-                options.unused()
-                summary, lines, notes = _compensate_table(loaded, path, output, method)
-            elif method != "exact":
-                raise InputError(f"--method: found {method!r} with a robot program, expected exact")
-            else:
-                summary, lines, notes = correct_program(loaded, known, path, output, options)
+            summary, lines, notes = _corrected(loaded, path, output, method, options)
         summary = {"command": "compensate", **summary, "files": [str(output)]}
         finish(summary, lines, notes, as_json=as_json)
+
+
+def _corrected(
+    machine: Machine, path: Path, output: Path, method: str, options: Options
+) -> tuple[dict[str, object], list[str], list[str]]:
+    """Write the commands for a table or a robot program; summary, lines and notes."""
+    from truepose.identification.programs.dialects import dialect_of
+
+    known = dialect_of(path, options.dialect)
+    if known is None:
+        options.unused()
+        return _compensate_table(machine, path, output, method)
+    if method != "exact":
+        raise InputError(f"--method: found {method!r} with a robot program, expected exact")
+    return correct_program(machine, known, path, output, options)
 
 
 def _compensate_table(

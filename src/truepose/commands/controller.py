@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -22,6 +24,9 @@ from truepose.errors import InputError
 
 if TYPE_CHECKING:
     from truepose.codegen.embedded.measure import Measurement
+    from truepose.codegen.features import Features
+    from truepose.codegen.printer import Real
+    from truepose.models.machine import Machine
 
 RealOption = Annotated[str, typer.Option(help="Type of every number.", metavar="double|float")]
 FeaturesOption = Annotated[
@@ -57,47 +62,66 @@ def codegen(
     Example: truepose codegen fit/calibrated.yaml -o small --features warm
     """
     with reported(plugin):
-        from truepose.codegen.c import generate
-        from truepose.codegen.embedded.section import summary
-        from truepose.codegen.embedded.write import generate_measured
         from truepose.codegen.features import ALL, Features
-        from truepose.codegen.left_out import left_out, left_out_json, left_out_words
-        from truepose.identification.report.applied_words import (
-            check_applicable,
-            expected_words,
-            pose_json,
-        )
-        from truepose.models.load import load_machine
 
         check_directory(output)
-        if real not in ("double", "float"):
-            raise InputError(f"--real: found {real!r}, expected 'double' or 'float'")
+        number = _number(real)
         chosen = ALL if features is None else Features.of(features)
-        number = cast('Literal["double", "float"]', real)
         with progress("writing C"):
-            loaded = load_machine(machine)
-            check_code(output, loaded.name)
-            if not anyway:
-                check_applicable(loaded)
-            drawing = (loaded.file.nominal if loaded.file else {}) or None
-            measured: list[Measurement] = []
-            if measure:
-                paths, measured = generate_measured(loaded, output, number, nominal=drawing, features=chosen)
-            else:
-                paths = generate(loaded, output, number, nominal=drawing, features=chosen)
+            loaded = _machine_for(output, machine, anyway=anyway)
+            paths, measured = _write(loaded, output, number, chosen, measure=measure)
         files = sorted(str(path) for path in paths)
-        held = left_out(loaded, chosen)
-        payload: dict[str, object] = {
-            "command": "codegen",
-            "machine": loaded.name,
-            "real": real,
-            "features": list(chosen.names),
-            "files": files,
-            "calibrated": held.calibrated,
-            "left_out": left_out_json(held),
-            "expected_pose": pose_json(loaded),
-        }
-        if measured:
-            payload["measured"] = [asdict(measurement) for measurement in measured]
-        told = [*left_out_words(held), expected_words(loaded), *summary(measured)]
-        finish(payload, [*files, *told], [], as_json=as_json)
+        summary, lines = _told(loaded, chosen, measured)
+        head = {"command": "codegen", "machine": loaded.name, "real": number, "features": list(chosen.names)}
+        finish({**head, "files": files, **summary}, [*files, *lines], [], as_json=as_json)
+
+
+def _number(real: str) -> Real:
+    """The type of every number. Raises InputError for another one."""
+    if real not in ("double", "float"):
+        raise InputError(f"--real: found {real!r}, expected 'double' or 'float'")
+    return cast("Real", real)
+
+
+def _machine_for(output: Path, path: Path, *, anyway: bool) -> Machine:
+    """The machine of a file. Raises InputError where ``output`` holds another one's C, or the file should not be applied."""
+    from truepose.identification.report.applied_words import check_applicable
+    from truepose.models.load import load_machine
+
+    machine = load_machine(path)
+    check_code(output, machine.name)
+    if not anyway:
+        check_applicable(machine)
+    return machine
+
+
+def _write(
+    machine: Machine, output: Path, real: Real, features: Features, *, measure: bool
+) -> tuple[list[Path], list[Measurement]]:
+    """Write the C, which compensates for what differs from the drawing; the paths, and what it takes where asked for."""
+    from truepose.codegen.c import generate
+    from truepose.codegen.embedded.write import generate_measured
+
+    drawing = (machine.file.nominal if machine.file else {}) or None
+    if measure:
+        return generate_measured(machine, output, real, nominal=drawing, features=features)
+    return generate(machine, output, real, nominal=drawing, features=features), []
+
+
+def _told(
+    machine: Machine, features: Features, measured: Sequence[Measurement]
+) -> tuple[dict[str, object], list[str]]:
+    """What the C holds, what it leaves out and what it takes: for --json, and in lines."""
+    from truepose.codegen.embedded.section import summary
+    from truepose.codegen.left_out import left_out, left_out_json, left_out_words
+    from truepose.identification.report.applied_words import expected_words, pose_json
+
+    held = left_out(machine, features)
+    payload: dict[str, object] = {
+        "calibrated": held.calibrated,
+        "left_out": left_out_json(held),
+        "expected_pose": pose_json(machine),
+    }
+    if measured:
+        payload["measured"] = [asdict(measurement) for measurement in measured]
+    return payload, [*left_out_words(held), expected_words(machine), *summary(measured)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -85,6 +85,28 @@ class Request:
     vary: tuple[str, ...] = ()
     recorded: tuple[Path, ...] = ()
     targets: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        discriminate: tuple[str, str] | None,
+        rival: Sequence[str] | None,
+        diagnosis: Path | None,
+        payload: str,
+        temperature: Sequence[str] | None,
+        vary: Sequence[str] | None,
+        recorded: Sequence[Path] | None,
+        target: Sequence[str] | None,
+    ) -> Request:
+        """Options of their types, None where they were left out."""
+        return cls(
+            names=(*(discriminate or ()), *(rival or ())),
+            diagnosis=diagnosis,
+            payload=payload,
+            vary=(*(f"temperature.{text}" for text in temperature or ()), *(vary or ())),
+            recorded=tuple(recorded or ()),
+            targets=tuple(target or ()),
+        )
 
     @property
     def wanted(self) -> bool:

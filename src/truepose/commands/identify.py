@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,6 +24,11 @@ from truepose.commands.gate import GateOption, gated
 from truepose.commands.judgement import refuse
 from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
 from truepose.commands.try_columns import TryColumnsOption, tried_names
+
+if TYPE_CHECKING:
+    from truepose.identification.check.result import Check
+    from truepose.identification.diagnosis.result import Diagnosis
+    from truepose.identification.fit.calibrate import Calibration
 
 FITTING = (
     ("checking", 1.0),
@@ -118,13 +123,7 @@ def calibrate(
     Example: truepose calibrate result/improved.yaml other.csv --only base,tool -o moved
     """
     with reported(plugin):
-        from truepose.identification.diagnosis.outliers import far_rows
         from truepose.identification.fit.calibrate import calibrate as run
-        from truepose.identification.fit.tool_pose import calibrated_pose
-        from truepose.identification.report.check_words import caution, caution_lines, checked
-        from truepose.identification.report.files import write_calibration
-        from truepose.identification.report.results import calibration_json
-        from truepose.identification.report.terminal import calibration_lines
 
         check_directory(output, FIT)
         with progress("calibrating", FITTING) as say:
@@ -135,15 +134,29 @@ def calibrate(
             check_machine(output, FIT, loaded.name)
             names = [name.strip() for name in only.split(",") if name.strip()]
             result = run(loaded, rows, estimator=estimator, solver=solver, only=names, progress=say)
-            say("looking for rows that do not fit")
-            fit = calibration_json(result, far_rows(result))
-            pose = calibrated_pose(result.fit, result.recording, result.began)
-            say("writing the report")
-            names = write_calibration(result, {**fit, **checked(check)}, output, pose, caution(check))
-        summary = {"command": "calibrate", **{k: fit[k] for k in _BRIEF}, "files": written(output, names)}
-        lines = [*caution_lines(check), *calibration_lines(result, fit, output, pose)]
-        finish({**summary, **checked(check)}, lines, result.notes, as_json=as_json)
+            summary, lines = _calibration_written(result, check, output, say)
+        finish({"command": "calibrate", **summary}, lines, result.notes, as_json=as_json)
         refuse(result.judgement, output, as_json=as_json)
+
+
+def _calibration_written(
+    result: Calibration, check: Check, output: Path, say: Callable[[str], None]
+) -> tuple[dict[str, Any], list[str]]:
+    """Write the results into ``output``; what is told of them, for --json and in lines."""
+    from truepose.identification.diagnosis.outliers import far_rows
+    from truepose.identification.fit.tool_pose import calibrated_pose
+    from truepose.identification.report.check_words import caution, caution_lines, checked
+    from truepose.identification.report.files import write_calibration
+    from truepose.identification.report.results import calibration_json
+    from truepose.identification.report.terminal import calibration_lines
+
+    say("looking for rows that do not fit")
+    fit = calibration_json(result, far_rows(result))
+    pose = calibrated_pose(result.fit, result.recording, result.began)
+    say("writing the report")
+    files = write_calibration(result, {**fit, **checked(check)}, output, pose, caution(check))
+    summary = {**{k: fit[k] for k in _BRIEF}, "files": written(output, files), **checked(check)}
+    return summary, [*caution_lines(check), *calibration_lines(result, fit, output, pose)]
 
 
 _BRIEF = (
@@ -184,38 +197,37 @@ def diagnose(
         from truepose.identification.diagnosis.engine import diagnose as run
         from truepose.identification.diagnosis.stages import sizes
         from truepose.identification.learned_prior import read_prior
-        from truepose.identification.report.check_words import caution_lines, checked
-        from truepose.identification.report.files import write_diagnosis
         from truepose.identification.report.judgement_words import diagnosis_judgement
-        from truepose.identification.report.lines import LINES
         from truepose.identification.report.notes import diagnosis_notes
-        from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
         from truepose.pool import rows_on
 
         learned = None if prior is None else read_prior(prior)
         check_directory(output, DIAGNOSIS)
         with progress("checking"):
+            tried, light = tried_names(try_columns), irradiance or ()
             loaded, rows, check = gated(
-                machine,
-                recordings,
-                irradiance=irradiance or (),
-                anyway=anyway,
-                shuffled=shuffled,
-                tried=tried_names(try_columns),
+                machine, recordings, irradiance=light, anyway=anyway, shuffled=shuffled, tried=tried
             )
             check_machine(output, DIAGNOSIS, loaded.name)
         with progress("diagnosing", diagnosing(sizes(loaded, rows))) as say, rows_on(dask):
             result = run(loaded, rows, prior=learned, progress=say)
             say("writing the report")
-            names = write_diagnosis(result, output, check=check)
-        warned = caution_lines(check)
-        finish(
-            {**diagnosis_summary(result, "diagnose", written(output, names)), **checked(check)},
-            [*warned, *diagnosis_lines(result, output, LINES - len(warned))],
-            diagnosis_notes(result),
-            as_json=as_json,
-        )
+            summary, lines = _diagnosis_written(result, check, output)
+        finish(summary, lines, diagnosis_notes(result), as_json=as_json)
         refuse(diagnosis_judgement(result), output, as_json=as_json)
+
+
+def _diagnosis_written(result: Diagnosis, check: Check, output: Path) -> tuple[dict[str, Any], list[str]]:
+    """Write the results into ``output``; what is told of them, for --json and in lines."""
+    from truepose.identification.report.check_words import caution_lines, checked
+    from truepose.identification.report.files import write_diagnosis
+    from truepose.identification.report.lines import LINES
+    from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
+
+    files = written(output, write_diagnosis(result, output, check=check))
+    warned = caution_lines(check)
+    lines = [*warned, *diagnosis_lines(result, output, LINES - len(warned))]
+    return {**diagnosis_summary(result, "diagnose", files), **checked(check)}, lines
 
 
 def diagnosing(sizes: Sequence[int]) -> list[tuple[str, float]]:

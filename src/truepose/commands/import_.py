@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from truepose.commands.common import FileOption, JsonOption, check_file, finish, progress, reported
+from truepose.errors import InputError
 from truepose.files import atomic_write_text, write_table
 
 if TYPE_CHECKING:
@@ -122,52 +124,109 @@ def import_(
 
     A probe and a robot with a clock each: truepose import probe.csv --log robot.csv --model cell.yaml -o recording.csv
     """
+    asked = _Asked(file, form, unit, topic, joints, joint or (), log, offset, every, model, rotation)
     with reported():
+        check_file(output)
+        asked.check()
+        _check_new(machine)
+        with progress("importing"):
+            table = asked.table(_new_names(rename or ()))
+            frame = _write(table, prismatic or (), output, machine, file)
+        _finish(frame, table.notes, output, machine, as_json=as_json)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is read, and how: options of the command by their names."""
+
+    file: Path
+    form: str
+    unit: str | None
+    topic: str | None
+    joints: Path | None
+    joint: Sequence[str]
+    log: Path | None
+    offset: float | None
+    every: float
+    model: Path | None
+    rotation: str
+
+    def check(self) -> None:
+        """Raise InputError for options that do not go together."""
+        of_log = self.offset is not None or bool(self.every) or self.model is not None
+        if self.log is None and of_log:
+            raise InputError("--offset, --every, --model: found without --log, expected the robot's log")
+        if self.log is not None and self.joints is not None:
+            raise InputError("--log, --joints: found both, expected the joints from one of them")
+
+    def table(self, names: Mapping[str, str]) -> Table:
+        """The measurements beside the joints, columns renamed by ``names`` (new ones by old ones)."""
         from truepose.identification.recording import importing
         from truepose.identification.recording.table import read_table
         from truepose.identification.recording.turns import with_rotation_vector
 
-        check_file(output)
-        _refuse(log, joints, machine, log_needed=offset is not None or bool(every) or model is not None)
-        names = _new_names(rename or ())
-        with progress("importing"):
-            form = "table" if log is not None and form == "auto" else form
-            table = importing.read_foreign(file, form, unit=unit, topic=topic, joints=joint or ())
-            if log is not None or rotation != "auto":
-                table = with_rotation_vector(table, rotation)
-            if log is not None:
-                of_log = read_table(log)
-                ours = {old: new for old, new in names.items() if old in of_log}
-                names = {old: new for old, new in names.items() if old not in ours}
-                table = _paired(table, importing.renamed(of_log, ours), joint or (), offset, every, model)
-            if joints is not None:
-                table = importing.with_joints(table, read_table(joints))
-            frame = importing.frame_of(importing.renamed(table, names), prismatic or ())
-            started = None if machine is None else importing.machine_of(file)
-            write_table(output, frame, table.notes)
-            if machine is not None and started is not None:
-                atomic_write_text(machine, started)
-        _finish(frame, table.notes, output, machine, as_json=as_json)
+        form = "table" if self.log is not None and self.form == "auto" else self.form
+        table = importing.read_foreign(self.file, form, unit=self.unit, topic=self.topic, joints=self.joint)
+        if self.log is not None or self.rotation != "auto":
+            table = with_rotation_vector(table, self.rotation)
+        if self.log is not None:
+            log = read_table(self.log)
+            ours = {old: new for old, new in names.items() if old in log}
+            names = {old: new for old, new in names.items() if old not in ours}
+            table = self._paired(table, importing.renamed(log, ours))
+        if self.joints is not None:
+            table = importing.with_joints(table, read_table(self.joints))
+        return importing.renamed(table, names)
+
+    def _paired(self, table: Table, log: Table) -> Table:
+        """The table's samples with the joints of a log at their times."""
+        from truepose.identification.recording.clock_offset import Clock, clock_of
+        from truepose.identification.recording.probe import Pairing, clock_words
+
+        machine = None
+        if self.model is not None:
+            from truepose.models.load import load_machine
+
+            machine = load_machine(self.model)
+        pairing = Pairing.of(table, log, self.joint or (machine.mechanism.readings if machine else ()))
+        if self.offset is not None:
+            clock, told = Clock(self.offset), "as stated"
+        elif machine is None:
+            clock = clock_of(pairing.motion, pairing.files)
+            told = "by the motion; --model MACHINE tells it more exactly"
+        else:
+            from truepose.identification.fit.probe_clock import clock_by_model
+
+            clock = clock_by_model(machine, pairing, clock_of(pairing.motion, pairing.files))
+            told = f"by {self.model}"
+        return pairing.rows(clock, self.every).with_note(clock_words(pairing, clock, told))
 
 
-def _refuse(log: Path | None, joints: Path | None, machine: Path | None, *, log_needed: bool) -> None:
-    """Raise InputError for options that do not go together, and for a machine file that is there already."""
-    from truepose.errors import InputError
+def _write(
+    table: Table, prismatic: Sequence[str], output: Path, machine: Path | None, file: Path
+) -> pd.DataFrame:
+    """Write the recording, and the machine file that ``file`` tells where one is wanted; the recording's columns."""
+    from truepose.identification.recording import importing
 
-    if log is None and log_needed:
-        raise InputError("--offset, --every, --model: found without --log, expected the robot's log")
-    if log is not None and joints is not None:
-        raise InputError("--log, --joints: found both, expected the joints from one of them")
-    if machine is not None:
-        check_file(machine)
-        if machine.exists():
-            raise InputError(f"{machine}: found a file that is there already, expected another name")
+    frame = importing.frame_of(table, prismatic)
+    started = None if machine is None else importing.machine_of(file)
+    write_table(output, frame, table.notes)
+    if machine is not None and started is not None:
+        atomic_write_text(machine, started)
+    return frame
+
+
+def _check_new(machine: Path | None) -> None:
+    """Raise InputError for a machine file that is there already."""
+    if machine is None:
+        return
+    check_file(machine)
+    if machine.exists():
+        raise InputError(f"{machine}: found a file that is there already, expected another name")
 
 
 def _new_names(rename: Sequence[str]) -> dict[str, str]:
     """New names of columns by their old ones. Raises InputError for what is no OLD=NEW."""
-    from truepose.errors import InputError
-
     names = {}
     for text in rename:
         old, sign, new = text.partition("=")
@@ -190,25 +249,3 @@ def _finish(
             f"then: truepose diagnose {machine} {output} -o result",
         ]
     finish(summary, lines, notes, as_json=as_json)
-
-
-def _paired(
-    table: Table, log: Table, joints: Sequence[str], offset: float | None, every: float, model: Path | None
-) -> Table:
-    """The table's samples with the joints of a log at their times."""
-    from truepose.identification.recording.clock_offset import Clock, clock_of
-    from truepose.identification.recording.probe import Pairing, clock_words
-
-    machine = None
-    if model is not None:
-        from truepose.models.load import load_machine
-
-        machine = load_machine(model)
-    pairing = Pairing.of(table, log, joints or (machine.mechanism.readings if machine else ()))
-    clock = Clock(offset) if offset is not None else clock_of(pairing.motion, pairing.files)
-    told = "as stated" if offset is not None else "by the motion; --model MACHINE tells it more exactly"
-    if machine is not None and offset is None:
-        from truepose.identification.fit.probe_clock import clock_by_model
-
-        clock, told = clock_by_model(machine, pairing, clock), f"by {model}"
-    return pairing.rows(clock, every).with_note(clock_words(pairing, clock, told))

@@ -97,14 +97,7 @@ def plan(
     Example: truepose plan machine.yaml -n 40 -o poses.csv --diagnosis result/diagnosis.json --payload 0,2.5,5
     """
     with reported(plugin):
-        asked = Request(
-            names=(*(discriminate or ()), *(rival or ())),
-            diagnosis=diagnosis,
-            payload=payload,
-            vary=(*(f"temperature.{text}" for text in temperature or ()), *(vary or ())),
-            recorded=tuple(recorded or ()),
-            targets=tuple(target or ()),
-        )
+        asked = Request.of(discriminate, rival, diagnosis, payload, temperature, vary, recorded, target)
         wanted = _Wanted(machine, n, output, candidates, seed, as_json)
         if asked.wanted:
             _check_calibration_options(method, criterion)

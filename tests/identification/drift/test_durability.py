@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -137,6 +137,12 @@ def by_rows(session: Session, fit: Estimate) -> tuple[Array, Array]:
     return rows[:, :-1], rows[:, -1]
 
 
+def identified_anew(which: str, names: Sequence[str]) -> NDArray[np.bool_]:
+    frames = np.array([name.split(".")[0] in ("base", "tool", "beam", "mirror") for name in names])
+    most = np.array([name not in ("q4.d", "t.beta") for name in names])  # what no other can stand for
+    return {"nothing": frames & False, "frames": frames, "all but one": most}[which]
+
+
 @pytest.mark.parametrize("anew", ["nothing", "frames", "all but one"])
 @pytest.mark.parametrize("case", ["moved", "distances"])
 def test_a_check_is_that_of_the_gaussian_of_all_readings(
@@ -145,9 +151,7 @@ def test_a_check_is_that_of_the_gaussian_of_all_readings(
     """Generalised least squares with the covariance of all readings written out: noise, and the first fit's errors."""
     one: Met = request.getfixturevalue(case)
     names = [one.prior.names[k] for k in one.prior.free]
-    frames = np.array([name.split(".")[0] in ("base", "tool", "beam", "mirror") for name in names])
-    most = np.array([name not in ("q4.d", "t.beta") for name in names])  # what no other can stand for
-    fresh = {"nothing": frames & False, "frames": frames, "all but one": most}[anew]
+    fresh = identified_anew(anew, names)
     found = durability(one.sessions, one.fits, one.prior, fresh)
     (check,) = found.frames
     noise, freedom = noise_of(one.fits)
@@ -176,13 +180,11 @@ def test_a_check_is_that_of_the_gaussian_of_all_readings(
     assert (check.p < 1e-6) is (case == "moved")
 
     away = np.eye(len(seen)) - seen[:, fresh] @ np.linalg.pinv(seen[:, fresh], rcond=1e-10)
-    variance = np.diag(away @ spread @ away.T).reshape(met_again.residual[met_again.used].shape)
-    for values, expected in (
-        (residual.reshape(variance.shape), check.rms),
-        (np.sqrt(variance), check.expected),
-    ):
-        for kind, size in rms_by_kind(values, session.predictor.channels).items():
-            assert expected[kind] == pytest.approx(size, rel=1e-6)
+    spread = np.diag(away @ spread @ away.T)
+    shape, channels = met_again.residual[met_again.used].shape, session.predictor.channels
+    for values, told in ((residual, check.rms), (np.sqrt(spread), check.expected)):
+        for kind, size in rms_by_kind(values.reshape(shape), channels).items():
+            assert told[kind] == pytest.approx(size, rel=1e-6)
 
 
 # -- the joint fit ---------------------------------------------------------------------------------------

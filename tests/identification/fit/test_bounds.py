@@ -25,6 +25,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.program import Program
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -46,11 +47,35 @@ def narrowed(machine: Machine, **limits: tuple[float, float]) -> Bounds:
     return replace(bounds, low=low, high=high)
 
 
+def by_another_code(machine: Machine, recording: Recording, bounds: Bounds) -> tuple[Array, float]:
+    """Steps and cost at the minimum of SciPy's trust region reflective method on the reduced problem."""
+    problem = Problem(
+        Predictor(machine, recording), prior_of(machine), nominal(machine), ~recording.validation
+    )
+
+    def residual(t: Array) -> Array:
+        return np.vstack([np.asarray(block) for block in problem.blocks(t)])[:, -1]
+
+    def slopes(t: Array) -> Array:
+        return np.vstack([np.asarray(block) for block in problem.blocks(t)])[:, :-1]
+
+    found = least_squares(
+        residual,
+        np.zeros(len(problem.prior.free)),
+        slopes,
+        bounds=bounds.steps(problem),
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-12,
+    )
+    return found.x, float(found.cost)
+
+
 @pytest.mark.parametrize("name", ["arm", "6-pus"])
 def test_within_bounds_the_minimum_is_that_of_another_code(
     machines: Mapping[str, Machine], name: str
 ) -> None:
-    """Against SciPy's trust region reflective method on the reduced problem, two bounds active."""
+    """With two bounds active."""
     machine, rng = machines[name], np.random.default_rng(4)
     recording = simulated(machine, manufactured(machine, rng), rng, n=20)
     plain = estimate(machine, recording)
@@ -68,28 +93,10 @@ def test_within_bounds_the_minimum_is_that_of_another_code(
     active = (fit.p == bounds.low) | (fit.p == bounds.high)
     assert set(np.flatnonzero(active)) == set(pulled)
     assert fit.chi2 > plain.chi2
-    problem = Problem(
-        Predictor(machine, recording), prior_of(machine), nominal(machine), ~recording.validation
-    )
-
-    def residual(t: Array) -> Array:
-        return np.vstack([np.asarray(block) for block in problem.blocks(t)])[:, -1]
-
-    def slopes(t: Array) -> Array:
-        return np.vstack([np.asarray(block) for block in problem.blocks(t)])[:, :-1]
-
-    other = least_squares(
-        residual,
-        np.zeros(len(free)),
-        slopes,
-        bounds=bounds.steps(problem),
-        xtol=1e-14,
-        ftol=1e-14,
-        gtol=1e-12,
-    )
+    x, cost = by_another_code(machine, recording, bounds)
     steps = (fit.p - nominal(machine))[free] / fit.prior.scale[free]
-    np.testing.assert_allclose(steps, other.x, atol=1e-4)  # SciPy stays a little inside its bounds
-    assert np.sum(fit.residual**2) + np.sum((steps) ** 2) <= 2 * other.cost * (1 + 1e-9)
+    np.testing.assert_allclose(steps, x, atol=1e-4)  # SciPy stays a little inside its bounds
+    assert np.sum(fit.residual**2) + np.sum((steps) ** 2) <= 2 * cost * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("kind", ["mm and deg", "um and mrad"])

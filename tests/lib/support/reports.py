@@ -128,6 +128,22 @@ def summary(chi2: float, worst: float) -> FitSummary:
     return FitSummary({"position": 0.012}, chi2, {"position": 0.013}, worst, "q1.d", 3.1)
 
 
+CANDIDATES = (
+    Alternative("transmission-error", ("q1",), 0.5, 120.0),
+    Alternative("transmission-error", ("q1",), 0.4, 119.0),
+    Alternative("actuator-scale", ("q2",), 0.0, NAN),
+)
+SETS = (
+    SetOfEffects((("transmission-error", ("q1",)),), 0.6),
+    SetOfEffects((("transmission-error", ("q1",)), ("empirical", ("q2",))), 0.3),
+    SetOfEffects((), 0.01),
+)
+INCLUSION = (
+    Alternative("transmission-error", ("q1",), 0.93, 0.0),
+    Alternative("empirical", ("q2",), 0.3, 0.0),
+)
+
+
 def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
     recording = recorded(machine)
     term = gear(machine)
@@ -146,11 +162,7 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
         alarms_after={"residual": Alarm(1.0, 0.5, "replicates"), "structure": structure},
         findings=(gear_finding(),),
         remainder=None,
-        candidates=(
-            Alternative("transmission-error", ("q1",), 0.5, 120.0),
-            Alternative("transmission-error", ("q1",), 0.4, 119.0),
-            Alternative("actuator-scale", ("q2",), 0.0, NAN),
-        ),
+        candidates=CANDIDATES,
         evidence_map={"q1": 120.0, "q2": -0.5, "base": float("-inf")},
         untestable=(Untestable("thermal-expansion", "no temperature.link1 column"),),
         free=fitted(machine, recording, away=60.0),
@@ -162,15 +174,8 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
         outlier_rows=(7, 19),
         noise=1.0,
         inflation={},
-        sets=(
-            SetOfEffects((("transmission-error", ("q1",)),), 0.6),
-            SetOfEffects((("transmission-error", ("q1",)), ("empirical", ("q2",))), 0.3),
-            SetOfEffects((), 0.01),
-        ),
-        inclusion=(
-            Alternative("transmission-error", ("q1",), 0.93, 0.0),
-            Alternative("empirical", ("q2",), 0.3, 0.0),
-        ),
+        sets=SETS,
+        inclusion=INCLUSION,
         disagreement=0.01,
     )
     return replace(found, **changes)

@@ -26,6 +26,12 @@ def wrapped(built: Built) -> Path:
     return built.directory / "wrappers"
 
 
+def rows_of(built: Built, count: int = 4) -> tuple[Array, Array]:
+    """Joints (count, n) and poses (count, 12) of a machine's test vectors."""
+    rows = built.samples(count)
+    return rows[:, : built.n], rows[:, built.n :]
+
+
 def python_of(built: Built) -> ModuleType:
     """The module of a machine's Python wrapper."""
     file = wrapped(built) / f"{built.machine.name}_kin.py"
