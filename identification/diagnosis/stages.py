@@ -52,14 +52,14 @@ def stages(machine: Machine, recording: Recording) -> list[Recording]:
     if any(sensor.compares or sensor.differs_from_row for sensor in machine.sensors):
         return out
     rng = np.random.default_rng(SEED)
-    for count in _fewer(len(rows)):
+    for count in fewer_rows(len(rows)):
         edges = np.linspace(0, len(rows), count + 1).astype(np.int64)
         rows = rows[edges[:-1] + rng.integers(0, np.diff(edges))]
         out.insert(0, recording.subset(np.sort(rows)))
     return out
 
 
-def _fewer(rows: int) -> list[int]:
+def fewer_rows(rows: int) -> list[int]:
     """How many rows the stages before all of them have, the largest first: from ``MANY`` on always the same times more."""
     times = rows / MANY
     if times <= SPARED:
@@ -145,4 +145,4 @@ def _far(fit: Estimate, recording: Recording) -> Mask:
     return outliers.outlying_rows(fit, recording, ~recording.validation)
 
 
-__all__ = ["FITTING", "WEIGHING", "first", "further", "sizes", "stages"]
+__all__ = ["FITTING", "WEIGHING", "fewer_rows", "first", "further", "sizes", "stages"]

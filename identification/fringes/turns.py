@@ -8,6 +8,7 @@ that change suddenly, once, are tried; where none of those fits either, nothing 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -78,16 +79,15 @@ class Verdict:
 def judge(visit: Visit) -> Verdict:
     """Passed or turned: the simplest motions that fit decide; odds are 0 when none does."""
     light = light_of(visit)
-    # one after another: most visits are decided by the first, which takes a fraction of the time of all
-    for attempt in (
-        lambda: smooth_verdict(light, _SIMPLE),
-        lambda: _sudden(light),
-        lambda: smooth_verdict(light, _FREE),
-    ):
-        verdict = attempt()
-        if verdict is not None and verdict.fits:
-            return verdict
-    return Verdict(0.0, False, float(visit.high), np.inf)
+    fitting = (verdict for verdict in _attempts(light) if verdict is not None and verdict.fits)
+    return next(fitting, Verdict(0.0, False, float(visit.high), np.inf))
+
+
+def _attempts(light: Light) -> Iterator[Verdict | None]:
+    """One after another, as they are asked for: the first, which decides most visits, takes a fraction of the time of all."""
+    yield smooth_verdict(light, _SIMPLE)
+    yield _sudden(light)
+    yield smooth_verdict(light, _FREE)
 
 
 def smooth_verdict(light: Light, degrees: tuple[int, ...]) -> Verdict | None:

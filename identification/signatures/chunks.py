@@ -45,7 +45,7 @@ def summed(columns: RowColumns, at: Point, forms: Forms, rows: Index, order: Ind
     cluster = present()
     if cluster is None:
         return _total(columns.sums(at, forms, part) for part in parts)
-    return _total(_in_turn(numbered(_worked_out, _Sealed(columns, at, forms, parts), cluster)))
+    return _total(in_turn(numbered(_worked_out, _Sealed(columns, at, forms, parts), cluster)))
 
 
 def _total(parts: Iterator[Sums]) -> Sums:
@@ -58,7 +58,7 @@ def _total(parts: Iterator[Sums]) -> Sums:
     return grams, counts
 
 
-def _in_turn(results: Iterator[tuple[int, Sums | None]]) -> Iterator[Sums]:
+def in_turn(results: Iterator[tuple[int, Sums | None]]) -> Iterator[Sums]:
     """Results that come as they are done, in the order of their numbers."""
     early, following = dict[int, Sums](), 0
     for k, result in results:
@@ -129,4 +129,4 @@ def _built(alike: bytes) -> RowColumns:
     return RowColumns(*pickle.loads(alike))
 
 
-__all__ = ["CHUNK", "summed"]
+__all__ = ["CHUNK", "in_turn", "summed"]

@@ -47,7 +47,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Recording]:
 
 @given(st.integers(1, 3_000_000))
 def test_stages_grow_by_the_same_step(rows: int) -> None:
-    counts = [rows, *stages._fewer(rows)]
+    counts = [rows, *stages.fewer_rows(rows)]
     if rows <= 2 * stages.MANY:
         assert counts == [rows]
         return

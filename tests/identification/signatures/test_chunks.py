@@ -155,12 +155,12 @@ def test_tasks_of_any_size_are_sent_without_a_warning(
 def test_a_worker_that_dies_twice_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chunks, "CHUNK", 100)
     with pytest.raises(InputError, match="rows 101 to 200 of those fitted"):
-        list(chunks._in_turn(iter([(0, ((), [])), (1, None)])))
+        list(chunks.in_turn(iter([(0, ((), [])), (1, None)])))
 
 
 @given(st.permutations(range(8)))
 def test_results_are_added_in_their_order(order: list[int]) -> None:
-    found = chunks._in_turn((k, ((np.array([float(k)]),), [k])) for k in order)
+    found = chunks.in_turn((k, ((np.array([float(k)]),), [k])) for k in order)
     assert [counts for _, counts in found] == [[k] for k in range(8)]
 
 
