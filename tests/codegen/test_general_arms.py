@@ -69,7 +69,8 @@ def test_whatever_joint_is_taken_first_the_solutions_are_the_same(slide: int | N
         firsts = [k for k in range(6) if slide not in ((k + 2) % 6, (k + 5) % 6)]
         all_found = [exact(screws, G, solutions(screws, G, first)) for first in firsts]
         for found in all_found:
-            assert off(screws, found, q).min() < 1e-6
+            # two of one pose nearly merge: the square root of rounding
+            assert off(screws, found, q).min() < 1e-5
             for other in found:
                 assert all(off(screws, others, other).min() < 1e-4 for others in all_found)
         numbers.append(len(all_found[0]))

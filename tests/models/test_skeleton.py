@@ -189,7 +189,8 @@ def test_corners_of_a_plate_come_in_their_order_around(machines: Mapping[str, Ma
     assert plates
     for corners in plates:
         areas = around(corners)
-        assert (areas > 0).all() or (areas < 0).all()
+        nothing = 1e-12 * np.abs(areas).max()  # where corners lie in line with the middle
+        assert (areas > -nothing).all() or (areas < nothing).all()
 
 
 @settings(max_examples=examples(40), deadline=None)

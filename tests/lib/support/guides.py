@@ -26,8 +26,9 @@ PRINTED_WITH = "2.4"
 """numpy when the pages were printed. Another one rounds otherwise, a plan ends elsewhere on its flat top, and what is read
 there are other numbers: then words are compared alone."""
 SAME_NUMBERS = np.__version__.startswith(f"{PRINTED_WITH}.")
-NEARLY, DIGITS = 0.05, 2
-"""How far a number may be from the one shown, of its size, and in its last decimal: other processors round otherwise."""
+NEARLY, DIGITS = 0.1, 2
+"""How far a number may be from the one shown, of its size, and in its last decimal: other processors round otherwise, so that
+a plan ends elsewhere on its flat top there, too."""
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
