@@ -21,7 +21,7 @@ SCATTER = 2e-5
 Array = NDArray[np.float64]
 
 
-def write_bag(folder: Path) -> Path:
+def write_bag(folder: Path, poses: int = POSES, samples: int = SAMPLES) -> Path:
     """``session.mcap``: joints and the tool's pose of a bundled arm that stands 0.5 mm beside its drawing."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -29,7 +29,7 @@ def write_bag(folder: Path) -> Path:
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(folder / "session", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {}
-        for topic, t, message in _messages(*_seen(folder), store.types):
+        for topic, t, message in _messages(*_seen(folder, poses), samples, store.types):
             if topic not in topics:
                 topics[topic] = writer.add_connection(topic, message.__msgtype__, typestore=store)
             writer.write(topics[topic], int(1e9 * t), store.serialize_cdr(message, message.__msgtype__))
@@ -37,13 +37,13 @@ def write_bag(folder: Path) -> Path:
     return path.rename(folder / "session.mcap")
 
 
-def _seen(folder: Path) -> tuple[Array, Array]:
+def _seen(folder: Path, count: int) -> tuple[Array, Array]:
     """(n, 6) joints in rad, and (n, 6) position (m) and rotation vector (rad) of the tool."""
     made = folder / "as_built.yaml"
     result = CliRunner().invoke(app, ["init", "--arm", "ur5e", "--sensor", "pose", "-o", str(made)])
     assert result.exit_code == 0, result.output
     machine = truepose.load_machine(made)
-    q = np.random.default_rng(5).uniform(-120.0, 120.0, (POSES, 6))
+    q = np.random.default_rng(5).uniform(-120.0, 120.0, (count, 6))
     poses = {f"q{k + 1}": q[:, k] for k in range(6)}
     built = [truepose.parse_effect("wrong-constant@q3.d:value=0.5[mm]", machine)]
     seen = truepose.simulate(machine, poses, built, seed=None)
@@ -51,11 +51,11 @@ def _seen(folder: Path) -> tuple[Array, Array]:
     return np.radians(q), np.hstack([xyz / 1e3, np.radians(turn)])
 
 
-def _messages(q: Array, poses: Array, types: Any) -> Iterator[tuple[str, float, Any]]:
+def _messages(q: Array, poses: Array, samples: int, types: Any) -> Iterator[tuple[str, float, Any]]:
     rng = np.random.default_rng(6)
     for k in range(len(q)):
-        for sample in range(SAMPLES):
-            t = START + (2 * SAMPLES * k + sample) / RATE  # between poses nothing is logged
+        for sample in range(samples):
+            t = START + (2 * samples * k + sample) / RATE  # between poses nothing is logged
             yield "/joint_states", t, _joint_state(types, t, q[k])
             yield "/tracker/pose", t, _pose(types, t, poses[k] + SCATTER * rng.standard_normal(6))
 

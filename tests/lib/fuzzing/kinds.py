@@ -1,0 +1,185 @@
+"""What is fuzzed: a kind of file, how mutants of it are made, and the commands that read it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+
+import yaml
+
+from fuzzing import code, marked_up, programs, records, seeds, tables, texts, trees
+from truepose.models.yaml_document import parse_document
+
+Mutate = Callable[[Random, bytes, bytes], bytes]
+
+
+@dataclass(frozen=True)
+class Seed:
+    """A good file, by the name that the mutant has, what stands beside it, and the commands of which one is run."""
+
+    file: str
+    data: bytes
+    commands: Sequence[Sequence[str]]
+    beside: dict[str, bytes] = field(default_factory=dict)
+
+    def laid_out(self, folder: Path, data: bytes) -> None:
+        """Write the mutant and what stands beside it."""
+        for old in folder.iterdir():
+            shutil.rmtree(old) if old.is_dir() else old.unlink()
+        for name, text in {**self.beside, self.file: data}.items():
+            (folder / name).write_bytes(text)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Files of one form."""
+
+    name: str
+    make: Callable[[Path], list[Seed]]
+    mutate: Mutate
+
+
+def _bytes_too(structured: Callable[[Random, str], str | bytes], share: float = 0.3) -> Mutate:
+    """Mutation by structure, and of plain bytes in a share of the cases."""
+
+    def mutate(rng: Random, data: bytes, other: bytes) -> bytes:
+        if rng.random() < share:
+            return texts.mutated(rng, data, other)
+        out = structured(rng, data.decode("utf-8"))
+        return out if isinstance(out, bytes) else out.encode("utf-8", errors="surrogatepass")
+
+    return mutate
+
+
+def _yaml(rng: Random, text: str) -> str:
+    return trees.mutated(rng, parse_document(text, "seed"))
+
+
+M, R = "machine.yaml", "recording.csv"
+ON_MACHINES = (
+    ("calibrate", M, R, "-o", "out/fit"),
+    ("check", M, R),
+    ("simulate", M, R, "-o", "out/seen.csv"),
+    ("predict", M, R, "-o", "out/said.csv"),
+    ("identifiability", M, R),
+    ("compensate", M, R, "-o", "out/commands.csv", "--anyway"),
+    ("codegen", M, "-o", "out/c"),
+    ("plan", M, "-n", "4", "-o", "out/poses.csv"),
+    ("export", M, "-o", "out/arm.urdf"),
+    ("drift", M, R, R),
+)
+ON_RECORDINGS = ON_MACHINES[:6]
+
+
+def _machines(folder: Path) -> list[Seed]:
+    return [
+        Seed(M, case.machine.encode(), ON_MACHINES, {R: case.recording.encode()})
+        for case in seeds.cases(folder)
+    ]
+
+
+def _recordings(folder: Path) -> list[Seed]:
+    return [
+        Seed(R, case.recording.encode(), ON_RECORDINGS, {M: case.machine.encode()})
+        for case in seeds.cases(folder)
+    ]
+
+
+def _urdf(folder: Path) -> list[Seed]:
+    machine, rows = seeds.URDF_MACHINE.encode(), b"pan,lift\n10,20\n-30,5\n40,60\n"
+    commands = (
+        ("init", "--urdf", "arm.urdf", "-o", "out/arm.yaml"),
+        (
+            "init",
+            "--urdf",
+            "arm.urdf",
+            "--expand",
+            "--base-link",
+            "world",
+            "--tip-link",
+            "tip",
+            "-o",
+            "out/arm.yaml",
+        ),
+        ("simulate", M, R, "-o", "out/seen.csv"),
+        ("codegen", M, "-o", "out/c"),
+    )
+    return [Seed("arm.urdf", seeds.URDF.encode(), commands, {M: machine, R: rows})]
+
+
+def _mjcf(folder: Path) -> list[Seed]:
+    commands = (("init", "--mjcf", "arm.xml", "-o", "out/arm.yaml"),)
+    return [Seed("arm.xml", seeds.MJCF.encode(), commands)]
+
+
+def _bags(folder: Path) -> list[Seed]:
+    from support.guide_bag import write_bag
+
+    bag = write_bag(folder, poses=4, samples=6).read_bytes()
+    machine = (folder / "as_built.yaml").read_bytes()
+    commands = (
+        ("import", "run.mcap", "-o", "out/rows.csv"),
+        ("import", "run.mcap", "--topic", "/tracker/pose", "-o", "out/rows.csv"),
+        ("check", M, "run.mcap"),
+    )
+    return [Seed("run.mcap", bag, commands, {M: machine})]
+
+
+def _points(folder: Path) -> list[Seed]:
+    commands = (
+        ("import", "points.txt", "--joints", "joints.csv", "-o", "out/rows.csv"),
+        ("import", "points.txt", "-o", "out/rows.csv", "--machine", "out/mount.yaml"),
+        ("import", "points.txt", "-o", "out/rows.csv"),
+    )
+    return [
+        Seed("points.txt", text.encode(), commands, {"joints.csv": seeds.JOINTS.encode()})
+        for text in seeds.POINTS
+    ]
+
+
+def _plugins(folder: Path) -> list[Seed]:
+    (case,) = (case for case in seeds.cases(folder) if case.name == "full")
+    effect = "stretched-belt@q1:k=0.01"
+    commands = (
+        ("simulate", M, R, "-o", "out/seen.csv", "--effect", effect, "--plugin", "belt.py"),
+        ("codegen", "belt.yaml", "-o", "out/c", "--plugin", "belt.py"),
+        ("calibrate", "belt.yaml", R, "-o", "out/fit", "--plugin", "belt.py", "--anyway"),
+        ("effects", "stretched-belt", "--plugin", "belt.py"),
+    )
+    document = yaml.safe_load(case.machine)
+    entry = {
+        "effect": "stretched-belt",
+        "place": ["q1"],
+        "parameters": {"k": {"value": 0.01, "unit": "1/rad^2"}},
+    }
+    own = trees.text(trees.tree({**document, "effects": [entry]}))
+    beside = {M: case.machine.encode(), R: case.recording.encode(), "belt.yaml": own.encode()}
+    return [Seed("belt.py", seeds.PLUGIN.encode(), commands, beside)]
+
+
+def _programs(folder: Path) -> list[Seed]:
+    from support.program_robots import arms, machine_file
+
+    machine = machine_file(folder, arms()[1]).read_bytes()
+    files = {"job.src": seeds.KRL, "job.mod": seeds.RAPID, "job.script": seeds.URSCRIPT}
+    return [
+        Seed(name, text.encode(), (("compensate", M, name, "-o", f"out/{name}", "--anyway"),), {M: machine})
+        for name, text in files.items()
+    ]
+
+
+KINDS = (
+    Kind("machine files", _machines, _bytes_too(_yaml, 0.15)),
+    Kind("recordings", _recordings, _bytes_too(tables.mutated, 0.15)),
+    Kind("URDF", _urdf, _bytes_too(marked_up.mutated)),
+    Kind("MJCF", _mjcf, _bytes_too(marked_up.mutated)),
+    Kind("MCAP", _bags, records.mutated),
+    Kind("points and stars", _points, _bytes_too(programs.mutated)),
+    Kind("plug-ins", _plugins, _bytes_too(code.mutated, 0.0)),
+    Kind("robot programs", _programs, _bytes_too(programs.mutated)),
+)
+
+__all__ = ["KINDS", "Kind", "Seed"]
