@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effect import Effect, effects
+from truepose.models.limits import LARGEST, within
 from truepose.models.load import place_effect, resolve_place
 from truepose.models.machine import Machine
 from truepose.models.machine_file import EffectSpec
-from truepose.models.placed import PlacedEffect
+from truepose.models.placed import Coefficient, PlacedEffect
 from truepose.models.units import parse_unit
 from truepose.wording import close_matches
 
@@ -24,6 +25,8 @@ _ITEM = re.compile(
     r"\s*(?P<name>[^=]+?)\s*=\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:,|$)"
 )
 _FORM = "SLUG@PLACE:name=value[unit]"
+_NAMED = 6
+"""Coefficients that a message names: some series have dozens."""
 
 
 def parse_effect(text: str, machine: Machine, option: str = "--effect") -> PlacedEffect:
@@ -57,6 +60,7 @@ def parse_effect(text: str, machine: Machine, option: str = "--effect") -> Place
         for name, (value, unit) in numbers.items()
         if name in coefficients
     }
+    _check_stated(text.strip(), coefficients, own, where)
     return place_effect(machine, EffectSpec(slug, place, own, settings=settings, where=where), where)
 
 
@@ -72,9 +76,29 @@ def _numbers(text: str, where: str) -> dict[str, tuple[float, str | None]]:
             )
         if item["name"] in out:
             raise InputError(f"{where}: found {item['name']!r} twice, expected once")
-        out[item["name"]] = (float(item["value"]), item["unit"])
+        out[item["name"]] = (_number(item["value"], f"{where}: {item['name']}"), item["unit"])
         at = item.end()
     return out
+
+
+def _number(text: str, where: str) -> float:
+    value = float(text)
+    if not within(value):
+        raise InputError(f"{where}: found {value:g}, expected a number of at most {LARGEST:g} by size")
+    return value
+
+
+def _check_stated(
+    text: str, coefficients: Mapping[str, Coefficient], own: Mapping[str, object], where: str
+) -> None:
+    """Refuse an effect that would add nothing."""
+    if coefficients and not own:
+        wanted = ", ".join(f"{name} ({c.unit})" for name, c in list(coefficients.items())[:_NAMED])
+        first = next(iter(coefficients.values()))
+        example = f"{text.rstrip(':')}:{first.name}={first.scale / 10:.0e}[{first.unit}]"
+        raise InputError(
+            f"{where}: adds nothing as it stands, expected a value of {wanted}, such as {example}"
+        )
 
 
 def _known_place(effect: Effect, machine: Machine, place: tuple[str, ...], where: str) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from truepose.errors import InputError
+from truepose.wording import cut
 
 _EXPECTED = {
     "missing": "missing field",
@@ -23,7 +24,6 @@ _EXPECTED = {
     "int_from_float": "expected a whole number",
     "int_parsing": "expected a whole number",
 }
-_LONGEST = 60
 
 
 def input_error(exc: ValidationError, path: Path | str, prefix: str = "") -> InputError:
@@ -48,7 +48,7 @@ def input_error(exc: ValidationError, path: Path | str, prefix: str = "") -> Inp
 
 def _join(prefix: str, location: list[int | str]) -> str:
     field = prefix
-    for part in location:
+    for part in (cut(p) if isinstance(p, str) else p for p in location):
         field += f"[{part}]" if isinstance(part, int) else f".{part}" if field else str(part)
     return field or "document"
 
@@ -66,5 +66,4 @@ def _message(kind: str, text: str, context: dict[str, Any]) -> str:
 def _short(value: object) -> str:
     if value is None:
         return "nothing"
-    text = repr(value)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return cut(repr(value))

@@ -30,6 +30,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from truepose.errors import InputError
+from truepose.models.limits import LARGEST, SMALLEST, positive, within
 from truepose.models.units import UnitSystem, convert, is_unit
 from truepose.wording import close_matches
 
@@ -121,20 +122,41 @@ class _Numbers:
         internal = units.internal(dimension)
         own = None if dimension == "number" else quantity(value, internal)
         if own is None:
-            return units.to_internal(self.checked(value, expected), dimension)
+            stated = as_number(value)
+            if stated is None or not (self.fits(stated) or self.may_be(stated)):
+                raise bad_value(expected, value)
+            own = units.to_internal(stated, dimension)
         if not self.fits(own):
-            raise bad_value(expected, value)
+            sized = self.may_be(own)
+            raise bad_value(f"{expected}, {self.sized} in {internal}" if sized else expected, value)
         return own
 
-    def checked(self, value: object, expected: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not self.fits(float(value)):
-            raise bad_value(expected, value)
+    def may_be(self, value: float) -> bool:
+        """Whether a number would do if sizes did not count: then the message says which ones do."""
+        return math.isfinite(value) and (value > 0.0 or self is _FINITE)
+
+    @property
+    def sized(self) -> str:
+        """Which sizes do."""
+        return f"at most {LARGEST:g} by size" if self is _FINITE else f"between {SMALLEST:g} and {LARGEST:g}"
+
+
+def as_number(value: object) -> float | None:
+    """A number of a document; None for all else, and for whole numbers that no float can hold."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
         return float(value)
+    except OverflowError:
+        return None
 
 
-_FINITE = _Numbers("finite ", "", math.isfinite)
-_TOLERANCE = _Numbers("", " >= 0 or .inf", lambda value: value >= 0.0)
-_SIGMA = _Numbers("finite ", " > 0", lambda value: 0.0 < value < math.inf)
+_FINITE = _Numbers("finite ", "", within)
+_TOLERANCE = _Numbers("", " >= 0 or .inf", lambda value: value in {0.0, math.inf} or positive(value))
+_SIGMA = _Numbers("finite ", " > 0", positive)
+_ANY_TOLERANCE = _Numbers("", " >= 0 or .inf", lambda value: value == math.inf or 0.0 <= value <= LARGEST)
+"""Of constants in units of any kind, which may be as small as they like."""
+_DIVISOR = _Numbers("finite ", " that is not 0", lambda value: positive(abs(value)))
 
 
 def _scalar(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
@@ -172,20 +194,22 @@ _ONE_OR_THREE = WithJsonSchema(
 )
 
 Triple = tuple[float, float, float]
+Ratio = Annotated[float, _scalar("number", _DIVISOR)]
+Pitch = Annotated[float, _scalar("length", _DIVISOR), _LENGTH]
 Number = Annotated[float, _scalar("number")]
 Mass = Annotated[float, _scalar("mass"), In("kg", stated=True)]
 Length = Annotated[float, _scalar("length"), _LENGTH]
 Angle = Annotated[float, _scalar("angle"), _ANGLE]
 Force = Annotated[float, _scalar("force"), In("N", stated=True)]
 Stiffness = Annotated[float, _scalar("stiffness"), In("N/mm", stated=True)]
-Gain = Annotated[float, _scalar("gain"), In("gain", stated=True)]
+Gain = Annotated[float, _scalar("gain", _DIVISOR), In("gain", stated=True)]
 Range = Annotated[tuple[Number, Number], In("reading")]
 Vector = Annotated[Triple, _vector("number")]
 LengthVector = Annotated[Triple, _vector("length"), _LENGTH]
 AngleVector = Annotated[Triple, _vector("angle"), _ANGLE]
 LengthSigma = Annotated[float, _scalar("length", _SIGMA), _SIGMA_SCHEMA, _LENGTH]
 AngleSigma = Annotated[float, _scalar("angle", _SIGMA), _SIGMA_SCHEMA, _ANGLE]
-NumberTolerance = Annotated[float, _scalar("number", _TOLERANCE), _ONE]
+NumberTolerance = Annotated[float, _scalar("number", _ANY_TOLERANCE), _ONE]
 LengthTolerance = Annotated[float, _scalar("length", _TOLERANCE), _ONE, _LENGTH]
 MassTolerance = Annotated[float, _scalar("mass", _TOLERANCE), _ONE, In("kg", stated=True)]
 ForceTolerance = Annotated[float, _scalar("force", _TOLERANCE), _ONE, In("N", stated=True)]

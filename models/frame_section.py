@@ -102,6 +102,11 @@ class FramesSection(Section):
 
 def read_frames(frames: FramesSection, path: Path) -> Frames:
     left_out, further = Frames(), frames.__pydantic_extra__ or {}
+    if frames.base and frames.base.in_ not in (None, left_out.base.in_):
+        raise InputError(
+            f"{path}: frames.base.in: found {frames.base.in_!r}, expected {left_out.base.in_!r}, the frame of the sensor; "
+            "a frame in another one is a further frame with a name of your own"
+        )
     for name, frame in further.items():
         if not frame.in_:
             hint = close_matches(name, ("base", "tool"))

@@ -76,6 +76,11 @@ def place_effect(machine: Machine, spec: EffectSpec, where: str) -> PlacedEffect
     if unknown:
         raise InputError(f"{where}.parameters: found {unknown[0]!r}, expected among {', '.join(names)}")
     values = {name: spec.value(name, unit) for name, unit in names.items() if name in spec.parameters}
+    for one in coefficients:  # what was estimated may have come out on the other side, by chance
+        if one.lower == 0.0 and values.get(one.name, 0.0) < 0.0 and one.name not in spec.std:
+            raise InputError(
+                f"{where}: found {one.name} = {values[one.name]:g} {one.unit}, expected a value >= 0"
+            )
     return PlacedEffect.at(effect, machine, place, settings, values)
 
 

@@ -39,6 +39,7 @@ from truepose.models.fit_section import (
 )
 from truepose.models.force_section import ForceSection
 from truepose.models.frame_section import Frames, FrameSpec, FramesSection, FrameTolerance, read_frames
+from truepose.models.limits import NAMED, PARTS
 from truepose.models.mass_section import MassSection, MassSpec
 from truepose.models.recording_section import RecordingSection
 from truepose.models.schema_line import SCHEMA_LINE
@@ -177,6 +178,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
     """The machine of a document that stands, or is to stand, in the file ``path``. Raises InputError as `read_machine`."""
     if raw.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema: found {raw.get('schema')!r}, expected {SCHEMA!r}")
+    _check_sizes(raw, path)
     units = read_units(raw.get("units", {}), path)
     try:
         document = MachineDocument.model_validate(copy.deepcopy(raw), context={"units": units})
@@ -209,6 +211,17 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         recordings=document.recordings,
         refused=refused_by(document.judgement),
     )
+
+
+def _check_sizes(raw: Mapping[str, Any], path: Path) -> None:
+    """Refuse what has more parts than a machine: its equations would take hours."""
+    parts = [(PARTS, "mechanism", raw.get("mechanism")), *((NAMED, name, raw[name]) for name in raw)]
+    for most, section, held in parts:
+        inner = held.items() if isinstance(held, dict) else ()
+        lists = [(section, held), *((f"{section}.{key}", value) for key, value in inner)]
+        for where, value in lists:
+            if isinstance(value, (list, dict)) and len(value) > most:
+                raise InputError(f"{path}: {where}: found {len(value):,} entries, expected at most {most:,}")
 
 
 def _tolerances(

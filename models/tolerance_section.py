@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, WithJsonSchema
@@ -11,32 +12,35 @@ from truepose.models.fields import (
     In,
     LengthTolerance,
     Section,
+    as_number,
     bad_value,
     is_quantity,
     with_texts,
 )
+from truepose.models.limits import LARGEST
 
 
 def _numbers(value: object) -> tuple[float | str, ...]:
     """Numbers in the file's units, and texts such as ``20um``, whose unit the parameter decides on."""
     items: list[Any] = value if isinstance(value, list) else [value]
     if not items or not all(_is_tolerance(item) for item in items):
-        raise bad_value("a number >= 0 or .inf, or several for a vector", value)
+        raise bad_value(f"a number >= 0, at most {LARGEST:g}, or .inf, or several for a vector", value)
     return tuple(item if isinstance(item, str) else float(item) for item in items)
 
 
 def _is_tolerance(item: object) -> bool:
     if isinstance(item, str):
         return is_quantity(item) and not item.lstrip().startswith("-")
-    return isinstance(item, (int, float)) and not isinstance(item, bool) and item >= 0
+    number = as_number(item)
+    return number is not None and (number == math.inf or 0.0 <= number <= LARGEST)
 
 
 def _interval(value: object) -> tuple[float, float]:
     items = value if isinstance(value, list) else []
-    numbers = [v for v in items if isinstance(v, (int, float)) and not isinstance(v, bool)]
+    numbers = [number for number in map(as_number, items) if number is not None]
     if len(items) != 2 or len(numbers) != 2 or not numbers[0] < numbers[1]:
         raise bad_value("[low, high], two numbers with low < high (-.inf and .inf leave a side open)", value)
-    return float(numbers[0]), float(numbers[1])
+    return numbers[0], numbers[1]
 
 
 _NOT_NEGATIVE = {"type": "number", "minimum": 0}

@@ -15,14 +15,21 @@ import numpy as np
 import yaml
 
 from truepose.errors import InputError
+from truepose.models.limits import ENTRIES, FILE_BYTES
 
 _FLOAT: Final = re.compile(
     r"""^(?:[-+]?(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?
     |[-+]?[0-9]+[eE][-+]?[0-9]+|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$""",
     re.VERBOSE,
 )
+_INTEGER: Final = re.compile(r"^[-+]?(?:0|[1-9][0-9]{0,299})$")
+"""Whole numbers that mean the same to every reader: to some 0127 is 87, 2:07 is 127 and 1_000 is 1000."""
+_SEPARATORS: Final = (",", ":", "[", "{", "- ", "-\n", "? ")
+"""Each value of a document has one of these before it or behind."""
 _TAG: Final = "tag:yaml.org,2002:"
 _LARGEST = 1_000_000  # nodes, aliases written out: a few lines of aliases can stand for billions
+_LONG = 1 << 20
+"""Characters beyond which what C refuses is not read again in Python for a better message."""
 
 
 def _refuse(problem: str, node: yaml.Node) -> yaml.MarkedYAMLError:
@@ -50,6 +57,8 @@ class _Checks:
             size += sum(self._size(item, sizes) for pair in node.value for item in pair)
         elif isinstance(node, yaml.SequenceNode):
             size += sum(self._size(item, sizes) for item in node.value)
+        elif not node.value.isascii() and any("\ud800" <= letter <= "\udfff" for letter in node.value):
+            raise _refuse("found half of a character that UTF-16 writes in two (a lone surrogate)", node)
         sizes[id(node)] = size
         return size
 
@@ -89,19 +98,21 @@ class _Dumper(yaml.SafeDumper):
         return super().represent_data(data)
 
 
-def _use_yaml_1_2_floats(kind: Any) -> None:
+def _use_numbers_of_yaml_1_2(kind: Any, **patterns: re.Pattern[str]) -> None:
+    """Let plain texts be numbers by these patterns, by their tag, and by no other."""
+    tags = {_TAG + name: pattern for name, pattern in patterns.items()}
     resolvers = {
-        first: [(tag, pattern) for tag, pattern in rules if tag != _TAG + "float"]
+        first: [(tag, pattern) for tag, pattern in rules if tag not in tags]
         for first, rules in kind.yaml_implicit_resolvers.items()
     }
     for first in "-+0123456789.":
-        resolvers.setdefault(first, []).insert(0, (_TAG + "float", _FLOAT))
+        resolvers.setdefault(first, [])[0:0] = tags.items()
     kind.yaml_implicit_resolvers = resolvers
 
 
-_use_yaml_1_2_floats(PlainLoader)
-_use_yaml_1_2_floats(FastLoader)
-_use_yaml_1_2_floats(_Dumper)
+_use_numbers_of_yaml_1_2(PlainLoader, float=_FLOAT, int=_INTEGER)
+_use_numbers_of_yaml_1_2(FastLoader, float=_FLOAT, int=_INTEGER)
+_use_numbers_of_yaml_1_2(_Dumper, float=_FLOAT)  # what any reader takes for a number stays in quotes
 
 
 def read_document(path: Path | str) -> dict[str, Any]:
@@ -114,24 +125,40 @@ def read_document(path: Path | str) -> dict[str, Any]:
 
 
 def read_text(path: Path | str) -> str:
-    """The text of a file in UTF-8. Raises InputError for one that cannot be read."""
+    """The text of a file in UTF-8. Raises InputError for one that cannot be read or is too large."""
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as exc:
+        with Path(path).open("rb") as stream:
+            data = stream.read(FILE_BYTES + 1)  # a device may have no end
+        if len(data) > FILE_BYTES:
+            raise InputError(f"{path}: found more than {FILE_BYTES >> 20} MB, expected a smaller file")
+        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except (OSError, ValueError) as exc:
         reason = exc.strerror if isinstance(exc, OSError) else "not a text in UTF-8"
+        if isinstance(exc, ValueError) and not isinstance(exc, UnicodeDecodeError):
+            reason = str(exc)  # a path that no file can have
         raise InputError(f"{path}: cannot read the file: {reason}") from None
 
 
 def parse_document(text: str, path: Path | str) -> dict[str, Any]:
     """The mapping that the text of the file ``path`` holds. Raises InputError as `read_document`."""
+    _check_length(text, path)
     try:
         document = _loaded(text)
     except yaml.MarkedYAMLError as exc:
         mark = exc.problem_mark or exc.context_mark
         line = f"line {mark.line + 1}: " if mark else ""
         raise InputError(f"{path}: {line}{exc.problem or exc.context}") from None
-    except (yaml.YAMLError, ValueError) as exc:
-        raise InputError(f"{path}: not valid YAML: {str(exc).splitlines()[0]}") from None
+    except (
+        yaml.YAMLError,
+        ValueError,
+        LookupError,
+    ) as exc:  # PyYAML raises these of a tag such as !!bool abc
+        reason = (
+            str(exc).splitlines()[0]
+            if isinstance(exc, (yaml.YAMLError, ValueError))
+            else f"found {exc} under a tag"
+        )
+        raise InputError(f"{path}: not valid YAML: {reason}") from None
     except RecursionError:
         raise InputError(f"{path}: nested too deeply") from None
     if not isinstance(document, dict):
@@ -144,7 +171,16 @@ def _loaded(text: str) -> Any:
     try:
         return yaml.load(text, FastLoader)
     except (yaml.YAMLError, ValueError, RecursionError):
+        if len(text) > _LONG:
+            raise
         return yaml.load(text, PlainLoader)
+
+
+def _check_length(text: str, path: Path | str) -> None:
+    """Refuse what would take minutes to read, before it is read."""
+    entries = sum(text.count(sign) for sign in _SEPARATORS)
+    if entries > ENTRIES:
+        raise InputError(f"{path}: found about {entries:,} values, expected at most {ENTRIES:,}")
 
 
 def flow_text(value: Any) -> str:

@@ -16,8 +16,9 @@ from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
+from truepose.models.limits import LARGEST, LATEST
 from truepose.models.units import FloatArray, UnitSystem, convert
-from truepose.wording import meant, shortened
+from truepose.wording import cut, meant, shortened
 
 IntArray = npt.NDArray[np.int64]
 
@@ -30,6 +31,8 @@ SLACK: Final = 0.05
 """Share of a range's width that readings may be beyond it: commands overshoot a little."""
 _NAMED: Final = 4
 """Lost readings that a note names."""
+_HINTED, _LISTED = 200, 40
+"""Ignored columns that are compared with known names, and that a note names."""
 
 
 @dataclass(frozen=True)
@@ -184,12 +187,26 @@ def _unread(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
 
 def _converted(table: Table, name: str, default: str, internal: str) -> FloatArray:
     values = table.numbers(name)
-    return convert(values, table.unit(name, default, internal), internal, table.where(name))
+    converted = convert(values, table.unit(name, default, internal), internal, table.where(name))
+    return _sized(table, name, values, converted, LATEST)
+
+
+def _sized(
+    table: Table, name: str, recorded: FloatArray, values: FloatArray, largest: float = LARGEST
+) -> FloatArray:
+    """The values of a column, none of them so large that no instrument reads it; as ``recorded`` in messages."""
+    bad = np.flatnonzero(np.abs(values) > largest)
+    if bad.size:
+        row = int(bad[0])
+        raise InputError(
+            f"{table.where(name, row)}: found {recorded[row]:g}, expected at most {largest:g} by size in the program's units"
+        )
+    return values
 
 
 def _joint(table: Table, joint: JointColumn, unit: str) -> FloatArray:
     recorded = table.numbers(joint.name)
-    readings = convert(recorded, unit, joint.unit)
+    readings = _sized(table, joint.name, recorded, convert(recorded, unit, joint.unit))
     if joint.range is None:
         return readings
     low, high = joint.range
@@ -206,7 +223,8 @@ def _joint(table: Table, joint: JointColumn, unit: str) -> FloatArray:
 
 
 def _reading(table: Table, name: str, unit: str, internal: str) -> FloatArray:
-    return convert(table.readings(name), unit, internal, table.where(name))
+    recorded = table.readings(name)
+    return _sized(table, name, recorded, convert(recorded, unit, internal, table.where(name)))
 
 
 def _drivers(
@@ -228,7 +246,7 @@ def _drivers(
 def _declared(table: Table, driver: DeclaredDriver) -> FloatArray:
     """A declared column; one whose unit nobody stated stays as it was recorded."""
     if not driver.unit:
-        return table.numbers(driver.name)
+        return _sized(table, driver.name, numbers := table.numbers(driver.name), numbers, LATEST)
     return _converted(table, driver.name, driver.written, driver.unit)
 
 
@@ -292,8 +310,8 @@ def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tupl
     if not ignored:
         return ()
     optional = {*known, *LOGGED, *_of_joints(joints)}
-    named = []
-    for name in ignored:
-        hint = meant(name, optional - set(table.names))
-        named.append(f"{name!r} ({hint})" if hint else repr(name))
-    return (f"{table.file}: ignored columns that mean nothing here: {', '.join(named)}",)
+    absent = optional - set(table.names)
+    hints = {name: meant(name, absent) for name in ignored[:_HINTED]}
+    named = [f"{name!r} ({hint})" for name, hint in hints.items() if hint]
+    named += [repr(cut(name)) for name in ignored if not hints.get(name)]
+    return (f"{table.file}: ignored columns that mean nothing here: {shortened(named, _LISTED)}",)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import csv
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,13 +23,12 @@ import pyarrow.parquet as pq  # type: ignore[import-untyped]
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells, parquet_cells
 from truepose.identification.recording.memory_tables import columns_of
+from truepose.identification.recording.size import check_size
 from truepose.identification.recording.spreadsheet import MAGIC, read_spreadsheet
 from truepose.identification.recording.text import SI, TextTable, read_text
 from truepose.models.units import FloatArray, is_unit, parse_unit
 
 _SI_UNITS: Final = {"mm": "m", "rad": "rad"}
-_HEADER: Final = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$")
-_ROUND: Final = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
 _PARQUET_MAGIC: Final = b"PAR1"
 _BAG_MAGIC: Final = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V")
 _LARGEST_INTEGER: Final = 2**53  # beyond it a float holds no odd number
@@ -157,6 +155,8 @@ def read_table(path: Path | str) -> Table:
         raise InputError(f"{file}: cannot read the file: {reason}") from None
     except (csv.Error, pa.ArrowException) as exc:
         raise InputError(f"{file}: cannot read the file: {str(exc).splitlines()[0]}") from None
+    except UnicodeDecodeError:  # names of columns in Parquet are bytes
+        raise InputError(f"{file}: cannot read the file: found a name that is no text in UTF-8") from None
 
 
 def table_in_memory(source: Any, name: str) -> Table:
@@ -173,6 +173,7 @@ def _read(path: Path) -> Table:
         start = stream.read(8)
     if start.startswith(_PARQUET_MAGIC):
         with pq.ParquetFile(path) as table:
+            check_size(file, table.metadata.num_columns, table.metadata.num_rows)
             names, rows = list(table.schema_arrow.names), int(table.metadata.num_rows)
         return _table(file, TextTable(names, [parquet_cells(path, name, rows) for name in names]))
     return _table(file, read_spreadsheet(path) if start.startswith(MAGIC) else read_text(path))
@@ -194,6 +195,7 @@ def is_bag(path: Path) -> bool:
 
 
 def _table(file: str, found: TextTable) -> Table:
+    check_size(file, len(found.headers), len(found.columns[0]) if found.columns else 0)
     parsed = tuple(_parse_header(header) for header in found.headers)
     _refuse_duplicates(file, parsed)
     cells = {column.name: values for column, values in zip(parsed, found.columns, strict=True)}
@@ -206,11 +208,12 @@ def _table(file: str, found: TextTable) -> Table:
 def _parse_header(header: str) -> Column:
     """``x [um]``, and ``x (um)`` where the brackets hold a unit."""
     text = header.strip()
-    match = _HEADER.match(text)
-    if match is None:
-        round_ = _ROUND.match(text)
-        match = round_ if round_ and is_unit(round_["unit"]) and not round_["unit"].isdigit() else None
-    return Column(match["name"], match["unit"].strip()) if match else Column(text)
+    for opening, closing in ("[]", "()"):
+        name, found, unit = text[:-1].rpartition(opening)
+        if found and text.endswith(closing) and closing not in unit:
+            if opening == "[" or (is_unit(unit) and not unit.isdigit()):
+                return Column(name.rstrip(), unit.strip())
+    return Column(text)
 
 
 def _refuse_duplicates(file: str, columns: Sequence[Column]) -> None:

@@ -21,7 +21,9 @@ from truepose.identification.recording.arrow_columns import ArrowCells, TextCell
 from truepose.identification.recording.decimals import DecimalMarks, with_points
 from truepose.identification.recording.encoding import encoding_of
 from truepose.identification.recording.plain_text import SPACES, counts
+from truepose.identification.recording.size import check_line, check_size
 from truepose.identification.recording.text_rows import TextRows, open_text
+from truepose.models.limits import LINE
 from truepose.models.units import FloatArray
 
 SI: Final = "SI"
@@ -65,6 +67,7 @@ def read_text(path: Path) -> TextTable:
     for columns in rows.blocks():
         marks.add(columns)
         count += len(columns[0])
+        check_size(str(path), len(columns), count)
         for own, cells in zip(kept, columns, strict=True):
             own.append(_kept(with_points(cells)))
     marks.check(rows.headers, rows.separator, str(path), rows.line)
@@ -89,7 +92,8 @@ def _kept(cells: Any) -> ArrowCells | FloatArray | None:
 def _rows_of(path: Path, encoding: str) -> TextRows:
     """Where the rows of a file are, and what stands between their cells, as its first lines tell."""
     with open_text(path, encoding) as stream:
-        lines = list(islice(filter(counts, stream), _SAMPLE))
+        whole = (check_line(str(path), line) for line in iter(partial(stream.readline, LINE + 1), ""))
+        lines = list(islice(filter(counts, whole), _SAMPLE))
     told = _SEPARATOR_LINE.fullmatch(lines[0]) if lines else None  # a spreadsheet's own first line
     header = next(iter(lines[1:] if told else lines), "")
     if not header:
@@ -97,6 +101,7 @@ def _rows_of(path: Path, encoding: str) -> TextRows:
     sample = [line for line in lines if line != header]
     separator = told[1] if told else _separator(header, sample, str(path))
     names = _WORD.findall(header) if separator == SPACES else next(csv.reader([header], delimiter=separator))
+    check_size(str(path), len(names), 0)
     return TextRows(path, encoding, separator, tuple(names), above=2 if told else 1)
 
 

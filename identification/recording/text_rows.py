@@ -14,6 +14,8 @@ import pyarrow as pa  # type: ignore[import-untyped]
 
 from truepose.errors import InputError
 from truepose.identification.recording.plain_text import SPACES, counts, plain_columns
+from truepose.identification.recording.size import check_line
+from truepose.models.limits import LINE
 
 BLOCK = 1 << 22
 """Characters that are read at a time."""
@@ -37,7 +39,7 @@ class TextRows:
         done = 0
         with open_text(self.path, self.encoding) as stream:
             self._skip_above(filter(counts, iter(stream.readline, "")))
-            while block := stream.read(BLOCK) + stream.readline():
+            while block := stream.read(BLOCK) + check_line(str(self.path), stream.readline(LINE + 1)):
                 columns = plain_columns(block, len(self.headers), self.separator)
                 columns = columns or self._by_rows(block, stream, done)
                 yield columns

@@ -15,7 +15,7 @@ from typing import Any, Literal, Self
 from pydantic import model_validator
 
 from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Length, Number, Range, Section, bad_value
+from truepose.models.fields import Angle, Length, Pitch, Range, Ratio, Section, bad_value
 
 CONVENTIONS = ("khalil", "modified", "standard")
 _KEPT = ("range", "gear_ratio", "screw_pitch")
@@ -31,9 +31,9 @@ class ChainJoint(Section):
     """Whether it turns about its z axis or slides along it."""
     range: Range | None = None
     """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
-    gear_ratio: Number | None = None
+    gear_ratio: Ratio | None = None
     """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
-    screw_pitch: Length | None = None
+    screw_pitch: Pitch | None = None
     """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="after")

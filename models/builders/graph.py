@@ -23,7 +23,9 @@ from truepose.models.fields import (
     Length,
     LengthVector,
     Number,
+    Pitch,
     Range,
+    Ratio,
     Section,
     Vector,
     bad_value,
@@ -71,9 +73,9 @@ class GraphJoint(Section):
     """Added to the reading, or to what `mimic` or `computed` says."""
     range: Range | None = None
     """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
-    gear_ratio: Number | None = None
+    gear_ratio: Ratio | None = None
     """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
-    screw_pitch: Length | None = None
+    screw_pitch: Pitch | None = None
     """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="after")

@@ -16,7 +16,19 @@ from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.flexures import Bar, Flexure, Model, flexed
 from truepose.models.context import BuildContext
-from truepose.models.fields import Gain, In, Length, LengthVector, Number, Range, Section, Vector, bad_value
+from truepose.models.fields import (
+    Gain,
+    In,
+    Length,
+    LengthVector,
+    Number,
+    Pitch,
+    Range,
+    Ratio,
+    Section,
+    Vector,
+    bad_value,
+)
 from truepose.models.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
 from truepose.models.parameters import Parameter
 
@@ -40,9 +52,9 @@ class _Leg(Section):
     """Length for one unit of the reading; 1 unless `units.joint` says that readings are no lengths."""
     range: Range | None = None
     """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
-    screw_pitch: Length | None = None
+    screw_pitch: Pitch | None = None
     """Travel for one turn of the screw: errors that repeat with it are looked for."""
-    gear_ratio: Number | None = None
+    gear_ratio: Ratio | None = None
     """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
 
     @model_validator(mode="after")

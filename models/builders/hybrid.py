@@ -18,7 +18,7 @@ from pydantic import model_validator
 from truepose.models.builders.base import builders
 from truepose.models.builders.graph import Graph, mechanism_of
 from truepose.models.context import BuildContext
-from truepose.models.fields import In, Length, Number, Section, bad_value
+from truepose.models.fields import In, Length, Number, Pitch, Section, bad_value
 from truepose.models.mechanism import Mechanism
 from truepose.models.units import UnitSystem
 
@@ -47,7 +47,7 @@ class Hybrid(Section):
     """Shortest and longest limb: the range of q1, q2 and q3."""
     wrist_range: Annotated[tuple[Number, Number], In("angle")]
     """Range of the wrist's angles q4, q5 and q6."""
-    screw_pitch: Length | None = None
+    screw_pitch: Pitch | None = None
     """Travel of a limb for one turn of its screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="after")

@@ -17,7 +17,7 @@ from pydantic import model_validator
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Number, Range, Section, bad_value
+from truepose.models.fields import Angle, Range, Ratio, Section, bad_value
 from truepose.models.mechanism import BASE, Actuator, Inertial, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
 
@@ -40,7 +40,7 @@ class FirstAxis(Section):
     """Added to the reading: the index error (IH; IA counts the other way)."""
     range: Range | None = None
     """Lowest and highest reading."""
-    gear_ratio: Number | None = None
+    gear_ratio: Ratio | None = None
     """Turns of the worm or motor for one of the axis; errors that repeat with it are looked for."""
 
     @model_validator(mode="after")

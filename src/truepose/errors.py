@@ -5,9 +5,20 @@ A message says what was wrong, what was found, what was expected, and where (fil
 
 from __future__ import annotations
 
+LONGEST = 1500
+"""Characters of a message: what a hostile file holds is not repeated whole."""
+
 
 class TrueposeError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base of every error this package raises on purpose.
+
+    Its message is of bounded length, and letters that would drive a terminal are written out.
+    """
+
+    def __init__(self, message: str) -> None:
+        shown = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in message[: 4 * LONGEST])
+        half = LONGEST // 2
+        super().__init__(shown if len(shown) <= LONGEST else f"{shown[:half]} [...] {shown[-half:]}")
 
 
 class InputError(TrueposeError):

@@ -20,11 +20,23 @@ def shortened(items: Sequence[str], most: int) -> str:
 
 def meant(name: str, known: Iterable[str]) -> str:
     """Ending of a message: the known name meant; empty where none is near."""
-    near = difflib.get_close_matches(name, sorted(set(known)), n=3, cutoff=0.6)
+    if len(name) > _LONGEST:  # it would be compared letter by letter, and is no slip of a key
+        return ""
+    short = sorted({each for each in known if len(each) <= 2 * _LONGEST})
+    near = difflib.get_close_matches(name, short, n=3, cutoff=0.6)
     return "did you mean " + " or ".join(repr(item) for item in near) + "?" if near else ""
+
+
+_MOST, _LONGEST = 30, 60
+"""Known names that a message lists, and letters of each."""
 
 
 def close_matches(name: str, known: Iterable[str]) -> str:
     """Ending of a message: the known name meant, or the names there are."""
     names = sorted(set(known))
-    return meant(name, names) or ("known: " + ", ".join(names) if names else "")
+    return meant(name, names) or ("known: " + shortened([cut(n) for n in names], _MOST) if names else "")
+
+
+def cut(text: str, longest: int = _LONGEST) -> str:
+    """A text, or its beginning where it is long."""
+    return text if len(text) <= longest else f"{text[:longest]}..."
