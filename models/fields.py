@@ -128,7 +128,8 @@ class _Numbers:
             own = units.to_internal(stated, dimension)
         if not self.fits(own):
             sized = self.may_be(own)
-            raise bad_value(f"{expected}, {self.sized} in {internal}" if sized else expected, value)
+            unit = "" if internal == "1" else f" in {internal}"
+            raise bad_value(f"{expected}, {self.sized}{unit}" if sized else expected, value)
         return own
 
     def may_be(self, value: float) -> bool:

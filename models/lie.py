@@ -136,6 +136,13 @@ def log_so3_sx(rotation: ca.SX) -> ca.SX:
     return ca.atan2(sine, cosine) / sine * w
 
 
+def unit_vector(v: Sequence[float]) -> Array:
+    """(3,) a vector's direction, however small or large it is. Zero has none and stays zero."""
+    largest = max(map(abs, v))
+    scaled = np.array(v, dtype=float) / (largest or 1.0)
+    return np.asarray(scaled / (np.linalg.norm(scaled) or 1.0))
+
+
 def exp_so3(w: Array) -> Array:
     """(..., 3) rotation vectors to (..., 3, 3) rotations."""
     w = np.asarray(w, dtype=float)

@@ -1,7 +1,7 @@
 """How much a file may hold, and how large its numbers may be: beyond is a slip, or meant to do harm.
 
-What lies within these limits is read in seconds, and its squares and products are numbers a processor has. `docs/reference/refused.md`
-lists them.
+What lies within these limits is read in seconds, and its squares and products are numbers a processor has.
+`docs/reference/refused.md` lists them.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ FILE_BYTES: Final = 256 << 20
 """Of a machine file or another YAML document; a covariance of 5,000 constants has 130 MB."""
 ENTRIES: Final = 500_000
 """Values in a YAML document, as the signs between them tell."""
+LEAST_GRAVITY: Final = 1e-6
+"""m/s^2: less bends nothing, and says not which way is down."""
 PARTS: Final = 300
 """Joints, bodies, legs ... of one mechanism: more would be equations for hours."""
 NAMED: Final = 20_000
@@ -46,6 +48,7 @@ __all__ = [
     "FILE_BYTES",
     "LARGEST",
     "LATEST",
+    "LEAST_GRAVITY",
     "LINE",
     "NAMED",
     "PARTS",

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -39,7 +40,7 @@ from truepose.models.fit_section import (
 )
 from truepose.models.force_section import ForceSection
 from truepose.models.frame_section import Frames, FrameSpec, FramesSection, FrameTolerance, read_frames
-from truepose.models.limits import NAMED, PARTS
+from truepose.models.limits import LEAST_GRAVITY, NAMED, PARTS
 from truepose.models.mass_section import MassSection, MassSpec
 from truepose.models.recording_section import RecordingSection
 from truepose.models.schema_line import SCHEMA_LINE
@@ -184,6 +185,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         document = MachineDocument.model_validate(copy.deepcopy(raw), context={"units": units})
     except ValidationError as exc:
         raise input_error(exc, path) from None
+    _check_gravity(document.gravity, path)
     tolerances = _tolerances(raw.get("tolerances"), document.tolerances, units, path)
     return MachineFile(
         path=path,
@@ -211,6 +213,14 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         recordings=document.recordings,
         refused=refused_by(document.judgement),
     )
+
+
+def _check_gravity(gravity: Triple | None, path: Path) -> None:
+    """Refuse what is no free fall and has a direction all the same."""
+    if gravity is not None and 0.0 < math.hypot(*gravity) < LEAST_GRAVITY:
+        raise InputError(
+            f"{path}: gravity: found {list(gravity)}, expected [0, 0, 0] or an acceleration of at least {LEAST_GRAVITY:g} m/s^2"
+        )
 
 
 def _check_sizes(raw: Mapping[str, Any], path: Path) -> None:

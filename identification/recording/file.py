@@ -13,12 +13,13 @@ import numpy.typing as npt
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
+from truepose.identification.recording.ignored import ignored_columns, untried_columns
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
 from truepose.models.limits import LARGEST, LATEST
 from truepose.models.units import FloatArray, UnitSystem, convert
-from truepose.wording import cut, meant, shortened
+from truepose.wording import shortened
 
 IntArray = npt.NDArray[np.int64]
 
@@ -31,8 +32,6 @@ SLACK: Final = 0.05
 """Share of a range's width that readings may be beyond it: commands overshoot a little."""
 _NAMED: Final = 4
 """Lost readings that a note names."""
-_HINTED, _LISTED = 200, 40
-"""Ignored columns that are compared with known names, and that a note names."""
 
 
 @dataclass(frozen=True)
@@ -109,9 +108,13 @@ def read_part(
         pose=pose,
         time=time,
         from_row=_from_row(table, pose, time) if "from" in table else None,
-        notes=(*table.notes, *_lost(table.file, observations), *_notes(table, known, joints)),
+        notes=(
+            *table.notes,
+            *_lost(table.file, observations),
+            *ignored_columns(table, known, {*LOGGED, *_of_joints(joints)}),
+        ),
         said=said,
-        untried=untried_columns(table, known),
+        untried=untried_columns(table, {*known, *OF_ROWS}),
     )
 
 
@@ -250,26 +253,6 @@ def _declared(table: Table, driver: DeclaredDriver) -> FloatArray:
     return _converted(table, driver.name, driver.written, driver.unit)
 
 
-def untried_columns(table: Table, known: Collection[str]) -> tuple[str, ...]:
-    """Columns of numbers that vary, beside those that are ``known``: what might drive an error."""
-    known = {*known, *OF_ROWS}
-    others = [name for name in table.names if name and name not in known | _of_averages(known)]
-    return tuple(name for name in others if _varies(table, name))
-
-
-def _varies(table: Table, name: str) -> bool:
-    try:
-        return bool(np.ptp(table.numbers(name)) > 0.0)
-    except InputError:
-        return False
-
-
-def _of_averages(known: Collection[str]) -> set[str]:
-    """Names of columns that say of others how they were averaged."""
-    out = {"samples", *(f"{name}.sigma" for name in known)}
-    return out | {f"{name.rpartition('.')[0]}.samples" for name in known}
-
-
 def _of_joints(joints: Sequence[JointColumn]) -> list[str]:
     return [Driver(kind, joint.name).name for joint in joints for kind in OF_JOINTS]
 
@@ -303,15 +286,3 @@ def _from_row(table: Table, pose: IntArray | None, time: FloatArray | None) -> I
             f"{table.where('from', row)}: found {origin[row]}, expected the pose of this or of an earlier row"
         )
     return rows
-
-
-def _notes(table: Table, known: set[str], joints: Sequence[JointColumn]) -> tuple[str, ...]:
-    ignored = [name for name in table.names if name not in known | _of_averages(known)]
-    if not ignored:
-        return ()
-    optional = {*known, *LOGGED, *_of_joints(joints)}
-    absent = optional - set(table.names)
-    hints = {name: meant(name, absent) for name in ignored[:_HINTED]}
-    named = [f"{name!r} ({hint})" for name, hint in hints.items() if hint]
-    named += [repr(cut(name)) for name in ignored if not hints.get(name)]
-    return (f"{table.file}: ignored columns that mean nothing here: {shortened(named, _LISTED)}",)

@@ -210,9 +210,9 @@ def _parse_header(header: str) -> Column:
     text = header.strip()
     for opening, closing in ("[]", "()"):
         name, found, unit = text[:-1].rpartition(opening)
-        if found and text.endswith(closing) and closing not in unit:
-            if opening == "[" or (is_unit(unit) and not unit.isdigit()):
-                return Column(name.rstrip(), unit.strip())
+        enclosed = found and text.endswith(closing) and closing not in unit
+        if enclosed and (opening == "[" or (is_unit(unit) and not unit.isdigit())):
+            return Column(name.rstrip(), unit.strip())
     return Column(text)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from truepose.errors import InputError
@@ -30,6 +29,7 @@ from truepose.models.fields import (
     Vector,
     bad_value,
 )
+from truepose.models.lie import unit_vector
 from truepose.models.mechanism import BASE, COORDINATES, Actuator, Follower, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
 from truepose.models.units import convert
@@ -154,7 +154,7 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
         parameters += _parameters(k, joint, {other.name: other for other in parsed.joints}, context)
         placement = tuple(Step(kind, f"{joint.name}.{axis}") for kind, axis in _PLACEMENT)
         parent, child = (BASE if end == base else end for end in (joint.parent, joint.child))
-        axis = (np.array(joint.axis) / np.linalg.norm(joint.axis)).tolist()
+        axis = unit_vector(joint.axis).tolist()
         start = () if joint.actuated or joint.carried else home.get(joint.name, ())
         joints.append(Joint(joint.name, joint.kind, parent, child, placement, tuple(axis), start))
         if joint.actuated:

@@ -29,6 +29,7 @@ from truepose.models.fields import (
     Vector,
     bad_value,
 )
+from truepose.models.lie import unit_vector
 from truepose.models.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
 from truepose.models.parameters import Parameter
 
@@ -173,7 +174,7 @@ def _mechanism(
 
 def _rail(place: int, leg: PusLeg, context: BuildContext) -> tuple[list[Parameter], Direction]:
     """Length, offset and gain of a leg, and its rail: the two smallest components of u are parameters."""
-    u = np.array(leg.u) / np.linalg.norm(leg.u) if np.any(leg.u) else np.zeros(3)
+    u = unit_vector(leg.u)
     if not np.any(u):
         raise InputError(f"{context.where}.legs: {leg.name}: found u = {leg.u}, expected a direction")
     third = int(np.argmax(np.abs(u)))
