@@ -36,7 +36,8 @@ _REPEATED = 256
 """Distinct texts of a column of a block up to which they are kept: labels, and numbers of poses."""
 _PROBED = 1024
 """Cells that tell most columns with more distinct texts."""
-_WORD: Final = re.compile(r"\S+(?:\s+(?:\[[^\]]*\]|\([^)]*\)))?")
+_WORD: Final = re.compile(r"\S+(?:\s+(?:\[[^\]]{0,80}\]|\([^)]{0,80}\)))?")
+"""A name and its unit; texts of many opening brackets would be searched to the end from each."""
 _SEPARATOR_LINE: Final = re.compile(r'sep=([^\r\n"])\s*', re.IGNORECASE)
 
 

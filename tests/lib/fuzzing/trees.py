@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -119,7 +120,7 @@ def _renamed(rng: Random, own: Node, other: Node) -> Pairs:
 
 
 def _swapped(rng: Random, own: Node, other: Node) -> Pairs:
-    return [(None, other)]
+    return [(None, copy.deepcopy(other))]  # it may hold the place itself
 
 
 def _wrapped(rng: Random, own: Node, other: Node) -> Pairs:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import pkgutil
@@ -18,6 +19,8 @@ def warmed() -> None:
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
     assert is_unit("mm")
+    gc.collect()
+    gc.freeze()  # else each copy's collector touches, and so copies, all pages
 
 
 __all__ = ["warmed"]
