@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,6 +13,7 @@ import typer
 from truepose.commands.progress import progress, quiet
 from truepose.commands.results import check_directory
 from truepose.errors import ConvergenceError, InputError, TrueposeError
+from truepose.faults import forget, of_system, say
 
 BAD_INPUT, NOT_CONVERGED = 2, 3
 
@@ -89,8 +91,28 @@ def reported(plugins: Sequence[Path] | None = None) -> Iterator[None]:
 
 def fail(message: str, code: int) -> None:
     """One line on standard error, then out."""
-    typer.echo("error: " + " ".join(message.splitlines()), err=True)
+    say(message)
     raise typer.Exit(code)
+
+
+def tell(text: str, *, nl: bool = True) -> None:
+    """Text on standard output. Where nobody reads on the command goes on: its files and its exit code say enough.
+
+    Raises InputError where the output cannot be written.
+    """
+    try:
+        typer.echo(text, nl=nl)
+    except BrokenPipeError:
+        forget(sys.stdout)
+    except OSError as exc:
+        forget(sys.stdout)
+        raise InputError(of_system(exc, "standard output")) from exc
+
+
+def note(text: str) -> None:
+    """A line on standard error, if anybody can read it."""
+    with contextlib.suppress(OSError):
+        typer.echo(text, err=True)
 
 
 def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str], *, as_json: bool) -> None:
@@ -98,14 +120,13 @@ def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str
     if as_json:
         from truepose.identification.report.json_text import json_text
 
-        typer.echo(json_text({**summary, "notes": list(notes)}), nl=False)
+        tell(json_text({**summary, "notes": list(notes)}), nl=False)
         return
     if quiet():
         return
-    for note in notes:
-        typer.echo(f"note: {note}", err=True)
-    for line in lines:
-        typer.echo(line)
+    for text in notes:
+        note(f"note: {text}")
+    tell("".join(f"{line}\n" for line in lines), nl=False)
 
 
 def check_file(path: Path) -> None:
@@ -138,8 +159,10 @@ __all__ = [
     "check_file",
     "fail",
     "finish",
+    "note",
     "progress",
     "quiet",
     "reported",
+    "tell",
     "written",
 ]
