@@ -91,20 +91,21 @@ def in_words(exc: BaseException) -> str | None:
 
 def of_system(exc: OSError, place: object = None) -> str:
     """What the system would not do, and where."""
-    if exc.errno == errno.ENOENT and (
-        exc.filename is None or not Path(os.fsdecode(exc.filename)).is_absolute()
-    ):
+    where = place if place is not None else exc.filename
+    if where is None:
+        return f"the system says: {reason(exc)}"
+    return f"{os.fsdecode(where) if isinstance(where, bytes) else where}: {reason(exc)}"
+
+
+def reason(exc: OSError) -> str:
+    """Why the system would not do it. Of a working directory that is gone it says no more than that something is missing."""
+    named = exc.filename if isinstance(exc.filename, str | bytes) else ""
+    if exc.errno == errno.ENOENT and not Path(os.fsdecode(named)).is_absolute():
         try:
             os.getcwd()  # noqa: PTH109 -- the call that fails
         except OSError:
             return "found no working directory, for it was deleted; expected one that is there: cd to another"
-    where = place if place is not None else exc.filename
-    words = exc.strerror or str(exc) or type(exc).__name__
-    return (
-        f"the system says: {words}"
-        if where is None
-        else f"{os.fsdecode(where) if isinstance(where, bytes) else where}: {words}"
-    )
+    return exc.strerror or str(exc) or type(exc).__name__
 
 
 def _reported(exc: BaseException) -> None:
@@ -176,4 +177,15 @@ def forget(stream: object) -> None:
         os.close(nowhere)
 
 
-__all__ = ["BAD_INPUT", "FAULT", "ended", "forget", "in_words", "main", "of_system", "say", "stopped"]
+__all__ = [
+    "BAD_INPUT",
+    "FAULT",
+    "ended",
+    "forget",
+    "in_words",
+    "main",
+    "of_system",
+    "reason",
+    "say",
+    "stopped",
+]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +14,7 @@ from truepose.commands.progress import progress, quiet
 from truepose.commands.results import check_directory
 from truepose.errors import ConvergenceError, InputError, TrueposeError
 from truepose.faults import forget, of_system, say
+from truepose.files import check_place
 
 BAD_INPUT, NOT_CONVERGED = 2, 3
 
@@ -129,12 +130,24 @@ def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str
     tell("".join(f"{line}\n" for line in lines), nl=False)
 
 
-def check_file(path: Path) -> None:
-    """Refuse at once an output that cannot be a file."""
-    if path.is_dir():
+def check_file(path: Path, *inputs: Path | None) -> None:
+    """Refuse at once an output that cannot be a file, or that is one of the files that are read. Raises InputError."""
+    if _is(Path.is_dir, path):
         raise InputError(f"{path}: expected a file to write, found a directory")
-    if not path.absolute().parent.is_dir():
+    check_place(path, "file")
+    if not _is(Path.is_dir, path.parent):
         raise InputError(f"{path}: cannot write the file: its directory does not exist")
+    for one in inputs:
+        if one is not None and _is(Path.is_file, path) and _is(Path.exists, one) and path.samefile(one):
+            raise InputError(f"{path}: found the file {one}, which is read, expected another one to write")
+
+
+def _is(what: Callable[[Path], bool], path: Path) -> bool:
+    """False, too, where the system will not tell: `check_place` says why."""
+    try:
+        return what(path)
+    except (OSError, ValueError):
+        return False
 
 
 def written(directory: Path, names: Iterable[str]) -> list[str]:

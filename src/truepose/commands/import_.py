@@ -126,7 +126,7 @@ def import_(
     """
     asked = _Asked(file, form, unit, topic, joints, joint or (), log, offset, every, model, rotation)
     with reported():
-        check_file(output)
+        check_file(output, file, joints, log, model)
         asked.check()
         _check_new(machine)
         with progress("importing"):
