@@ -32,6 +32,7 @@ def main(run: Callable[[], object]) -> None:
         code = ended(run)
     except KeyboardInterrupt:
         code = stopped()
+    stopping.over()
     _flushed()
     sys.exit(code)
 

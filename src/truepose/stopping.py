@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from types import FrameType
@@ -16,6 +17,10 @@ from typing import Any
 
 ONCE = 1.0
 """Seconds in which signals are one: a terminal and `timeout` send theirs to a process and to its group."""
+
+
+SOON = 0.05
+"""Seconds after which one that was swallowed comes again."""
 
 
 class Stopped(KeyboardInterrupt):
@@ -41,6 +46,12 @@ class Stopping:
                 signal.signal(number, self._heard)
         sys.unraisablehook = self._lost
 
+    def over(self) -> None:
+        """Nothing is left to be done: from now on a signal ends the process without a word."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) == self._heard:
+                signal.signal(number, signal.SIG_DFL)
+
     def _heard(self, number: int, _: FrameType | None) -> None:
         now = time.monotonic()
         if now - self._last < ONCE:
@@ -57,8 +68,11 @@ class Stopping:
 
     def _lost(self, what: Any) -> None:
         """What a destructor or a callback swallowed comes once more."""
-        if self.number and what.exc_type is not None and issubclass(what.exc_type, KeyboardInterrupt):
-            self._again()
+        if self.number and issubclass(what.exc_type, KeyboardInterrupt):
+            self._last = float("-inf")
+            late = threading.Timer(SOON, signal.raise_signal, [self.number])  # raised here it would be lost again
+            late.daemon = True
+            late.start()
         elif not self.number:
             sys.__unraisablehook__(what)
 

@@ -116,7 +116,7 @@ def test_no_permission_is_told_before() -> None:
         folder.chmod(0o755)
         (folder / "closed").mkdir(mode=0o555)
         for kind in ("file", "directory"):
-            words = [sys.executable, "-c", script, folder / "closed" / "x", kind]
+            words = [sys.executable, "-c", script, str(folder / "closed" / "x"), kind]
             done = subprocess.run(words, capture_output=True, text=True, check=False)
             assert re.search(r"InputError: .*x: cannot write the .*: no permission for", done.stderr), (
                 done.stderr
