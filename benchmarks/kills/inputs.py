@@ -91,7 +91,7 @@ def write_inputs(folder: Path) -> None:
 
 def _simulate(folder: Path, seed: int, day: str) -> None:
     machine = load_machine(folder / "machine.yaml")
-    whole = machine.with_effects([parse_effect("backlash@q3:b=1e-3", machine)])
+    whole = machine.with_effects((parse_effect("backlash@q3:b=1e-3", machine),))
     poses = folder / f"poses{seed}.csv"
     rows = load_recording(machine, [poses], need_observations=False)
     frame = with_inputs(poses, simulate(whole, rows, seed=10 * seed + ord(day)))

@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,8 @@ def run(
     case: Case, n: int, folder: Path, *, after: float | None = None, number: int = signal.SIGKILL
 ) -> Ended:
     """Run the command there; send it the signal after so many seconds."""
+    (folder / "said").touch()
+    sys.stdout.flush()  # what a fork holds is written twice
     start = time.perf_counter()
     process = os.fork()
     if process == 0:
@@ -82,6 +85,7 @@ def _child(case: Case, n: int, folder: Path) -> None:
         os.setsid()
         os.chdir(folder)
         os.environ.update(TMPDIR=str(folder / "temporary"), TRUEPOSE_CACHE=str(folder.parent / "cache"))
+        tempfile.tempdir = None  # known from before the fork
         for stream, name in ((1, "told"), (2, "said")):
             place = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(place, stream)
