@@ -31,7 +31,7 @@ class Case:
 
 
 CASES = (
-    Case("init", "init --arm ur5e -o out/cell.yaml", before=False),
+    Case("init", "init --arm ur5e -o out/cell.yaml --force", before=False),
     Case("check --fix", "check in/machine.yaml in/metres{n}.csv --fix out", code=2),
     Case("calibrate", "calibrate in/machine.yaml in/rows{n}a.csv -o out"),
     Case("diagnose", "diagnose in/machine.yaml in/rows{n}a.csv -o out"),
