@@ -32,6 +32,8 @@ class Stopping:
 
     def __init__(self) -> None:
         self.number = 0
+        self.listens = False
+        """Whether signals come here at all."""
         self.written = list[str]()
         """Results that are in place."""
         self.left = ""
@@ -45,6 +47,7 @@ class Stopping:
             if signal.getsignal(number) == usual:
                 signal.signal(number, self._heard)
         sys.unraisablehook = self._lost
+        self.listens = True
 
     def over(self) -> None:
         """Nothing is left to be done: from now on a signal ends the process without a word."""
@@ -70,7 +73,9 @@ class Stopping:
         """What a destructor or a callback swallowed comes once more."""
         if self.number and issubclass(what.exc_type, KeyboardInterrupt):
             self._last = float("-inf")
-            late = threading.Timer(SOON, signal.raise_signal, [self.number])  # raised here it would be lost again
+            late = threading.Timer(
+                SOON, signal.raise_signal, [self.number]
+            )  # raised here it would be lost again
             late.daemon = True
             late.start()
         elif not self.number:
