@@ -6,6 +6,7 @@ import re
 import signal
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _limited(size: int) -> None:
+def _limited(size: int, _: list[str]) -> None:
     """Run the command in the child process whose files may not grow further."""
     sys.dont_write_bytecode = True  # Python would keep modules that are cut off
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # then it is an error like any other
@@ -45,7 +46,7 @@ def test_a_full_disk_loses_nothing(name: str, inputs: Path, tmp_path: Path) -> N
     old, names = dict(result(room)), everything(room)
     for size in FITS:
         assert max(map(len, old.values())) > size
-        done = run(replace(case, run=lambda _, size=size: _limited(size)), 2, room)
+        done = run(replace(case, run=partial(_limited, size)), 2, room)
         assert done.code == 2, done.said
         lines = [line for line in done.said.splitlines() if not line.startswith("note: ")]
         assert len(lines) == 1 and re.match("error: .*File too large", lines[0]), done.said
