@@ -36,8 +36,8 @@ FOLDERS = {
 
 # From the ground up. A room is a folder or a single file, named below `truepose`.
 FLOORS = (
-    ("errors", "wording", "shown", "version"),
-    ("publication",),
+    ("errors", "wording", "shown", "version", "stopping"),
+    ("publication", "faults"),
     ("files", "threads", "pool"),
     ("models",),
     ("models.sensors", "models.builders"),
@@ -69,6 +69,7 @@ FLOORS = (
     ("commands",),
     ("demo",),
     ("cli",),
+    ("__main__",),
     ("challenge.simulator",),
     ("challenge",),
     ("challenge.mujoco", "challenge.studies"),

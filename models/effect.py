@@ -16,8 +16,10 @@ import casadi as ca
 
 from truepose.errors import InputError
 from truepose.models.assembly import displacement_of
+from truepose.models.formula_checks import no_shifts
 from truepose.models.machine import Machine
-from truepose.models.placed import Physics, Place, Settings
+from truepose.models.placed import Coefficient, Physics, Place, Settings
+from truepose.models.plugin_guard import Kind, a_tuple_of
 from truepose.models.registry import Registry
 
 
@@ -104,4 +106,13 @@ class Effect(Physics):
         return True
 
 
-effects: Registry[type[Effect]] = Registry("effect", "truepose.models.effects")
+_GIVEN = Kind(
+    "effect",
+    Effect,
+    {
+        "places": a_tuple_of((tuple, list), "places"),
+        "coefficients": a_tuple_of(Coefficient, "Coefficient"),
+        "shifts": no_shifts,
+    },
+)
+effects: Registry[type[Effect]] = Registry("effect", "truepose.models.effects", _GIVEN)

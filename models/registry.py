@@ -17,22 +17,25 @@ from pathlib import Path
 from types import ModuleType
 from typing import Generic, TypeVar
 
-from truepose.errors import InputError
+from truepose.errors import InputError, TrueposeError
+from truepose.models.plugin_guard import PREFIX, Kind, guarded, is_plugins, translated
 
 T = TypeVar("T")
-_PREFIX = "truepose_plugin_"
 
 
 class Registry(Generic[T]):
     """Named entries of one kind, filled on first use from the modules of a package."""
 
-    def __init__(self, kind: str, package: str) -> None:
+    def __init__(self, kind: str, package: str, guard: Kind | None = None) -> None:
+        self._guard = guard
         self._kind, self._package, self._entries, self._filled = kind, package, dict[str, T](), False
 
     def add(self, name: str) -> Callable[[T], T]:
-        """Decorator: the class that follows is known by ``name``."""
+        """Decorator: the class that follows is known by ``name``; one of a user's file is guarded."""
 
         def register(entry: T) -> T:
+            if self._guard is not None and (is_plugins(entry) or not self._guard.fits(entry)):
+                entry = guarded(entry, name, self._guard)
             self._entries[name] = entry
             return entry
 
@@ -73,19 +76,26 @@ def load_plugin(path: Path) -> ModuleType:
     there: files of one name in two folders do not clash. Raises InputError when the file cannot be run; its
     module is then forgotten.
     """
-    path, name = Path(path), _module_name(path)
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None or not path.is_file():
+    path = Path(path)
+    try:
+        there, name = path.is_file(), _module_name(path)
+    except (OSError, RuntimeError, ValueError):  # a name too long, a loop of links
+        there, name = False, ""
+    spec = importlib.util.spec_from_file_location(name, path) if there else None
+    if spec is None or spec.loader is None:
         raise InputError(
             f"{path}: found no Python file, expected a plugin that registers effects, sensors or builders"
         )
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
-    except Exception as exc:  # a user's own code may raise anything
+        with translated(f"{path}: the plugin cannot be loaded", str(path)):
+            spec.loader.exec_module(module)
+    except BaseException as exc:
         del sys.modules[name]
-        raise InputError(f"{path}: the plugin cannot be loaded: {type(exc).__name__}: {exc}") from exc
+        if isinstance(exc, TrueposeError) and str(path) not in str(exc):
+            raise InputError(f"{path}: the plugin cannot be loaded: {exc}") from exc
+        raise
     return module
 
 
@@ -97,9 +107,9 @@ def load_once(path: Path) -> None:
 
 def loaded_plugins() -> tuple[Path, ...]:
     """Absolute paths of the files that were loaded, in their order."""
-    files = [module.__file__ for name, module in sys.modules.items() if name.startswith(_PREFIX)]
+    files = [module.__file__ for name, module in sys.modules.items() if name.startswith(PREFIX)]
     return tuple(Path(file).resolve() for file in files if file is not None)
 
 
 def _module_name(path: Path) -> str:
-    return f"{_PREFIX}{hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:12]}_{Path(path).stem}"
+    return f"{PREFIX}{hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:12]}_{Path(path).stem}"

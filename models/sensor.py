@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from truepose.models import lie
 from truepose.models.context import BuildContext
+from truepose.models.formula_checks import no_prediction, no_readings, no_residual
 from truepose.models.mechanism import AXES
 from truepose.models.parameters import Parameter
+from truepose.models.plugin_guard import Kind, a, a_tuple_of
 from truepose.models.registry import Registry
 from truepose.models.view import TOOL_IN_WORLD, View
 
@@ -176,4 +178,18 @@ def flange_of(world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
     return world @ lie.transform(turn, -turn @ tool[:3, 3])
 
 
-sensors: Registry[type[Sensor]] = Registry("sensor type", "truepose.models.sensors")
+_GIVEN = Kind(
+    "sensor",
+    Sensor,
+    {
+        "build": a(Sensor, "a sensor"),
+        "parameters": a_tuple_of(Parameter, "Parameter"),
+        "columns": a(Mapping, "a mapping from columns to units"),
+        "channels": a_tuple_of(Channel, "Channel"),
+        "predict": no_prediction,
+        "residual": no_residual,
+        "values": no_readings,
+        "noisy": no_readings,
+    },
+)
+sensors: Registry[type[Sensor]] = Registry("sensor type", "truepose.models.sensors", _GIVEN)

@@ -11,10 +11,13 @@ import hashlib
 import os
 import stat
 import tempfile
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+from truepose.publication import claimed, clear
 
 MOST = 500
 """Libraries kept; the ones not used for longest go first."""
@@ -34,8 +37,8 @@ class LibraryCache:
         found = self._kept(key)
         if found is not None:
             return found
-        with tempfile.TemporaryDirectory(dir=self.folder, prefix=".build-") as work:
-            fresh = Path(work) / "new.so"
+        with self._workplace() as work:
+            fresh = work / "new.so"
             build(fresh)
             library = ctypes.CDLL(
                 str(fresh)
@@ -44,6 +47,17 @@ class LibraryCache:
                 fresh.replace(self.folder / f"{key}-{_digest(fresh)}.so")
                 self._prune()
         return library
+
+    @contextmanager
+    def _workplace(self) -> Iterator[Path]:
+        """A folder to build in; those of processes that were killed go."""
+        if self.folder is None:
+            with tempfile.TemporaryDirectory(prefix="truepose-") as name:
+                yield Path(name)
+            return
+        with claimed(self.folder, partial(Path.mkdir, mode=0o700)) as work:
+            clear(self.folder, work)
+            yield work
 
     def _kept(self, key: str) -> ctypes.CDLL | None:
         for path in sorted(self.folder.glob(f"{key}-*.so")) if self.folder else []:

@@ -12,17 +12,20 @@ A machine is done again when its key changes: the contents of its files, the opt
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from truepose.errors import InputError
+from truepose.faults import reason
 from truepose.identification.fleet.columns import KEPT
 from truepose.identification.fleet.folder import Member, members
 from truepose.identification.fleet.record import SCHEMA
 from truepose.identification.fleet.result import Fleet
+from truepose.identification.fleet.store import Journal
 from truepose.identification.learned_prior import read_prior
 from truepose.identification.running.ending import Folders, ended
 from truepose.identification.running.work import Options, Task, done
@@ -46,6 +49,20 @@ def run_fleet(
     found = members(folders.machines, folders.results)
     if options.prior is not None:
         read_prior(options.prior)  # what is wrong with it is no machine's fault
+    try:
+        with _alone(folders) as journal:
+            keys = _work(found, folders, pool, options, progress)
+            progress(1, 1, "what they say together")
+            fleet = ended(keys, folders, brief=options.brief)
+            journal.path.unlink()
+    except OSError as exc:
+        raise InputError(f"{folders.results}: cannot write the results: {reason(exc)}") from exc
+    return fleet
+
+
+@contextlib.contextmanager
+def _alone(folders: Folders) -> Iterator[Journal]:
+    """The journal of the folder of results, in which no other run may be at work meanwhile."""
     folders.results.mkdir(parents=True, exist_ok=True)
     journal = folders.journal
     journal.open().close()
@@ -54,11 +71,7 @@ def run_fleet(
             raise InputError(
                 f"{folders.results}: found another run of truepose fleet at work there, expected none"
             )
-        keys = _work(found, folders, pool, options, progress)
-        progress(1, 1, "what they say together")
-        fleet = ended(keys, folders, brief=options.brief)
-        journal.path.unlink()
-    return fleet
+        yield journal
 
 
 def settings_of(options: Options) -> str:

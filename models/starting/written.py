@@ -10,7 +10,7 @@ from typing import Any
 
 import jinja2
 
-from truepose.files import atomic_write_text
+from truepose.files import atomic_directory, atomic_write_text
 from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.starting.sensors import Preset, presets
 from truepose.models.starting.start import UPRIGHT, Start, readings_of, tidy
@@ -72,10 +72,13 @@ def verify(files: Written, path: Path) -> None:
 
 
 def write(files: Written, path: Path, recording: Path | None) -> None:
-    """Both files, or the machine file alone; each whole or not at all."""
-    atomic_write_text(path, files.machine_text)
-    if recording is not None:
-        atomic_write_text(recording, files.recording_text)
+    """Both files, or the machine file alone: whole, and both in one step."""
+    if recording is None:
+        atomic_write_text(path, files.machine_text)
+        return
+    with atomic_directory(path.parent) as partial:
+        atomic_write_text(partial / path.name, files.machine_text)
+        atomic_write_text(partial / recording.name, files.recording_text)
 
 
 def _machine_text(start: Start, asked: Asked, chosen: Sequence[Preset]) -> str:

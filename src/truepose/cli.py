@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from truepose import faults
 from truepose.commands.catalogue import effects
 from truepose.commands.challenge import challenge
 from truepose.commands.check import check
@@ -23,6 +24,7 @@ from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
 from truepose.commands.import_ import import_
 from truepose.commands.init import init
+from truepose.commands.one_line import OneLineCommand, OneLineGroup
 from truepose.commands.plan import plan
 from truepose.commands.poses import poses
 from truepose.commands.progress import quietly
@@ -33,6 +35,7 @@ from truepose.demo import demo
 
 app = typer.Typer(
     name="truepose",
+    cls=OneLineGroup,
     help="Calibrates precision robots, finds the physics their models leave out, writes the controller's C.",
     epilog="Exit codes: 0 done, 2 bad input or no calibration, 3 the fit did not converge (nothing is written).",
     no_args_is_help=True,
@@ -77,8 +80,8 @@ for _command in (
     effects,
     schema,
 ):
-    app.command(cls=WithTryColumns if _command is diagnose else None)(_quietable(_command))
-app.command("import")(_quietable(import_))
+    app.command(cls=WithTryColumns if _command is diagnose else OneLineCommand)(_quietable(_command))
+app.command("import", cls=OneLineCommand)(_quietable(import_))
 app.command(
     hidden=True,
     add_help_option=False,
@@ -103,12 +106,17 @@ def _root(
     pass
 
 
-def main() -> None:
-    """Entry point of the console command."""
+def run() -> None:
+    """What the words of the command line say."""
     for library in ("OPENBLAS", "OMP", "MKL"):
         # matrices are small here: threads of the linear algebra wait for each other longer than they work
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     app()
+
+
+def main() -> None:
+    """The same as a program, which ends with it. The console command is ``truepose.__main__``: it hears Ctrl-C earlier."""
+    faults.main(run)
 
 
 if __name__ == "__main__":

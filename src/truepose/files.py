@@ -7,14 +7,18 @@ several that belong together.
 from __future__ import annotations
 
 import contextlib
-import shutil
+import errno
+import os
+import uuid
 from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from truepose.errors import InputError
-from truepose.publication import NEW, begun, claimed, clear, publish
+from truepose.faults import reason
+from truepose.publication import NEW, claimed, clear, publish
+from truepose.stopping import stopping
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,19 +31,21 @@ def atomic_file(path: Path | str) -> Iterator[Path]:
     A link is followed; what is no regular file (a pipe, a terminal) is written to directly. Raises
     InputError when it cannot be written; an older file then stays as it was.
     """
-    target = Path(path).resolve()
-    if target.exists() and not (target.is_file() or target.is_dir()):
-        yield target
-        return
-    if target.is_dir():
-        raise InputError(f"{path}: cannot write the file: Is a directory")
-    with _naming(path, "file"), claimed(target, Path.touch) as unfinished:
-        try:
+    with _naming(path, "file"):
+        _settle_link(Path(path))
+        target = _resolved(path)
+        if target.is_dir():
+            raise InputError(f"{path}: cannot write the file: Is a directory")
+        if target.exists() and not target.is_file():
+            yield target
+            return
+        with claimed(target, Path.touch) as unfinished:
             yield unfinished
-            unfinished.replace(target)
+            with stopping.undisturbed():
+                unfinished.replace(target)
+                if not _inside(target):
+                    stopping.written.append(str(target))
             clear(target, unfinished)
-        finally:
-            unfinished.unlink(missing_ok=True)
 
 
 def atomic_write_text(path: Path | str, text: str) -> None:
@@ -68,28 +74,101 @@ def atomic_directory(path: Path | str) -> Iterator[Path]:
     Yields an empty temporary directory. A directory that exists keeps its other files. On failure nothing is
     left behind; what a killed run left goes with the next one. Raises InputError when `path` cannot be written.
     """
-    target = Path(path).resolve()
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{path}: expected a directory, found a file")
-    made = [parent for parent in target.parents if not parent.exists()]  # nearest first
-    published = False
-    try:
-        with contextlib.ExitStack() as claims:
-            with _naming(path, "directory"):
-                stage = claims.enter_context(claimed(target, partial(Path.mkdir, parents=True)))
+    with _naming(path, "directory"):
+        target = _resolved(path)
+        if target.exists() and not target.is_dir():
+            raise InputError(f"{path}: expected a directory, found a file")
+        made = [parent for parent in target.parents if not parent.exists()]  # nearest first
+        try:
+            with claimed(target, partial(Path.mkdir, parents=True)) as stage:
                 (stage / NEW).mkdir()
-            try:
-                yield stage / NEW
-                with _naming(path, "directory"):
-                    publish(stage, target)
-                published = True
-            finally:
-                if not begun(stage):
-                    shutil.rmtree(stage, ignore_errors=True)
-    finally:
-        for parent in [] if published else made:
-            with contextlib.suppress(OSError):
-                parent.rmdir()
+                with _renamed(stage / NEW, path):
+                    yield stage / NEW
+                publish(stage, target)
+        finally:
+            with stopping.undisturbed():
+                for parent in made:
+                    with contextlib.suppress(OSError):  # it is not empty where the result is in it
+                        parent.rmdir()
+
+
+def check_place(path: Path | str, kind: Literal["file", "directory"]) -> None:
+    """Raise InputError where nothing can be written, as far as that can be known before: it leaves no trace."""
+    with _naming(path, kind):
+        target = _resolved(path)
+        if target.exists() and not target.is_dir():
+            if not target.is_file():  # a pipe or a device
+                _check_access(target)
+                return
+            target = target.parent
+        there, names = target, list[str]()
+        while not there.exists():
+            names.append(there.name)
+            there = there.parent
+        if not there.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, f"{there} is no directory")
+        if any(len(os.fsencode(name)) > NAME_MAX for name in names):
+            raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
+        _check_access(there)
+        _try(there)
+
+
+NAME_MAX = 255
+"""Bytes of a name, on all usual systems."""
+
+
+def _check_access(place: Path) -> None:
+    if not os.access(place, os.W_OK):
+        raise PermissionError(errno.EACCES, f"no permission for {place}")
+
+
+def _try(folder: Path) -> None:
+    """Make a file without a name there; where a file system has none, a folder that goes at once."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.close(os.open(folder, os.O_TMPFILE | os.O_WRONLY))
+        return
+    with stopping.undisturbed():
+        tried = folder / f".{uuid.uuid4().hex[:12]}.partial"
+        tried.mkdir()
+        tried.rmdir()
+
+
+def _resolved(path: Path | str) -> Path:
+    try:
+        return Path(path).resolve()
+    except RuntimeError:
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from None
+    except ValueError as exc:
+        raise InputError(f"{str(path)!r}: found no name of a file: {exc}") from None
+
+
+def _settle_link(path: Path) -> None:
+    """End the publication of a killed run that this name is still a link of: else the link would be followed into it."""
+    with contextlib.suppress(ValueError):
+        if path.is_symlink() and any(part.endswith(".partial") for part in path.readlink().parts):
+            folder = path.absolute().parent
+            clear(folder, folder)
+
+
+def _inside(path: Path) -> bool:
+    """Whether a file is part of a result that is not published yet."""
+    return any(part.endswith(".partial") for part in path.parts[:-1])
+
+
+@contextlib.contextmanager
+def _renamed(stage: Path, path: Path | str) -> Iterator[None]:
+    """Let errors of the block name files where they are to be."""
+    try:
+        yield
+    except InputError as exc:
+        if str(stage) not in str(exc):
+            raise
+        raise InputError(str(exc).replace(str(stage), str(path))) from exc
+    except OSError as exc:
+        if exc.errno is None or str(stage) not in str(exc.filename):
+            raise
+        name = str(exc.filename).replace(str(stage), str(path))
+        raise InputError(f"{name}: cannot write the file: {exc.strerror}") from exc
 
 
 @contextlib.contextmanager
@@ -97,4 +176,4 @@ def _naming(path: Path | str, kind: str) -> Iterator[None]:
     try:
         yield
     except OSError as exc:
-        raise InputError(f"{path}: cannot write the {kind}: {exc.strerror}") from exc
+        raise InputError(f"{path}: cannot write the {kind}: {reason(exc)}") from exc

@@ -12,6 +12,7 @@ Where a file system has no links the files are renamed one after another; ``sett
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import re
 import shutil
@@ -20,25 +21,31 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from truepose.errors import InputError
+from truepose.stopping import stopping
 
 NEW, OLD, NOW = "new", "old", "now"
+LONG = 200
+"""Bytes of a name from which on a brief one stands for it in the name of what is not finished."""
 
 
 def publish(stage: Path, target: Path) -> None:
     """Let the files of ``stage/new`` be those of ``target``, in one step; the stage is gone afterwards.
 
     A stage is beside its target or inside. Raises InputError where a folder is in the way of a file, OSError
-    where something cannot be written; the target then is as it was.
+    where something cannot be written; the target then is as it was. Ctrl-C is heard before or afterwards.
     """
     if not target.exists():
-        clear(target, stage)
-        (stage / NEW).rename(target)
-        shutil.rmtree(stage)
+        with stopping.undisturbed():
+            clear(target, stage)
+            (stage / NEW).rename(target)
+            stopping.written.append(str(target))
+            shutil.rmtree(stage)
         return
-    with held(target):
+    with held(target), stopping.undisturbed():
         clear(target, stage)
         try:
             _turn(stage, target)
+            stopping.written.append(str(target))
         finally:
             settle(stage, target)
 
@@ -47,21 +54,42 @@ def publish(stage: Path, target: Path) -> None:
 def claimed(target: Path, make: Callable[[Path], None]) -> Iterator[Path]:
     """What is to become ``target``, made and locked: inside a folder that is there, else beside it; its name is hidden.
 
-    Made again where another run took it for abandoned before it was locked.
+    Made again where another run took it for abandoned before it was locked. Nothing of it is left behind, unless the
+    target depends on it.
     """
     while True:
         name = f"{uuid.uuid4().hex[:12]}.partial"
-        stage = target / f".{name}" if target.is_dir() else target.with_name(f".{target.name}.{name}")
-        make(stage)
-        with held(stage):
-            if stage.exists():
-                yield stage
-                return
+        stage = target / f".{name}" if target.is_dir() else target.with_name(f".{_brief(target.name)}.{name}")
+        with contextlib.ExitStack() as lock:
+            try:
+                with stopping.undisturbed():
+                    make(stage)
+                    lock.enter_context(held(stage))
+                if stage.exists():
+                    yield stage
+                    return
+            finally:
+                with stopping.undisturbed():
+                    _abandon(stage)
+
+
+def _brief(name: str) -> str:
+    """A name that something can be added to: names have 255 bytes on most systems."""
+    return name if len(os.fsencode(name)) <= LONG else hashlib.sha256(os.fsencode(name)).hexdigest()
+
+
+def _abandon(stage: Path) -> None:
+    if stage.is_dir():
+        if not begun(stage):
+            shutil.rmtree(stage, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            stage.unlink()
 
 
 def clear(target: Path, own: Path) -> None:
     """Settle or remove what killed runs left of ``target``, beside it and inside; ``own`` and what lives stays."""
-    for home, name in ((target.parent, re.escape(f".{target.name}")), (target, "")):
+    for home, name in ((target.parent, re.escape(f".{_brief(target.name)}")), (target, "")):
         ours = re.compile(name + r"\.[0-9a-f]{12}\.partial")
         with contextlib.suppress(OSError):  # a folder that may not be listed
             for found in os.listdir(home) if home.is_dir() else ():  # noqa: PTH208 -- names alone: there may be 10^5

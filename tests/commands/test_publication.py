@@ -107,6 +107,17 @@ def test_where_links_cannot_be_made_a_mix_is_marked_and_mended(tmp_path: Path) -
     assert 0 < mixed < len(killed.NEW)
 
 
+def test_a_single_file_is_not_written_through_the_links_of_a_killed_run(tmp_path: Path) -> None:
+    through = 0
+    for room in _killed(tmp_path):
+        through += (room / "out" / "a.txt").is_symlink()
+        before = _seen(room / "out")
+        atomic_write_text(room / "out" / "a.txt", "single")
+        assert _seen(room / "out") == before | {"a.txt": "single"}
+        assert not (room / "out" / "a.txt").is_symlink()
+    assert through > 5
+
+
 def test_an_old_file_comes_back_as_it_was(tmp_path: Path) -> None:
     """Undone, a result is the very files it was: inode, time and mode."""
     undone = 0

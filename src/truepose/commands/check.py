@@ -16,6 +16,7 @@ from truepose.commands.common import (
     check_directory,
     progress,
     reported,
+    tell,
 )
 from truepose.commands.identify import IrradianceOption
 
@@ -57,10 +58,9 @@ def check(
                 written = result.mended(Pair.read(machine, recordings)).write(fix)
         if as_json:
             notes = list(rows.notes) if rows is not None else []
-            typer.echo(json_text({**result.document(), "files": written, "notes": notes}), nl=False)
+            tell(json_text({**result.document(), "files": written, "notes": notes}), nl=False)
         else:
-            for line in check_lines(result, written):
-                typer.echo(line)
+            tell("".join(f"{line}\n" for line in check_lines(result, written)), nl=False)
         if result.verdict == "wrong":
             raise typer.Exit(BAD_INPUT)
 

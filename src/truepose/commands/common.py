@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +13,8 @@ import typer
 from truepose.commands.progress import progress, quiet
 from truepose.commands.results import check_directory
 from truepose.errors import ConvergenceError, InputError, TrueposeError
+from truepose.faults import forget, of_system, say
+from truepose.files import check_place
 
 BAD_INPUT, NOT_CONVERGED = 2, 3
 
@@ -89,8 +92,28 @@ def reported(plugins: Sequence[Path] | None = None) -> Iterator[None]:
 
 def fail(message: str, code: int) -> None:
     """One line on standard error, then out."""
-    typer.echo("error: " + " ".join(message.splitlines()), err=True)
+    say(message)
     raise typer.Exit(code)
+
+
+def tell(text: str, *, nl: bool = True) -> None:
+    """Text on standard output. Where nobody reads on the command goes on: its files and its exit code say enough.
+
+    Raises InputError where the output cannot be written.
+    """
+    try:
+        typer.echo(text, nl=nl)
+    except BrokenPipeError:
+        forget(sys.stdout)
+    except OSError as exc:
+        forget(sys.stdout)
+        raise InputError(of_system(exc, "standard output")) from exc
+
+
+def note(text: str) -> None:
+    """A line on standard error, if anybody can read it."""
+    with contextlib.suppress(OSError):
+        typer.echo(text, err=True)
 
 
 def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str], *, as_json: bool) -> None:
@@ -98,22 +121,33 @@ def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str
     if as_json:
         from truepose.identification.report.json_text import json_text
 
-        typer.echo(json_text({**summary, "notes": list(notes)}), nl=False)
+        tell(json_text({**summary, "notes": list(notes)}), nl=False)
         return
     if quiet():
         return
-    for note in notes:
-        typer.echo(f"note: {note}", err=True)
-    for line in lines:
-        typer.echo(line)
+    for text in notes:
+        note(f"note: {text}")
+    tell("".join(f"{line}\n" for line in lines), nl=False)
 
 
-def check_file(path: Path) -> None:
-    """Refuse at once an output that cannot be a file."""
-    if path.is_dir():
+def check_file(path: Path, *inputs: Path | None) -> None:
+    """Refuse at once an output that cannot be a file, or that is one of the files that are read. Raises InputError."""
+    if _is(Path.is_dir, path):
         raise InputError(f"{path}: expected a file to write, found a directory")
-    if not path.absolute().parent.is_dir():
+    check_place(path, "file")
+    if not _is(Path.is_dir, path.parent):
         raise InputError(f"{path}: cannot write the file: its directory does not exist")
+    for one in inputs:
+        if one is not None and _is(Path.is_file, path) and _is(Path.exists, one) and path.samefile(one):
+            raise InputError(f"{path}: found the file {one}, which is read, expected another one to write")
+
+
+def _is(what: Callable[[Path], bool], path: Path) -> bool:
+    """False, too, where the system will not tell: `check_place` says why."""
+    try:
+        return what(path)
+    except (OSError, ValueError):
+        return False
 
 
 def written(directory: Path, names: Iterable[str]) -> list[str]:
@@ -138,8 +172,10 @@ __all__ = [
     "check_file",
     "fail",
     "finish",
+    "note",
     "progress",
     "quiet",
     "reported",
+    "tell",
     "written",
 ]

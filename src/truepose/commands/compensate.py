@@ -86,7 +86,7 @@ def compensate(
         from truepose.identification.report.applied_words import check_applicable
         from truepose.models.load import load_machine
 
-        check_file(output)
+        check_file(output, machine)
         with progress("compensating"):
             loaded = load_machine(machine)
             if not anyway:
@@ -121,6 +121,7 @@ def _compensate_table(
     from truepose.identification.report.applied_words import expected_words, pose_json
     from truepose.identification.report.compensation_words import compensation_json, compensation_lines
 
+    check_file(output, path)
     table, rows = load_path(machine, path)
     found = compensation.compensate(machine, rows, method=method)  # type: ignore[arg-type]
     _write(output, commands(table, machine, found))

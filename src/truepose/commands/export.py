@@ -58,7 +58,7 @@ def export(
         from truepose.models.export.write import format_of
         from truepose.models.load import load_machine
 
-        check_file(output)
+        check_file(output, machine)
         chosen = format_of(output, format)
         with progress("exporting"):
             loaded = load_machine(machine)

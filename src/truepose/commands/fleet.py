@@ -25,6 +25,7 @@ from truepose.commands.identify import PriorOption
 from truepose.commands.progress import counted
 from truepose.commands.results import FLEET, check_directory
 from truepose.errors import InputError
+from truepose.stopping import stopping
 
 if TYPE_CHECKING:
     from truepose.pool import Pool
@@ -112,9 +113,7 @@ def fleet(
             with counted("fleet") as hear, _pool(workers, dask) as pool:
                 found = run_fleet(folders, pool, options, progress=hear)
         except KeyboardInterrupt:
-            typer.echo(
-                f"stopped: what is done stands in {output}; the same command goes on from there", err=True
-            )
+            stopping.left = f"what is done stands in {output}; the same command goes on from there"
             raise
         summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
         finish(summary, fleet_lines(found, str(output / PAGE)), (), as_json=as_json)

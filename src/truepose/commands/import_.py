@@ -11,7 +11,7 @@ import typer
 
 from truepose.commands.common import FileOption, JsonOption, check_file, finish, progress, reported
 from truepose.errors import InputError
-from truepose.files import atomic_write_text, write_table
+from truepose.files import atomic_directory, atomic_write_text, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -126,7 +126,7 @@ def import_(
     """
     asked = _Asked(file, form, unit, topic, joints, joint or (), log, offset, every, model, rotation)
     with reported():
-        check_file(output)
+        check_file(output, file, joints, log, model)
         asked.check()
         _check_new(machine)
         with progress("importing"):
@@ -210,9 +210,15 @@ def _write(
 
     frame = importing.frame_of(table, prismatic)
     started = None if machine is None else importing.machine_of(file)
-    write_table(output, frame, table.notes)
-    if machine is not None and started is not None:
+    if machine is None or started is None:
+        write_table(output, frame, table.notes)
+    elif machine.resolve().parent == output.resolve().parent:
+        with atomic_directory(output.parent) as partial:  # both in one step
+            write_table(partial / output.name, frame, table.notes)
+            atomic_write_text(partial / machine.name, started)
+    else:
         atomic_write_text(machine, started)
+        write_table(output, frame, table.notes)
     return frame
 
 

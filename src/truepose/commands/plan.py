@@ -126,7 +126,7 @@ def _calibrate(wanted: _Wanted, method: str, criterion: str) -> None:
     from truepose.identification.report.pose_tables import plan_table
     from truepose.models.load import load_machine
 
-    check_file(wanted.output)
+    check_file(wanted.output, wanted.machine, wanted.candidates)
     with progress("planning") as say:
         machine = load_machine(wanted.machine)
         files = [] if wanted.candidates is None else [wanted.candidates]
@@ -164,7 +164,7 @@ def _discriminate(wanted: _Wanted, asked: Request) -> None:
     from truepose.identification.report.notes import worded
     from truepose.models.load import load_machine
 
-    check_file(wanted.output)
+    check_file(wanted.output, wanted.machine, wanted.candidates)
     with progress("planning") as say:
         machine = load_machine(wanted.machine)
         found, frame, lines, told = run_discriminate(

@@ -67,7 +67,7 @@ def poses(
         from truepose.identification.photogrammetry.points_file import read_body, read_points
         from truepose.identification.photogrammetry.pose_table import pose_table
 
-        check_file(output)
+        check_file(output, points, body)
         if not 0.0 < sigma < float("inf"):
             raise InputError(f"--sigma: found {sigma:g}, expected a number > 0, mm")
         with progress("finding poses"):

@@ -166,7 +166,11 @@ def _shown(course: Course) -> Iterator[Say]:
 
 @contextlib.contextmanager
 def _lines(course: Course) -> Iterator[Say]:
-    lines, over = Lines(course, lambda text: typer.echo(text, err=True)), threading.Event()
+    def write(text: str) -> None:
+        with contextlib.suppress(OSError):  # nobody looks
+            typer.echo(text, err=True)
+
+    lines, over = Lines(course, write), threading.Event()
 
     def watch() -> None:
         while not over.wait(0.5):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 
 from truepose.errors import InputError
+from truepose.files import check_place
 
 FIT, DIAGNOSIS, DRIFT, FLEET = "fit.json", "diagnosis.json", "drift.json", "fleet.json"
 WRITERS = {FIT: "calibrate", DIAGNOSIS: "diagnose", DRIFT: "drift", FLEET: "fleet"}
@@ -19,10 +21,12 @@ def check_directory(path: Path, own: str = "") -> None:
     ``own``: the file of ``WRITERS`` that the command writes. Raises InputError.
     """
     for place in (path, *path.parents):
-        if place.exists():
-            if not place.is_dir():
-                raise InputError(f"{path}: expected a directory for the results, found the file {place}")
-            break
+        with contextlib.suppress(OSError, ValueError):  # `check_place` says why
+            if place.exists():
+                if not place.is_dir():
+                    raise InputError(f"{path}: expected a directory for the results, found the file {place}")
+                break
+    check_place(path, "directory")
     others = [name for name in WRITERS if own and name != own and (path / name).is_file()]
     if others:
         raise InputError(

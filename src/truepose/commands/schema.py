@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.commands.common import PluginOption, check_file, reported
+from truepose.commands.common import PluginOption, check_file, reported, tell
 
 
 class Kind(StrEnum):
@@ -44,11 +44,11 @@ def schema(kind: KindArg = Kind.machine, output: OutputOption = None, plugin: Pl
 
         text = _text(kind, made=bool(plugin))
         if output is None:
-            typer.echo(text, nl=False)
+            tell(text, nl=False)
             return
         check_file(output)
         atomic_write_text(output, text)
-        typer.echo(f"wrote {output}")
+        tell(f"wrote {output}")
 
 
 def _text(kind: Kind, *, made: bool) -> str:

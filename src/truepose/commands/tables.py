@@ -63,7 +63,7 @@ def predict(
         from truepose.identification.recording.load import load_recording
         from truepose.models.load import load_machine
 
-        check_file(output)
+        check_file(output, machine, recording)
         with progress("predicting"):
             loaded = load_machine(machine)
             rows = load_recording(loaded, [recording], need_observations=False, shuffled=shuffled)
@@ -96,7 +96,7 @@ def simulate(
         from truepose.models.effect_text import parse_effect
         from truepose.models.load import load_machine
 
-        check_file(output)
+        check_file(output, machine, poses)
         with progress("simulating"):
             loaded = load_machine(machine)
             extra = [parse_effect(text, loaded) for text in effect or ()]

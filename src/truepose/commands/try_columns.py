@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
+
+from truepose.commands.one_line import OneLineCommand
 
 OPTION, ALL = "--try-columns", "all"
 TryColumnsOption = Annotated[
@@ -21,7 +22,7 @@ TryColumnsOption = Annotated[
 ]
 
 
-class WithTryColumns(TyperCommand):
+class WithTryColumns(OneLineCommand):
     """A command whose ``--try-columns`` may stand without names."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

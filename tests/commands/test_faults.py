@@ -1,0 +1,146 @@
+"""Whatever comes out of a command is one line and an exit code: slips of the command line, a full disk, faults of our own."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from support import MACHINES
+from truepose.cli import app
+from truepose.errors import InputError
+from truepose.models.effects.base import effects
+
+SERIAL = MACHINES / "serial.yaml"
+SLIPS = {
+    "no command": ("launch", "found the command 'launch', expected one of demo, init"),
+    "a command misspelt": ("calibrte", "did you mean 'calibrate'?"),
+    "no option": ("effects --nope", "effects: no such option: --nope"),
+    "an option misspelt": ("demo --jsn", "--json"),
+    "no argument": ("calibrate", "missing argument 'MACHINE'"),
+    "no second argument": ("calibrate a.yaml", "missing argument 'RECORDING...'"),
+    "no output": ("calibrate a.yaml b.csv", "-o"),
+    "no number": ("plan a.yaml -n many -o b.csv", "'many'"),
+    "too small a number": ("fleet a -o b --workers -3", "-3"),
+    "no value": ("plan a.yaml -n", "-n"),
+    "no such kind": ("schema thing", "'thing'"),
+    "too many words": ("effects a b c", "b c"),
+}
+faulty = pytest.mark.skipif(os.name == "nt", reason="no such devices")
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def one_line(stderr: str, *expected: str) -> None:
+    assert re.fullmatch(r"error: [^\n]+\n", stderr), stderr
+    assert all(text in stderr for text in expected), stderr
+
+
+def command(*words: object, **options: object) -> subprocess.CompletedProcess[str]:
+    arguments = [sys.executable, "-m", "truepose", *map(str, words)]
+    return subprocess.run(arguments, text=True, stderr=subprocess.PIPE, check=False, **options)  # type: ignore[call-overload,no-any-return]
+
+
+@pytest.mark.parametrize("case", SLIPS)
+def test_a_slip_of_the_command_line_is_one_line(case: str) -> None:
+    words, expected = SLIPS[case]
+    result = run(*words.split())
+    assert result.exit_code == 2 and result.stdout == ""
+    one_line(result.stderr, expected, "--help")
+
+
+def test_help_stays_help() -> None:
+    for words, code in (([], 2), (["--help"], 0), (["plan", "-h"], 0)):
+        result = run(*words)
+        assert result.exit_code == code and result.output.startswith("Usage: truepose")
+
+
+@pytest.mark.parametrize("words", [["init", "-o", ""], ["calibrate", "", "x"], ["effects", "a\0b"]])
+def test_an_empty_name_and_one_with_a_nul_are_told(words: list[str]) -> None:
+    result = run(*words)
+    assert result.exit_code == 2
+    one_line(result.stderr, "found", "expected")
+
+
+def _raising(monkeypatch: pytest.MonkeyPatch, make: Callable[[], BaseException]) -> None:
+    def raises(*_: object) -> object:
+        raise make()
+
+    monkeypatch.setattr(effects, "get", raises)
+
+
+def test_a_fault_of_our_own_leaves_a_report(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("sys.argv", ["truepose", "effects", "a name"])
+    _raising(monkeypatch, lambda: ZeroDivisionError("two\nlines"))
+    result = run("effects", "backlash")
+    assert result.exit_code == 1 and result.stdout == ""
+    (report,) = tmp_path.iterdir()
+    one_line(result.stderr, str(report), "ZeroDivisionError: two lines", "truepose effects 'a name'")
+    text = report.read_text(encoding="utf-8")
+    assert all(name in text for name in ("truepose ", "Python ", "casadi ", "numpy ", "scipy "))
+    assert "truepose effects 'a name'" in text and "Traceback" in text and "ZeroDivisionError" in text
+
+
+MENDABLE: dict[str, tuple[Callable[[], BaseException], str]] = {
+    "memory": (
+        lambda: MemoryError("Unable to allocate 3.00 TiB"),
+        "memory than this process may have (Unable",
+    ),
+    "compiled memory": (lambda: RuntimeError("std::bad_alloc"), "more memory"),
+    "levels": (lambda: RecursionError("maximum"), "nested deeper"),
+    "disk": (lambda: OSError(28, "No space left on device", "/tmp/x"), "/tmp/x: No space left on device"),
+    "input": (lambda: InputError("x: found y,\nexpected z"), "x: found y, expected z"),
+}
+
+
+@pytest.mark.parametrize("case", MENDABLE)
+def test_what_a_user_can_mend_is_bad_input(
+    case: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    make, expected = MENDABLE[case]
+    _raising(monkeypatch, make)
+    result = run("effects", "backlash")
+    assert result.exit_code == 2 and not list(tmp_path.iterdir())
+    one_line(result.stderr, expected)
+
+
+def test_an_interruption_says_that_nothing_was_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    _raising(monkeypatch, KeyboardInterrupt)
+    result = run("effects", "backlash")
+    assert (result.exit_code, result.stderr) == (130, "error: stopped; nothing was written\n")
+
+
+@faulty
+@pytest.mark.parametrize("words", [["effects"], ["effects", "--json"], ["--help"], ["--version"]])
+def test_a_full_standard_output_is_told(words: list[str]) -> None:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        done = command(*words, stdout=full)
+    assert done.returncode == 2
+    one_line(done.stderr, "No space left on device")
+
+
+@faulty
+@pytest.mark.parametrize("words", [["effects"], ["effects", "--json"], ["--help"]])
+def test_who_stops_reading_hears_nothing_of_it(words: list[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    done = command(*words, stdout=write)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@faulty
+def test_errors_that_cannot_be_told_still_have_their_code() -> None:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        arguments = [sys.executable, "-m", "truepose", "effects", "nope"]
+        assert subprocess.run(arguments, stderr=full, check=False).returncode == 2
