@@ -40,6 +40,7 @@ from truepose.models.fit_section import (
 from truepose.models.force_section import ForceSection
 from truepose.models.frame_section import Frames, FrameSpec, FramesSection, FrameTolerance, read_frames
 from truepose.models.mass_section import MassSection, MassSpec
+from truepose.models.plain_texts import check_document
 from truepose.models.recording_section import RecordingSection
 from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.spring_section import SpringSection
@@ -177,6 +178,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
     """The machine of a document that stands, or is to stand, in the file ``path``. Raises InputError as `read_machine`."""
     if raw.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema: found {raw.get('schema')!r}, expected {SCHEMA!r}")
+    check_document(raw, str(path))
     units = read_units(raw.get("units", {}), path)
     try:
         document = MachineDocument.model_validate(copy.deepcopy(raw), context={"units": units})
