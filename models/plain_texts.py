@@ -30,9 +30,7 @@ def check_text(text: str, where: str) -> str:
     """The text. Raises InputError, which opens with ``where``, for one with a character that nobody sees."""
     found = hidden_character(text)
     if found is not None:
-        raise InputError(
-            f"{where}: found {found} in {text[:60]!a}, expected only characters that are seen"
-        )
+        raise InputError(f"{where}: found {found} in {text[:60]!a}, expected only characters that are seen")
     return text
 
 
