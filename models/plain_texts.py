@@ -51,6 +51,8 @@ def check_document(document: Mapping[str, Any], where: str) -> None:
 def _check_value(value: Any, where: str, *, wrapped: bool) -> None:
     if isinstance(value, str):
         check_text(" ".join(value.split()) if wrapped else value, where)
+    elif isinstance(value, bytes):  # !!binary: would become a text unseen
+        raise InputError(f"{where}: found binary data, expected a text or a number")
     elif isinstance(value, Mapping):
         for key, item in value.items():
             _check_value(item, f"{where}.{check_text(str(key), where)}", wrapped=key == _WRAPPED)

@@ -22,6 +22,8 @@ _FLOAT: Final = re.compile(
     re.VERBOSE,
 )
 _TAG: Final = "tag:yaml.org,2002:"
+_MOST_DIGITS = 250
+"""Of a whole number, as many as a float holds in any base: no field takes more, and a million of them take long to read."""
 _LARGEST = 1_000_000  # nodes, aliases written out: a few lines of aliases can stand for billions
 
 
@@ -64,6 +66,13 @@ class _Checks:
             seen.add(key.value)
 
 
+def _whole_number(loader: Any, node: yaml.ScalarNode) -> int:
+    """A whole number that is no larger than a float can be."""
+    if len(node.value) > _MOST_DIGITS:
+        raise _refuse(f"a number of {len(node.value)} characters, expected at most {_MOST_DIGITS}", node)
+    return int(loader.construct_yaml_int(node))
+
+
 class PlainLoader(_Checks, yaml.SafeLoader):
     """SafeLoader with these checks."""
 
@@ -99,6 +108,8 @@ def _use_yaml_1_2_floats(kind: Any) -> None:
     kind.yaml_implicit_resolvers = resolvers
 
 
+for _kind in (PlainLoader, FastLoader):
+    _kind.add_constructor(_TAG + "int", _whole_number)
 _use_yaml_1_2_floats(PlainLoader)
 _use_yaml_1_2_floats(FastLoader)
 _use_yaml_1_2_floats(_Dumper)
