@@ -16,7 +16,7 @@ from truepose.models.load import build_machine, load_machine
 from truepose.models.machine_file import checked_machine
 from truepose.models.plain_texts import check_text, hidden_character
 
-HIDDEN = (
+HIDDEN: tuple[str, ...] = (
     "\x00",
     "\x07",
     "\x1b",

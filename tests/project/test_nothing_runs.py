@@ -44,7 +44,9 @@ def calls(path: Path) -> list[str]:
             out.append(function.id)
         if isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):
             pair = (function.value.id, function.attr)
-            own = pair == ("yaml", "load") and isinstance(node.args[1], ast.Name) and node.args[1].id in LOADERS
+            own = (
+                pair == ("yaml", "load") and isinstance(node.args[1], ast.Name) and node.args[1].id in LOADERS
+            )
             if pair in OF_MODULES or (pair == ("yaml", "load") and not own):
                 out.append(".".join(pair))
             if function.attr == "from_string" or (function.attr == "Template" and pair[0] == "jinja2"):
