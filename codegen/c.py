@@ -20,7 +20,7 @@ from truepose.codegen.blocks import blocks_of
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
-from truepose.codegen.names import check_machine_name, comment
+from truepose.codegen.names import check_machine_name
 from truepose.codegen.offered import driver_units, entries, offered
 from truepose.codegen.printer import Real, literal
 from truepose.codegen.pruning import pruned
@@ -265,8 +265,8 @@ def _joints(machine: Machine) -> list[dict[str, Any]]:
     return [
         {
             "place": place,
-            "name": comment(a.reading),
-            "unit": comment(a.reading_unit),
+            "name": a.reading,
+            "unit": a.reading_unit,
             "range": f" {a.range[0]:.9g} to {a.range[1]:.9g}" if a.range else "",
         }
         for place, a in enumerate(machine.mechanism.actuators)

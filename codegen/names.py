@@ -52,8 +52,3 @@ def identifiers(names: Sequence[str]) -> list[str]:
         taken.add(candidate)
         out.append(candidate)
     return out
-
-
-def comment(text: str) -> str:
-    """A text that may stand inside a C comment."""
-    return re.sub(r"\s+", " ", text).replace("*/", "* /").replace("/*", "/ *").rstrip("\\")

@@ -10,7 +10,7 @@ from truepose.codegen.blocks import Blocks
 from truepose.codegen.features import Features
 from truepose.codegen.layout import Layout
 from truepose.codegen.memory import memory_of
-from truepose.codegen.names import comment, identifiers
+from truepose.codegen.names import identifiers
 from truepose.models.kinematics import SymbolicModel
 
 
@@ -46,10 +46,7 @@ def _memory(model: SymbolicModel, layout: Layout, features: Features) -> dict[st
 def entries(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
     """Names with identifiers and units, for lists of places."""
     rows = zip(names, identifiers(names), units, strict=True)
-    return [
-        {"name": comment(name), "identifier": identifier, "unit": comment(unit)}
-        for name, identifier, unit in rows
-    ]
+    return [{"name": name, "identifier": identifier, "unit": unit} for name, identifier, unit in rows]
 
 
 def driver_units(model: SymbolicModel) -> list[str]:

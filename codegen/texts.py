@@ -7,13 +7,15 @@ from pathlib import Path
 
 import jinja2
 
+from truepose.codegen.quoting import FILTERS
+
 TEMPLATES = Path(__file__).parent / "templates"
 
 
 @cache
 def environment() -> jinja2.Environment:
     """Templates by their path below ``templates``; a name that a template reads and is not given is an error."""
-    return jinja2.Environment(
+    out = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -21,3 +23,5 @@ def environment() -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=False,
     )
+    out.filters |= FILTERS
+    return out

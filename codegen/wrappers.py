@@ -5,7 +5,6 @@ They add no arithmetic: every number comes from the library. The texts go into `
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,15 +19,9 @@ def wrappers(context: Mapping[str, Any]) -> dict[str, str]:
     ``context`` says what the C says: ``name``, ``real``, ``joints`` (place, name, unit), ``parameters`` and
     ``drivers`` (name, identifier, unit), ``p0`` and ``z0`` (at least one number each).
     """
-    full = {**context, "quoted": _quoted}
     return {
         f"wrappers/{context['name']}_{ending}": environment()
         .get_template(f"wrappers/{template}")
-        .render(full)
+        .render(context)
         for ending, template in _TEMPLATES.items()
     }
-
-
-def _quoted(text: str) -> str:
-    """A string literal of C++ and Python."""
-    return json.dumps(text, ensure_ascii=False)

@@ -20,6 +20,7 @@ from truepose.models.machine_file import EffectSpec, MachineFile, read_machine
 from truepose.models.mechanism import Mechanism
 from truepose.models.mounts import frame_parameters, mounts
 from truepose.models.placed import Place, PlacedEffect
+from truepose.models.plain_texts import check_texts
 from truepose.models.sensor import Sensor, sensors
 from truepose.models.springs import springs
 from truepose.models.weights import weights
@@ -142,6 +143,9 @@ def _check_columns(made: Sequence[Sensor], file: MachineFile) -> None:
 
 def _check_names(machine: Machine, file: MachineFile) -> None:
     names = [p.name for p in machine.parameters]
+    check_texts(
+        [*names, *machine.mechanism.readings, *machine.mechanism.bodies], str(file.path)
+    )  # a URDF has its own
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(

@@ -42,6 +42,7 @@ from truepose.models.force_section import ForceSection
 from truepose.models.frame_section import Frames, FrameSpec, FramesSection, FrameTolerance, read_frames
 from truepose.models.limits import LEAST_GRAVITY, NAMED, PARTS
 from truepose.models.mass_section import MassSection, MassSpec
+from truepose.models.plain_texts import check_document
 from truepose.models.recording_section import RecordingSection
 from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.spring_section import SpringSection
@@ -180,6 +181,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
     if raw.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema: found {raw.get('schema')!r}, expected {SCHEMA!r}")
     _check_sizes(raw, path)
+    check_document(raw, str(path))
     units = read_units(raw.get("units", {}), path)
     try:
         document = MachineDocument.model_validate(copy.deepcopy(raw), context={"units": units})

@@ -22,11 +22,13 @@ _FLOAT: Final = re.compile(
     |[-+]?[0-9]+[eE][-+]?[0-9]+|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$""",
     re.VERBOSE,
 )
-_INTEGER: Final = re.compile(r"^[-+]?(?:0|[1-9][0-9]{0,299})$")
+_INTEGER: Final = re.compile(r"^[-+]?(?:0|[1-9][0-9]*)$")
 """Whole numbers that mean the same to every reader: to some 0127 is 87, 2:07 is 127 and 1_000 is 1000."""
 _SEPARATORS: Final = (",", ":", "[", "{", "- ", "-\n", "? ")
 """Each value of a document has one of these before it or behind."""
 _TAG: Final = "tag:yaml.org,2002:"
+_MOST_DIGITS = 250
+"""Of a whole number, as many as a float holds in any base: no field takes more, and a million of them take long to read."""
 _LARGEST = 1_000_000  # nodes, aliases written out: a few lines of aliases can stand for billions
 _LONG = 1 << 20
 """Characters beyond which what C refuses is not read again in Python for a better message."""
@@ -57,8 +59,6 @@ class _Checks:
             size += sum(self._size(item, sizes) for pair in node.value for item in pair)
         elif isinstance(node, yaml.SequenceNode):
             size += sum(self._size(item, sizes) for item in node.value)
-        elif not node.value.isascii() and any("\ud800" <= letter <= "\udfff" for letter in node.value):
-            raise _refuse("found half of a character that UTF-16 writes in two (a lone surrogate)", node)
         sizes[id(node)] = size
         return size
 
@@ -71,6 +71,13 @@ class _Checks:
             if key.value in seen:
                 raise _refuse(f"duplicate key {key.value!r}", key)
             seen.add(key.value)
+
+
+def _whole_number(loader: Any, node: yaml.ScalarNode) -> int:
+    """A whole number that is no larger than a float can be."""
+    if len(node.value) > _MOST_DIGITS:
+        raise _refuse(f"a number of {len(node.value)} characters, expected at most {_MOST_DIGITS}", node)
+    return int(loader.construct_yaml_int(node))
 
 
 class PlainLoader(_Checks, yaml.SafeLoader):
@@ -110,6 +117,8 @@ def _use_numbers_of_yaml_1_2(kind: Any, **patterns: re.Pattern[str]) -> None:
     kind.yaml_implicit_resolvers = resolvers
 
 
+for _kind in (PlainLoader, FastLoader):
+    _kind.add_constructor(_TAG + "int", _whole_number)
 _use_numbers_of_yaml_1_2(PlainLoader, float=_FLOAT, int=_INTEGER)
 _use_numbers_of_yaml_1_2(FastLoader, float=_FLOAT, int=_INTEGER)
 _use_numbers_of_yaml_1_2(_Dumper, float=_FLOAT)  # what any reader takes for a number stays in quotes

@@ -124,7 +124,7 @@ class _Compiled:
         code = rowwise(*given.symbols(inputs), outputs, ("load", "store"))
         self._lanes, self._reals = code.x + code.w + code.y, code.u
         self._evaluate = load(
-            code.text + _driver(code, given.widths, [int(a.numel()) for a in outputs])
+            code.text + _driver(code, given.widths, [int(a.numel()) for a in outputs]), ["evaluate"]
         ).evaluate
         self._evaluate.argtypes = [ctypes.c_longlong, *[ctypes.c_void_p] * 4]
         self._evaluate.restype = None

@@ -121,7 +121,7 @@ class _Compiled:
         self._lanes = code.x + code.w + GROUP * self._length + len(self._tiles.places) * SIDE**2
         self._reals = code.u
         source = code.text + _driver(code, given.widths, self._tiles, columns.shape[0], self._length)
-        self._sum = load(source, fused=True).sum_up
+        self._sum = load(source, ["sum_up"], fused=True).sum_up
         self._sum.argtypes = [ctypes.c_longlong, *[ctypes.c_void_p] * 5]
         self._sum.restype = None
 

@@ -46,7 +46,8 @@ class CompiledKinematics:
             texts = render(replace(machine, name=_NAME), "double")
         except (InputError, NotImplementedError) as exc:  # a machine that has no C
             raise NotCompiledError(str(exc)) from None
-        self._library = load({name: text for name, text in texts.items() if name.startswith(f"{_NAME}_")})
+        own = {name: text for name, text in texts.items() if name.startswith(f"{_NAME}_")}
+        self._library = load(own, [f"{_NAME}_{name}" for name in _POINTERS])
         for name, pointers in _POINTERS.items():
             function = getattr(self._library, f"{_NAME}_{name}")
             function.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_int] + [ctypes.c_void_p] * pointers

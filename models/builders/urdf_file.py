@@ -19,6 +19,26 @@ _AXIS = (1.0, 0.0, 0.0)
 """Axis of a joint that states none."""
 
 
+class _NoEntities(ElementTree.TreeBuilder):
+    """Refuses a document type: its entities can stand for gigabytes, or for other files."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+
+    def doctype(self, name: str, public: str | None, system: str | None) -> None:
+        raise InputError(
+            f"{self._path}: found <!DOCTYPE {name}>, expected a URDF without a document type and entities"
+        )
+
+
+def _tree(path: Path) -> ElementTree.Element:
+    """The root of an XML file. Raises OSError, and ParseError, ValueError or LookupError for what is none."""
+    if path.exists() and not path.is_file():  # a device or a pipe may never end
+        raise OSError(None, "not a file")
+    return ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_NoEntities(path)))
+
+
 @dataclass(frozen=True)
 class Robot:
     """A URDF's links and joints; every message names the file and the element."""
@@ -34,7 +54,7 @@ class Robot:
     def read(cls, path: Path) -> Robot:
         """Read and check what all joints share. Raises InputError for a missing file and broken XML."""
         try:
-            root = ElementTree.fromstring(path.read_bytes())
+            root = _tree(path)
         except OSError as exc:
             raise InputError(f"{path}: cannot read the URDF: {exc.strerror or exc}") from None
         except (ElementTree.ParseError, ValueError, LookupError) as exc:

@@ -174,6 +174,10 @@ def _compiled(path: Path) -> tuple[mujoco.MjModel, bool]:
         raise InputError(
             "--mjcf: MuJoCo reads these files, expected it installed: pip install 'truepose[mjcf]'"
         ) from None
+    if (
+        path.is_file() and b"<!DOCTYPE" in path.read_bytes()
+    ):  # MuJoCo would read its entities as they are written
+        raise InputError(f"{path}: found <!DOCTYPE>, expected an MJCF without a document type and entities")
     try:
         return mujoco.MjSpec.from_file(str(path)).compile(), False
     except ValueError as exc:

@@ -2,69 +2,48 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from support import TESTS
 from support.examples import NIGHT, examples
-from support.generated_c import CASES, COMPILER, WARNINGS, needs_compiler
+from support.generated_c import CASES, needs_compiler
 from support.generated_machines import machine_of
-from truepose.codegen.c import generate
-from truepose.codegen.layout import layout_of
+from support.hostile import answers, functions, hostile_program
 from truepose.codegen.printer import Real
-from truepose.models.kinematics import symbolic_model
+from truepose.models.load import load_machine
 
-DRIVER = TESTS / "lib" / "support" / "hostile.c"
 ROUNDS = examples(120)
 """Of each machine: with fewer, some function meets hostile input that it refuses ten times or less."""
 TURN_ABOUT = [case for k, case in enumerate(CASES) if case[0] in ("arm", "rails") or (k % 2 == 0)]
 """An open chain and a closed one in either precision, the other machines in one of them: templates are the same in both."""
 TRIED = CASES if NIGHT else TURN_ABOUT
 IDS = ["-".join(case) for case in TRIED]
-
-
-def run(where: Path, command: list[str]) -> None:
-    """Run a compiler that must end well."""
-    made = subprocess.run(command, cwd=where, capture_output=True, text=True, check=False)
-    assert made.returncode == 0, made.stderr
-
-
-def limits(name: str, where: Path, real: Real) -> str:
-    """What the driver must know beside the header."""
-    machine = machine_of(where, name)
-    model = symbolic_model(machine, machine.effects)
-    layout = layout_of(model, real)
-    header = (where / "out" / f"{name}_kin.h").read_text()
-
-    def array(title: str, values: Iterable[float]) -> str:
-        numbers = ", ".join(repr(float(v)) for v in values)
-        return f"static const double {title}[] = {{ {numbers} }};\n"
-
-    rounded = np.finfo(np.float32 if real == "float" else np.float64).eps
-    return (
-        array("LOW", layout.low - rounded * np.abs(layout.low))
-        + array("HIGH", layout.high + rounded * np.abs(layout.high))
-        + array("START", layout.start)
-        + array("WIDTH", layout.width)
-        + array("UNIT", layout.unknown[: len(layout.low)])
-        + f"#define REACH {layout.reach!r}\n#define POSITION {layout.position!r}\n#define ROTATION {layout.rotation!r}\n"
-        + f"#define CLOSED {int(bool(len(model.home)))}\n"
-        + f"#define BRANCHES {f'{name}_BRANCHES' if f'{name}_ik_all' in header else 0}\n"
-    )
-
-
-def counted(text: str) -> dict[str, list[int]]:
-    """How often each function ended with each code."""
-    counts: dict[str, list[int]] = {}
-    for line in text.splitlines():
-        function, _, number = line.split()
-        counts.setdefault(function, []).append(int(number))
-    return counts
+MOUNT = """schema: truepose/machine/1
+name: mount
+mechanism:
+  type: mount
+  kind: alt-az
+  latitude: 39
+  first: {offset: 3, range: [-20, 200]}
+  second: {offset: -1, tilt: 0.3, range: [-80, 260]}
+frames: {base: {in: world, rpy: [0.4, -0.2, 0]}, tool: {in: flange, rpy: [0, 0, 0.5]}}
+sensor: {type: direction, sigma: {angle: 1 arcsec}}
+"""
+PARTS = [
+    ("arm", "warm"),
+    ("rails", "warm,state"),
+    ("rails", "warm,p,batch"),
+    ("arm", "warm,cold,branches,p,batch,state"),
+]
+IN_PART: list[tuple[str, str, Real]] = [
+    (*part, real)
+    for k, part in enumerate(PARTS)
+    for real in (("double", "float") if NIGHT else (("double", "float")[k % 2],))
+]
+"""As above: in either precision at night."""
+RARE = ("state_init",)
+"""Called once in 64 rounds."""
 
 
 @needs_compiler
@@ -72,27 +51,57 @@ def counted(text: str) -> dict[str, list[int]]:
 def test_hostile_input_keeps_every_promise(
     tmp_path: Path, sanitizers: list[str], name: str, real: Real
 ) -> None:
-    assert COMPILER is not None
-    compiler = [COMPILER, "-O0", *sanitizers]  # nothing that they watch is optimised away
-    generate(machine_of(tmp_path, name), tmp_path / "out", real)
-    (tmp_path / "out" / "limits.h").write_text(limits(name, tmp_path, real))
-    shutil.copy(DRIVER, tmp_path / "out")
-    generated = [f"{name}_kin.c", f"{name}_batch.c"]
-    run(tmp_path / "out", [*compiler, *WARNINGS, "-c", *generated])
-    objects = [source.replace(".c", ".o") for source in generated]
-    run(
-        tmp_path / "out",
-        [*compiler, "-std=c99", f"-DNAME={name}", DRIVER.name, *objects, "-lm", "-o", "hostile"],
+    flags = ["-O0", *sanitizers]  # nothing that they watch is optimised away
+    program = hostile_program(machine_of(tmp_path, name), tmp_path / "out", real, flags)
+    found = answers(program, ROUNDS)
+    assert found.code == 0, found.said
+    made = functions(program)
+    assert {"fk", "fk_from", "ik", "jac", "compensate", "fk_n", "ik_n", "compensate_n"} <= made
+    assert ("ik_all" in made) or name not in ("arm", "nano")
+    for function, by_code in found.counts.items():
+        assert (sum(by_code) > 0) == (function in made), function
+        if function in made and function not in RARE:
+            assert by_code[0] > 10, (function, by_code)
+            assert by_code[4] > 10, (function, by_code)
+    assert sum(found.counts["ik"][1:4]) > 5
+
+
+@needs_compiler
+@pytest.mark.parametrize(("name", "features", "real"), IN_PART, ids=lambda part: part)
+def test_what_is_generated_in_part_keeps_them_too(
+    tmp_path: Path, sanitizers: list[str], name: str, features: str, real: Real
+) -> None:
+    program = hostile_program(
+        machine_of(tmp_path, name), tmp_path / "out", real, ["-O0", *sanitizers], features
     )
-    ran = subprocess.run(
-        [tmp_path / "out" / "hostile", str(ROUNDS)], capture_output=True, text=True, check=False
+    found = answers(program, ROUNDS)
+    assert found.code == 0, found.said
+    made = functions(program)
+    assert {function for function, by_code in found.counts.items() if sum(by_code)} == made
+    wanted = {"batch": "fk_n", "state": "state_update", "branches": "ik_all"}
+    assert {word for word, function in wanted.items() if function in made} == set(features.split(",")) & set(
+        wanted
     )
-    assert ran.returncode == 0, ran.stderr + ran.stdout
-    counts = counted(ran.stdout)
-    for function, by_code in counts.items():
-        if sum(by_code) == 0:
-            assert function == "ik_all" and name not in ("arm", "nano")
-            continue
-        assert by_code[0] > 10, (function, by_code)
-        assert by_code[4] > 10, (function, by_code)
-    assert sum(counts["ik"][1:4]) > 5
+
+
+@needs_compiler
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_two_axes_that_point_keep_them_too(tmp_path: Path, sanitizers: list[str], real: Real) -> None:
+    (tmp_path / "mount.yaml").write_text(MOUNT)
+    program = hostile_program(
+        load_machine(tmp_path / "mount.yaml"), tmp_path / "out", real, ["-O0", *sanitizers]
+    )
+    found = answers(program, ROUNDS)
+    assert found.code == 0, found.said
+    assert "point" in functions(program)
+    assert found.counts["point"][0] > 10 and found.counts["point"][4] > 10
+
+
+@needs_compiler
+@pytest.mark.parametrize("changed", [("return 4;", "return 0;"), ("#define TIGHT ", "#define TIGHT 1e4 * ")])
+def test_the_driver_sees_a_promise_that_is_broken(tmp_path: Path, changed: tuple[str, str]) -> None:
+    """Bad input that is taken, and poses that are not met."""
+    machine = machine_of(tmp_path, "scara")
+    assert answers(hostile_program(machine, tmp_path / "whole", "double", ["-O1"]), 50).code == 0
+    found = answers(hostile_program(machine, tmp_path / "out", "double", ["-O1"], changed=changed), 50)
+    assert found.code == 1 and "promises broken" in found.said

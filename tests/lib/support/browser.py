@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import re
 import shutil
@@ -37,16 +39,21 @@ def tried(
 ) -> tuple[Any, list[str]]:
     """What ``script``, the body of a function, returns once the page stands, and the lines of the console.
 
-    An error of the page, or of the script, is a line of the console.
+    An error of the page, or of the script, is a line of the console. A page that names the scripts that it allows allows this
+    one as well.
     """
     last = (
-        "<script>window.addEventListener('load', function () { var found = (function () {"
+        "window.addEventListener('load', function () { var found = (function () {"
         f"{script}"
         "})(); var pre = document.createElement('pre'); pre.id = 'found-by-test'; pre.hidden = true;"
-        " pre.textContent = JSON.stringify(found); document.body.appendChild(pre); });</script>"
+        " pre.textContent = JSON.stringify(found); document.body.appendChild(pre); });"
     )
+    digest = base64.b64encode(hashlib.sha256(last.encode()).digest()).decode()
+    allowed = page.replace(
+        "script-src ", f"script-src 'sha256-{digest}' ", 1
+    )  # where the page says which scripts may run
     file = folder / f"page-{width}.html"
-    file.write_text(page.replace("</body>", f"{last}</body>"), encoding="utf-8")
+    file.write_text(allowed.replace("</body>", f"<script>{last}</script></body>"), encoding="utf-8")
     program = browser()
     assert program is not None
     profile, size = f"--user-data-dir={folder / 'profile'}", f"--window-size={width},{height}"

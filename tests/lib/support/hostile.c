@@ -1,7 +1,9 @@
-/* Hostile input to every function of generated C. Compiled with -DNAME=<machine> and NAME_kin.c, NAME_batch.c; the tests
-   write limits.h: LOW, HIGH (joint ranges with the tolerance), START, WIDTH (of what is in them), REACH (mm),
-   UNIT (of each joint, that is a mm there), POSITION, ROTATION (promised), BRANCHES (0: no ik_all),
-   CLOSED (whether the chain is).
+/* Hostile input to every function of generated C. Compiled with -DNAME=<machine> and NAME_kin.c, NAME_batch.c and NAME_state.c,
+   where there are; the tests write limits.h: LOW, HIGH (joint ranges with the tolerance), START, WIDTH (of what is in them),
+   REACH (mm), UNIT (of each joint, that is a mm there), POSITION, ROTATION (promised), BRANCHES (0: no ik_all),
+   CLOSED (whether the chain is), POINTED (the tool's axis that NAME_point points; -1: there is none).
+
+       hostile ROUNDS [INVERSE [ALL [MANY]]]: functions that search are called in one of so many rounds
 
    Prints "function code count" lines; says on stderr what breaks a promise, and then returns 1. */
 #include <float.h>
@@ -17,15 +19,21 @@
 #define JOIN(a, b) JOIN_(a, b)
 #define OF(tail) JOIN(NAME, tail)
 #include TEXT(OF(_kin.h))
+#if OF(_HAS_BATCH)
 #include TEXT(OF(_batch.h))
+#endif
+#if OF(_HAS_STATE)
+#include TEXT(OF(_state.h))
+#endif
 
 #include "limits.h"
 
 typedef OF(_real) real;
 enum { N = OF(_N), NP = OF(_NP), NZ = OF(_NZ), ROOM = BRANCHES > 0 ? BRANCHES * N : 1 };
-enum { FK, FK_FROM, IK, JAC, COMPENSATE, FK_N, IK_N, COMPENSATE_N, IK_ALL, FUNCTIONS };
+enum { FK, FK_FROM, IK, JAC, COMPENSATE, FK_N, IK_N, COMPENSATE_N, IK_ALL, POINT, STATE_INIT, STATE_UPDATE,
+    FUNCTIONS };
 static const char *const names[FUNCTIONS] = { "fk", "fk_from", "ik", "jac", "compensate", "fk_n", "ik_n", "compensate_n",
-    "ik_all" };
+    "ik_all", "point", "state_init", "state_update" };
 static const int single = sizeof(real) == 4;
 
 static long counts[FUNCTIONS][5];
@@ -139,7 +147,7 @@ static const real *constants(const real *usual, int n, real *room)
     if (kind == 6 || kind == 7) {
         room[below((unsigned)n)] = hostile();
     }
-    return kind < 10 ? room : NULL;
+    return kind < 10 && (OF(_HAS_P) || usual != OF(_p0)) ? room : NULL;
 }
 
 /* ---- promises ---- */
@@ -265,10 +273,9 @@ static real *block(int n)
     return out;
 }
 
-static void one_row(const real *p, const real *z, const real *given_q, const real *given_T)
+static void quick_row(const real *p, const real *z, const real *given_q, const real *given_T)
 {
-    real *q = block(N), *T = block(12), *out_q = block(N), *out_T = block(12), *J = block(6 * N), *before = block(6 * N);
-    real *own = block(N);
+    real *q = block(N), *T = block(12), *out_T = block(12), *J = block(6 * N), *before = block(6 * N);
     int code;
     memcpy(q, given_q, N * sizeof *q);
     memcpy(T, given_T, 12 * sizeof *T);
@@ -277,8 +284,19 @@ static void one_row(const real *p, const real *z, const real *given_q, const rea
     memset(out_T, 0xA5, 12 * sizeof *out_T);
     count(FK_FROM, code = OF(_fk_from)(p, z, q, T, out_T));
     untouched(FK_FROM, code, out_T, before, 12);
+    expect(OF(_fk_from)(p, z, q, T, T) == code, FK_FROM, "in place: another code than", code);
+    expect(memcmp(T, code == 0 ? out_T : given_T, 12 * sizeof *T) == 0, FK_FROM, "in place: another output, code", code);
     count(JAC, code = OF(_jac)(p, z, q, J));
     untouched(JAC, code, J, before, 6 * N);
+    free(q), free(T), free(out_T), free(J), free(before);
+}
+
+static void one_row(const real *p, const real *z, const real *given_q, const real *given_T)
+{
+    real *q = block(N), *T = block(12), *out_q = block(N), *before = block(N), *own = block(N);
+    int code;
+    memcpy(q, given_q, N * sizeof *q);
+    memcpy(T, given_T, 12 * sizeof *T);
     count(IK, code = OF(_ik)(p, z, T, q, out_q));
     untouched(IK, code, out_q, before, N);
     if (code == 0) {
@@ -297,8 +315,115 @@ static void one_row(const real *p, const real *z, const real *given_q, const rea
     memcpy(own, q, N * sizeof *q);
     expect(OF(_compensate)(p, z, own, own) == code, COMPENSATE, "in place: another code than", code);
     expect(memcmp(own, code == 0 ? out_q : q, N * sizeof *q) == 0, COMPENSATE, "in place: another output, code", code);
-    free(q), free(T), free(out_q), free(out_T), free(J), free(before), free(own);
+    free(q), free(T), free(out_q), free(before), free(own);
 }
+
+/* Outputs that lie upon inputs, wholly or one number aside: as without, and on a non-zero code all stays as it was. */
+static void overlaps(const real *p, const real *z, const real *q, const real *T)
+{
+    enum { WIDE = 12 + 6 * N };
+    real mixed[WIDE], kept[WIDE], out[WIDE];
+    const int aside = (int)below(3);
+    int function, code, size, at;
+    for (function = FK; function <= COMPENSATE; ++function) {
+        const real *given = function == IK ? T : q;
+        const int width = function == IK ? 12 : N;
+        memset(mixed, 0xA5, sizeof mixed);
+        memcpy(mixed + aside, given, (size_t)width * sizeof *mixed);
+        memcpy(kept, mixed, sizeof kept);
+        at = aside == 2 ? 0 : 1;
+        size = function == JAC ? 6 * N : function == FK || function == FK_FROM ? 12 : N;
+        code = function == FK         ? OF(_fk)(p, z, q, out)
+            : function == FK_FROM    ? OF(_fk_from)(p, z, q, T, out)
+            : function == IK         ? OF(_ik)(p, z, T, q, out)
+            : function == JAC        ? OF(_jac)(p, z, q, out)
+                                     : OF(_compensate)(p, z, q, out);
+        expect(code == (function == FK         ? OF(_fk)(p, z, mixed + aside, mixed + at)
+                           : function == FK_FROM ? OF(_fk_from)(p, z, mixed + aside, T, mixed + at)
+                           : function == IK      ? OF(_ik)(p, z, mixed + aside, q, mixed + at)
+                           : function == JAC     ? OF(_jac)(p, z, mixed + aside, mixed + at)
+                                                 : OF(_compensate)(p, z, mixed + aside, mixed + at)),
+            function, "upon its input: another code than", code);
+        if (code == 0) {
+            memcpy(kept + at, out, (size_t)size * sizeof *out);
+        }
+        expect(memcmp(mixed, kept, sizeof kept) == 0, function, "upon its input: another output, code", code);
+    }
+}
+
+#if POINTED >= 0
+static void pointed(const real *p, const real *z, const real *given_q, const real *T)
+{
+    real *u = block(3), *q = block(N), *out = block(N), *before = block(N), there[12];
+    const unsigned kind = below(8);
+    double length = 0, across = 0;
+    int i, code;
+    for (i = 0; i < 3; ++i) {
+        u[i] = kind == 0 ? hostile() : T[4 * i + POINTED];
+        length += (double)u[i] * (double)u[i];
+    }
+    memcpy(q, given_q, N * sizeof *q);
+    count(POINT, code = OF(_point)(p, z, u, q, out));
+    untouched(POINT, code, out, before, N);
+    if (code == 0) {
+        in_ranges(POINT, out);
+        expect(OF(_fk)(p, z, out, there) == 0, POINT, "no forward kinematics at a solution", 0);
+        for (i = 0; i < 3; ++i) {
+            const int j = (i + 1) % 3, k = (i + 2) % 3;
+            const double part = (double)u[j] * (double)there[4 * k + POINTED] - (double)u[k] * (double)there[4 * j + POINTED];
+            across += part * part;
+        }
+        across = sqrt(across / length);
+        expect(across <= ROTATION + 64 * (single ? FLT_EPSILON : DBL_EPSILON), POINT, "aside, rad", across);
+    }
+    expect(OF(_point)(p, z, u, q, q) == code, POINT, "in place: another code than", code);
+    expect(memcmp(q, code == 0 ? out : given_q, N * sizeof *q) == 0, POINT, "in place: another output, code", code);
+    free(u), free(q), free(out), free(before);
+}
+#endif
+
+#if OF(_HAS_STATE)
+static OF(_state) memory;
+
+/* An update with what may come; the struct and z stay as they were where it is refused. z may be sensed. */
+static void update(const real *given_q)
+{
+    enum { NS = OF(_NS), ROOMY = NZ > NS ? NZ : NS };
+    real *q = block(N), *sensed = block(ROOMY), *z = block(ROOMY), *before = block(ROOMY), *travel = block(N);
+    const unsigned kind = below(8);
+    const real dt = kind == 0 ? hostile() : (real)pow(10, between(-6, 6));
+    OF(_state) kept = memory, other = memory;
+    int i, code, same;
+    if (round_number % 64 == 0) {
+        for (i = 0; i < N; ++i) {
+            travel[i] = below(4) ? (real)between(0, WIDTH[i]) : hostile();
+        }
+        count(STATE_INIT, code = OF(_state_init)(&memory, below(2) ? travel : NULL));
+        expect(code == 0 || memcmp(&memory, &kept, sizeof kept) == 0, STATE_INIT, "state changed, code", code);
+        kept = other = memory;
+    }
+    if (kind == 1) {
+        OF(_state_session)(&memory);
+        kept = other = memory;
+    }
+    memcpy(q, given_q, N * sizeof *q);
+    for (i = 0; i < NS; ++i) {
+        sensed[i] = kind == 2 ? hostile() : (real)between(-50, 50);
+    }
+    count(STATE_UPDATE, code = OF(_state_update)(&memory, q, dt, kind == 3 ? NULL : sensed, z));
+    untouched(STATE_UPDATE, code, z, before, NZ);
+    expect(code == 0 || memcmp(&memory, &kept, sizeof kept) == 0, STATE_UPDATE, "state changed, code", code);
+    if (kind != 3) {
+        same = OF(_state_update)(&other, q, dt, sensed, sensed) == code;
+        expect(same, STATE_UPDATE, "in place: another code than", code);
+        expect(code != 0 || memcmp(sensed, z, NZ * sizeof *z) == 0, STATE_UPDATE, "in place: another output, code", code);
+    }
+    if (code == 0 && round_number % 1024 == 0) {
+        (void)OF(_state_init)(&memory, NULL); /* after numbers of any size a new beginning */
+    }
+    free(q), free(sensed), free(z), free(before), free(travel);
+}
+#endif
 
 #if BRANCHES
 static void all_rows(const real *p, const real *z, const real *T)
@@ -321,6 +446,7 @@ static void all_rows(const real *p, const real *z, const real *T)
 }
 #endif
 
+#if OF(_HAS_BATCH)
 static void many_rows(const real *p, int with_z, int n, const real *q, const real *T, const real *z)
 {
     real *out_q = block(N * n + 1), *out_T = block(12 * n + 1), *before = block(12 * n + N), *place = block(N * n + 1);
@@ -370,32 +496,58 @@ static void many_rows(const real *p, int with_z, int n, const real *q, const rea
     }
     free(out_q), free(out_T), free(before), free(place), free(code);
 }
+#endif
+
+static long told(int argc, char **argv, int place, long usual)
+{
+    return argc > place ? atol(argv[place]) : usual;
+}
 
 int main(int argc, char **argv)
 {
     enum { MOST = 19 };
-    const long rounds = argc > 1 ? atol(argv[1]) : 100;
+    const long rounds = told(argc, argv, 1, 100), inverse = told(argc, argv, 2, 1), all = told(argc, argv, 3, 1);
+    const long many = told(argc, argv, 4, 8);
     int function, code;
     for (round_number = 0; round_number < rounds; ++round_number) {
         real p_room[NP], z_room[MOST * NZ], q[MOST * N], T[MOST * 12];
         const int n = (int)below(MOST + 1), with_z = below(3) == 0, mild = below(2) == 0;
         const real *p = constants(OF(_p0), NP, p_room), *z = NULL;
+        const int rows = round_number % many == 0 ? MOST : 1;
         int i;
         p = mild ? NULL : p;
-        for (i = 0; i < MOST; ++i) {
+        for (i = 0; i < rows; ++i) {
             z = constants(OF(_z0), NZ, z_room + NZ * i);
         }
-        for (i = 0; i < MOST; ++i) {
+        z = z ? z_room + NZ * (rows - 1) : NULL;
+        for (i = 0; i < rows; ++i) {
             joints(q + N * i);
             pose(p, with_z ? z_room + NZ * i : NULL, T + 12 * i);
         }
-        one_row(p, z ? z_room + NZ * (MOST - 1) : NULL, q, T);
-#if BRANCHES
-        all_rows(p, z ? z_room + NZ * (MOST - 1) : NULL, T);
+        quick_row(p, z, q, T);
+        if (round_number % inverse == 0) {
+            one_row(p, z, q, T);
+#if POINTED >= 0
+            pointed(p, z, q, T);
 #endif
-        if (round_number % 8 == 0) {
+        }
+        if (round_number % (inverse * 4) == 0) {
+            overlaps(p, z, q, T);
+        }
+#if OF(_HAS_STATE)
+        update(q);
+#endif
+#if BRANCHES
+        if (round_number % all == 0) {
+            all_rows(p, z, T);
+        }
+#endif
+#if OF(_HAS_BATCH)
+        if (round_number % many == 0) {
             many_rows(p, with_z, n, q, T, z_room);
         }
+#endif
+        (void)n, (void)all;
     }
     for (function = 0; function < FUNCTIONS; ++function) {
         for (code = 0; code < 5; ++code) {
