@@ -28,6 +28,10 @@ COLUMNS: Final = 10_000
 """Of a recording."""
 ROWS: Final = 2_000_000
 """Of one file of a recording."""
+POSES: Final = 10_000
+"""That are planned or drawn at once."""
+RECORDING_BYTES: Final = 2 << 30
+"""Of one file of a recording."""
 LINE: Final = 4 << 20
 """Characters of a line of text."""
 
@@ -52,6 +56,8 @@ __all__ = [
     "LINE",
     "NAMED",
     "PARTS",
+    "POSES",
+    "RECORDING_BYTES",
     "ROWS",
     "SMALLEST",
     "positive",

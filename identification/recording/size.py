@@ -2,8 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from truepose.errors import InputError
-from truepose.models.limits import COLUMNS, LINE, ROWS
+from truepose.models.limits import COLUMNS, LINE, RECORDING_BYTES, ROWS
+
+
+def check_file(path: Path) -> None:
+    """Refuse what has no end, such as a device, and what would take minutes to read. Raises InputError."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: expected a file, found a device or a pipe")
+    if path.is_file() and path.stat().st_size > RECORDING_BYTES:
+        raise InputError(
+            f"{path}: found {path.stat().st_size / 1e9:.1f} GB, expected at most {RECORDING_BYTES / 1e9:.1f} GB"
+        )
 
 
 def check_size(file: str, columns: int, rows: int) -> None:
@@ -23,4 +35,4 @@ def check_line(file: str, line: str) -> str:
     return line
 
 
-__all__ = ["check_line", "check_size"]
+__all__ = ["check_file", "check_line", "check_size"]

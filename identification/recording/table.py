@@ -23,7 +23,7 @@ import pyarrow.parquet as pq  # type: ignore[import-untyped]
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells, parquet_cells
 from truepose.identification.recording.memory_tables import columns_of
-from truepose.identification.recording.size import check_size
+from truepose.identification.recording.size import check_file, check_size
 from truepose.identification.recording.spreadsheet import MAGIC, read_spreadsheet
 from truepose.identification.recording.text import SI, TextTable, read_text
 from truepose.models.units import FloatArray, is_unit, parse_unit
@@ -167,6 +167,7 @@ def table_in_memory(source: Any, name: str) -> Table:
 
 def _read(path: Path) -> Table:
     file = str(path)
+    check_file(path)
     if is_bag(path):
         return bag_table(path)
     with path.open("rb") as stream:

@@ -18,6 +18,7 @@ from truepose.commands.common import (
     reported,
     written,
 )
+from truepose.models.limits import POSES
 
 PosesArg = Annotated[
     list[Path] | None,
@@ -37,7 +38,7 @@ OutputOption = Annotated[
         show_default=False,
     ),
 ]
-NumberOption = Annotated[int, typer.Option("-n", "--poses", min=1, help="How many poses to draw.")]
+NumberOption = Annotated[int, typer.Option("-n", "--poses", min=1, max=POSES, help="How many poses to draw.")]
 EveryOption = Annotated[bool, typer.Option("--all", help="Every direction and parameter, however many.")]
 
 

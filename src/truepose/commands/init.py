@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +10,7 @@ import typer
 
 from truepose.commands.common import JsonOption, PluginOption, check_file, finish, reported
 from truepose.errors import InputError
+from truepose.models.limits import within
 
 if TYPE_CHECKING:
     from truepose.models.starting.start import Start
@@ -186,7 +186,7 @@ def _frame(text: str, option: str) -> tuple[float, ...] | None:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
         values = ()
-    if len(values) not in (3, 6) or not all(map(math.isfinite, values)):
+    if len(values) not in (3, 6) or not all(map(within, values)):
         raise InputError(f"{option}: found {text!r}, expected X,Y,Z or X,Y,Z,R,P,Y (mm and deg)")
     return values
 

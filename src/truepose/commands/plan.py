@@ -32,10 +32,12 @@ from truepose.commands.discriminate import (
 from truepose.commands.discriminate import run as run_discriminate
 from truepose.errors import InputError
 from truepose.files import write_table
+from truepose.models.limits import POSES
 from truepose.wording import joined
 
 CountOption = Annotated[
-    int, typer.Option("-n", "--poses", metavar="N", min=2, help="How many poses.", show_default=False)
+    int,
+    typer.Option("-n", "--poses", metavar="N", min=2, max=POSES, help="How many poses.", show_default=False),
 ]
 MethodOption = Annotated[
     str,

@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -78,10 +79,7 @@ def _chain(count: int) -> str:
 def _bomb(text: str) -> str:
     letters = "abcdefghij"
     lines = [f"a: &a [{', '.join('1' * 9)}]"]
-    lines += [
-        f"{now}: &{now} [{', '.join([f'*{last}'] * 9)}]"
-        for last, now in zip(letters, letters[1:], strict=False)
-    ]
+    lines += [f"{now}: &{now} [{', '.join([f'*{last}'] * 9)}]" for last, now in pairwise(letters)]
     return "\n".join(lines) + "\n"
 
 
@@ -93,25 +91,65 @@ CASES: tuple[Case, ...] = (
     _rows("130,000 spaces in a header", lambda t: f"q1{' ' * 130_000}[x,q2\n1,2\n", "missing column 'q1'"),
     _rows("130,000 brackets in a header", lambda t: f"q1{' [' * 65_000},q2\n1,2\n", "missing column 'q1'"),
     _rows("a header of words and brackets", lambda t: f"q1{' [' * 65_000} q2\n1 2\n", "recording.csv"),
-    _rows("9,000 unknown columns", lambda t: _more(t, "".join(f",temprature.link{k}" for k in range(9000)), ",1" * 9000), ""),
-    _rows("50,000 unknown columns", lambda t: _more(t, ",x" * 50_000, ",1" * 50_000), "found 50,014 columns, expected at most 10,000"),
-    _rows("a million columns", lambda t: ",".join(f"c{k}" for k in range(10**6)) + "\n", "a line of more than 4,194,304 characters"),
+    _rows(
+        "9,000 unknown columns",
+        lambda t: _more(t, "".join(f",temprature.link{k}" for k in range(9000)), ",1" * 9000),
+        "",
+    ),
+    _rows(
+        "50,000 unknown columns",
+        lambda t: _more(t, ",x" * 50_000, ",1" * 50_000),
+        "found 50,014 columns, expected at most 10,000",
+    ),
+    _rows(
+        "a million columns",
+        lambda t: ",".join(f"c{k}" for k in range(10**6)) + "\n",
+        "a line of more than 4,194,304 characters",
+    ),
     _rows(
         "15 million constant rows of Parquet",
         lambda t: _parquet({name: np.zeros(15_000_000) for name in ("q1", "q2")}),
         "found 15,000,000 rows, expected at most 2,000,000",
     ),
-    _rows("3 million rows of text", lambda t: "q1,q2\n" + "1,1\n" * 3_000_000, "rows, expected at most 2,000,000"),
-    _rows("Parquet with 20,000 columns", lambda t: _parquet({f"c{k}": [1.0] for k in range(20_000)}), "found 20,000 columns"),
-    _rows("a cell of 50 MB", lambda t: "q1,q2\n" + "1" * 50_000_000 + ",2\n", "a line of more than 4,194,304 characters"),
+    _rows(
+        "3 million rows of text",
+        lambda t: "q1,q2\n" + "1,1\n" * 3_000_000,
+        "rows, expected at most 2,000,000",
+    ),
+    _rows(
+        "Parquet with 20,000 columns",
+        lambda t: _parquet({f"c{k}": [1.0] for k in range(20_000)}),
+        "found 20,000 columns",
+    ),
+    _rows(
+        "a cell of 50 MB",
+        lambda t: "q1,q2\n" + "1" * 50_000_000 + ",2\n",
+        "a line of more than 4,194,304 characters",
+    ),
     _rows("a quote that never ends", lambda t: 'q1,q2\n"' + "1,2\n" * 10**6, "field larger than field limit"),
-    _rows("Parquet with names that are no UTF-8", lambda t: _parquet({"q2": [1.0]}).replace(b"q2", b"q\xff"), "no text in UTF-8"),
+    _rows(
+        "Parquet with names that are no UTF-8",
+        lambda t: _parquet({"q2": [1.0]}).replace(b"q2", b"q\xff"),
+        "no text in UTF-8",
+    ),
     _rows("Parquet cut off", lambda t: _parquet({"q2": [1.0]})[:-20], "cannot read the file"),
-    _rows("a number of 400 digits in a cell", _instead(",60.0,", f",{'9' * 400},"), "expected a finite number"),
-    _rows("a reading of 1e300", lambda t: _more(t, ",temperature.air", ",1e300"), "found 1e+300, expected at most 1e+20 by size"),
-    Case("a chain of 1,000 joints", "found 1,000 entries, expected at most 300", machine=lambda t: _chain(1000)),
+    _rows(
+        "a number of 400 digits in a cell", _instead(",60.0,", f",{'9' * 400},"), "expected a finite number"
+    ),
+    _rows(
+        "a reading of 1e300",
+        lambda t: _more(t, ",temperature.air", ",1e300"),
+        "found 1e+300, expected at most 1e+20 by size",
+    ),
+    Case(
+        "a chain of 1,000 joints", "found 1,000 entries, expected at most 300", machine=lambda t: _chain(1000)
+    ),
     Case("aliases that stand for billions", "too large once its aliases are written out", machine=_bomb),
-    Case("50 MB of list", "values, expected at most 500,000", machine=lambda t: t + f"a: [{'1,' * 25_000_000}1]\n"),
+    Case(
+        "50 MB of list",
+        "values, expected at most 500,000",
+        machine=lambda t: t + f"a: [{'1,' * 25_000_000}1]\n",
+    ),
     Case("100,000 brackets", "nested too deeply", machine=lambda t: "a: " + "[" * 100_000),
     Case("a key twice", "duplicate key 'name'", machine=lambda t: t + "name: other\n"),
     _field("a key twice within", "r: 300,", "r: 300, r: 301,", "duplicate key 'r'"),
@@ -123,25 +161,83 @@ CASES: tuple[Case, ...] = (
     _field("a tolerance of 400 digits", "length: 0.1", f"length: {'9' * 400}", "a number of 400 characters"),
     _field("a bound of 400 digits", "[99, 101]", f"[99, {'9' * 400}]", "a number of 400 characters"),
     _field("1e300 mm", "r: 300", "r: 1e300", "at most 1e+12 by size in mm, found 1e+300"),
-    _field("a tolerance of 1e-300", "length: 0.1", "length: 1e-300", "between 1e-12 and 1e+12 in mm, found 1e-300"),
-    _field("a sigma of .inf", "{xyz: 0.02}", "{xyz: .inf}", "sensor[0].sigma.xyz: expected a finite number > 0 (mm), found inf", CALIBRATE),
+    _field(
+        "a tolerance of 1e-300",
+        "length: 0.1",
+        "length: 1e-300",
+        "between 1e-12 and 1e+12 in mm, found 1e-300",
+    ),
+    _field(
+        "a sigma of .inf",
+        "{xyz: 0.02}",
+        "{xyz: .inf}",
+        "sensor[0].sigma.xyz: expected a finite number > 0 (mm), found inf",
+        CALIBRATE,
+    ),
     _field("a sigma of 1e-300", "{xyz: 0.02}", "{xyz: 1e-300}", "between 1e-12 and 1e+12", CALIBRATE),
     _field("a mass of 1e300", "kg: 35.0", "kg: 1e300", "at most 1e+12", CALIBRATE),
-    _field("a gravity of 1e-300", "-9.81", "1e-300", "expected [0, 0, 0] or an acceleration of at least 1e-06 m/s^2", CALIBRATE),
-    _field("a gear ratio of 0", "gear_ratio: 100", "gear_ratio: 0", "expected a finite number that is not 0 (1), found 0"),
-    _field("a pitch of 0", "screw_pitch: 5", "screw_pitch: 0", "expected a finite number that is not 0 (mm), found 0"),
-    _field("a base in nonsense", "in: world", "in: nonsense", "frames.base.in: found 'nonsense', expected 'world'"),
-    _field("a tool in nonsense", "in: flange", "in: nonsense", "frames.tool.in: found 'nonsense', expected flange"),
-    _field("a play below 0", "b: {value: 0.01", "b: {value: -0.01", "found b = -0.01 mm, expected a value >= 0"),
+    _field(
+        "a gravity of 1e-300",
+        "-9.81",
+        "1e-300",
+        "expected [0, 0, 0] or an acceleration of at least 1e-06 m/s^2",
+        CALIBRATE,
+    ),
+    _field(
+        "a gear ratio of 0",
+        "gear_ratio: 100",
+        "gear_ratio: 0",
+        "expected a finite number that is not 0 (1), found 0",
+    ),
+    _field(
+        "a pitch of 0",
+        "screw_pitch: 5",
+        "screw_pitch: 0",
+        "expected a finite number that is not 0 (mm), found 0",
+    ),
+    _field(
+        "a base in nonsense",
+        "in: world",
+        "in: nonsense",
+        "frames.base.in: found 'nonsense', expected 'world'",
+    ),
+    _field(
+        "a tool in nonsense",
+        "in: flange",
+        "in: nonsense",
+        "frames.tool.in: found 'nonsense', expected flange",
+    ),
+    _field(
+        "a play below 0", "b: {value: 0.01", "b: {value: -0.01", "found b = -0.01 mm, expected a value >= 0"
+    ),
     _field("!!bool abc", "r: 300", "r: !!bool abc", "not valid YAML: found 'abc' under a tag"),
-    _field("code under a tag", "r: 300", "r: !!python/object/apply:os.system [id]", "could not determine a constructor for the tag"),
+    _field(
+        "code under a tag",
+        "r: 300",
+        "r: !!python/object/apply:os.system [id]",
+        "could not determine a constructor for the tag",
+    ),
     _field("half a character", "name: arm", 'name: "\\ud800"', "found U+D800"),
     _field("half a character in a joint", "name: q1", 'name: "\\ud800"', "found U+D800"),
-    Case("an effect without a value", "adds nothing as it stands, expected a value of b (rad)", command=(*SIMULATE, "--effect", "backlash@q1")),
-    Case("a play below 0 to simulate", "found b = -1 rad, expected a value >= 0", command=(*SIMULATE, "--effect", "backlash@q1:b=-1")),
-    Case("an effect where it cannot be", "has no place 'platform'", command=(*SIMULATE, "--effect", "gravity-sag@platform:c=1e-6")),
-    Case("an effect of 1e300", "at most 1e+12 by size", command=(*SIMULATE, "--effect", "backlash@q1:b=1e300")),
-)  # fmt: skip
+    Case(
+        "an effect without a value",
+        "adds nothing as it stands, expected a value of b (rad)",
+        command=(*SIMULATE, "--effect", "backlash@q1"),
+    ),
+    Case(
+        "a play below 0 to simulate",
+        "found b = -1 rad, expected a value >= 0",
+        command=(*SIMULATE, "--effect", "backlash@q1:b=-1"),
+    ),
+    Case(
+        "an effect where it cannot be",
+        "has no place 'platform'",
+        command=(*SIMULATE, "--effect", "gravity-sag@platform:c=1e-6"),
+    ),
+    Case(
+        "an effect of 1e300", "at most 1e+12 by size", command=(*SIMULATE, "--effect", "backlash@q1:b=1e300")
+    ),
+)
 
 
 def outcomes() -> Iterator[tuple[str, dict[str, object]]]:
