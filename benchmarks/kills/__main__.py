@@ -59,6 +59,11 @@ def main(
 ) -> None:
     """Kill, look, run again, and write the table; exit code 1 where a result was mixed or something was left."""
     wanted = [case for case in CASES if not only or case.name in only.split(",")]
+    if only and len(wanted) < len(only.split(",")):
+        typer.echo(
+            f"--only: found {only!r}, expected names among {', '.join(case.name for case in CASES)}", err=True
+        )
+        sys.exit(2)
     number = signal.Signals[f"SIG{sent.name.upper()}"]
     rows = []
     load()

@@ -43,7 +43,7 @@ CASES = (
     Case("simulate", "simulate in/machine.yaml in/poses{n}.csv -o out/rows.csv"),
     Case("compensate", "compensate in/machine.yaml in/poses{n}.csv -o out/commands.csv --anyway"),
     Case(
-        "compensate, a program",
+        "compensate a program",
         "compensate in/robot.yaml in/job{n}.src -o out/job.src --anyway --base 800,0,400,0,0,0",
     ),
     Case("codegen", "codegen in/machine{n}.yaml -o out --anyway"),

@@ -17,6 +17,8 @@ from truepose.cli import app
 from .cases import Case, Seen, seen
 
 PATIENCE = 120.0
+"""Seconds for a command."""
+HEARD = (signal.SIGINT, signal.SIGTERM)
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,11 @@ def run(
     (folder / "said").touch()
     sys.stdout.flush()  # what a fork holds is written twice
     start = time.perf_counter()
+    signal.pthread_sigmask(signal.SIG_BLOCK, HEARD)  # until the command itself hears them
     process = os.fork()
     if process == 0:
         _child(case, n, folder)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, HEARD)
     sent = start
     if after is not None:
         code = _wait(process, start + after)
@@ -91,12 +95,16 @@ def _child(case: Case, n: int, folder: Path) -> None:
             os.dup2(place, stream)
         sys.stdout, sys.stderr = (os.fdopen(os.dup(k), "w", encoding="utf-8", buffering=1) for k in (1, 2))
         sys.argv = ["truepose", *case.arguments(n)]
-        own = case.run
-        faults.main(app if own is None else lambda: own(sys.argv[1:]))
+        faults.main(lambda: _command(case))
     except SystemExit as exc:
         code = exc.code if isinstance(exc.code, int) else 0
     finally:
         os._exit(code)
+
+
+def _command(case: Case) -> object:
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, HEARD)
+    return app() if case.run is None else case.run(sys.argv[1:])
 
 
 def result(folder: Path) -> Seen:

@@ -67,15 +67,20 @@ class Stopping:
 
     def _again(self) -> None:
         self._waits, self._last = False, float("-inf")
-        signal.raise_signal(self.number)  # in the main thread, whichever this one is
+        self._send()
+
+    def _send(self) -> None:
+        """To the main thread, whichever this one is: what waits there wakes up."""
+        if hasattr(signal, "pthread_kill"):
+            signal.pthread_kill(threading.main_thread().ident or 0, self.number)
+        else:
+            signal.raise_signal(self.number)
 
     def _lost(self, what: Any) -> None:
         """What a destructor or a callback swallowed comes once more."""
         if self.number and issubclass(what.exc_type, KeyboardInterrupt):
             self._last = float("-inf")
-            late = threading.Timer(
-                SOON, signal.raise_signal, [self.number]
-            )  # raised here it would be lost again
+            late = threading.Timer(SOON, self._send)  # raised here it would be lost again
             late.daemon = True
             late.start()
         elif not self.number:

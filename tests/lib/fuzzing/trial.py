@@ -73,7 +73,7 @@ def _become(arguments: Sequence[str], folder: Path) -> None:
             os.dup2(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
         resource.setrlimit(resource.RLIMIT_CPU, (int(3 * SECONDS), int(3 * SECONDS) + 5))
         resource.setrlimit(resource.RLIMIT_DATA, (int(3 * MEGABYTES) << 20, resource.RLIM_INFINITY))
-        from truepose.cli import main
+        from truepose.__main__ import main
 
         sys.argv = ["truepose", *arguments]
         sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
