@@ -1,9 +1,9 @@
-"""A million calls of the generated C's functions with hostile input, under ASan and UBSan: which codes, and what was found.
+"""Up to a million calls of each of the generated C's functions with hostile input, under ASan and UBSan: codes and findings.
 
     PYTHONPATH=tests/lib python -m benchmarks.hostile_c --rounds 1000000 -o benchmarks/results/hostile_c.md
 
-What is tried is in ``tests/lib/support/hostile.c``. Functions that search take a thousand times as long where there is nothing
-to find, and are called in fewer of the rounds. Exit code 1 where a promise is broken.
+What is tried is in ``tests/lib/support/hostile.c``. Functions that search take far longer where there is nothing to
+find, and are called in fewer of the rounds. Exit code 1 where a promise is broken.
 """
 
 from __future__ import annotations
@@ -117,9 +117,9 @@ wholly or one number aside.
 Codes: 0 solved, 1 not reachable, 2 iteration limit, 3 joint range, 4 bad input. A finding would be: a report of a sanitizer,
 another code, an output that has changed on a code other than 0 (the struct of `state_update` and the count of `ik_all`
 too), a solution that misses its pose or lies outside the joint ranges, a batch that says something else than its rows one by
-one, another answer where the output lies upon an input. A search that finds nothing takes some 10 ms under the sanitizers:
-`ik`, `compensate`, `ik_all`, `point` and batches are called in some of the rounds only, and a hexapod, whose forward
-kinematics is a search, has a hundredth of the rounds.
+one, another answer where the output lies upon an input. A search that finds nothing takes far longer than what is worked out
+at once: of the code with everything `ik`, `compensate`, `ik_all`, `point` and batches are called in some of the rounds, and a
+hexapod, whose forward kinematics is a search, has a hundredth of the rounds. Calls count these; checks call as many again.
 
 {head}{table}"""
 
