@@ -40,7 +40,7 @@ from truepose.models.fit_section import (
 )
 from truepose.models.force_section import ForceSection
 from truepose.models.frame_section import Frames, FrameSpec, FramesSection, FrameTolerance, read_frames
-from truepose.models.limits import LEAST_GRAVITY, NAMED, PARTS
+from truepose.models.limits import LEAST_GRAVITY, NAME, NAMED, PARTS
 from truepose.models.mass_section import MassSection, MassSpec
 from truepose.models.plain_texts import check_document
 from truepose.models.recording_section import RecordingSection
@@ -127,7 +127,7 @@ class MachineDocument(Section):
 
     schema_: Any = Field(alias="schema", json_schema_extra={"const": SCHEMA})
     """Always `truepose/machine/1`: what kind of file this is."""
-    name: str = Field(min_length=1)
+    name: str = Field(min_length=1, max_length=NAME)
     """What the machine is called; files and functions of its C have this name."""
     units: UnitsSection = UnitsSection()
     """The units that the file is written in."""

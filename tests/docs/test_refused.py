@@ -16,6 +16,7 @@ SAID = {
     "LATEST": f"such as `time` | {limits.LATEST:.0e}".replace("+", "") + " by size",
     "LEAST_GRAVITY": f"at least {limits.LEAST_GRAVITY:.0e}".replace("-06", "-6"),
     "LINE": f"{limits.LINE:,} characters",
+    "NAME": f"a machine's name | {limits.NAME} characters |",
     "NAMED": f"of one machine file | {limits.NAMED:,} |",
     "PARTS": f"of one mechanism | {limits.PARTS} |",
     "POSES": f"(`-n`) | {limits.POSES:,} |",

@@ -93,7 +93,7 @@ def test_tags_that_run_code_and_numbers_without_end_are_refused(field: str, valu
 
 def test_numbers_as_large_as_they_may_be_are_read() -> None:
     assert parse_document("a: " + "9" * 250, "f") == {"a": int("9" * 250)}
-    assert parse_document("a: [0o17, 0x1f, 1_000, -3]", "f")["a"] == ["0o17", 31, 1000, -3]
+    assert parse_document("a: [0o17, 0x1f, 1_000, -3]", "f")["a"] == ["0o17", "0x1f", "1_000", -3]
 
 
 @pytest.mark.parametrize("opens", ["[", "{a: ", "- "])
