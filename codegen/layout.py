@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
+from truepose.errors import InputError
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.mechanism import COORDINATES, Actuator
@@ -74,6 +75,11 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
     near = _near(reference)
     sampled = sample_ranges(machine, near, length)
     vectors = tuple((q, _rounded(pose)) for q, pose in reference.samples(*sampled, near, VECTORS))
+    if not vectors:
+        raise InputError(
+            f"{model.machine.name}: found no readings within the joints' ranges at which its loops close, expected "
+            "ranges about readings that it can stand at"
+        )
     reach = _reach(length, [pose for _, pose in vectors])
     single = real == "float"
     position = _SINGLE * reach if single else 1e-6

@@ -14,9 +14,10 @@ from pydantic_core import CoreSchema
 
 from truepose.errors import InputError
 from truepose.models.field_errors import input_error
-from truepose.models.fields import Number, NumberTolerance, Section
+from truepose.models.fields import Number, NumberTolerance, Section, as_number
+from truepose.models.limits import LARGEST, within
 from truepose.models.units import convert, parse_unit
-from truepose.wording import close_matches
+from truepose.wording import close_matches, cut
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,16 @@ def read_effects(entries: list[dict[str, Any]], path: Path) -> tuple[EffectSpec,
     return tuple(_read_effect(entry, path, f"effects[{index}]") for index, entry in enumerate(entries))
 
 
+def _setting(value: object, where: str) -> float:
+    """What tells a form of an effect from another: always a number."""
+    number = float(value) if isinstance(value, bool) else as_number(value)
+    if number is None or not within(number):
+        raise InputError(
+            f"{where}: found {cut(repr(value))}, expected a number of at most {LARGEST:g} by size"
+        )
+    return number
+
+
 def _read_effect(entry: dict[str, Any], path: Path, prefix: str) -> EffectSpec:
     where = f"{path}: {prefix}"
     for key in entry:
@@ -126,6 +137,6 @@ def _read_effect(entry: dict[str, Any], path: Path, prefix: str) -> EffectSpec:
             for name, item in quantities.items()
         },
         std={name: item.std for name, item in quantities.items() if item.std is not None},
-        settings={key: value for key, value in entry.items() if key not in _FIELDS},
+        settings={k: _setting(v, f"{where}.{k}") for k, v in entry.items() if k not in _FIELDS},
         where=where,
     )

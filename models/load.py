@@ -22,6 +22,7 @@ from truepose.models.mounts import frame_parameters, mounts
 from truepose.models.placed import Place, PlacedEffect
 from truepose.models.plain_texts import check_texts
 from truepose.models.sensor import Sensor, sensors
+from truepose.models.setting_range import check_settings
 from truepose.models.springs import springs
 from truepose.models.weights import weights
 
@@ -71,6 +72,8 @@ def place_effect(machine: Machine, spec: EffectSpec, where: str) -> PlacedEffect
         listed = ", ".join(str(list(p)) for p in known[:20])
         raise InputError(f"{where}.place: found {list(spec.place)}, expected one of {listed}")
     settings = dict(spec.settings)
+    if effect.setting_ranges is not None:
+        check_settings(spec.effect, effect.setting_ranges, settings, where)
     coefficients = effect.coefficients(machine, place, settings)
     names = {c.name: c.unit for c in coefficients}
     unknown = [name for name in spec.parameters if name not in names]

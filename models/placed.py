@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.driver import DriverKind
+from truepose.models.setting_range import SettingRanges
 
 Array = NDArray[np.float64]
 SERIES = 24
@@ -71,6 +72,8 @@ class Physics(ABC):
     needs_load: ClassVar[bool] = False
     driven_by: ClassVar[DriverKind | None] = None
     """What makes it vary, where its load, its drivers and its place do not say so already (see ``driver_kind``)."""
+    setting_ranges: ClassVar[SettingRanges | None] = None
+    """What its settings may be, by name; None: any number, and the effect looks at them itself."""
     settings_add: ClassVar[bool] = False
     """Whether terms of one place with different settings may stand together (orders) or exclude others."""
     bends: ClassVar[tuple[str, ...]] = ()

@@ -86,7 +86,7 @@ def _best(rig: Rig, scene: Scene, stand: Stand, price: float) -> list[Step]:
     for makers in ((matched,), QUICK, SLOW) if thorough else (QUICK,):
         tried += _tried(rig, scene, makers)
         good = _polished(rig, tried, stand)
-        if good and price / good[0].price >= SURE and not off(rig, good[0].stand):
+        if good and price > SURE * good[0].price and not off(rig, good[0].stand):
             return [good]
     if good or not thorough:
         return [good] if good else []
@@ -113,7 +113,7 @@ def _polished(rig: Rig, tried: Sequence[Tried], stand: Stand) -> Step:
     noise = max(min(priced(rig, t.stand, 1.0) for t in order), 1.0)
     dear = [replace(t, price=priced(rig, t.stand, noise)) for t in order]
     best = min(t.price for t in dear)
-    if not priced(rig, stand, noise) / best >= LIKELY:
+    if not priced(rig, stand, noise) > LIKELY * best:
         return []
     alike = [t for t in dear if t.price <= ALIKE * best]
     return sorted(alike, key=lambda t: (t.slip.searched, _far(rig, t) + _odd(rig, t)))
@@ -138,7 +138,7 @@ def _two(rig: Rig, tried: Sequence[Tried], stand: Stand, price: float) -> list[S
     best: list[Step] = []
     for first in sorted((t for t in tried if not t.stand.bad), key=lambda t: t.stand.misfit)[:most]:
         second = _polished(rig, _tried(rig, first.scene, QUICK), stand)
-        if second and price / second[0].price >= SURE and (not best or second[0].price < best[1][0].price):
+        if second and price > SURE * second[0].price and (not best or second[0].price < best[1][0].price):
             best = [[replace(first, price=price / SURE)], second]
     return best
 
@@ -146,8 +146,8 @@ def _two(rig: Rig, tried: Sequence[Tried], stand: Stand, price: float) -> list[S
 def _as_found(step: Step, stand: Stand, price: float) -> Found:
     best, others = step[0], step[1:]
     before, after, unit = shown(stand, best.stand)
-    better, slip = price / best.price, best.slip
-    verdict: Verdict = "wrong" if better >= SURE else "suspect"
+    slip = best.slip
+    verdict: Verdict = "wrong" if price > SURE * best.price else "suspect"
     instead = tuple(dict.fromkeys(f"{t.slip.kind}: {t.slip.says}" for t in others))[:5]
     return Found(slip.kind, slip.where, slip.says, slip.fix, verdict, before, after, unit, slip.mend, instead)
 

@@ -28,11 +28,11 @@ def frames_off(rig: Rig, scene: Scene, stand: Stand) -> list[Found]:
     if _exact(rig) and held.misfit <= SURE * max(expected(rig, stand), stand.misfit):
         return []  # the drawing's own errors may look like a frame that is said to be exact
     cost = min(priced(rig, start, noise, ()) for start in (held, replace(held, p=scene.p)))
-    if not np.isfinite(free) or cost / free < LIKELY or cost < QUIET:
+    if not np.isfinite(free) or cost < LIKELY * free or cost < QUIET:
         return []
     before, after, unit = shown(held, stand)
-    sure: Verdict = "wrong" if cost / free >= SURE else "suspect"
-    good = [t for t in _explained(rig, scene, noise) if cost / t.price >= SURE and t.price <= 2.0 * free]
+    sure: Verdict = "wrong" if cost >= SURE * free else "suspect"
+    good = [t for t in _explained(rig, scene, noise) if cost >= SURE * t.price and t.price <= 2.0 * free]
     slips = [min(good, key=lambda t: (t.slip.searched, t.price)).slip] if good else []
     slips = slips or _unknown(rig, scene, stand, noise, max(1.5 * free, cost / 10))
     return [Found(s.kind, s.where, s.says, s.fix, sure, before, after, unit, s.mend) for s in slips]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, joint_unit, singly, singly_and_together
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NO_SETTINGS
 
 
 @effects.add("actuator-scale")
@@ -14,6 +15,7 @@ class ActuatorScale(Effect):
     """The reading q becomes (1 + s) q before the offset is added; one joint, or all of a kind alike."""
 
     slug = "actuator-scale"
+    setting_ranges = NO_SETTINGS
     title = "Scale error of an actuator or its encoder"
     counted = True
     formula = "q -> (1 + s) q, before the offset is added"

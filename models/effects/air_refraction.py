@@ -14,6 +14,7 @@ from truepose.models.effects.common import sensor_at, sensors_where
 from truepose.models.effects.sights import bent_up, of_stars, optical, stretched
 from truepose.models.effects.thermometers import borrowed, from_settings, others
 from truepose.models.machine import Machine
+from truepose.models.setting_range import ANY, SWITCH, ranges
 
 Array = NDArray[np.float64]
 REFRACTIVITY = 2.7e-4
@@ -47,6 +48,7 @@ class AirRefraction(Effect):
     """
 
     slug = "air-refraction"
+    setting_ranges = ranges({"still": SWITCH, "temperature": SWITCH, "pressure": SWITCH, "from.": ANY})
     driven_by = "sensor"
     title = "Refraction of air that is not corrected"
     formula = (

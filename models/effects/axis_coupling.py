@@ -9,6 +9,7 @@ from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NO_SETTINGS
 
 LARGEST = {"1": 0.02, "mm/rad": 5.0, "rad/mm": 1e-3}
 BETWEEN_LEGS = 0.1
@@ -20,6 +21,7 @@ class AxisCoupling(Effect):
     """Place (driven, driving): the driven joint moves by k times what the other's reading moves it."""
 
     slug = "axis-coupling"
+    setting_ranges = NO_SETTINGS
     driven_by = "coupling"
     title = "Coupling between two axes"
     formula = "dq_driven = k q_driving"

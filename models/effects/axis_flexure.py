@@ -14,6 +14,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import down, points_only, singly
 from truepose.models.machine import Machine
 from truepose.models.mechanism import BASE, Direction, Joint
+from truepose.models.setting_range import SWITCH, ranges
 
 Array = NDArray[np.float64]
 LARGEST = 5e-3
@@ -32,6 +33,7 @@ class AxisFlexure(Effect):
     """
 
     slug = "axis-flexure"
+    setting_ranges = ranges({"fork": SWITCH, "shaft": SWITCH})
     title = "Fork or axis that bends under its own weight"
     counted = True
     formula = (

@@ -20,6 +20,7 @@ from truepose.models.effects.common import (
 )
 from truepose.models.loops import looped
 from truepose.models.machine import Machine
+from truepose.models.setting_range import COUNT, ranges
 
 LETTERS = "xyz"
 TOWARDS = "e"
@@ -41,6 +42,7 @@ class AxisStraightness(Effect):
     """
 
     slug = "axis-straightness"
+    setting_ranges = ranges({"degree": COUNT, "waves": COUNT})
     title = "Guideway that is not straight"
     counted = True
     formula = (

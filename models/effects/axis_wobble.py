@@ -20,6 +20,7 @@ from truepose.models.effects.common import (
 )
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
+from truepose.models.setting_range import COUNT, ranges
 from truepose.models.states import across
 
 LARGEST = 1e-3
@@ -40,6 +41,7 @@ class AxisWobble(Effect):
     """
 
     slug = "axis-wobble"
+    setting_ranges = ranges({"orders": COUNT})
     driven_by = "position-periodic"
     title = "Wobbling rotary axis"
     counted = True

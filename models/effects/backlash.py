@@ -11,6 +11,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import actuator_at, down, drives_joint, joint_unit, points_only, singly
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Direction
+from truepose.models.setting_range import ANY, ranges
 from truepose.models.states import across
 
 LARGEST = {"mm": 0.1, "rad": 3e-3}
@@ -29,6 +30,7 @@ class Backlash(Effect):
     """
 
     slug = "backlash"
+    setting_ranges = ranges({"lean": ANY})
     title = "Backlash"
     formula = (
         "dq = -(b / 2) approach, approach +1 when it arrived moving towards larger readings; with lean: dq = (b / 2) sign "

@@ -16,6 +16,7 @@ from truepose.models.effects.common import (
     singly_and_together,
 )
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NOT_NEGATIVE, SWITCH, ranges
 
 LARGEST = {"mm": 0.3, "rad": 3e-3, "1": 3e-3}
 """Of the joint with the longest way, and of the whole step: 25 ms before the end of a stop from 10 rad/s^2, or from 1 m/s^2."""
@@ -41,6 +42,7 @@ class EarlyReading(Effect):
     """
 
     slug = "early-reading"
+    setting_ranges = ranges({"whole": SWITCH, "wrist": NOT_NEGATIVE})
     title = "Readings before the machine stood"
     formula = "dq = -e step / (longest step of all joints), or dq = -f step, step the joint's last motion"
     size = "tens of microradians to a few milliradians: a / 2 t^2 at t before the end of a stop"

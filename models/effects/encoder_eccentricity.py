@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, sine_coefficients, sine_pair, singly
 from truepose.models.machine import Machine
+from truepose.models.setting_range import ORDER, ranges
 
 
 @effects.add("encoder-eccentricity")
@@ -18,6 +19,7 @@ class EncoderEccentricity(Effect):
     """
 
     slug = "encoder-eccentricity"
+    setting_ranges = ranges({"order": ORDER})
     driven_by = "position-periodic"
     title = "Eccentric encoder disc"
     counted = True

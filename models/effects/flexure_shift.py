@@ -9,6 +9,7 @@ import casadi as ca
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import limb_at, singly_and_together
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NO_SETTINGS
 
 
 @effects.add("flexure-shift")
@@ -20,6 +21,7 @@ class FlexureShift(Effect):
     """
 
     slug = "flexure-shift"
+    setting_ranges = NO_SETTINGS
     title = "Flexure whose centre moves"
     counted = True
     formula = (

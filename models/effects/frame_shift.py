@@ -10,6 +10,7 @@ from truepose.models.effects.common import after_session, boundaries, singly, tw
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
 from truepose.models.parameters import Parameter
+from truepose.models.setting_range import ANY, SWITCH, ranges
 
 ANEW = "anew"
 """Setting of a mount that the machine file says is set up anew for each session."""
@@ -26,6 +27,7 @@ class FrameShift(Effect):
     """
 
     slug = "frame-shift"
+    setting_ranges = ranges({"session": ANY, "anew": SWITCH})
     title = "Mount moved between sessions"
     counted = True
     formula = "twist after session k, nothing before"

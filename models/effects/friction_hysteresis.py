@@ -18,6 +18,7 @@ from truepose.models.effects.common import (
 )
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator
+from truepose.models.setting_range import NOT_NEGATIVE, SWITCH, ranges
 
 LARGEST = {"mm": 0.1, "rad": 3e-3}
 WIDTHS = (0.003, 0.01, 0.03, 0.1)
@@ -43,6 +44,7 @@ class FrictionHysteresis(Effect):
 
     commonness = 0.4  # rarer than play, with the way to slip seen and without
     slug = "friction-hysteresis"
+    setting_ranges = ranges({"width": SWITCH, "elements": SWITCH, "overshoot": NOT_NEGATIVE})
     title = "Hysteresis of friction before slip"
     formula = (
         "dq = -h s / r, s the stop operator of half width r on the way of the reading: s follows every move and "

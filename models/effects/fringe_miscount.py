@@ -5,6 +5,7 @@ from __future__ import annotations
 from truepose.models.effects.base import Place, effects
 from truepose.models.effects.of_rows import OfRows
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NO_SETTINGS
 
 
 @effects.add("fringe-miscount")
@@ -12,6 +13,7 @@ class FringeMiscount(OfRows):
     """Rows, not a place of the machine: it shifts no port. ``identification.diagnosis.outliers`` finds it."""
 
     slug = "fringe-miscount"
+    setting_ranges = NO_SETTINGS
     title = "Miscounted fringes"
     formula = "reading + k lambda / 2 in single rows, k a whole number"
     size = "half a wavelength, or a few"

@@ -8,6 +8,7 @@ from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import carried, points_only, singly
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NO_SETTINGS
 
 LARGEST = {"base": 1e-5, "tool": 1e-4}
 """rad/(N m): a base on a stand or a table; a flange that carries a newton metre and turns by a tenth of a milliradian."""
@@ -21,6 +22,7 @@ class GravitySag(Effect):
     """The mount turns by c times the moment of gravity (and measured forces) about its origin, equally about every axis."""
 
     slug = "gravity-sag"
+    setting_ranges = NO_SETTINGS
     title = "Mount that sags"
     counted = True
     formula = "rotation of the mount = c M, M the moment of gravity about it"

@@ -18,6 +18,7 @@ from truepose.models.effects.measured_loads import (
     measured_words,
 )
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NOT_NEGATIVE, ORDER, ranges
 
 BENT_AT = 100.0
 """N m (N): the load at which a bent characteristic is told."""
@@ -38,6 +39,9 @@ class JointCompliance(Effect):
     """
 
     slug = "joint-compliance"
+    setting_ranges = ranges(
+        {"torque": ORDER, "current": ORDER, "bend": NOT_NEGATIVE, "carries": NOT_NEGATIVE}
+    )
     title = "Compliant joint"
     counted = True
     formula = (

@@ -14,6 +14,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import limb_at, singly
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Direction, Joint
+from truepose.models.setting_range import NOT_NEGATIVE, ORDER, ranges
 from truepose.models.states import across, hinges, joint_ends
 
 LOBES = (*range(-8, 0), *range(2, 9))
@@ -38,6 +39,7 @@ class JointRunout(Effect):
     """
 
     slug = "joint-runout"
+    setting_ranges = ranges({"order": ORDER, "first": NOT_NEGATIVE, "pin": NOT_NEGATIVE})
     driven_by = "position-periodic"
     title = "Joint whose centre wanders as it turns"
     counted = True

@@ -8,6 +8,7 @@ from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, moves_while_read, sensor_names
 from truepose.models.machine import Machine
+from truepose.models.setting_range import SWITCH, ranges
 
 LONGEST = 0.5
 
@@ -22,6 +23,7 @@ class Latency(Effect):
     """
 
     slug = "latency"
+    setting_ranges = ranges({"still.": SWITCH})
     driven_by = "sensor"
     title = "Latency between joints and sensor"
     formula = "q - tau velocity"

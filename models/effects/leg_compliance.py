@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import limb_at, singly_and_together
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NO_SETTINGS
 
 
 @effects.add("leg-compliance")
@@ -14,6 +15,7 @@ class LegCompliance(Effect):
     """dl = c F, F the leg's force from the closed loops' statics, tension positive; one leg or all alike."""
 
     slug = "leg-compliance"
+    setting_ranges = NO_SETTINGS
     title = "Compliant leg"
     counted = True
     formula = "dl = c F, F > 0 in tension"

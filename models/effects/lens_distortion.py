@@ -10,6 +10,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import sensor_at, sensors_where
 from truepose.models.effects.sights import moved_point, point_names, seen_point
 from truepose.models.machine import Machine
+from truepose.models.setting_range import COUNT, SWITCH, ranges
 
 BY_CAMERA = ("targets", "pose")
 NOWHERE = 1e-12
@@ -27,6 +28,7 @@ class LensDistortion(Effect):
     """
 
     slug = "lens-distortion"
+    setting_ranges = ranges({"terms": COUNT, "decentred": SWITCH})
     driven_by = "sensor"
     title = "Distortion of a lens"
     formula = (

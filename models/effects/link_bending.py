@@ -17,6 +17,7 @@ from truepose.models.loops import looped
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, Joint
 from truepose.models.potential import Number, in_base, of_mass
+from truepose.models.setting_range import NOT_NEGATIVE, ranges
 from truepose.models.statics import load_scale
 
 SHORTEST = 1.0
@@ -46,6 +47,7 @@ class LinkBending(Effect):
     """
 
     slug = "link-bending"
+    setting_ranges = ranges({"overhang": NOT_NEGATIVE, "twist": NOT_NEGATIVE})
     title = "Link that bends"
     counted = True
     formula = (

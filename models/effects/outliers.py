@@ -5,6 +5,7 @@ from __future__ import annotations
 from truepose.models.effects.base import Place, effects
 from truepose.models.effects.of_rows import OfRows
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NO_SETTINGS
 
 
 @effects.add("outliers")
@@ -12,6 +13,7 @@ class Outliers(OfRows):
     """Rows, not a place of the machine: it shifts no port, and the robust fit finds it."""
 
     slug = "outliers"
+    setting_ranges = NO_SETTINGS
     title = "Outlying rows"
     formula = "none: single rows far outside the sensor's noise, left out of the fit and listed"
     size = "many sigma in a few rows"

@@ -8,6 +8,7 @@ from math import log10
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, nominal_gain, piezo_like, singly
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NOT_NEGATIVE, POSITIVE, ranges
 
 T0 = 0.1
 WAIT = 2.0
@@ -26,6 +27,7 @@ class PiezoCreep(Effect):
     """
 
     slug = "piezo-creep"
+    setting_ranges = ranges({"since": NOT_NEGATIVE, "t0": POSITIVE, "dwell": NOT_NEGATIVE})
     title = "Creep of a piezo actuator"
     formula = (
         "dq = g sum over past moves of step log10(1 + age / t0), t0 = 0.1 s; where the gain is right later, "

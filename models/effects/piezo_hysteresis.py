@@ -17,6 +17,7 @@ from truepose.models.effects.common import (
 )
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator
+from truepose.models.setting_range import NOT_NEGATIVE, ranges
 
 THRESHOLDS = (0.05, 0.15, 0.3, 0.6)
 """Half widths of the operators as parts of half the range."""
@@ -33,6 +34,7 @@ class PiezoHysteresis(Effect):
     """
 
     slug = "piezo-hysteresis"
+    setting_ranges = ranges({"overshoot": NOT_NEGATIVE})
     title = "Hysteresis of a piezo actuator"
     formula = (
         "dq = -sum w_i (s_i - l_i), s_i the stop operator of half width 5, 15, 30, 60 % of half the range, l_i the "

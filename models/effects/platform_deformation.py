@@ -11,6 +11,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import centre_and_half
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator, Limb
+from truepose.models.setting_range import NOT_NEGATIVE, ranges
 
 COMMON, DIAGONAL, FULL, SYMMETRIC, WEIGHT, RECIPROCAL = 0, 1, 2, 3, 4, 5
 LARGEST = 0.03
@@ -32,6 +33,7 @@ class PlatformDeformation(Effect):
     """
 
     slug = "platform-deformation"
+    setting_ranges = ranges({"form": NOT_NEGATIVE})
     driven_by = "load"
     title = "Platform that bends"
     counted = True

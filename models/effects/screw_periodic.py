@@ -8,6 +8,7 @@ from math import tau
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, sine_coefficients, sine_pair, singly
 from truepose.models.machine import Machine
+from truepose.models.setting_range import ORDER, ranges
 
 
 @effects.add("screw-periodic")
@@ -15,6 +16,7 @@ class ScrewPeriodic(Effect):
     """A sine of the travel, once (``harmonic`` 1) or twice (2) per screw pitch."""
 
     slug = "screw-periodic"
+    setting_ranges = ranges({"harmonic": ORDER})
     driven_by = "position-periodic"
     title = "Periodic error of a lead screw"
     counted = True

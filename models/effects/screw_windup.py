@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, nominal_gain, singly
 from truepose.models.machine import Machine
+from truepose.models.setting_range import SWITCH, ranges
 
 LARGEST_MM = 0.02
 
@@ -22,6 +23,7 @@ class ScrewWindup(Effect):
     """
 
     slug = "screw-windup"
+    setting_ranges = ranges({"friction": SWITCH})
     title = "Screw that gives way"
     counted = True
     formula = (

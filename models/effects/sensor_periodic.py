@@ -20,6 +20,7 @@ from truepose.models.effects.sights import (
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.distance import Distance
+from truepose.models.setting_range import NOT_NEGATIVE, ORDER, ranges
 
 FRINGE, ENCODER = 2.5e-5, 2e-5
 NOWHERE = 1e-12
@@ -36,6 +37,7 @@ class SensorPeriodic(Effect):
     """
 
     slug = "sensor-periodic"
+    setting_ranges = ranges({"order": ORDER, "axis": NOT_NEGATIVE})
     driven_by = "sensor"
     title = "Periodic error of a sensor"
     counted = True

@@ -8,6 +8,7 @@ from truepose.models.effects.base import Coefficient, Effect, Place, Settings, S
 from truepose.models.effects.common import sensor_at, sensors_where
 from truepose.models.effects.sights import measures_lengths, stretched
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NO_SETTINGS
 
 LARGEST = 0.1
 
@@ -20,6 +21,7 @@ class SensorScale(Effect):
     """
 
     slug = "sensor-scale"
+    setting_ranges = NO_SETTINGS
     driven_by = "sensor"
     title = "Scale error of a sensor"
     counted = True

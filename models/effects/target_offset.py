@@ -8,6 +8,7 @@ from truepose.models.effects.base import Coefficient, Effect, Place, Settings, S
 from truepose.models.effects.common import singly
 from truepose.models.effects.sights import XYZ, point_names
 from truepose.models.machine import Machine
+from truepose.models.setting_range import NO_SETTINGS
 
 LARGEST = 0.1
 
@@ -17,6 +18,7 @@ class TargetOffset(Effect):
     """A constant in the tool's frame added to one target's point; of a single target, the tool frame's own error."""
 
     slug = "target-offset"
+    setting_ranges = NO_SETTINGS
     driven_by = "constant"
     title = "A target off its place"
     formula = "point + (x, y, z), constant in the tool's frame"

@@ -12,6 +12,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import clock, limb_at, singly
 from truepose.models.effects.thermometers import borrowed, from_settings, others, own_columns, span
 from truepose.models.machine import Machine
+from truepose.models.setting_range import ANY, NOT_NEGATIVE, ranges
 
 Array = NDArray[np.float64]
 REFERENCE = 20.0
@@ -33,6 +34,7 @@ class ThermalExpansion(Effect):
     """
 
     slug = "thermal-expansion"
+    setting_ranges = ranges({"lag": NOT_NEGATIVE, "thermometer": ANY, "from.": ANY})
     title = "Thermal expansion"
     formula = (
         "dL = alpha (T - 20 degC) L; T may reach the body with a first-order lag; elsewhere: T - its mean"

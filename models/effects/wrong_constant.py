@@ -9,6 +9,7 @@ from truepose.models.effects.base import Coefficient, Effect, Place, Settings, S
 from truepose.models.effects.common import rails, singly
 from truepose.models.machine import Machine
 from truepose.models.parameters import Parameter, element_of
+from truepose.models.setting_range import NO_SETTINGS
 
 LARGEST_ANGLE = 0.2
 LARGEST_FRACTION = 0.1
@@ -19,6 +20,7 @@ class WrongConstant(Effect):
     """One parameter far outside its tolerance; or the rails of all legs tilted alike along their own legs."""
 
     slug = "wrong-constant"
+    setting_ranges = NO_SETTINGS
     driven_by = "constant"
     title = "A grossly wrong constant"
     formula = "parameter + value; all rails: u + tilt e, e from the rail to its leg's upper end"

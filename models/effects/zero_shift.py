@@ -8,6 +8,7 @@ from itertools import combinations
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, after_session, boundaries, joint_unit, singly
 from truepose.models.machine import Machine
+from truepose.models.setting_range import ANY, ranges
 
 LARGEST = {"mm": 2.0, "rad": 0.05}
 
@@ -17,6 +18,7 @@ class ZeroShift(Effect):
     """A constant added to one joint's displacement, or to two, after session ``session``."""
 
     slug = "zero-shift"
+    setting_ranges = ranges({"session": ANY})
     title = "Zero of a joint moved between sessions"
     counted = True
     formula = "dq = zero after session k, nothing before"

@@ -25,6 +25,7 @@ from truepose.models.effects.base import (
 from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
+from truepose.models.setting_range import check_settings
 from truepose.models.units import parse_unit
 
 LOADED = ("arm", "telescope", "gough", "hybrid", "planar", "graph", "mount", "encoded")
@@ -103,6 +104,22 @@ def test_places_are_distinct_and_settings_default(machines: Mapping[str, Machine
         assert len(set(places)) == len(places)
         # a user may name a place without settings
         symbolic_model(machine, [PlacedEffect.at(effect, machine, places[0])])
+
+
+@pytest.mark.parametrize("slug", EFFECTS)
+def test_settings_are_named_and_bounded(machines: Mapping[str, Machine], slug: str) -> None:
+    """What a diagnosis may write into a machine file can be read from it; another name, or a number of no use, cannot."""
+    known = effects.get(slug, "test").setting_ranges
+    assert known is not None
+    for _, acting in where_it_acts(machines, slug) if slug in PLACED else ():
+        for placed in acting:
+            check_settings(slug, known, placed.settings_map, "test")
+    with pytest.raises(InputError, match="has no setting 'nonsense'"):
+        check_settings(slug, known, {"nonsense": 1.0}, "test")
+    for name, allowed in known.items():
+        for value in (allowed.low - 1.0, allowed.high * 2.0 + 1.0, np.nan):
+            with pytest.raises(InputError, match=f"found {name}"):
+                check_settings(slug, known, {name: float(value)}, "test")
 
 
 @pytest.mark.parametrize("slug", OF_ROWS)
