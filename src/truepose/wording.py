@@ -28,3 +28,9 @@ def close_matches(name: str, known: Iterable[str]) -> str:
     """Ending of a message: the known name meant, or the names there are."""
     names = sorted(set(known))
     return meant(name, names) or ("known: " + ", ".join(names) if names else "")
+
+
+def cut(text: str, most: int = 200) -> str:
+    """A text that a file says, in one line of a message: its beginning where it is long, without what no line holds."""
+    words = " ".join("".join(c if c.isprintable() else " " for c in text[: 4 * most]).split())
+    return words if len(words) <= most and len(text) <= 4 * most else f"{words[:most]}..."
