@@ -38,7 +38,7 @@ FOLDERS = {
 FLOORS = (
     ("errors", "wording", "shown", "version"),
     ("publication",),
-    ("files", "threads", "pool"),
+    ("files", "threads", "pool", "bounded"),
     ("models",),
     ("models.sensors", "models.builders"),
     ("models.effects",),

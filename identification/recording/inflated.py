@@ -28,7 +28,7 @@ def inflated_size(stream: BinaryIO, size: int, compression: str, most: int) -> i
                 return -1
         try:
             count += len(engine.decompress(data, max_length=_MOST_OUT))
-        except Exception:  # noqa: BLE001 - each library raises what it likes for broken data
+        except Exception:  # each library raises what it likes for broken data
             return -1
         data = b""
         if engine.eof:

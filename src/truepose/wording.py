@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 from collections.abc import Iterable, Sequence
 
 
@@ -27,7 +28,20 @@ def meant(name: str, known: Iterable[str]) -> str:
 def close_matches(name: str, known: Iterable[str]) -> str:
     """Ending of a message: the known name meant, or the names there are."""
     names = sorted(set(known))
-    return meant(name, names) or ("known: " + ", ".join(names) if names else "")
+    return meant(name[:_LONGEST], names) or ("known: " + _listed(names) if names else "")
+
+
+_LONGEST = 200
+"""Characters of a name that others are compared with."""
+_ROOM = 1000
+"""Characters of a list of names in a message."""
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names with commas between them; of more than a message has room for the first ones."""
+    told = [cut(name) for name in names]
+    most = sum(end <= _ROOM for end in itertools.accumulate(len(name) + 2 for name in told))
+    return shortened(told, max(most, 1))
 
 
 def cut(text: str, most: int = 200) -> str:
