@@ -38,7 +38,7 @@ FOLDERS = {
 FLOORS = (
     ("errors", "wording", "shown", "version", "stopping"),
     ("publication", "faults"),
-    ("files", "threads", "pool"),
+    ("files", "threads", "pool", "bounded"),
     ("models",),
     ("models.sensors", "models.builders"),
     ("models.effects",),

@@ -21,7 +21,15 @@ from truepose.identification.programs.forms import written
 from truepose.identification.programs.frames import Cell, Frames, Told, shown_name
 from truepose.identification.programs.meaning import Meant, by_tool, joint_units, joint_values, meant_of
 from truepose.identification.programs.points import decimals_of
-from truepose.identification.programs.program import Left, Number, Program, Target, in_order
+from truepose.identification.programs.program import (
+    LARGEST,
+    Left,
+    Number,
+    Program,
+    Target,
+    in_order,
+    shown,
+)
 from truepose.identification.programs.robot import Robot
 from truepose.models import lie
 from truepose.models.machine import Machine
@@ -87,7 +95,7 @@ def correct(
     left = list(program.left)
     known: list[tuple[Target, Told]] = []
     for target in program.targets:
-        told = frames.of(target)
+        told = _beyond(target) or frames.of(target)
         if isinstance(told, str):
             left.append(Left(target.line, target.name, told))
         else:
@@ -105,6 +113,12 @@ def correct(
     return Correction(
         text, tuple(done), in_order(left), robot.drivers, arrival, tuple(assumed), nearby, unnamed
     )
+
+
+def _beyond(target: Target) -> str | None:
+    """Why numbers of a target are no place: no controller has them, and their squares are none."""
+    far = [n.text for n in (*target.numbers, *target.configuration) if not abs(n.value) <= LARGEST]
+    return f"its number {shown(far[0], 30)} is beyond {LARGEST:g}" if far else None
 
 
 def _check(machine: Machine, program: Program) -> None:

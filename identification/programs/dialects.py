@@ -6,10 +6,11 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+from truepose.bounded import read_at_most
 from truepose.errors import InputError
 from truepose.identification.programs.kuka import Kuka
 from truepose.identification.programs.points import Points
-from truepose.identification.programs.program import Dialect
+from truepose.identification.programs.program import PROGRAM_MOST, Dialect
 from truepose.identification.programs.rapid import Rapid
 from truepose.identification.programs.urscript import UrScript
 
@@ -68,7 +69,7 @@ def beside(path: Path) -> str | None:
 
 def _bytes(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_at_most(path, PROGRAM_MOST)
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror}") from exc
 

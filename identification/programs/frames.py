@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.programs.program import BASE_ITSELF, Program, Target
+from truepose.identification.programs.program import BASE_ITSELF, LARGEST, Program, Target
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,9 @@ class Frames:
 
     def __init__(self, program: Program, cell: Cell) -> None:
         self._program = program
-        stated = {name.lower(): np.array(numbers) for name, numbers in program.frames.items()}
+        stated = {
+            name.lower(): np.array(numbers) for name, numbers in program.frames.items() if _rigid(numbers)
+        }
         given = {name.lower(): self._numbers(f"--frame {name}", v) for name, v in cell.frames.items()}
         named = {one.lower() for t in program.targets for one in (t.base, t.tool) if one}
         odd = [name for name in cell.frames if name.lower() not in named]
@@ -99,7 +101,7 @@ class Frames:
             out = np.array([float(word) for word in text.split(",")])
         except ValueError:
             out = np.zeros(0)
-        if len(out) != count or not np.isfinite(out).all():
+        if len(out) != count or not (np.abs(out) <= LARGEST).all():
             raise InputError(f"{where}: found {text!r}, expected {count} numbers {self._program.form.words}")
         if count == 7 and abs(float(np.sum(out[3:] ** 2)) - 1.0) > 0.01:
             raise InputError(
@@ -110,6 +112,13 @@ class Frames:
     def _pose(self, numbers: Array) -> Array:
         out: Array = self._program.form.poses(numbers[None, :])[0]
         return out
+
+
+def _rigid(numbers: tuple[float, ...]) -> bool:
+    """Whether the numbers of a frame are a pose; of one that a program states with others the numbers are not known."""
+    return max(map(abs, numbers)) <= LARGEST and (
+        len(numbers) != 7 or abs(sum(v**2 for v in numbers[3:]) - 1.0) <= 0.01
+    )
 
 
 def shown_name(name: str) -> str:

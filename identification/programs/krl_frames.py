@@ -14,9 +14,9 @@ _BAS = re.compile(r"(?i)^[ \t]*BAS\s*\(\s*#(BASE|TOOL)\s*,\s*(?P<n>\d+)\s*\)")
 _FDAT_ACT = re.compile(r"(?i)^[ \t]*FDAT_ACT\s*=\s*(?P<name>\w+)")
 _IPO = re.compile(r"(?i)^[ \t]*\$IPO_MODE\s*=\s*#(?P<mode>\w+)")
 _MOTION = re.compile(r"(?i)^[ \t]*(?P<how>S?PTP|S?LIN|S?CIRC|SPL)\b(?P<rest>[^\r\n]*)")
-_NAME = re.compile(r"\s*(?:(?P<name>[A-Za-z_]\w*)\s*(?:\[[^\]]*\])?)\s*(?:C_\w+\s*)*(?:WITH\b.*)?")
+_NAME = re.compile(r"\s*+(?:(?P<name>[A-Za-z_]\w*+)\s*+(?:\[[^\]]*\])?)\s*+(?:C_\w++\s*+)*+(?:WITH\b.*)?")
 _FDAT = re.compile(r"(?i)\bFDAT\s+(?P<name>\w+)\s*=\s*\{(?P<fields>[^{}]*)\}")
-_STATED = re.compile(r"(?P<name>\$?\w+(?:\s*\[\s*\d+\s*\])?)\s*=\s*\{(?P<fields>[^{}]*)\}")
+_STATED = re.compile(r"(?<!\w)(?P<name>\$?\w+(?:\s*\[\s*\d+\s*\])?)\s*=\s*\{(?P<fields>[^{}]*)\}")
 _LINE = re.compile(r"[^\r\n]+")
 
 

@@ -75,8 +75,14 @@ def _solutions(
         branches = Branches(robot.machine, robot.solver)
         poses = np.array([robot.base @ known[k][1].base @ goals[k] for k in rows])
         wanted = [tuple(n.value for n in known[k][0].configuration) for k in rows]
-        found = branches.found(poses, wanted, configuration)
-        out += [(k, (branches, q)) for k, q in zip(rows, found, strict=True)]
+        first: dict[tuple[bytes, tuple[float, ...]], int] = {}  # programs go to some poses many times
+        own = [
+            first.setdefault((pose.tobytes(), one), len(first))
+            for pose, one in zip(poses, wanted, strict=True)
+        ]
+        at = np.unique(own, return_index=True)[1]
+        found = branches.found(poses[at], [wanted[k] for k in at], configuration)
+        out += [(k, (branches, found[one])) for k, one in zip(rows, own, strict=True)]
     return out
 
 

@@ -23,6 +23,8 @@ from truepose.models.units import convert, parse_unit
 
 _LINE = re.compile(r"([^\r\n]*)(?:\r\n|\n|\r|$)")
 _HEADER = re.compile(r'^"?(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?"?$')
+HEADER_MOST = 200
+"""Characters of a header; a longer one names no column that counts."""
 _MARKS = ";\t,"
 _STEP = 1e-4
 """mm; a written coordinate is no coarser, and an angle no coarser than this at a metre."""
@@ -36,7 +38,8 @@ class Points:
 
     def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
         header, rows = _table(text)
-        named = [_HEADER.match(text[a:b].strip().removeprefix("\xef\xbb\xbf")) for a, b in header]
+        cells = [text[a:b].strip().removeprefix("\xef\xbb\xbf") for a, b in header]
+        named = [_HEADER.match(cell) if len(cell) <= HEADER_MOST else None for cell in cells]
         units = {m["name"]: m["unit"] for m in named if m}
         place = {m["name"]: k for k, m in enumerate(named) if m}
         readings = machine.mechanism.readings

@@ -6,18 +6,25 @@ Texts are decoded as Latin-1, one character a byte, so that whatever stands betw
 from __future__ import annotations
 
 import bisect
+import functools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
+from truepose.bounded import MIB
 from truepose.identification.programs.configurations import Configuration
 from truepose.identification.programs.forms import Form
 from truepose.models.machine import Machine
 
 Kind = Literal["pose", "joints"]
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?"
 WHOLE_NUMBER = re.compile(NUMBER)
+_BRACKET = re.compile(r"[][(){}]")
+PROGRAM_MOST = 20 * MIB
+"""Bytes of a program: 20 MiB, some 200,000 motions."""
+LARGEST = 1e9
+"""mm, deg: a coordinate beyond is none."""
 BASE_ITSELF = ""
 """Name of the frame that is the robot's base itself; as a tool's name, of the flange."""
 
@@ -136,15 +143,19 @@ def parts(text: str, start: int, end: int, mark: str = ",") -> list[tuple[int, i
 
 def closing(text: str, opening: int) -> int | None:
     """Where the bracket that opens at a position closes; None where it does not."""
-    depth = 0
-    for k in range(opening, len(text)):
-        if text[k] in "([{":
-            depth += 1
-        elif text[k] in ")]}":
-            depth -= 1
-            if depth == 0:
-                return k
-    return None
+    return _closings(text).get(opening)
+
+
+@functools.lru_cache(maxsize=2)
+def _closings(text: str) -> Mapping[int, int]:
+    """Where each bracket closes: all of a text in one pass, as a text may open many that never do."""
+    out, opened = dict[int, int](), list[int]()
+    for m in _BRACKET.finditer(text):
+        if m.group() in "([{":
+            opened.append(m.start())
+        elif opened:
+            out[opened.pop()] = m.start()
+    return out
 
 
 def shown(text: str, most: int = 60) -> str:
@@ -160,7 +171,9 @@ def in_order(left: Sequence[Left]) -> tuple[Left, ...]:
 
 __all__ = [
     "BASE_ITSELF",
+    "LARGEST",
     "NUMBER",
+    "PROGRAM_MOST",
     "WHOLE_NUMBER",
     "Dialect",
     "Kind",

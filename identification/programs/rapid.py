@@ -44,10 +44,10 @@ def _lists(*counts: int) -> str:
 _ROBTARGET, _JOINTTARGET = re.compile(_lists(3, 4, 4, 6)), re.compile(_lists(6, 6))
 _STATEMENT = re.compile(r"[^;]*;?")
 _DECLARED = re.compile(
-    r"(?i)\b(?:CONST|PERS|VAR)\s+(?P<type>robtarget|jointtarget)\s+(?P<name>\w+)\s*(?:\{[^}]*\})?\s*:="
+    r"(?i)\b(?:CONST|PERS|VAR)\s+(?P<type>robtarget|jointtarget)\s+(?P<name>\w+)\s*(?:\{[^{}]*\})?\s*:="
 )
 _OFFSET = re.compile(r"(?i)\b(Offs|RelTool|ORobT|PoseMult|CRobT|CalcRobT|MirPos)\s*\(")
-_CHANGED = re.compile(r"(?i)^\s*(?P<what>\w+(?:\s*\{[^}]*\})?\s*(?:\.\w+)+\s*:=.*)$", re.S)
+_CHANGED = re.compile(r"(?i)^\s*(?P<what>\w+(?:\s*\{[^{}]*\})?\s*(?:\.\w+)+\s*:=.*)$", re.S)
 _NOT_IN_USE = (9e9, 0.0)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.programs.program import NUMBER, parts
+from truepose.identification.programs.program import LARGEST, NUMBER, parts
 
 Array = NDArray[np.float64]
 _TEXT = r'(?:"(?:[^"]|"")*"|\w+)'
@@ -31,7 +31,7 @@ _MOVE = re.compile(
 )
 _UNCHECKED = re.compile(r"(?i)(?<![\w.])Conf(?P<which>[LJ])\s*\\\s*Off\b")
 _WITH = re.compile(r"(?i)\\\s*WObj\s*:=\s*(\w+)")
-_NAME = re.compile(r"\s*(?P<name>[A-Za-z]\w*)\s*(?:\{[^}]*\})?\s*")
+_NAME = re.compile(r"\s*(?P<name>[A-Za-z]\w*)\s*(?:\{[^{}]*\})?\s*")
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,10 @@ def cell_of(text: str, mask: str) -> Cell:
             moved[name.lower()] = "a mechanical unit moves this work object"
         else:
             user, own = np.array(numbers, dtype=float).reshape(2, 7)
-            frames[name.lower()] = _product(user, own)
+            if not all(abs(float(np.sum(np.clip(f[3:], -9.0, 9.0) ** 2)) - 1.0) <= 0.01 for f in (user, own)):
+                moved[name.lower()] = "the square of a quaternion of it is not 1"
+            elif max(np.abs(user).max(), np.abs(own).max()) <= LARGEST:
+                frames[name.lower()] = _product(user, own)
     for m in _TOOL.finditer(text):
         if mask[m.start()] != text[m.start()]:
             continue

@@ -6,8 +6,11 @@ go to. ``pose_trans(feature, p[...])`` in a motion is a pose in that feature.
 
 from __future__ import annotations
 
+import bisect
+import functools
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from truepose.identification.programs.forms import RotationVector
@@ -106,23 +109,29 @@ def _unused(mask: str, m: re.Match[str], name: str, is_pose: bool, lines: Lines)
     """Poses that no motion here goes to; features and lists of other things are no targets."""
     if not is_pose or name == "literal":
         return []
-    mentions = len(re.findall(rf"\b{re.escape(name)}\b", mask))
-    if re.search(rf"\bpose_trans\s*\(\s*{re.escape(name)}\s*,", mask):
-        return []  # a feature
-    why = "no motion here goes to it" if mentions == 1 else "motions go to what is worked out of it"
+    words, features = _words(mask)
+    if name in features:
+        return []
+    why = "no motion here goes to it" if words[name] == 1 else "motions go to what is worked out of it"
     return [Left(lines.of(m.start()), shown(f"{name} = {m.group()}"), why)]
+
+
+@functools.lru_cache(maxsize=2)
+def _words(mask: str) -> tuple[Counter[str], frozenset[str]]:
+    """How often each word stands in a text, and those that are features; once for all of its variables."""
+    return Counter(re.findall(r"\w+", mask)), frozenset(re.findall(r"\bpose_trans\s*\(\s*(\w+)\s*,", mask))
 
 
 def _uses(mask: str, lines: Lines, tools: dict[int, Tool]) -> _Uses:
     out = _Uses()
-    lists = _lists(mask)
+    lists, starts = _lists(mask), list(tools)
     for call in _CALL.finditer(mask):
         end = closing(mask, call.end() - 1)
         if end is None:
             continue
         arguments = parts(mask, call.end(), end)
         near = _near(mask, arguments[1:2], lists) if call["what"] == "get_inverse_kin" else None
-        use = _Use(None, _in_force(tools, call.start()), call.start(), near)
+        use = _Use(None, _in_force(tools, starts, call.start()), call.start(), near)
         for a, b in arguments[: _PLACES.get(call["what"], 1)]:
             _take(mask, a, b, use, out, lines, call["what"])
     return out
@@ -192,10 +201,10 @@ def _tools(mask: str) -> dict[int, Tool]:
     return out
 
 
-def _in_force(tools: dict[int, Tool], at: int) -> str | None:
+def _in_force(tools: dict[int, Tool], starts: Sequence[int], at: int) -> str | None:
     """The tool that the last call of set_tcp before a position set, in the order of the text."""
-    before = [start for start in tools if start < at]
-    return tools[max(before)][0] if before else None
+    k = bisect.bisect_left(starts, at)
+    return tools[starts[k - 1]][0] if k else None
 
 
 def _frames(mask: str) -> dict[str, tuple[float, ...]]:

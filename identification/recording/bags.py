@@ -6,7 +6,9 @@ Read by rosbags (extra ``ros``). Joints come from ``JointState``; poses from ``P
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -17,23 +19,55 @@ from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
+from truepose.identification.recording.bag_limits import check_bag
 from truepose.identification.recording.settled import BAND, SECONDS, Average, Stream, average, stretches
 from truepose.identification.recording.text import SI, TextTable
-from truepose.wording import joined, shortened
+from truepose.wording import cut, joined, shortened
 
 Array = NDArray[np.float64]
 _AXES: Final = (("x", "m"), ("y", "m"), ("z", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad"))
 _POINT, _FRAME = "PointStamped", "TFMessage"
-_TYPES: Final = ("JointState", "PoseStamped", "TransformStamped", _FRAME, _POINT)
+_TYPES: Final = {
+    "sensor_msgs/msg/JointState": "JointState",
+    "geometry_msgs/msg/PoseStamped": "PoseStamped",
+    "geometry_msgs/msg/TransformStamped": "TransformStamped",
+    "tf2_msgs/msg/TFMessage": _FRAME,
+    "geometry_msgs/msg/PointStamped": _POINT,
+}
+FARTHEST: Final = 1e9
+"""m or rad: a joint or a place beyond is none."""
 _GIVEN: Final = 'choose one with --topic of "truepose import"'
+
+
+@dataclass
+class _Samples:
+    """Times (k,), s, and values (k, width), one behind the other; as plain numbers, of which a bag may hold millions."""
+
+    width: int
+    time: array[float] = field(default_factory=lambda: array("d"))
+    values: array[float] = field(default_factory=lambda: array("d"))
+
+    def add(self, time: float, values: Sequence[float]) -> None:
+        """One sample. Raises ValueError for values that are none, and where there were more or fewer before."""
+        if len(values) != self.width or any(abs(v) > FARTHEST for v in values):
+            told = ", ".join(f"{v:g}" for v in values)
+            raise ValueError(
+                f"found the values {told}, expected {self.width} of at most {FARTHEST:g} m or rad"
+            )
+        self.time.append(time)
+        self.values.extend(values)
+
+    @property
+    def stream(self) -> Stream:
+        return Stream.in_order(np.array(self.time), np.array(self.values).reshape(-1, self.width))
 
 
 @dataclass
 class _Log:
     """What a bag holds of joints, by name, and of poses, by topic (of frames by ``parent->child``), with their kind."""
 
-    joints: dict[str, list[tuple[float, list[float]]]] = field(default_factory=dict)
-    poses: dict[str, list[tuple[float, list[float]]]] = field(default_factory=dict)
+    joints: dict[str, _Samples] = field(default_factory=dict)
+    poses: dict[str, _Samples] = field(default_factory=dict)
     kinds: dict[str, str] = field(default_factory=dict)
 
     def add(self, kind: str, topic: str, message: Any, logged: float) -> None:
@@ -51,13 +85,12 @@ class _Log:
             self._pose(kind, topic, message.header, [*_xyz(pose.position), *_turn(pose.orientation)], logged)
         else:
             for name, position in zip(message.name, message.position, strict=False):
-                self.joints.setdefault(str(name), []).append(
-                    (_stamp(message.header, logged), [float(position)])
-                )
+                own = self.joints.setdefault(str(name), _Samples(1))
+                own.add(_stamp(message.header, logged), [float(position)])
 
     def _pose(self, kind: str, name: str, header: Any, values: list[float], logged: float) -> None:
         self.kinds[name] = kind
-        self.poses.setdefault(name, []).append((_stamp(header, logged), values))
+        self.poses.setdefault(name, _Samples(len(values))).add(_stamp(header, logged), values)
 
 
 def read_bag(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -> TextTable:
@@ -76,8 +109,8 @@ def read_bag(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -
         raise InputError(
             f"{path}: found no joint {unknown[0]!r}, expected {joined(map(repr, log.joints), 'or')}"
         )
-    streams = {name: Stream.of(log.joints[name]) for name in joints or log.joints}
-    seen = {prefix: Stream.of(log.poses[name]) for prefix, name in _chosen(log, topic, path).items()}
+    streams = {name: log.joints[name].stream for name in joints or log.joints}
+    seen = {prefix: log.poses[name].stream for prefix, name in _chosen(log, topic, path).items()}
     found = stretches(streams)
     rows = [(start, end) for start, end in found if any(len(s.between(start, end)) for s in seen.values())]
     if not rows:
@@ -89,33 +122,56 @@ def read_bag(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -
 
 
 def _read(path: Path) -> _Log:
+    """What a bag says, of messages of known types: these are read as ROS defines them, whatever the bag says they are."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InputError(f"{path}: a ROS bag needs rosbags: pip install 'truepose[ros]'") from None
+    check_bag(path)
     log = _Log()
+    store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
+    read = store.deserialize_ros1 if path.suffix == ".bag" else store.deserialize_cdr
+    with _told(path):
+        reader = AnyReader(
+            [path], default_typestore=store
+        )  # bags of sqlite3 hold no definitions of their messages
+        reader.open()
     try:
-        # bags of sqlite3 hold no definitions of their messages
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            for kind, topic, time, message in _messages(reader):
-                log.add(kind, topic, message, time)
-    except (AnyReaderError, OSError, ValueError, KeyError) as exc:
-        raise InputError(
-            f"{path}: cannot read the bag: {str(exc).splitlines()[0] if str(exc) else exc!r}"
-        ) from None
+        for connection, time, data in _messages(reader, path):
+            with _told(path):
+                message = read(data, connection.msgtype)
+            try:
+                log.add(_TYPES[connection.msgtype], connection.topic, message, time * 1e-9)
+            except ValueError as exc:
+                raise InputError(f"{path}: topic {cut(connection.topic)}: {exc}") from None
+    finally:
+        reader.close()
     return log
 
 
-def _messages(reader: Any) -> Iterator[tuple[str, str, float, Any]]:
-    kinds = {c.msgtype: c.msgtype.rpartition("/")[2] for c in reader.connections}
-    wanted = [
-        c for c in reader.connections if kinds[c.msgtype] in _TYPES and not c.topic.endswith("tf_static")
-    ]
-    if wanted:
-        for connection, time, data in reader.messages(connections=wanted):
-            message = reader.deserialize(data, connection.msgtype)
-            yield kinds[connection.msgtype], connection.topic, time * 1e-9, message
+def _messages(reader: Any, path: Path) -> Iterator[tuple[Any, int, bytes]]:
+    """Connection, time (ns) and data of each message of a known type."""
+    wanted = [c for c in reader.connections if c.msgtype in _TYPES and not c.topic.endswith("tf_static")]
+    if not wanted:
+        return
+    with _told(path):
+        messages = iter(reader.messages(connections=wanted))
+    while True:
+        with _told(path):
+            found = next(messages, None)
+        if found is None:
+            return
+        yield found
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """What rosbags raises as an InputError: a broken bag makes it raise nearly anything, assertions included."""
+    try:
+        yield
+    except Exception as exc:
+        raise InputError(f"{path}: cannot read the bag: {cut(str(exc) or repr(exc))}") from None
 
 
 def _chosen(log: _Log, topic: str | None, path: Path) -> Mapping[str, str]:

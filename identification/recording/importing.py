@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from truepose.bounded import MIB, read_at_most
 from truepose.errors import InputError
 from truepose.identification.recording.encoding import decoded
 from truepose.identification.recording.names import in_known_case
@@ -21,6 +22,8 @@ from truepose.identification.recording.tracker_text import ANY, DIALECTS, dialec
 from truepose.wording import joined, shortened
 
 FORMATS: Final = ("auto", *DIALECTS, "tpoint", "excel", "bag", "table")
+TEXT_MOST: Final = 100 * MIB
+"""Bytes of a point list or of stars: 100 MiB, some two million points."""
 _KEYS: Final = ("name", "point", "target", "pose")
 """Columns of a joints table that name each row's point."""
 _XYZ: Final = ("x", "y", "z")
@@ -47,7 +50,7 @@ def read_foreign(
             return _table(path, unit)
         if form == "bag":
             return bag_table(path, topic, joints)
-        text, notes = decoded(path.read_bytes(), str(path))
+        text, notes = decoded(read_at_most(path, TEXT_MOST), str(path))
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
     if form == "tpoint":
@@ -59,7 +62,7 @@ def read_foreign(
 
 def machine_of(path: Path) -> str:
     """Text of a machine file to start from, where a format tells the machine. Raises InputError where it does not."""
-    text = "" if _form(path) != "tpoint" else decoded(path.read_bytes(), str(path))[0]
+    text = "" if _form(path) != "tpoint" else decoded(read_at_most(path, TEXT_MOST), str(path))[0]
     if not text:
         raise InputError(
             f"--machine: found {path}, expected TPOINT's stars: other formats say nothing of the machine"
@@ -70,12 +73,13 @@ def machine_of(path: Path) -> str:
 def _form(path: Path) -> str:
     if is_bag(path):
         return "bag"
-    data = path.read_bytes()
+    with path.open("rb") as stream:
+        data = stream.read(4)
     if data.startswith(MAGIC):
         return "excel"
     if data.startswith(b"PAR1"):
         return "table"
-    text, _ = decoded(data, str(path))
+    text, _ = decoded(read_at_most(path, TEXT_MOST), str(path))
     if is_tpoint(text):
         return "tpoint"
     marked = dialect_of(text) is not ANY
@@ -154,7 +158,8 @@ def _matched(points: Table, joints: Table, key: str) -> list[int]:
     if missing:
         told = shortened([repr(name) for name in missing], 4)
         raise InputError(f"{joints.file}: column {key!r}: found {told}, no point of {points.file}")
-    again = next((k for k, name in enumerate(wanted) if name in wanted[:k]), None)
+    first: dict[str, int] = {}
+    again = next((k for k, name in enumerate(wanted) if first.setdefault(name, k) != k), None)
     if again is not None:
         found = f"{joints.where(key, again)}: found {wanted[again]!r} again"
         raise InputError(f"{found}, expected names that differ")

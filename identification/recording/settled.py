@@ -30,7 +30,11 @@ class Stream:
     @classmethod
     def of(cls, samples: Sequence[tuple[float, Sequence[float]]]) -> Stream:
         """From samples in any order; of several at one time the last one counts."""
-        time, values = np.array([t for t, _ in samples]), np.array([v for _, v in samples], dtype=float)
+        return cls.in_order(np.array([t for t, _ in samples]), np.array([v for _, v in samples], dtype=float))
+
+    @classmethod
+    def in_order(cls, time: Array, values: Array) -> Stream:
+        """The same of times (k,) and values (k, w)."""
         last = len(time) - 1 - np.unique(time[::-1], return_index=True)[1]
         return cls(time[last], values[last])
 
@@ -64,12 +68,27 @@ def _still(stream: Stream, band: float, seconds: float) -> list[tuple[float, flo
     time, values = stream.time, stream.values[:, 0]
     first = np.searchsorted(time, time - seconds / 2)
     last = np.searchsorted(time, time + seconds / 2, side="right")
-    still = np.array([np.ptp(values[a:b]) <= band for a, b in zip(first, last, strict=True)])
+    still = _spreads(values, first, last) <= band
     # samples far apart say nothing of what is between them
     joined = still[1:] & still[:-1] & (np.abs(np.diff(values)) <= band) & (np.diff(time) <= seconds)
     ends = np.flatnonzero(~np.append(joined, False))
     starts = np.append(0, ends[:-1] + 1)
     return [(float(time[a]), float(time[b])) for a, b in zip(starts, ends, strict=True) if still[a]]
+
+
+def _spreads(values: Array, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+    """(k,) largest minus smallest of ``values[first:last]``, none of which is empty.
+
+    Two windows of a power of two cover one of any length, so that windows of thousands of samples cost no more than short ones.
+    """
+    level, out = np.frexp(last - first)[1] - 1, np.empty(len(first))
+    high = low = values
+    for k in range(int(level.max()) + 1):
+        at, size = np.flatnonzero(level == k), 1 << k
+        a, b = first[at], last[at] - size
+        out[at] = np.maximum(high[a], high[b]) - np.minimum(low[a], low[b])
+        high, low = np.maximum(high[:-size], high[size:]), np.minimum(low[:-size], low[size:])
+    return out
 
 
 def _overlaps(

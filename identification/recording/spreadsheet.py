@@ -7,6 +7,8 @@ from pathlib import Path
 
 from truepose.errors import InputError
 from truepose.identification.recording.text import TextTable
+from truepose.identification.recording.workbook_limits import check_workbook
+from truepose.wording import cut, shortened
 
 MAGIC = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
 """What .xlsx and .xls begin with."""
@@ -23,19 +25,21 @@ def read_spreadsheet(path: Path) -> TextTable:
         raise InputError(
             f"{path}: an Excel workbook needs python-calamine: pip install 'truepose[excel]'"
         ) from None
+    check_workbook(path)
     try:
         with calamine.CalamineWorkbook.from_path(path) as book:
             sheets = {
                 name: book.get_sheet_by_name(name).to_python(skip_empty_area=False)
                 for name in book.sheet_names
             }
-    except (calamine.CalamineError, OSError) as exc:
-        raise InputError(
-            f"{path}: cannot read the file: no Excel workbook ({str(exc).splitlines()[0]})"
-        ) from None
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as exc:  # its reader is Rust, whose panics are no Exception
+        reason = cut(str(exc) or repr(exc))
+        raise InputError(f"{path}: cannot read the file: no Excel workbook ({reason})") from None
     full = {name: rows for name, rows in sheets.items() if any(map(_told, rows))}
     if len(full) != 1:
-        found = ", ".join(repr(name) for name in full) or "none"
+        found = shortened([repr(cut(name, 60)) for name in full], 8) or "none"
         raise InputError(f"{path}: found sheets with data: {found}; expected one")
     kept = [(k, row) for k, row in enumerate(next(iter(full.values())), start=1) if _told(row)]
     if not kept:

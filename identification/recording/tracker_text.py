@@ -36,7 +36,7 @@ DIALECTS: Final[Mapping[str, Dialect]] = {
 }
 ANY: Final = Dialect(("!", "%", "#", "//", "*"), re.compile(""))
 _AXES: Final = ("x", "y", "z")
-_NUMBER: Final = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?")
+_NUMBER: Final = re.compile(r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eEdD][-+]?\d++)?")
 _WHOLE: Final = re.compile(r"\d+")
 _LABEL: Final = re.compile(r"(?<![^\s,;\t])[XYZ]\s*[=:]?\s*(?=[-+]?[\d.])")
 _UNIT: Final = re.compile(r"units?\b[^A-Za-z]*(?:length\b[^A-Za-z]*|are\s+|in\s+)?([A-Za-z]+)", re.IGNORECASE)

@@ -8,6 +8,7 @@ redundant with their neighbours', and the tolerances decide how they share it. W
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
@@ -25,7 +26,7 @@ from truepose.models.context import BuildContext
 from truepose.models.fields import Section
 from truepose.models.mechanism import BASE, Mechanism
 from truepose.models.units import UnitSystem, convert
-from truepose.wording import close_matches
+from truepose.wording import close_matches, cut
 
 
 class Urdf(Section):
@@ -100,7 +101,7 @@ def _followed(robot: Robot, joint: Element, called: Mapping[str, str], units: Un
         raise robot.wrong(
             joint,
             "mimic",
-            f"found {other!r}, which lies on no way to a tip",
+            f"found {cut(other)!r}, which lies on no way to a tip",
             "a joint of the machine: name a link beyond it in tip_link, too",
         )
     own, theirs = (_slides(robot, name) for name in (robot.joint_name(joint), other))
@@ -121,15 +122,15 @@ def _names(section: Urdf, chain: list[str], where: str) -> list[str]:
     for name, new in section.joints.items():
         if name not in chain:
             raise InputError(
-                f"{where}.joints: found {name!r}, no joint of the chain; {close_matches(name, chain)}"
+                f"{where}.joints: found {cut(name)!r}, no joint of the chain; {close_matches(name, chain)}"
             )
         if not new:
             raise InputError(f"{where}.joints.{name}: found an empty name, expected one")
     names = [section.joints.get(name, name) for name in chain]
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise InputError(
-            f"{where}.joints: found {twice[0]!r} twice, expected every joint to have its own name"
+            f"{where}.joints: found {cut(twice[0])!r} twice, expected every joint to have its own name"
         )
     return names
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,33 +11,20 @@ from typing import Any
 from xml.etree import ElementTree
 
 from truepose.errors import InputError
+from truepose.models.builders.urdf_xml import read_urdf
 from truepose.models.units import UnitSystem
-from truepose.wording import close_matches
+from truepose.wording import close_matches, cut
 
 KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
 MM_PER_M = 1000.0
+CHAIN_MOST = 500
+"""Joints between a base and a tip, the fixed ones among them."""
+NAME_MOST = 200
+"""Characters of the name of a link or joint."""
+FARTHEST = 1e9
+"""m, rad, kg: what is larger in a URDF is no robot's."""
 _AXIS = (1.0, 0.0, 0.0)
 """Axis of a joint that states none."""
-
-
-class _NoEntities(ElementTree.TreeBuilder):
-    """Refuses a document type: its entities can stand for gigabytes, or for other files."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._path = path
-
-    def doctype(self, name: str, public: str | None, system: str | None) -> None:
-        raise InputError(
-            f"{self._path}: found <!DOCTYPE {name}>, expected a URDF without a document type and entities"
-        )
-
-
-def _tree(path: Path) -> ElementTree.Element:
-    """The root of an XML file. Raises OSError, and ParseError, ValueError or LookupError for what is none."""
-    if path.exists() and not path.is_file():  # a device or a pipe may never end
-        raise OSError(None, "not a file")
-    return ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_NoEntities(path)))
 
 
 @dataclass(frozen=True)
@@ -53,21 +41,11 @@ class Robot:
     @classmethod
     def read(cls, path: Path) -> Robot:
         """Read and check what all joints share. Raises InputError for a missing file and broken XML."""
-        try:
-            root = _tree(path)
-        except OSError as exc:
-            raise InputError(f"{path}: cannot read the URDF: {exc.strerror or exc}") from None
-        except (ElementTree.ParseError, ValueError, LookupError) as exc:
-            raise InputError(f"{path}: cannot read the URDF: broken XML: {exc}") from None
-        if root.tag != "robot":
-            raise InputError(f"{path}: found <{root.tag}>, expected <robot>")
+        root = read_urdf(path)
         links = [link.get("name", "") for link in root.findall("link")]
         joints = [joint.get("name", "") for joint in root.findall("joint")]
-        for what, names in (("link", links), ("joint", joints)):
-            wrong = sorted({name for name in names if not name or names.count(name) > 1})
-            if wrong:
-                found = f"{wrong[0]!r} twice" if wrong[0] else "one without a name"
-                raise InputError(f"{path}: {what}: found {found}, expected each with a name of its own")
+        _check_names(path, "link", links)
+        _check_names(path, "joint", joints)
         robot = cls(path, frozenset(links), {}, tuple(root.findall("link")))
         above: dict[str, ElementTree.Element] = {}
         for joint in root.findall("joint"):
@@ -78,7 +56,7 @@ class Robot:
                 raise robot.wrong(
                     joint,
                     "child",
-                    f"found {child!r}, which {above[child].get('name')!r} carries already",
+                    f"found {cut(child)!r}, which {cut(above[child].get('name', ''))!r} carries already",
                     "a tree",
                 )
             above[child] = joint
@@ -89,16 +67,22 @@ class Robot:
         for field, link in (("base_link", base), ("tip_link", tip)):
             if link not in self.links:
                 raise InputError(
-                    f"{where}.{field}: found {link!r}, no link of {self.path}; {close_matches(link, self.links)}"
+                    f"{where}.{field}: found {cut(link)!r}, no link of {self.path}; {close_matches(link, self.links)}"
                 )
         out: list[ElementTree.Element] = []
-        link = tip
-        while link != base and link in self.above and self.above[link] not in out:
+        link, seen = tip, set[str]()
+        while link != base and link in self.above and link not in seen:
+            seen.add(link)
             out.append(self.above[link])
             link = self.end(out[-1], "parent")
+        if link == base and len(out) > CHAIN_MOST:
+            raise InputError(
+                f"{where}.tip_link: found {len(out)} joints of {self.path} from {cut(base)!r} to {cut(tip)!r}, "
+                f"expected at most {CHAIN_MOST}"
+            )
         if link != base or not out:
             raise InputError(
-                f"{where}.tip_link: found {tip!r}, which no joint of {self.path} carries from {base!r} on, "
+                f"{where}.tip_link: found {cut(tip)!r}, which no joint of {self.path} carries from {cut(base)!r} on, "
                 "expected a link further from the base than base_link"
             )
         return out[::-1]
@@ -112,7 +96,9 @@ class Robot:
         element = joint.find(which)
         link = "" if element is None else element.get("link", "")
         if link not in self.links:
-            raise self.wrong(joint, which, f"found {link!r}", f"a link; {close_matches(link, self.links)}")
+            raise self.wrong(
+                joint, which, f"found {cut(link)!r}", f"a link; {close_matches(link, self.links)}"
+            )
         return link
 
     def joint(self, joint: ElementTree.Element, units: UnitSystem) -> dict[str, Any]:
@@ -120,7 +106,7 @@ class Robot:
         kind = joint.get("type", "")
         if kind not in KINDS:
             expected = f"{', '.join(KINDS)} (describe the machine as type: graph)"
-            raise self.wrong(joint, "type", f"found {kind!r}", expected)
+            raise self.wrong(joint, "type", f"found {cut(kind)!r}", expected)
         xyz, rpy = self.numbers(joint, "origin", "xyz"), self.numbers(joint, "origin", "rpy")
         out: dict[str, Any] = {"kind": KINDS[kind]}
         out["xyz"] = [float(units.from_internal(MM_PER_M * v, "length")) for v in xyz]
@@ -130,7 +116,7 @@ class Robot:
         axis = self.numbers(joint, "axis", "xyz", _AXIS)
         if not any(axis):
             raise self.wrong(joint, "axis", "found 0 0 0", "a direction")
-        out["axis"] = list(axis)
+        out["axis"] = _direction(axis)
         if joint.find("mimic") is not None:
             return out
         out["actuated"] = True
@@ -157,7 +143,7 @@ class Robot:
             or KINDS.get(other.get("type", ""), "fixed") == "fixed"
         ):
             raise self.wrong(
-                joint, "mimic", f"found {found!r}", "a joint that moves and has a reading of its own"
+                joint, "mimic", f"found {cut(found)!r}", "a joint that moves and has a reading of its own"
             )
         factor, offset = (
             self.number(joint, "mimic", element.get(key, usual))
@@ -188,26 +174,49 @@ class Robot:
         text = None if element is None else element.get(attribute)
         if text is None:
             return default
-        values = tuple(self.number(joint, tag, word) for word in text.split())
-        if len(values) != len(default):
-            raise self.wrong(joint, f"{tag}.{attribute}", f"found {text!r}", "3 numbers")
+        words = text.split(maxsplit=len(default))
+        values = tuple(self.number(joint, tag, word) for word in words) if len(words) == len(default) else ()
+        if not values or (tag != "axis" and max(map(abs, values)) > FARTHEST):
+            raise self.wrong(
+                joint, f"{tag}.{attribute}", f"found {cut(text)!r}", f"3 numbers of at most {FARTHEST:g}"
+            )
         return values
 
     def number(self, joint: ElementTree.Element, tag: str, text: str) -> float:
         """A finite number of an element of a joint or link."""
         try:
-            value = float(text)
+            value = (
+                float(text) if text.isascii() and "_" not in text else math.nan
+            )  # Python reads 1_000, nobody else does
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise self.wrong(joint, tag, f"found {text!r}", "finite numbers")
+            raise self.wrong(joint, tag, f"found {cut(text)!r}", "finite numbers")
         return value
 
     def wrong(self, joint: ElementTree.Element, element: str, found: str, expected: str) -> InputError:
         """The error of one element of a joint or link."""
         return InputError(
-            f"{self.path}: {joint.tag} {self.joint_name(joint)!r}: {element}: {found}, expected {expected}"
+            f"{self.path}: {joint.tag} {cut(self.joint_name(joint))!r}: {element}: {found}, expected {expected}"
         )
 
 
-__all__ = ["KINDS", "MM_PER_M", "Robot"]
+def _check_names(path: Path, what: str, names: list[str]) -> None:
+    """Each with a name of its own, of a length that messages and columns have room for."""
+    wrong = sorted(name for name, count in Counter(names).items() if not name or count > 1)
+    if wrong:
+        found = f"{cut(wrong[0])!r} twice" if wrong[0] else "one without a name"
+        raise InputError(f"{path}: {what}: found {found}, expected each with a name of its own")
+    long = next((name for name in names if len(name) > NAME_MOST), None)
+    if long is not None:
+        found = f"the name {cut(long)!r} of {len(long)} characters"
+        raise InputError(f"{path}: {what}: found {found}, expected at most {NAME_MOST}")
+
+
+def _direction(axis: tuple[float, ...]) -> list[float]:
+    """An axis as it stands; of one whose length's square no number holds, the same direction."""
+    largest = max(map(abs, axis))
+    return list(axis) if 1e-6 <= largest <= 1e6 else [v / largest for v in axis]
+
+
+__all__ = ["CHAIN_MOST", "FARTHEST", "KINDS", "MM_PER_M", "NAME_MOST", "Robot"]

@@ -7,19 +7,28 @@ through joints that stand at zero. What hangs on the chain's base carries nothin
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.models.builders.urdf_file import MM_PER_M, Robot
+from truepose.models.builders.urdf_file import FARTHEST, MM_PER_M, Robot
 from truepose.models.lie import rpy_matrix
 from truepose.models.mechanism import Inertial
-from truepose.wording import shortened
+from truepose.wording import cut, shortened
 
 Array = NDArray[np.float64]
 STANDARD_GRAVITY = 9.80665
 _NAMED = 3
+
+
+class _Hung(NamedTuple):
+    """The body that a link hangs on, the link's frame (4, 4) in the body's at zero, and whether a joint could move it."""
+
+    body: str
+    frame: Array
+    moved: bool
 
 
 def inertials_of(robot: Robot, chain: Sequence[str]) -> tuple[tuple[Inertial, ...], tuple[str, ...]]:
@@ -29,11 +38,12 @@ def inertials_of(robot: Robot, chain: Sequence[str]) -> tuple[tuple[Inertial, ..
     """
     sums = {link: np.zeros(4) for link in chain[1:]}  # kg, kg x, kg y, kg z
     bent: list[str] = []
+    known: dict[str, _Hung | None] = {link: _Hung(link, np.eye(4), moved=False) for link in sums}
     for element in robot.elements:
         kg, com = _weight(robot, element)
         if not kg:
             continue
-        found = _carried(robot, robot.joint_name(element), sums)
+        found = _carried(robot, robot.joint_name(element), known)
         if found is None:
             continue
         body, frame, moved = found
@@ -67,30 +77,37 @@ def _weight(robot: Robot, link: ElementTree.Element) -> tuple[float, Array]:
     if inertial is None or mass is None:
         return 0.0, np.zeros(3)
     kg = robot.number(link, "inertial.mass", mass.get("value", "0"))
-    if kg < 0.0:
-        raise robot.wrong(link, "inertial.mass", f"found {kg:g}", "a number >= 0 (kg)")
+    if not 0.0 <= kg <= FARTHEST:
+        raise robot.wrong(link, "inertial.mass", f"found {kg:g}", f"a number from 0 to {FARTHEST:g} (kg)")
     origin = inertial.find("origin")
     text = None if origin is None else origin.get("xyz")
     if text is None:
         return kg, np.zeros(3)
-    values = [robot.number(link, "inertial.origin", word) for word in text.split()]
-    if len(values) != 3:
-        raise robot.wrong(link, "inertial.origin.xyz", f"found {text!r}", "3 numbers")
+    values = [robot.number(link, "inertial.origin", word) for word in text.split(maxsplit=3)]
+    if len(values) != 3 or max(map(abs, values)) > FARTHEST:
+        raise robot.wrong(
+            link, "inertial.origin.xyz", f"found {cut(text)!r}", f"3 numbers of at most {FARTHEST:g}"
+        )
     return kg, MM_PER_M * np.array(values)
 
 
-def _carried(robot: Robot, link: str, bodies: dict[str, Array]) -> tuple[str, Array, bool] | None:
-    """The body that a link hangs on, the link's frame (4, 4) in the body's at zero, and whether a joint could move it."""
-    frame, moved, seen = np.eye(4), False, set[str]()
-    while link not in bodies:
-        if link not in robot.above or link in seen:
-            return None
-        seen.add(link)
-        joint = robot.above[link]
-        frame = _origin(robot, joint) @ frame
-        moved = moved or joint.get("type") != "fixed"
-        link = robot.end(joint, "parent")
-    return link, frame, moved
+def _carried(robot: Robot, link: str, known: dict[str, _Hung | None]) -> _Hung | None:
+    """What a link hangs on; ``known`` of the links seen before, which grows, so that long branches are walked once."""
+    way: list[str] = []
+    while link not in known:
+        known[link] = None  # a ring, or the root, unless the walk comes to a body
+        way.append(link)
+        if link in robot.above:
+            link = robot.end(robot.above[link], "parent")
+    found = known[link]
+    for one in reversed(way):
+        if found is not None:
+            joint = robot.above[one]
+            found = _Hung(
+                found.body, found.frame @ _origin(robot, joint), found.moved or joint.get("type") != "fixed"
+            )
+        known[one] = found
+    return found
 
 
 def _origin(robot: Robot, joint: ElementTree.Element) -> Array:

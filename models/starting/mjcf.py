@@ -14,16 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.models.starting.compiled_mjcf import Compiled, compiled
+from truepose.models.starting.mujoco_child import LEAST
 from truepose.models.starting.start import Start
-from truepose.wording import close_matches, shortened
+from truepose.wording import close_matches, cut, shortened
 
 if TYPE_CHECKING:
     import mujoco
 
 Array = NDArray[np.float64]
 _MM = 1000.0
-_LEAST = 1e-9
-"""kg: what a body without mass is given, so that MuJoCo takes it."""
+CHAIN_MOST = 500
+"""Bodies between the base and the tip."""
+NAME_MOST = 200
+"""Characters of a name."""
+FARTHEST = 1e9
+"""m, m/s^2, kg: what is larger in an MJCF is no robot's."""
 _NAMED = 4
 
 
@@ -32,10 +38,12 @@ def mjcf_start(path: Path, tip: str = "") -> Start:
 
     Raises InputError where MuJoCo is missing or refuses the file, and for a chain with ball or free joints.
     """
-    model, bare = _compiled(path)
+    found = compiled(path)
+    model = found.model
+    _check(model, path)
     body = _body(model, tip, path) if tip else _longest(model, path)
     chain = _chain(model, body, path)
-    return _Written(model, chain, path).start(bare)
+    return _Written(model, chain, path).start(found)
 
 
 @dataclass(frozen=True)
@@ -46,8 +54,8 @@ class _Written:
     chain: Sequence[int]
     path: Path
 
-    def start(self, bare: bool) -> Start:
-        """``bare``: meshes were not at hand, so that bodies whose mass comes from them weigh nothing."""
+    def start(self, found: Compiled) -> Start:
+        """Where meshes were not at hand, bodies whose mass comes from them weigh nothing."""
         poses = _poses(self.model)
         bodies, shifts = [self._name(self.chain[0])], {self.chain[0]: np.zeros(3)}
         joints: list[dict[str, Any]] = []
@@ -65,8 +73,9 @@ class _Written:
             f"Source: {self.path.name}, from the body {bodies[0]} to the body {self._name(self.chain[-1])}."
         ]
         if light:
-            why = "whose meshes were not at hand" if bare else "as the source says"
+            why = "whose meshes were not at hand" if found.bare else "as the source says"
             notes.append(f"Note: bodies without mass, {why}: {shortened(light, _NAMED)}. CHECK masses.")
+        notes += [f"Note: MuJoCo: {said}" for said in found.warnings]
         mechanism = {"type": "graph", "bodies": bodies, "flange": bodies[-1], "joints": joints}
         return Start(
             self.path.stem,
@@ -132,7 +141,7 @@ class _Written:
             if carrier in own:
                 local = poses[carrier][:3, :3].T @ (com[body] - poses[carrier][:3, 3]) - shifts[carrier]
                 sums[carrier] += self.model.body_mass[body] * np.array([1.0, *local])
-        heavy = {body: s for body, s in sums.items() if s[0] > 10 * _LEAST}
+        heavy = {body: s for body, s in sums.items() if s[0] > 10 * LEAST}
         masses = {
             self._name(body): {"kg": float(s[0]), "com": (s[1:] / s[0]).tolist(), "in": self._name(body)}
             for body, s in heavy.items()
@@ -166,50 +175,37 @@ def _rpy(rotation: Array) -> Array:
     return np.array([roll, pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
 
 
-def _compiled(path: Path) -> tuple[mujoco.MjModel, bool]:
-    """The model, and whether its meshes were left out because their files were not there."""
+def _check(model: mujoco.MjModel, path: Path) -> None:
+    """Refuse numbers that are no robot's, names that are no text, and axes that MuJoCo itself made nothing of."""
+    sizes = {
+        "position": model.body_pos, "joint's anchor": model.jnt_pos, "mass": model.body_mass, "gravity": model.opt.gravity,
+        "centre of mass": model.body_ipos,
+    }  # fmt: skip
+    for what, values in sizes.items():
+        odd = [float(v) for v in np.ravel(values) if not abs(v) <= FARTHEST]
+        if odd:
+            raise InputError(f"{path}: found the {what} {odd[0]:g}, expected at most {FARTHEST:g}")
     try:
-        import mujoco
-    except ImportError:
+        names = [model.body(k).name for k in range(model.nbody)]
+        names += [model.joint(k).name for k in range(model.njnt)]
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: found a name that is no text, expected UTF-8") from None
+    long = next((name for name in names if len(name) > NAME_MOST), None)
+    if long is not None:
+        found = f"the name {cut(long)!r} of {len(long)} characters"
+        raise InputError(f"{path}: found {found}, expected at most {NAME_MOST}")
+    bare = [k for k in range(model.njnt) if not 0.5 < np.linalg.norm(model.jnt_axis[k]) < 2.0]
+    if bare:
+        name = cut(model.joint(bare[0]).name)
         raise InputError(
-            "--mjcf: MuJoCo reads these files, expected it installed: pip install 'truepose[mjcf]'"
-        ) from None
-    if (
-        path.is_file() and b"<!DOCTYPE" in path.read_bytes()
-    ):  # MuJoCo would read its entities as they are written
-        raise InputError(f"{path}: found <!DOCTYPE>, expected an MJCF without a document type and entities")
-    try:
-        return mujoco.MjSpec.from_file(str(path)).compile(), False
-    except ValueError as exc:
-        if "opening file" not in str(exc) or not path.is_file():
-            raise _refused(path, exc) from None
-    try:
-        return _without_meshes(mujoco.MjSpec.from_file(str(path))).compile(), True
-    except ValueError as exc:
-        raise _refused(path, exc) from None
-
-
-def _without_meshes(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """The same model without anything that stands in files of its own."""
-    import mujoco
-
-    for geom in list(spec.geoms):
-        if int(geom.type) in (int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_HFIELD)):
-            spec.delete(geom)
-    for part in (*spec.meshes, *spec.hfields, *spec.skins, *spec.materials, *spec.textures):
-        spec.delete(part)
-    spec.compiler.boundmass, spec.compiler.boundinertia = _LEAST, _LEAST
-    return spec
-
-
-def _refused(path: Path, exc: ValueError) -> InputError:
-    return InputError(f"{path}: cannot read the MJCF: {' '.join(str(exc).split())}")
+            f"{path}: joint {name!r}: found an axis that MuJoCo takes for none, expected a direction"
+        )
 
 
 def _body(model: mujoco.MjModel, name: str, path: Path) -> int:
     names = [model.body(k).name for k in range(model.nbody)]
     if name not in names:
-        raise InputError(f"--tip: found {name!r}, no body of {path}; {close_matches(name, names)}")
+        raise InputError(f"--tip: found {cut(name)!r}, no body of {path}; {close_matches(name, names)}")
     return names.index(name)
 
 
@@ -220,7 +216,8 @@ def _longest(model: mujoco.MjModel, path: Path) -> int:
         moving[body] = moving[model.body_parentid[body]] + model.body_jntnum[body]
     best = [k for k in range(model.nbody) if moving[k] == moving.max() and model.body_jntnum[k]]
     if len(best) != 1:
-        names = ", ".join(model.body(k).name or f"body{k}" for k in best) or "none with joints"
+        named = [cut(model.body(k).name, 60) or f"body{k}" for k in best]
+        names = shortened(named, 10) or "none with joints"
         raise InputError(
             f"{path}: found several ends of a chain: {names}, expected one: say which with --tip"
         )
@@ -232,21 +229,24 @@ def _chain(model: mujoco.MjModel, tip: int, path: Path) -> list[int]:
     import mujoco
 
     chain = [tip]
-    while chain[0]:
-        chain.insert(0, int(model.body_parentid[chain[0]]))
+    while chain[-1]:
+        chain.append(int(model.body_parentid[chain[-1]]))
+    chain.reverse()
     while len(chain) > 1 and not model.body_jntnum[chain[1]]:
         del chain[0]
+    if len(chain) > CHAIN_MOST:
+        raise InputError(f"{path}: found {len(chain)} bodies up to the tip, expected at most {CHAIN_MOST}")
     if len(chain) < 2:
         raise InputError(
-            f"{path}: found no joint on the way to {model.body(tip).name!r}, expected another --tip"
+            f"{path}: found no joint on the way to {cut(model.body(tip).name)!r}, expected another --tip"
         )
     known = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     for body in chain:
         for k in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
             if int(model.jnt_type[k]) not in known:
                 raise InputError(
-                    f"{path}: joint {model.joint(k).name!r}: found a ball or free joint, expected hinges and slides on the "
-                    "way from the base to the tip"
+                    f"{path}: joint {cut(model.joint(k).name)!r}: found a ball or free joint, expected hinges and "
+                    "slides on the way from the base to the tip"
                 )
     return chain
 

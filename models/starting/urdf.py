@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from truepose.errors import InputError
@@ -11,6 +12,7 @@ from truepose.models.builders.urdf_file import Robot
 from truepose.models.builders.urdf_inertials import gravity_in, inertials_of
 from truepose.models.starting.start import UPRIGHT, Start, readings_of
 from truepose.models.units import UnitSystem
+from truepose.wording import cut, shortened
 
 
 def urdf_start(path: Path, output: Path, base: str, tip: str, *, written_out: bool) -> Start:
@@ -54,7 +56,7 @@ def root_of(robot: Robot) -> str:
     """The link that no joint carries. Raises InputError where there are several."""
     roots = sorted(robot.links - set(robot.above))
     if len(roots) != 1:
-        found = ", ".join(roots) or "none"
+        found = _named(roots) or "none"
         raise InputError(
             f"{robot.path}: found the root links {found}, expected one: say which with --base-link"
         )
@@ -63,22 +65,10 @@ def root_of(robot: Robot) -> str:
 
 def _longest(robot: Robot, base: str) -> str:
     """The link at the end of the chain with the most joints that move; of those the one with the fewest fixed beyond."""
-    ends: dict[str, tuple[int, int]] = {}
-    for link in robot.links:
-        moving, joints, here, seen = 0, 0, link, set[str]()
-        while here != base and here in robot.above and here not in seen:
-            seen.add(here)
-            joint = robot.above[here]
-            moving += (
-                joint.get("type") in ("revolute", "continuous", "prismatic") and joint.find("mimic") is None
-            )
-            joints += 1
-            here = robot.end(joint, "parent")
-        if here == base and moving:
-            ends[link] = (moving, joints)
+    ends = _ends(robot, base)
     if not ends:
         raise InputError(
-            f"{robot.path}: found no joint that moves beyond {base!r}, expected another --base-link"
+            f"{robot.path}: found no joint that moves beyond {cut(base)!r}, expected another --base-link"
         )
     most = max(moving for moving, _ in ends.values())
     best = sorted(link for link, (moving, _) in ends.items() if moving == most)
@@ -90,9 +80,36 @@ def _longest(robot: Robot, base: str) -> str:
     if len(driven) == 1 and usual:
         return usual[0]
     raise InputError(
-        f"{robot.path}: found several ends of the chain from {base!r}: {', '.join(best)}, expected one: say which with "
+        f"{robot.path}: found several ends of the chain from {cut(base)!r}: {_named(best)}, expected one: say which with "
         "--tip-link"
     )
+
+
+def _ends(robot: Robot, base: str) -> dict[str, tuple[int, int]]:
+    """Of each link beyond ``base`` with a joint that moves on the way: how many do, and how many joints there are in all."""
+    known: dict[str, tuple[int, int] | None] = {base: (0, 0)}
+    for link in robot.links:
+        way, here = [], link
+        while here not in known:
+            known[here] = None  # a ring, or another root, unless the walk comes to the base
+            way.append(here)
+            if here in robot.above:
+                here = robot.end(robot.above[here], "parent")
+        found = known[here]
+        for one in reversed(way):
+            found = None if found is None else (found[0] + _moves(robot, one), found[1] + 1)
+            known[one] = found
+    return {link: found for link, found in known.items() if found is not None and found[0]}
+
+
+def _moves(robot: Robot, link: str) -> bool:
+    """Whether the joint that carries a link moves and has a reading of its own."""
+    joint = robot.above[link]
+    return joint.get("type") in ("revolute", "continuous", "prismatic") and joint.find("mimic") is None
+
+
+def _named(links: Sequence[str]) -> str:
+    return shortened([cut(link, 60) for link in links], 10)
 
 
 __all__ = ["root_of", "urdf_start"]

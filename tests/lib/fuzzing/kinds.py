@@ -118,7 +118,7 @@ def _mjcf(folder: Path) -> list[Seed]:
 def _bags(folder: Path) -> list[Seed]:
     from support.guide_bag import write_bag
 
-    bag = write_bag(folder, poses=4, samples=6).read_bytes()
+    bag = write_bag(folder, poses=3, samples=14).read_bytes()
     machine = (folder / "as_built.yaml").read_bytes()
     commands = (
         ("import", "run.mcap", "-o", "out/rows.csv"),

@@ -23,7 +23,7 @@ from truepose.errors import InputError
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
-from truepose.models.starting import mjcf
+from truepose.models.starting import compiled_mjcf, mjcf
 from truepose.models.statics import Statics
 
 Array = NDArray[np.float64]
@@ -157,3 +157,22 @@ def test_what_is_no_chain_is_refused(tmp_path: Path, xml: str, tip: str, message
 def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.xml: cannot read the MJCF: .*opening file"):
         mjcf.mjcf_start(tmp_path / "nowhere.xml")
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ('<body><replicate count="1000000"><body><geom/></body></replicate></body>', "needs more than 1 s"),
+        ('<body pos="1e300 0 0"/>', "found the position 1e\\+300, expected at most"),
+        ('<body name="' + "n" * 300 + '"/>', "of 300 characters"),
+    ],
+    ids=["endless", "far", "long"],
+)
+def test_what_no_robot_is_costs_no_more_than_a_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: str, told: str
+) -> None:
+    monkeypatch.setattr(compiled_mjcf, "SECONDS_MOST", 1)
+    (tmp_path / "arm.xml").write_text(ARM.replace("<worldbody>", f"<worldbody>{more}"))
+    with pytest.raises(InputError, match=told):
+        mjcf.mjcf_start(tmp_path / "arm.xml")
+    assert [one.name for one in tmp_path.iterdir()] == ["arm.xml"]  # MuJoCo's log is elsewhere

@@ -1,0 +1,54 @@
+"""Programs of endless lines, brackets and numbers are read in time that grows with their length."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+
+import pytest
+
+from support.program_robots import arms, machine_file
+from truepose.errors import InputError
+from truepose.identification.programs.correct import correct
+from truepose.identification.programs.dialects import DIALECTS
+from truepose.identification.programs.program import closing
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+N = 10_000
+WORST = {
+    "kuka": ("{" * N, "{X 1" * N, "FDAT A={" * N, "$" + "a" * N + " = {", "PTP P " + " " * N + "!", "PTP P " + "C_X " * N + "!",
+             "a[" + "1" * N, "PTP {X " + "9" * N + ",Y 1}", "a = {" * N, "DECL " * N + "x={X 1}", '"' * N),
+    "rapid": ("[[" + "1" * N, "[[1,1," + "1" * N + " " * N, "CONST robtarget a{" * N, "Offs(" * N, "MoveL " + "," * N,
+              "a" + ".b" * N + " ;", "wobjdata a:=[TRUE,FALSE," * N, "[" * N),
+    "urscript": ("movej(" * N, "p[" + "1" * N, "p" + " " * N, "movej(" + "(" * N + ")" * N + ")", "set_tcp(" * N,
+                 "".join(f"a{k}=p[1,2,3,4,5,6]\n" for k in range(N // 10))),
+    "csv": ("x" + " " * N + "[", "x,y,z,rx,ry,rz\n" + "1," * N, "x [" * N, '"' * N),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
+    return load_machine(machine_file(tmp_path_factory.mktemp("robot"), arms()[1]))
+
+
+@pytest.mark.parametrize(("dialect", "k"), [(d, k) for d, texts in WORST.items() for k in range(len(texts))])
+def test_no_text_takes_longer_than_its_length(machine: Machine, dialect: str, k: int) -> None:
+    text, began = WORST[dialect][k], time.process_time()
+    with contextlib.suppress(InputError):
+        DIALECTS[dialect].read(text, machine)
+    assert time.process_time() - began < 1.5
+
+
+def test_a_bracket_closes_where_its_depth_is_reached_again() -> None:
+    text = ")(a[b]{c)d)]"
+    assert [closing(text, k) for k in (1, 3, 6)] == [10, 5, 8]
+    assert closing("((a)", 0) is None
+
+
+def test_numbers_beyond_all_machines_are_left_and_told(machine: Machine) -> None:
+    text = "LIN {X 1e300,Y 10,Z 500,A 0,B 90,C 0}\nPTP {A1 10,A2 -20,A3 30,A4 0,A5 40,A6 " + "9" * 400 + "}\n"
+    done = correct(machine, DIALECTS["kuka"].read(text, machine))
+    assert not done.done
+    assert len(done.left) == 2
+    assert all("beyond 1e+09" in left.why and len(left.why) < 100 for left in done.left)

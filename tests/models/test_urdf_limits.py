@@ -1,0 +1,100 @@
+"""A URDF within limits: what unfolds, nests or goes on without end is refused in words, and quickly."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from truepose.errors import InputError
+from truepose.models.builders.urdf_file import CHAIN_MOST, Robot
+from truepose.models.builders.urdf_inertials import inertials_of
+from truepose.models.starting.urdf import urdf_start
+from truepose.models.units import UnitSystem
+from truepose.wording import close_matches, cut
+
+ARM = """<robot name="arm"><link name="world"/><link name="hand"/>
+<joint name="lift" type="revolute"><parent link="world"/><child link="hand"/><axis xyz="{axis}"/></joint></robot>"""
+
+
+def chain(count: int) -> str:
+    links = "".join(
+        f'<link name="l{k}"><inertial><mass value="1"/></inertial></link>' for k in range(count + 1)
+    )
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
+        for k in range(count)
+    )
+    return f'<robot name="a">{links}{joints}</robot>'
+
+
+def read(folder: Path, text: str) -> Robot:
+    (folder / "arm.urdf").write_text(text)
+    return Robot.read(folder / "arm.urdf")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('<!DOCTYPE r [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><robot name="&b;"/>', "found <!DOCTYPE"),
+        ('<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', "found <!DOCTYPE"),
+        ("<robot>" + "<a>" * 100_000, "elements inside each other"),
+        ("<robot>" + "<a/>" * 500_000 + "</robot>", "more than 500000 elements"),
+        ("<robot " + " ".join(f"a{k}='1'" for k in range(200_000)) + "/>", "a tag of more than 1 MiB"),
+        ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m"/></robot>', "found xacro"),
+        ("<robot>" + " " * (51 << 20), "more than 50 MiB"),
+        ('<robot><link name="' + "l" * 300 + '"/></robot>', "of 300 characters"),
+    ],
+    ids=["entities", "outside", "deep", "many", "tag", "xacro", "large", "name"],
+)
+def test_what_goes_on_without_end_is_refused(tmp_path: Path, text: str, told: str) -> None:
+    began = time.process_time()
+    with pytest.raises(InputError, match=told) as caught:
+        read(tmp_path, text)
+    assert len(str(caught.value)) < 1000 + len(str(tmp_path))
+    assert time.process_time() - began < 8.0
+
+
+def test_thousands_of_links_are_read_and_a_chain_of_them_is_not_built(tmp_path: Path) -> None:
+    read(tmp_path, chain(20_000))
+    with pytest.raises(InputError, match=f"found 20000 joints .* expected at most {CHAIN_MOST}"):
+        urdf_start(tmp_path / "arm.urdf", tmp_path / "arm.yaml", "", "", written_out=False)
+
+
+def test_a_long_branch_weighs_what_its_links_weigh(tmp_path: Path) -> None:
+    robot = read(tmp_path, chain(3000))
+    (one,), _ = inertials_of(robot, ["l0", "l1"])
+    assert one.kg == 3000.0
+
+
+@pytest.mark.parametrize(
+    ("axis", "direction"),
+    [
+        ("1e-300 0 0", (1, 0, 0)),
+        ("0 -1e300 0", (0, -1, 0)),
+        ("5e-324 5e-324 0", (1, 1, 0)),
+        ("0 0.6 -0.8", (0, 0.6, -0.8)),
+    ],
+)
+def test_an_axis_is_a_direction_however_long_it_is(
+    tmp_path: Path, axis: str, direction: tuple[float, ...]
+) -> None:
+    robot = read(tmp_path, ARM.format(axis=axis))
+    assert robot.joint(robot.above["hand"], UnitSystem())["axis"] == list(direction)
+
+
+@pytest.mark.parametrize(
+    "axis", ["0 0 0", "nan 0 0", "9" * 400 + " 0 0", "1_0 0 0", "1 0", "1 " * 100_000], ids=range(6)
+)
+def test_an_axis_that_is_no_direction_is_refused_in_a_line(tmp_path: Path, axis: str) -> None:
+    robot = read(tmp_path, ARM.format(axis=axis))
+    with pytest.raises(InputError, match="axis") as caught:
+        robot.joint(robot.above["hand"], UnitSystem())
+    assert len(str(caught.value)) < 500 + len(str(tmp_path))
+
+
+def test_lists_of_names_and_texts_of_files_have_room_in_a_line() -> None:
+    assert len(close_matches("zzz" * 1000, [f"name{k}" for k in range(20_000)])) < 1200
+    assert close_matches("zzz", ["a", "b"]) == "known: a, b"
+    assert cut("a\nb\x1b[31m c" + "d" * 10_000, 20) == "a b [31m c" + "d" * 10 + "..."
