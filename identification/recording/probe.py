@@ -24,6 +24,8 @@ from truepose.wording import joined, shortened
 
 Array = NDArray[np.float64]
 _TIMES: Final = ("time", "timestamp", "t", "stamp")
+LARGEST: Final = 1e12
+"""A time (s) or a joint beyond is none."""
 _GAP: Final = 5.0
 """A pause in the log of more than so many usual steps is a gap, in which nobody knows the joints."""
 _DISAGREES: Final = 0.5
@@ -143,7 +145,16 @@ def _time(table: Table) -> Array:
     cells = table.cells[name]
     if isinstance(cells[0], str) and re.match(r"\s*\d{4}-\d\d-\d\d", cells[0]):
         return np.array([_date(str(cell), table.where(name, row)) for row, cell in enumerate(cells)])
-    return convert(table.numbers(name), table.unit(name, "s", "s"), "s")
+    return convert(_sized(table, name), table.unit(name, "s", "s"), "s")
+
+
+def _sized(table: Table, name: str) -> Array:
+    """(n,) numbers of a column, none of them beyond ``LARGEST``: their squares are numbers, too."""
+    values = table.numbers(name)
+    row = int(np.argmax(np.abs(values)))
+    if abs(values[row]) > LARGEST:
+        raise InputError(f"{table.where(name, row)}: found {values[row]:g}, expected at most {LARGEST:g}")
+    return values
 
 
 def _date(text: str, where: str) -> float:
@@ -165,11 +176,11 @@ def _logged(log: Table, joints: Sequence[str]) -> Log:
             f"{log.file}: found {found}, expected the joints by name; columns: {joined(log.names)}"
         )
     order = (
-        len(time) - 1 - np.unique(time[::-1], return_index=True)[1]
-    )  # of several at one time the last one counts
+        len(time) - 1 - np.unique(np.round(time[::-1], 9), return_index=True)[1]
+    )  # of several at one time, to the nanosecond, the last one counts
     if len(order) < 4:
         raise InputError(f"{log.file}: found {len(order)} different times, expected a log of at least 4")
-    at, values = time[order], np.column_stack([log.numbers(name)[order] for name in names])
+    at, values = time[order], np.column_stack([_sized(log, name)[order] for name in names])
     slopes = np.gradient(values, at, axis=0)
     for k, name in enumerate(names):
         if f"{VELOCITY}.{name}" in log:

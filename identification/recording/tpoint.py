@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.table import Column, Table
+from truepose.wording import cut
 
 Array = NDArray[np.float64]
 DISTANCE: Final = 1000.0
@@ -34,6 +35,8 @@ _OPTION: Final = re.compile(r"^\s*:\s*([A-Za-z]+)", re.MULTILINE)
 _OPTIONS: Final = frozenset(
     {"NODA", "EQUAT", "ALTAZ", "ALLSKY", "GIMBAL", "J2000", "ROTNL", "ROTNR", "ROTTEL"}
 )
+WHOLE_MOST: Final = 10_000.0
+"""Hours or degrees: no star and no encoder is further round."""
 _FIELDS = 14
 _ENOUGH = 5
 """Stars from which on a gap between them may be where the axis never was."""
@@ -189,7 +192,7 @@ def _latitude(site: tuple[int, Sequence[str]], file: str) -> float:
         return float(_angle(words[:3], 1.0))
     except ValueError:
         raise InputError(
-            f"{file}: line {number}: found {' '.join(words)!r}, expected a latitude first: deg m s"
+            f"{file}: line {number}: found {cut(' '.join(words))!r}, expected a latitude first: deg m s"
         ) from None
 
 
@@ -212,7 +215,7 @@ def _numbers(row: tuple[int, Sequence[str]], file: str) -> list[float]:
         return [*(_angle(fields, scale) for fields, scale in pairs), _angle([*words[12:14], "0"], 15.0)]
     except ValueError:
         raise InputError(
-            f"{file}: line {number}: found {' '.join(words)!r}, expected right ascension (h m s) and declination "
+            f"{file}: line {number}: found {cut(' '.join(words))!r}, expected right ascension (h m s) and declination "
             "(deg m s), the same as read, and the sidereal time (h m)"
         ) from None
 
@@ -220,7 +223,7 @@ def _numbers(row: tuple[int, Sequence[str]], file: str) -> list[float]:
 def _angle(words: Sequence[str], scale: float) -> float:
     """Radians of h m s or deg m s; the sign stands at the first."""
     whole, minutes, seconds = (abs(float(word)) for word in words)
-    if minutes >= 60.0 or seconds >= 60.0:
+    if not (whole <= WHOLE_MOST and minutes < 60.0 and seconds < 60.0):
         raise ValueError
     size = scale * (whole + minutes / 60.0 + seconds / 3600.0)
     return float(np.radians(-size if words[0].startswith("-") else size))

@@ -14,6 +14,7 @@ from typing import Final
 from truepose.errors import InputError
 from truepose.identification.recording.table import Column, Table
 from truepose.models.units import parse_unit
+from truepose.wording import cut
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ DIALECTS: Final[Mapping[str, Dialect]] = {
     ),
 }
 ANY: Final = Dialect(("!", "%", "#", "//", "*"), re.compile(""))
+LARGEST: Final = 1e12
+"""In any unit: a coordinate beyond is none."""
 _AXES: Final = ("x", "y", "z")
 _NUMBER: Final = re.compile(r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eEdD][-+]?\d++)?")
 _WHOLE: Final = re.compile(r"\d+")
@@ -170,10 +173,11 @@ def _point(words: Sequence[str], header: _Header | None, where: str) -> tuple[st
         at, own = (first, first + 1, first + 2), tuple(range(first))
     cells = [words[k] if k < len(words) else "" for k in at]
     if not all(_NUMBER.fullmatch(cell) for cell in cells):
-        raise InputError(f"{where}: found {' '.join(words)!r}, expected a name and x y z")
-    return "::".join(words[k] for k in own), [
-        float(cell.replace("D", "e").replace("d", "e")) for cell in cells
-    ]
+        raise InputError(f"{where}: found {cut(' '.join(words))!r}, expected a name and x y z")
+    xyz = [float(cell.replace("D", "e").replace("d", "e")) for cell in cells]
+    if not max(map(abs, xyz)) <= LARGEST:
+        raise InputError(f"{where}: found {cut(' '.join(cells))!r}, expected x y z of at most {LARGEST:g}")
+    return "::".join(words[k] for k in own), xyz
 
 
 def _first_number(words: Sequence[str]) -> int:

@@ -1,4 +1,4 @@
-"""``python -m fuzzing [-n 10000] [--kind NAME] [--first K] [-j 2] [--keep DIR] [-o TABLE.md]``: mutants of all kinds, and a table.
+"""``python -m fuzzing [-n 10000] [--kind NAME] [--first K] [-j 2] [--keep DIR] [-o TABLE.md]``: all kinds, and a table.
 
 A mutant that broke the promise is told at once, and kept with its command where ``--keep`` names a folder. Exit code 1 when
 any did. ``--first K -n 1`` makes mutant K again.
@@ -88,7 +88,17 @@ def _row(kind: Kind, trials: list[Trial], seconds: float) -> str:
 
 
 def _table(rows: Iterable[str]) -> str:
-    head = "| kind | mutants | refused | accepted | promise broken | slowest (processor) | largest | took |\n|---|---|---|---|---|---|---|---|\n"
+    names = (
+        "kind",
+        "mutants",
+        "refused",
+        "accepted",
+        "promise broken",
+        "slowest (processor)",
+        "largest",
+        "took",
+    )
+    head = f"| {' | '.join(names)} |\n{'|---' * len(names)}|\n"
     return head + "\n".join(rows) + "\n"
 
 

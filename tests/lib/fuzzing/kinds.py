@@ -10,7 +10,7 @@ from random import Random
 
 import yaml
 
-from fuzzing import code, marked_up, programs, records, seeds, tables, texts, trees
+from fuzzing import code, marked_up, programs, records, seeds, tables, texts, trees, workbooks
 from truepose.models.yaml_document import parse_document
 
 Mutate = Callable[[Random, bytes, bytes], bytes]
@@ -104,6 +104,7 @@ def _urdf(folder: Path) -> list[Seed]:
             "-o",
             "out/arm.yaml",
         ),
+        ("init", "--urdf", "arm.urdf", "--tip-link", "tip,jaw,thumb", "-o", "out/arm.yaml"),
         ("simulate", M, R, "-o", "out/seen.csv"),
         ("codegen", M, "-o", "out/c"),
     )
@@ -126,6 +127,48 @@ def _bags(folder: Path) -> list[Seed]:
         ("check", M, "run.mcap"),
     )
     return [Seed("run.mcap", bag, commands, {M: machine})]
+
+
+def _sqlite_bags(folder: Path) -> list[Seed]:
+    from support.guide_bag import write_bag
+
+    bag = write_bag(folder, poses=3, samples=14, storage="SQLITE3").read_bytes()
+    commands = (("import", "run.db3", "-o", "out/rows.csv"),)
+    return [Seed("run.db3", bag, commands)]
+
+
+def _workbooks(folder: Path) -> list[Seed]:
+    from support.workbook import write_workbook
+
+    out = []
+    for case in seeds.cases(folder):
+        rows = [line.split(",") for line in case.recording.splitlines()]
+        if case.name in ("full", "distance"):
+            path = folder / "recording.xlsx"
+            write_workbook(path, {"data": [rows[0], *([_cell(text) for text in row] for row in rows[1:])]})
+            commands = (("check", M, "recording.xlsx"), ("import", "recording.xlsx", "-o", "out/rows.csv"))
+            out.append(Seed("recording.xlsx", path.read_bytes(), commands, {M: case.machine.encode()}))
+    return out
+
+
+def _cell(text: str) -> object:
+    try:
+        return float(text)
+    except ValueError:
+        return text or None
+
+
+def _probe_logs(folder: Path) -> list[Seed]:
+    ways = [(t / 20, (t * 37 % 200) / 4, (t * t * 11 % 160) / 4 - 20) for t in range(120)]
+    log = "time [s],a [deg],b [deg]\n" + "".join(f"{t},{a},{b}\n" for t, a, b in ways)
+    probe = "time [s],x [mm],y [mm],z [mm]\n" + "".join(f"{t - 3},{a},{b},{a - b}\n" for t, a, b in ways)
+    commands = (
+        ("import", "probe.csv", "--log", "log.csv", "-o", "out/rows.csv"),
+        ("import", "probe.csv", "--log", "log.csv", "--offset", "3", "-o", "out/rows.csv"),
+        ("import", "log.csv", "--log", "probe.csv", "--offset", "-3", "-o", "out/rows.csv"),
+    )
+    files = {"probe.csv": probe.encode(), "log.csv": log.encode()}
+    return [Seed(name, data, commands, files) for name, data in files.items()]
 
 
 def _points(folder: Path) -> list[Seed]:
@@ -164,11 +207,18 @@ def _programs(folder: Path) -> list[Seed]:
     from support.program_robots import arms, machine_file
 
     machine = machine_file(folder, arms()[1]).read_bytes()
-    files = {"job.src": seeds.KRL, "job.mod": seeds.RAPID, "job.script": seeds.URSCRIPT}
-    return [
-        Seed(name, text.encode(), (("compensate", M, name, "-o", f"out/{name}", "--anyway"),), {M: machine})
-        for name, text in files.items()
-    ]
+    files = {
+        "job.src": seeds.KRL,
+        "job.mod": seeds.RAPID,
+        "job.script": seeds.URSCRIPT,
+        "job.csv": seeds.TABLE,
+    }
+    out = []
+    for name, text in files.items():
+        way = ("--dialect", "csv") if name.endswith(".csv") else ()
+        command = ("compensate", M, name, "-o", f"out/{name}", "--anyway", *way)
+        out.append(Seed(name, text.encode(), (command,), {M: machine}))
+    return out
 
 
 KINDS = (
@@ -177,6 +227,9 @@ KINDS = (
     Kind("URDF", _urdf, _bytes_too(marked_up.mutated)),
     Kind("MJCF", _mjcf, _bytes_too(marked_up.mutated)),
     Kind("MCAP", _bags, records.mutated),
+    Kind("sqlite bags", _sqlite_bags, texts.mutated),
+    Kind("workbooks", _workbooks, workbooks.mutated),
+    Kind("probe logs", _probe_logs, _bytes_too(tables.mutated, 0.15)),
     Kind("points and stars", _points, _bytes_too(programs.mutated)),
     Kind("plug-ins", _plugins, _bytes_too(code.mutated, 0.0)),
     Kind("robot programs", _programs, _bytes_too(programs.mutated)),

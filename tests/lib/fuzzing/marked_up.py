@@ -11,12 +11,15 @@ _ATTRIBUTE = re.compile(r'([A-Za-z_:]+)="([^"]*)"')
 _ELEMENT = re.compile(r"<([A-Za-z]+)\b[^<>]*?(?:/>|>)", re.DOTALL)
 PIECES = (
     '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>', "<!-- -- -->", "<![CDATA[x]]>",
-    '<?xml version="1.0" encoding="utf-16"?>', '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>', "&e;", "&#0;", "<a>" * 2000,
+    '<?xml version="1.0" encoding="utf-16"?>', '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>', "&e;", "&#0;",
+    "<a>" * 2000,
     '<include file="/dev/zero"/>', '<xacro:include filename="x"/>', "&lt;", "<mimic/>", '<limit lower="1" upper="-1"/>',
 )  # fmt: skip
 VALUES = (
-    "", " ", "x", "0 0 0", "0 0", "1 0 0", "nan nan nan", "1e-300 0 0", "1e300 0 0", "inf 0 0", "0 0 0 0", "-1", "1e999", "revolute",
-    "continuous", "floating", "planar", "fixed", "prismatic", "mimic", "base", "world", "../x.xml", "file:///etc/passwd", "\u202e",
+    "", " ", "x", "0 0 0", "0 0", "1 0 0", "nan nan nan", "1e-300 0 0", "1e300 0 0", "inf 0 0", "0 0 0 0", "-1",
+    "1e999", "revolute",
+    "continuous", "floating", "planar", "fixed", "prismatic", "mimic", "base", "world", "../x.xml",
+    "file:///etc/passwd", "\u202e",
     "9" * 400, "1" * 3000, "hinge", "slide", "ball", "free",
 )  # fmt: skip
 

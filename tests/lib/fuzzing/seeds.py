@@ -53,9 +53,14 @@ URDF = """<?xml version="1.0"?>
   <link name="world"/> <link name="stand"><inertial><origin xyz="0 0 0.1"/><mass value="3"/></inertial></link>
   <link name="upper"/> <link name="hand"/> <link name="tip"/>
   <joint name="foot" type="fixed"><origin xyz="0.1 0 0.2" rpy="0 0 0.3"/><parent link="world"/><child link="stand"/></joint>
-  <joint name="pan" type="continuous"><parent link="stand"/><child link="upper"/><origin xyz="0 0.05 0.333"/><axis xyz="0 0 1"/></joint>
+  <joint name="pan" type="continuous"><parent link="stand"/><child link="upper"/>
+    <origin xyz="0 0.05 0.333"/><axis xyz="0 0 1"/></joint>
   <joint name="lift" type="revolute"><parent link="upper"/><child link="hand"/><origin xyz="0.02 0 0.15" rpy="-1.2 0.4 0.1"/>
     <axis xyz="0 0.6 -0.8"/><limit lower="-1.5" upper="2" effort="87" velocity="2"/></joint>
+  <link name="jaw"/> <link name="thumb"/>
+  <joint name="grip" type="prismatic"><parent link="hand"/><child link="jaw"/><axis xyz="0 1 0"/><limit lower="0" upper="0.04"/></joint>
+  <joint name="other" type="prismatic"><parent link="hand"/><child link="thumb"/><axis xyz="0 -1 0"/>
+    <limit lower="0" upper="0.04"/><mimic joint="grip" multiplier="1" offset="0.001"/></joint>
   <joint name="flange" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="0.3 0 0.107"/></joint>
 </robot>
 """
@@ -66,19 +71,26 @@ MJCF = """<mujoco model="arm">
     <body name="stand" pos="0 0 0.1"><geom/>
       <body name="upper" pos="0 0 0.3" euler="0 30 0"><joint name="pan" axis="0 0 1"/><geom/>
         <body name="hand" pos="0.3 0 0" quat="0.7 0.7 0 0"><joint name="lift" type="hinge" axis="0 1 0" range="-50 70"/><geom/>
-          <site name="tip" pos="0 0 0.1"/></body></body></body>
+          <site name="tip" pos="0 0 0.1"/>
+          <body name="jaw" pos="0 0 0.05"><joint name="grip" type="slide" axis="1 0 0" range="0 0.04" ref="0.01"/>
+            <inertial pos="0.01 0 0" mass="0.2" diaginertia="0.1 0.1 0.1"/></body></body></body></body>
   </worldbody>
 </mujoco>
 """
 POINTS = (
-    "// SpatialAnalyzer 2023.1\n// Units: Millimeters\nA::Main::P1, 1234.5678, -12.5, 800.0\nA::Main::P2, 1300.25, 40.125, 790.5\n"
+    "// SpatialAnalyzer 2023.1\n// Units: Millimeters\nA::Main::P1, 1234.5678, -12.5, 800.0\n"
+    "A::Main::P2, 1300.25, 40.125, 790.5\n"
     "A::Main::P3, 1400.0, 99.0, -3.25\n",
     "! Leica Axyz point list, units: mm\nS/P1 1234.5 -12.5 800.0 0.011 0.012 0.010 2024-05-02 10:11:12\n"
     "S/P2 1300.25 40.1 790.5 0.01 0.01 0.01 2024-05-02 10:12:12\nS/P3 1400.0 99.0 -3.2 0.01 0.01 0.01 2024-05-02 10:13:12\n",
-    "Leica Tracker Pilot\nPointId;X [m];Y [m];Z [m];Rms\nP1;1,2345678;-0,0125;0,8;0,01\nP2;1,30025;0,040;0,79;0,01\nP3;1,4;0,09;-0,003;0,01\n",
+    "Leica Tracker Pilot\nPointId;X [m];Y [m];Z [m];Rms\nP1;1,2345678;-0,0125;0,8;0,01\n"
+    "P2;1,30025;0,040;0,79;0,01\nP3;1,4;0,09;-0,003;0,01\n",
     "FARO CAM2 Measure, Units: mm\nP1 X 1234.5678 Y -12.5 Z 800.0\nP2 X 1300.25 Y 40.125 Z 790.5\nP3 X 1400.0 Y 99.0 Z -3.25\n",
     "A caption\n:EQUAT\n:NODA\n+40 30 00 2024 5 2 15.0 1013 100 0.5\n"
-    + "".join(f"{h:02d} 10 20.0 +{d} 10 11.0 {h:02d} 10 21.0 +{d} 10 12.0 {h + 1} 12.5\n" for h, d in ((1, 20), (3, 35), (7, 5)))
+    + "".join(
+        f"{h:02d} 10 20.0 +{d} 10 11.0 {h:02d} 10 21.0 +{d} 10 12.0 {h + 1} 12.5\n"
+        for h, d in ((1, 20), (3, 35), (7, 5))
+    )
     + "END\n",
 )  # fmt: skip
 JOINTS = "name,q1,q2\nP1,0,10\nP2,20,30\nP3,-5.5,60\n"
@@ -128,6 +140,12 @@ URSCRIPT = """def job():
   movel(p[0.3,0.01,0.5,0,1.57,0], a=1.2, v=0.25, r=0.01)
   global Point_1 = p[0.3,0.05,0.5,0,1.57,0]
 end
+"""
+TABLE = """name,x [mm],y [mm],z [mm],rx [rad],ry [rad],rz [rad]
+a,300,1.5,500,0,1.57,0
+b,320,10,480,0.1,1.5,0
+# c
+d,310,-20,490,0,1.6,0.1
 """
 
 

@@ -12,7 +12,8 @@ from fuzzing import texts
 HEADERS = (
     "", " ", "q1", "x", "x [mm]", "x [furlong]", "x [9**9**9 m]", "x (m)", "x []", "x [[mm]]", "Q1", "time", "session", "pose",
     "from", "role", "approach.q1", "temperature.", "temperature.air [degC]", "temperature.air [K]", "torque.q1", "payload",
-    "velocity.q1", "x.sigma", "samples", "<script>", '"><img src=x>', "#", "a" * 4000, "x" + " " * 3000 + "[", "\u202ex", "q1\x00",
+    "velocity.q1", "x.sigma", "samples", "<script>", '"><img src=x>', "#", "a" * 4000, "x" + " " * 3000 + "[",
+    "\u202ex", "q1\x00",
 )  # fmt: skip
 CELLS = (
     "",

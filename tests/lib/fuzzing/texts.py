@@ -45,7 +45,7 @@ def mutated(rng: Random, seed: bytes, other: bytes) -> bytes:
     return out
 
 
-def _flawed(rng: Random, seed: bytes, other: bytes) -> bytes:
+def _flawed(rng: Random, seed: bytes, other: bytes) -> bytes:  # noqa: PLR0911 - a flaw a return
     low, high = sorted((_place(rng, seed), _place(rng, seed)))
     if rng.random() < 0.7:
         high = min(high, low + rng.choice((1, 2, 4, 16, 64)))

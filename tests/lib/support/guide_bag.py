@@ -21,20 +21,20 @@ SCATTER = 2e-5
 Array = NDArray[np.float64]
 
 
-def write_bag(folder: Path, poses: int = POSES, samples: int = SAMPLES) -> Path:
-    """``session.mcap``: joints and the tool's pose of a bundled arm that stands 0.5 mm beside its drawing."""
+def write_bag(folder: Path, poses: int = POSES, samples: int = SAMPLES, storage: str = "MCAP") -> Path:
+    """``session.mcap`` (or ``.db3`` of the storage ``SQLITE3``): joints and the tool's pose of a bundled arm that stands 0.5 mm beside its drawing."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    with Writer(folder / "session", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with Writer(folder / "session", version=9, storage_plugin=StoragePlugin[storage]) as writer:
         topics = {}
         for topic, t, message in _messages(*_seen(folder, poses), samples, store.types):
             if topic not in topics:
                 topics[topic] = writer.add_connection(topic, message.__msgtype__, typestore=store)
             writer.write(topics[topic], int(1e9 * t), store.serialize_cdr(message, message.__msgtype__))
-    (path,) = (folder / "session").glob("*.mcap")
-    return path.rename(folder / "session.mcap")
+    (path,) = (one for one in (folder / "session").iterdir() if one.suffix in (".mcap", ".db3"))
+    return path.rename(folder / f"session{path.suffix}")
 
 
 def _seen(folder: Path, count: int) -> tuple[Array, Array]:
