@@ -109,13 +109,13 @@ def read_effects(entries: list[dict[str, Any]], path: Path) -> tuple[EffectSpec,
 
 
 def _setting(value: object, where: str) -> float:
-    """What tells a form of an effect from another: always a number."""
+    """What tells a form of an effect from another: always a number, which stays whole where it is."""
     number = float(value) if isinstance(value, bool) else as_number(value)
     if number is None or not within(number):
         raise InputError(
             f"{where}: found {cut(repr(value))}, expected a number of at most {LARGEST:g} by size"
         )
-    return number
+    return value if isinstance(value, int) and not isinstance(value, bool) else number
 
 
 def _read_effect(entry: dict[str, Any], path: Path, prefix: str) -> EffectSpec:

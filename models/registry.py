@@ -12,6 +12,7 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -89,7 +90,10 @@ def load_plugin(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        with translated(f"{path}: the plugin cannot be loaded", str(path)):
+        with translated(f"{path}: the plugin cannot be loaded", str(path)), warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore", SyntaxWarning
+            )  # of what is then told as an error, or does no harm
             spec.loader.exec_module(module)
     except BaseException as exc:
         del sys.modules[name]

@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 
 
 def write_bag(folder: Path, poses: int = POSES, samples: int = SAMPLES, storage: str = "MCAP") -> Path:
-    """``session.mcap`` (or ``.db3`` of the storage ``SQLITE3``): joints and the tool's pose of a bundled arm that stands 0.5 mm beside its drawing."""
+    """``session.mcap`` (or ``.db3`` of the storage ``SQLITE3``): joints and the tool's pose of a bundled arm that stands
+    0.5 mm beside its drawing."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 

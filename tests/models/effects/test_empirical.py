@@ -150,7 +150,7 @@ def test_beyond_its_range_a_form_stays_where_it_ended(arm: Machine, tmp_path: Pa
         ("place: [q2], from.q3: 1, to.q3: -1", r"expected two numbers, the first smaller"),
         (
             "place: [q2], form: curve, from.q3: -1, to.q3: 1",
-            r"found form: 'curve', expected numbers from\.NAME",
+            r"effects\[0\]\.form: found 'curve', expected a number",
         ),
         ("place: [q2], degree: 2.5, from.q3: -1, to.q3: 1", r"degree: 2\.5, expected a whole number"),
         ("place: [base], from.q1: 0, to.q1: 1, from.q2: 0, to.q2: 1", r"sources q1 and q2, expected one"),
