@@ -5,7 +5,12 @@ from __future__ import annotations
 import pytest
 
 from support import ROOT
-from truepose.models import limits
+from truepose.bounded import MIB
+from truepose.identification.programs import program
+from truepose.identification.recording import bag_limits, importing, mcap_records, workbook_limits
+from truepose.models import limits, setting_range
+from truepose.models.builders import urdf_file, urdf_xml
+from truepose.models.starting import compiled_mjcf
 
 PAGE = (ROOT / "docs" / "reference" / "refused.md").read_text(encoding="utf-8")
 SAID = {
@@ -25,9 +30,30 @@ SAID = {
     "SMALLEST": f"{limits.SMALLEST:.0e} to {limits.LARGEST:.0e}".replace("+", ""),
 }
 
+ELSEWHERE = {
+    "URDF": f"{urdf_xml.URDF_MOST // MIB} MiB, {urdf_xml.ELEMENTS_MOST:,} elements, {urdf_xml.DEPTH_MOST} of them",
+    "a tag": f"a tag of {urdf_xml.TAG_MOST // MIB} MiB; {urdf_file.CHAIN_MOST} joints",
+    "names": f"names of {urdf_file.NAME_MOST} characters",
+    "MJCF": f"MJCF | {compiled_mjcf.MJCF_MOST // MIB} MiB",
+    "MuJoCo": f"{compiled_mjcf.SECONDS_MOST} s of the processor and {compiled_mjcf.MIB_MOST:,} MiB",
+    "chunks": f"inflate to {mcap_records.CHUNK_MOST // MIB} MiB, {mcap_records.AT_ONCE_MOST // MIB} MiB of chunks",
+    "definitions": f"{mcap_records.DEFINITIONS_MOST // MIB} MiB of definitions, {bag_limits.FILES_MOST:,} files",
+    "metadata": f"`metadata.yaml` of {bag_limits.METADATA_MOST // MIB} MiB",
+    "workbook": f"{workbook_limits.INFLATED_MOST // MIB} MiB inflated, {workbook_limits.PARTS_MOST:,} parts",
+    "cells": f"{workbook_limits.CELLS_MOST:,} cells",
+    "points": f"or stars | {importing.TEXT_MOST // MIB} MiB",
+    "program": f"a robot program | {program.PROGRAM_MOST // MIB} MiB",
+    "terms": f"(`degree`, `orders`, `waves`) | {setting_range.COUNT.high:g} |",
+}
+
 
 def test_every_limit_has_its_line() -> None:
     assert SAID.keys() == {name for name in limits.__all__ if name.isupper()}
+
+
+@pytest.mark.parametrize("said", ELSEWHERE.values(), ids=ELSEWHERE)
+def test_so_have_the_limits_of_other_files(said: str) -> None:
+    assert said in PAGE
 
 
 @pytest.mark.parametrize("name", SAID)
