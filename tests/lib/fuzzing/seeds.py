@@ -58,7 +58,8 @@ URDF = """<?xml version="1.0"?>
   <joint name="lift" type="revolute"><parent link="upper"/><child link="hand"/><origin xyz="0.02 0 0.15" rpy="-1.2 0.4 0.1"/>
     <axis xyz="0 0.6 -0.8"/><limit lower="-1.5" upper="2" effort="87" velocity="2"/></joint>
   <link name="jaw"/> <link name="thumb"/>
-  <joint name="grip" type="prismatic"><parent link="hand"/><child link="jaw"/><axis xyz="0 1 0"/><limit lower="0" upper="0.04"/></joint>
+  <joint name="grip" type="prismatic"><parent link="hand"/><child link="jaw"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04"/></joint>
   <joint name="other" type="prismatic"><parent link="hand"/><child link="thumb"/><axis xyz="0 -1 0"/>
     <limit lower="0" upper="0.04"/><mimic joint="grip" multiplier="1" offset="0.001"/></joint>
   <joint name="flange" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="0.3 0 0.107"/></joint>
