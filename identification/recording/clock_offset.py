@@ -90,6 +90,11 @@ def clock_of(motion: Motion, where: str) -> Clock:
 
 def _lags(motion: Motion, where: str) -> tuple[list[tuple[float, float]], float]:
     """Offsets at which the speeds correlate best, each with the correlation, to about the step, s, that comes with them."""
+    few = InputError(
+        f"{where}: found less than 20 samples at which clocks could be compared, expected --offset"
+    )
+    if len(motion.time) < 20:
+        raise few
     own = float(np.median(np.diff(motion.time)))
     whole = max(np.ptp(motion.time), np.ptp(motion.span))
     step = max(own, motion.step, float(whole) / _GRID)
@@ -97,9 +102,7 @@ def _lags(motion: Motion, where: str) -> tuple[list[tuple[float, float]], float]
     place = np.column_stack([np.interp(seen, motion.time, v) for v in motion.place.T])
     logged = np.arange(motion.span[0], motion.span[1], step)
     if min(len(seen), len(logged)) < 20:
-        raise InputError(
-            f"{where}: found less than 20 samples at which clocks could be compared, expected --offset"
-        )
+        raise few
     joints = motion.joints(logged)
     joints = joints / np.where(np.ptp(joints, axis=0) > 0.0, joints.std(axis=0), 1.0)
     alike = _correlation(_speed(joints), _speed(place))
