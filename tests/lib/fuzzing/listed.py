@@ -1,6 +1,6 @@
 """Hostile files that once hung, took gigabytes, were misread or ended in a traceback, each with the words that refuse it now.
 
-``python -m fuzzing.listed`` tries all and writes what came of each as JSON.
+``python -m fuzzing.listed`` tries all and writes what came of each as JSON; ``--table``: as a table (Markdown).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import io
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +21,7 @@ import pyarrow.parquet as pq  # type: ignore[import-untyped]
 from fuzzing import seeds
 from fuzzing.trial import attempt
 from fuzzing.warm import warmed
+from truepose.wording import cut
 
 M, R = "machine.yaml", "recording.csv"
 CALIBRATE, SIMULATE = ("calibrate", M, R, "-o", "out/fit"), ("simulate", M, R, "-o", "out/seen.csv")
@@ -252,6 +253,17 @@ def outcomes() -> Iterator[tuple[str, dict[str, object]]]:
             yield case.name, asdict(attempt(case.command, Path(home)))
 
 
+def table(found: Mapping[str, Mapping[str, object]]) -> str:
+    """What is said of each case, and what that took."""
+    rows = ["| what was given | exit code | s | MB | what is said |", "|---|---|---|---|---|"]
+    for name, one in found.items():
+        lines = [line for line in str(one["said"]).splitlines() if line.startswith("error: ")]
+        said = cut(lines[0].removeprefix("error: "), 200).replace("|", "\\|") if lines else ""
+        rows.append(f"| {name} | {one['code']} | {one['seconds']:.1f} | {one['megabytes']:.0f} | {said} |")
+    return "\n".join(rows) + "\n"
+
+
 if __name__ == "__main__":
     warmed()
-    sys.stdout.write(json.dumps(dict(outcomes())))
+    came = dict(outcomes())
+    sys.stdout.write(table(came) if "--table" in sys.argv else json.dumps(came))
