@@ -10,7 +10,7 @@ MIB = 1 << 20
 
 
 def read_at_most(path: Path, most: int) -> bytes:
-    """The bytes of a file. Raises InputError for more than ``most`` (whole MiB), OSError as ``open`` does and for what is none."""
+    """The bytes of a file. Raises InputError for more than ``most`` (whole MiB), OSError like ``open`` and for what is none."""
     if path.exists() and not path.is_file() and not path.is_dir():  # it may never end, or never begin
         raise OSError(None, "not a file")
     with path.open("rb") as stream:
