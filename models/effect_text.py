@@ -29,11 +29,13 @@ _NAMED = 6
 """Coefficients that a message names: some series have dozens."""
 
 
-def parse_effect(text: str, machine: Machine, option: str = "--effect") -> PlacedEffect:
+def parse_effect(
+    text: str, machine: Machine, option: str = "--effect", *, stated: bool = False
+) -> PlacedEffect:
     """One effect named on the command line: places joined by ``+``, settings among the coefficients.
 
-    Raises InputError, which names the ``option``, for an unknown slug, place or name (with close matches) and for
-    a bad unit.
+    ``stated``: it is to be added as it stands, so that it needs a value, and one that can be. Raises InputError, which
+    names the ``option``, for an unknown slug, place or name (with close matches) and for a bad unit.
     """
     where = f"{option} {text}"
     head = _HEAD.match(text.strip())
@@ -60,7 +62,8 @@ def parse_effect(text: str, machine: Machine, option: str = "--effect") -> Place
         for name, (value, unit) in numbers.items()
         if name in coefficients
     }
-    _check_stated(text.strip(), coefficients, own, where)
+    if stated:
+        _check_stated(text.strip(), coefficients, own, where)
     return place_effect(machine, EffectSpec(slug, place, own, settings=settings, where=where), where)
 
 
@@ -89,9 +92,12 @@ def _number(text: str, where: str) -> float:
 
 
 def _check_stated(
-    text: str, coefficients: Mapping[str, Coefficient], own: Mapping[str, object], where: str
+    text: str, coefficients: Mapping[str, Coefficient], own: Mapping[str, tuple[float, str]], where: str
 ) -> None:
-    """Refuse an effect that would add nothing."""
+    """Refuse an effect that would add nothing, and one of a sign that it cannot have."""
+    for name, (value, unit) in own.items():
+        if coefficients[name].lower == 0.0 and value < 0.0:
+            raise InputError(f"{where}: found {name} = {value:g} {unit}, expected a value >= 0")
     if coefficients and not own:
         wanted = ", ".join(f"{name} ({c.unit})" for name, c in list(coefficients.items())[:_NAMED])
         first = next(iter(coefficients.values()))

@@ -30,7 +30,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from truepose.errors import InputError
-from truepose.models.limits import LARGEST, SMALLEST, positive, within
+from truepose.models.limits import LARGEST, LATEST, SMALLEST, positive, within
 from truepose.models.units import UnitSystem, convert, is_unit
 from truepose.wording import close_matches
 
@@ -112,6 +112,7 @@ class _Numbers:
     kind: str
     limits: str
     fits: Callable[[float], bool]
+    largest: float = LARGEST
 
     def words(self, unit: str, count: int = 1) -> str:
         number = f"a {self.kind}number" if count == 1 else f"{count} {self.kind}numbers"
@@ -134,12 +135,16 @@ class _Numbers:
 
     def may_be(self, value: float) -> bool:
         """Whether a number would do if sizes did not count: then the message says which ones do."""
-        return math.isfinite(value) and (value > 0.0 or self is _FINITE)
+        return math.isfinite(value) and (value > 0.0 or not self.limits)
 
     @property
     def sized(self) -> str:
         """Which sizes do."""
-        return f"at most {LARGEST:g} by size" if self is _FINITE else f"between {SMALLEST:g} and {LARGEST:g}"
+        return (
+            f"at most {self.largest:g} by size"
+            if not self.limits
+            else f"between {SMALLEST:g} and {LARGEST:g}"
+        )
 
 
 def as_number(value: object) -> float | None:
@@ -153,6 +158,8 @@ def as_number(value: object) -> float | None:
 
 
 _FINITE = _Numbers("finite ", "", within)
+_PLAIN = _Numbers("finite ", "", lambda value: within(value, LATEST), LATEST)
+"""In units of any kind: a rod's stiffness times its length is large."""
 _TOLERANCE = _Numbers("", " >= 0 or .inf", lambda value: value in {0.0, math.inf} or positive(value))
 _SIGMA = _Numbers("finite ", " > 0", positive)
 _ANY_TOLERANCE = _Numbers("", " >= 0 or .inf", lambda value: value == math.inf or 0.0 <= value <= LARGEST)
@@ -197,7 +204,7 @@ _ONE_OR_THREE = WithJsonSchema(
 Triple = tuple[float, float, float]
 Ratio = Annotated[float, _scalar("number", _DIVISOR)]
 Pitch = Annotated[float, _scalar("length", _DIVISOR), _LENGTH]
-Number = Annotated[float, _scalar("number")]
+Number = Annotated[float, _scalar("number", _PLAIN)]
 Mass = Annotated[float, _scalar("mass"), In("kg", stated=True)]
 Length = Annotated[float, _scalar("length"), _LENGTH]
 Angle = Annotated[float, _scalar("angle"), _ANGLE]

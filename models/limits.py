@@ -13,7 +13,7 @@ LARGEST: Final = 1e12
 SMALLEST: Final = 1e-12
 """Of a standard deviation, a tolerance that is not 0, a gear ratio or a pitch: fractions of an atom's size, and 1e-12 rad."""
 LATEST: Final = 1e20
-"""Of numbers in columns that are neither joints nor readings: nanoseconds since 1970 are 1.8e18."""
+"""Of plain numbers, and of columns that are neither joints nor readings: nanoseconds since 1970 are 1.8e18."""
 FILE_BYTES: Final = 256 << 20
 """Of a machine file or another YAML document; a covariance of 5,000 constants has 130 MB."""
 ENTRIES: Final = 500_000

@@ -60,7 +60,15 @@ def build_machine(file: MachineFile) -> Machine:
     )
     _check_names(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]
-    return replace(machine, effects=tuple(placed))
+    return replace(machine, effects=tuple(placed), notes=(*machine.notes, *_wrong_signs(placed)))
+
+
+def _wrong_signs(placed: Sequence[PlacedEffect]) -> list[str]:
+    """Notes on what cannot be negative and is: a fit may have found it so by chance, a hand has made a slip."""
+    found = [(e, c) for e in placed for c in e.coefficients if c.lower == 0.0 and e.values[c.name] < 0.0]
+    return [
+        f"{e.label}: {c.name} = {e.values[c.name]:g} {c.unit}, where nothing is below 0" for e, c in found
+    ]
 
 
 def place_effect(machine: Machine, spec: EffectSpec, where: str) -> PlacedEffect:
@@ -80,11 +88,6 @@ def place_effect(machine: Machine, spec: EffectSpec, where: str) -> PlacedEffect
     if unknown:
         raise InputError(f"{where}.parameters: found {unknown[0]!r}, expected among {', '.join(names)}")
     values = {name: spec.value(name, unit) for name, unit in names.items() if name in spec.parameters}
-    for one in coefficients:  # what was estimated may have come out on the other side, by chance
-        if one.lower == 0.0 and values.get(one.name, 0.0) < 0.0 and one.name not in spec.std:
-            raise InputError(
-                f"{where}: found {one.name} = {values[one.name]:g} {one.unit}, expected a value >= 0"
-            )
     return PlacedEffect.at(effect, machine, place, settings, values)
 
 

@@ -24,7 +24,7 @@ def _numbers(value: object) -> tuple[float | str, ...]:
     """Numbers in the file's units, and texts such as ``20um``, whose unit the parameter decides on."""
     items: list[Any] = value if isinstance(value, list) else [value]
     if not items or not all(_is_tolerance(item) for item in items):
-        raise bad_value(f"a number >= 0, at most {LARGEST:g}, or .inf, or several for a vector", value)
+        raise bad_value(f"a number >= 0 or .inf, at most {LARGEST:g}, or several for a vector", value)
     return tuple(item if isinstance(item, str) else float(item) for item in items)
 
 

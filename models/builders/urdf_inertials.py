@@ -78,7 +78,7 @@ def _weight(robot: Robot, link: ElementTree.Element) -> tuple[float, Array]:
         return 0.0, np.zeros(3)
     kg = robot.number(link, "inertial.mass", mass.get("value", "0"))
     if not 0.0 <= kg <= FARTHEST:
-        raise robot.wrong(link, "inertial.mass", f"found {kg:g}", f"a number from 0 to {FARTHEST:g} (kg)")
+        raise robot.wrong(link, "inertial.mass", f"found {kg:g}", f"a number >= 0, at most {FARTHEST:g} (kg)")
     origin = inertial.find("origin")
     text = None if origin is None else origin.get("xyz")
     if text is None:

@@ -38,5 +38,6 @@ def close_matches(name: str, known: Iterable[str]) -> str:
 
 
 def cut(text: str, longest: int = _LONGEST) -> str:
-    """A text, or its beginning where it is long."""
-    return text if len(text) <= longest else f"{text[:longest]}..."
+    """A text of a file in one line of a message: its beginning where it is long, without what no line holds."""
+    words = " ".join("".join(c if c.isprintable() else " " for c in text[: 4 * longest]).split())
+    return words if len(words) <= longest and len(text) <= 4 * longest else f"{words[:longest]}..."

@@ -25,7 +25,10 @@ OF_MODULES = {
 }  # fmt: skip
 KNOWN = {
     ("identification/signatures/chunks.py", "pickle.loads"),  # what this program sent to its own workers
-    ("models/builders/urdf_file.py", "ElementTree.fromstring"),  # with a parser that refuses entities
+    (
+        "identification/recording/inflated.py",
+        "importlib.import_module",
+    ),  # a compression, by a name of this package
     ("models/registry.py", "importlib.import_module"),  # modules of this package
     ("models/starting/descriptions.py", "importlib.import_module"),  # a name of the command line
     ("src/truepose/shown/result.py", "importlib.import_module"),  # a constant of a class

@@ -34,6 +34,7 @@ class OneLineGroup(TyperGroup):
         **extra: Any,
     ) -> Any:
         """Run the command that the arguments name, and leave with its exit code."""
+        stopping.written.clear()  # of a command before, in the same process
         run = partial(
             super().main,
             args=args,

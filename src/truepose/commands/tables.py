@@ -99,7 +99,7 @@ def simulate(
         check_file(output, machine, poses)
         with progress("simulating"):
             loaded = load_machine(machine)
-            extra = [parse_effect(text, loaded) for text in effect or ()]
+            extra = [parse_effect(text, loaded, stated=True) for text in effect or ()]
             whole = loaded.with_effects((*loaded.effects, *extra))
             rows = load_recording(loaded, [poses], need_observations=False)
             frame = simulation.with_inputs(poses, simulation.simulate(whole, rows, seed=seed))

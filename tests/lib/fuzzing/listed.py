@@ -208,9 +208,7 @@ CASES: tuple[Case, ...] = (
         "in: nonsense",
         "frames.tool.in: found 'nonsense', expected flange",
     ),
-    _field(
-        "a play below 0", "b: {value: 0.01", "b: {value: -0.01", "found b = -0.01 mm, expected a value >= 0"
-    ),
+    _field("a play below 0", "b: {value: 0.01", "b: {value: -0.01", ""),
     _field("!!bool abc", "r: 300", "r: !!bool abc", "not valid YAML: found 'abc' under a tag"),
     _field(
         "code under a tag",
