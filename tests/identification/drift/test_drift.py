@@ -300,7 +300,8 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path) -> None:
     assert document["moved"] == ["q3.theta"]
     assert document["parameters"]["q3.theta"]["rate"]["unit"] == "rad/s"
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "q3.theta" in page and "<html" in page and 'http-equiv="refresh"' not in page
+    assert "q3.theta" in page and "<html" in page and page.count("http-equiv") == 1
+    assert 'http-equiv="Content-Security-Policy"' in page
     printed = json.loads(run("drift", case.machine, *case.files, "--json"))
     assert printed["command"] == "drift" and printed["parameters"] == document["parameters"]
     assert drift_json(case.drift())["parameters"] == document["parameters"]
