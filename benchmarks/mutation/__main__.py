@@ -7,7 +7,6 @@ changed. Files of tests that were added are collected; where a file of tests has
 from __future__ import annotations
 
 import argparse
-import itertools
 import json
 import random
 import shutil
@@ -18,21 +17,11 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
-from . import covering, running
-from .mutants import Mutant, mutants_of
+from . import areas, covering, running
+from .mutants import Mutant
 from .table import REASONS, written
 
 ROOT = Path(__file__).resolve().parents[2]
-AREAS = {
-    "models": "models/**/*.py",
-    "fit": "identification/fit/*.py",
-    "signatures": "identification/signatures/*.py",
-    "posterior": "identification/posterior/*.py",
-    "diagnosis": "identification/diagnosis/*.py",
-    "drift": "identification/drift/*.py",
-    "fringes": "identification/fringes/*.py",
-    "codegen": "codegen/*.py",
-}
 
 
 def main() -> int:
@@ -40,9 +29,8 @@ def main() -> int:
     given = _arguments()
     scratch: Path = given.scratch.resolve()
     results = scratch / "results.jsonl"
-    areas = given.only or AREAS
-    wanted = {area: _sample(area, given.sample // len(AREAS), given.seed) for area in areas}
-    second = {area: _sample(area, given.fresh // len(AREAS), given.seed + 1) for area in areas}
+    wanted = _samples(given, given.sample, given.seed)
+    second = _samples(given, given.fresh, given.seed + 1)
     for old in scratch.glob("tree*/"):
         shutil.rmtree(old)  # tests may have been added
     tree = running.copied(ROOT, scratch / "tree")
@@ -74,7 +62,7 @@ def main() -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mutation", description=__doc__)
-    parser.add_argument("--sample", type=int, default=420, help="mutants, shared equally by the areas")
+    parser.add_argument("--sample", type=int, default=0, help="mutants, shared equally by the areas")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--fresh",
@@ -82,7 +70,10 @@ def _arguments() -> argparse.Namespace:
         default=0,
         help="mutants of another sample, from the seed after, that no test is for",
     )
-    parser.add_argument("--only", nargs="*", choices=AREAS, help="areas (default: all)")
+    parser.add_argument("--only", nargs="*", choices=areas.AREAS, help="areas (default: all)")
+    parser.add_argument(
+        "--since", metavar="REVISION", help="only lines that changed since, in place of areas"
+    )
     parser.add_argument("--budget", type=float, default=60.0, help="CPU seconds of tests a mutant")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="try survivors again, after tests were added")
@@ -93,11 +84,11 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _sample(area: str, count: int, seed: int) -> list[Mutant]:
-    files = sorted(str(path.relative_to(ROOT)) for path in ROOT.glob(AREAS[area]))
-    every = [mutant for file in files for mutant in mutants_of(ROOT, file)]
-    random.Random(f"{area} {seed}").shuffle(every)
-    return list(itertools.islice((mutant for mutant in every if mutant.compiles(ROOT)), count))
+def _samples(given: argparse.Namespace, count: int, seed: int) -> dict[str, list[Mutant]]:
+    if given.since:
+        return {f"changed since {given.since}": areas.changed(ROOT, given.since, count, seed)}
+    each = count // len(areas.AREAS)
+    return {area: areas.sample(ROOT, area, each, seed) for area in given.only or areas.AREAS}
 
 
 def _commit() -> str:

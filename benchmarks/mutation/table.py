@@ -11,22 +11,28 @@ import yaml
 REASONS = Path(__file__).with_name("survivors.yaml")
 HEAD = """# Tests that guard: a mutation run
 
-`python -m benchmarks.mutation --sample {sample} --seed {seed}{more}` makes small changes (an operator swapped, a number
+`python -m benchmarks.mutation {asked}` makes small changes (an operator swapped, a number
 doubled, or one higher below ten, a condition turned round, a statement left out) one at a time, and runs the tests that run the
-line, for at most {budget:g} CPU seconds each. Timeouts count as killed. {tried} of the sample were tried, on commit {commit}.
+line, for at most {budget:g} CPU seconds each. Timeouts count as killed. {tried} were tried, on commit {commit}.
 An *equivalent* mutant does the same as the code, or differs by rounding; no test can kill it.
-
 """
 COLUMNS = """| area | mutants | killed | survived | timeouts | equivalent | killed | of those not equivalent |
 |---|---|---|---|---|---|---|---|
 """
-FRESH = """
-## Another sample
+SAMPLE = """
+## A sample
 
-Tests were written against survivors of the sample above, which flatters it. This is another one, from the seed after,
-that no test had been written for: what it says of the tests as they were. Laws that were written since are named.
+Tests were written against its survivors, which flatters it.
 
 """
+FRESH = """
+## A fresh sample
+
+No test was written for it: what it says of the tests as they were. Laws that were written since are named.
+
+"""
+ASKED = ("since", "sample", "fresh", "seed")
+"""Options that say which mutants."""
 Results = Mapping[str, Sequence[Mapping[str, Any]]]
 """Results of mutants by area."""
 
@@ -34,10 +40,13 @@ Results = Mapping[str, Sequence[Mapping[str, Any]]]
 def written(found: Results, fresh: Results, options: Mapping[str, Any]) -> str:
     """The page, from the results of a sample, of one that no test was written for, and the options of the command."""
     reasons: dict[str, str] = yaml.safe_load(REASONS.read_text(encoding="utf-8")) or {}
-    more = f" --fresh {options['fresh']}" if any(fresh.values()) else ""
-    head = HEAD.format(**{**options, "more": more}, tried=sum(map(len, found.values())))
-    page = head + _table(found, reasons) + "\n## Survivors\n\n" + _survivors(found, reasons)
-    return page + FRESH + _table(fresh, reasons) + "\n" + _survivors(fresh, reasons) if more else page
+    asked = " ".join(f"--{name} {options[name]}" for name in ASKED if options[name])
+    tried = sum(len(results) for sample in (found, fresh) for results in sample.values())
+    page = HEAD.format(**{**options, "asked": asked}, tried=tried)
+    for title, sample in ((SAMPLE, found), (FRESH, fresh)):
+        if any(sample.values()):
+            page += title + _table(sample, reasons) + "\n" + _survivors(sample, reasons)
+    return page
 
 
 def _table(found: Results, reasons: Mapping[str, str]) -> str:
