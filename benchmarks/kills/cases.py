@@ -50,6 +50,7 @@ CASES = (
     Case("export", "export in/machine{n}.yaml -o out/arm.urdf"),
     Case("import", "import in/points{n}.txt --joints in/joints.csv -o out/rows.csv"),
     Case("schema", "schema machine -o out/schema.json", before=False),
+    Case("demo", "demo mount -o out", before=False),
     Case("fleet", "fleet in/line{n} -o out --workers 1 --brief"),
 )
 

@@ -52,6 +52,7 @@ class Branches:
             )
         except InputError:  # no open chain: nothing to tell the shape of
             self._shape = None
+        self._root, self._reach = self._shape.reach() if self._shape else (np.zeros(3), np.inf)
 
     def found(
         self, poses: Array, wanted: Sequence[Numbers], configuration: Configuration | None
@@ -61,8 +62,9 @@ class Branches:
         All that are found; of a pose with the numbers ``wanted`` of a configuration the search ends with the one that has it.
         """
         out: list[list[Array]] = [[] for _ in poses]
-        rows = np.arange(len(poses))
-        for start in self._starts:
+        away = np.linalg.norm(poses[:, :3, 3] - self._root, axis=1)
+        rows = np.flatnonzero(away <= self._reach * (1 + _SAME))  # a search that finds nothing is the longest
+        for start in self._starts if len(rows) else ():
             self._attempt(poses, rows, np.broadcast_to(start, (len(rows), len(start))), out)
             left = [k for k in rows.tolist() if not self._has(out[k], wanted[k], configuration)]
             rows = np.array(left, dtype=np.intp)

@@ -31,6 +31,23 @@ class ArmShape:
         """(m, 3) of joints (m, 6): wrist behind axis 1, wrist behind the lower arm, axis 5 below zero."""
         return np.array([self._at(row) for row in q]).reshape(-1, 3)
 
+    def reach(self) -> tuple[Array, float]:
+        """A point (3,) of the first axis in the sensor's frame, and how far (mm) from there the tool can be at most.
+
+        No straight line between the ends of links is longer than all links in a row.
+        """
+        path = self._tree.path()
+        first = path.index(self._driven[0])
+        links = self._tree.links({})
+        length = float(np.linalg.norm(self._tree.tool[:3, 3]))
+        for joint in path[first + 1 :]:
+            length += float(np.linalg.norm(joint.origin[:3, 3]))
+        for joint in path[first:]:
+            if joint.kind == "prismatic":
+                length += max(map(abs, joint.range)) if joint.range else np.inf
+        root = self._tree.world @ links[path[first].child]
+        return root[:3, 3], length
+
     def _at(self, q: Array) -> tuple[bool, bool, bool]:
         links = self._tree.links({joint.name: float(v) for joint, v in zip(self._driven, q, strict=True)})
         lines = [_line(joint, links) for joint in self._driven[:5]]

@@ -5,13 +5,16 @@ from __future__ import annotations
 import contextlib
 import time
 
+import numpy as np
 import pytest
 
 from support.program_robots import arms, machine_file
 from truepose.errors import InputError
+from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.programs.correct import correct
 from truepose.identification.programs.dialects import DIALECTS
 from truepose.identification.programs.program import closing
+from truepose.identification.programs.shape import ArmShape
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -52,3 +55,21 @@ def test_numbers_beyond_all_machines_are_left_and_told(machine: Machine) -> None
     assert not done.done
     assert len(done.left) == 2
     assert all("beyond 1e+09" in left.why and len(left.why) < 100 for left in done.left)
+
+
+def test_no_joints_bring_the_tool_farther_than_its_reach(machine: Machine) -> None:
+    solver = PoseSolver(machine)
+    root, most = ArmShape(machine, {}).reach()
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (5000, 6))
+    away = np.linalg.norm(solver.forward(q)[0][:, :3, 3] - root, axis=1)
+    assert 0.98 * most < away.max() <= most  # a bound that is loose by metres would spare nothing
+
+
+def test_thousands_of_poses_out_of_reach_are_told_at_once(machine: Machine) -> None:
+    """As where a program's base is wrong: each would otherwise be searched for from every start, 50 ms a pose."""
+    n, began = 3000, time.process_time()
+    text = "".join(f"LIN {{X {9000 + k},Y 0,Z {k / 7:.3f},A {k},B 90,C 0}}\n" for k in range(n))
+    done = correct(machine, DIALECTS["kuka"].read(text, machine))
+    assert not done.done
+    assert sum("cannot take this pose" in left.why for left in done.left) == n
+    assert time.process_time() - began < 10.0
