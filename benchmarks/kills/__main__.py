@@ -84,7 +84,7 @@ def main(
 
 def _line(row: Row) -> str:
     states = " | ".join(str(row.states[name]) for name in ("old", "new", "mixed"))
-    told = f"{row.litter} | {len(row.untrue)} | {row.slowest:.2f}"
+    told = f"{len(row.litter)} | {len(row.untrue)} | {row.slowest:.2f}"
     return f"| {row.name} | {row.lasts:.2f} | {row.kills} | {states} | {told} |"
 
 

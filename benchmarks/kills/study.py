@@ -31,7 +31,7 @@ class Row:
     lasts: float
     kills: int
     states: Counter[str]
-    litter: int
+    litter: tuple[str, ...]
     untrue: tuple[str, ...]
     slowest: float
 
@@ -58,7 +58,7 @@ def study(
     """Send a signal at so many moments, and look."""
     known = _known(case, inputs, folder)
     rng = np.random.default_rng(seed)
-    states, untrue, litter, slowest = Counter[str](), list[str](), 0, 0.0
+    states, untrue, litter, slowest = Counter[str](), list[str](), list[str](), 0.0
     for k in range(kills):
         room = folder / f"kill{k}"
         make_room(room, inputs, known.before)
@@ -74,8 +74,8 @@ def study(
             spare = everything(room) - known.names
             slowest = max(slowest, ended.after)
             untrue += _untrue(case, ended, found, number)
-        litter += len(spare)
-    return Row(case.name, known.lasts, kills, states, litter, tuple(untrue), slowest)
+        litter += sorted(spare)
+    return Row(case.name, known.lasts, kills, states, tuple(litter), tuple(untrue), slowest)
 
 
 def _known(case: Case, inputs: Path, folder: Path) -> _Known:

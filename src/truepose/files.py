@@ -32,7 +32,7 @@ def atomic_file(path: Path | str) -> Iterator[Path]:
     InputError when it cannot be written; an older file then stays as it was.
     """
     with _naming(path, "file"):
-        _settle_link(Path(path))
+        _settle(Path(path))
         target = _resolved(path)
         if target.is_dir():
             raise InputError(f"{path}: cannot write the file: Is a directory")
@@ -142,12 +142,11 @@ def _resolved(path: Path | str) -> Path:
         raise InputError(f"{str(path)!r}: found no name of a file: {exc}") from None
 
 
-def _settle_link(path: Path) -> None:
-    """End the publication of a killed run that this name is still a link of: else the link would be followed into it."""
+def _settle(path: Path) -> None:
+    """End what a killed run began to publish in the folder of this file: it may be one of several, and a link of them yet."""
     with contextlib.suppress(ValueError):
-        if path.is_symlink() and any(part.endswith(".partial") for part in path.readlink().parts):
-            folder = path.absolute().parent
-            clear(folder, folder)
+        folder = path.absolute().parent
+        clear(folder, folder)
 
 
 def _inside(path: Path) -> bool:
