@@ -184,3 +184,14 @@ def test_no_file_is_written_over_one_that_is_read(command: str, tmp_path: Path) 
     result = CliRunner().invoke(app, [command, *map(str, words), "-o", str(machine)])
     assert result.exit_code == 2 and "which is read" in result.stderr
     assert machine.read_bytes() == (MACHINES / "serial.yaml").read_bytes()
+
+
+@pytest.mark.parametrize("option", ["--diagnosis", "--with"])
+def test_a_plan_is_not_written_over_what_it_is_made_from(option: str, tmp_path: Path) -> None:
+    read = tmp_path / "read"
+    read.write_text("what was found", encoding="utf-8")
+    asked = ["--discriminate", "backlash"] if option == "--with" else []
+    words = ["plan", MACHINES / "serial.yaml", "-n", "4", *asked, option, read, "-o", read]
+    result = CliRunner().invoke(app, [*map(str, words)])
+    assert result.exit_code == 2 and "which is read" in result.stderr
+    assert read.read_text(encoding="utf-8") == "what was found"

@@ -166,7 +166,7 @@ def _discriminate(wanted: _Wanted, asked: Request) -> None:
     from truepose.identification.report.notes import worded
     from truepose.models.load import load_machine
 
-    check_file(wanted.output, wanted.machine, wanted.candidates)
+    check_file(wanted.output, wanted.machine, wanted.candidates, asked.diagnosis, *asked.recorded)
     with progress("planning") as say:
         machine = load_machine(wanted.machine)
         found, frame, lines, told = run_discriminate(
