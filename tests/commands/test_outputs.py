@@ -190,7 +190,7 @@ def test_no_file_is_written_over_one_that_is_read(command: str, tmp_path: Path) 
 def test_a_plan_is_not_written_over_what_it_is_made_from(option: str, tmp_path: Path) -> None:
     read = tmp_path / "read"
     read.write_text("what was found", encoding="utf-8")
-    asked = ["--discriminate", "backlash"] if option == "--with" else []
+    asked = ["--discriminate", "backlash", "nothing"] if option == "--with" else []
     words = ["plan", MACHINES / "serial.yaml", "-n", "4", *asked, option, read, "-o", read]
     result = CliRunner().invoke(app, [*map(str, words)])
     assert result.exit_code == 2 and "which is read" in result.stderr
