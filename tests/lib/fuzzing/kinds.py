@@ -137,6 +137,16 @@ def _sqlite_bags(folder: Path) -> list[Seed]:
     return [Seed("run.db3", bag, commands)]
 
 
+def _ros1_bags(folder: Path) -> list[Seed]:
+    from support.guide_bag import write_bag
+    from support.ros1_bag import as_ros1
+
+    bag = write_bag(folder, poses=3, samples=14)
+    made = [as_ros1(bag, folder / f"{way}.bag", way).read_bytes() for way in ("none", "lz4", "bz2")]
+    commands = (("import", "run.bag", "-o", "out/rows.csv"),)
+    return [Seed("run.bag", data, commands) for data in made]
+
+
 def _workbooks(folder: Path) -> list[Seed]:
     from support.workbook import write_workbook
 
@@ -226,8 +236,9 @@ KINDS = (
     Kind("recordings", _recordings, _bytes_too(tables.mutated, 0.15)),
     Kind("URDF", _urdf, _bytes_too(marked_up.mutated)),
     Kind("MJCF", _mjcf, _bytes_too(marked_up.mutated)),
-    Kind("MCAP", _bags, records.mutated),
+    Kind("MCAP", _bags, records.MCAP.mutated),
     Kind("sqlite bags", _sqlite_bags, texts.mutated),
+    Kind("ROS 1 bags", _ros1_bags, records.ROS1.mutated),
     Kind("workbooks", _workbooks, workbooks.mutated),
     Kind("probe logs", _probe_logs, _bytes_too(tables.mutated, 0.15)),
     Kind("points and stars", _points, _bytes_too(programs.mutated)),
