@@ -68,14 +68,16 @@ class Coverage:
         """Tests that run a mutant, or may by a fixture, and their CPU seconds: at most ``budget``.
 
         The most specific and fastest come first. Where only imports run the line, these are the tests of lines that
-        use its name and of files that mention it, or else the tests of the module.
+        use its name and of files that mention it; where none does, the tests of the module and of files that mention it.
         """
         lines = [(mutant.file, line) for line in mutant.lines] or list(_using(root, mutant.names))
         own = {record["test"]: record for line in lines for record in self.by_line.get(line, ())}
         if not mutant.lines:
             told = _mentioning(root, mutant.names)
             own |= {record["test"]: record for record in self.tests if _file(record) in told}
-        own = own or {record["test"]: record for record in self.tests if mutant.file in record["lines"]}
+        if not own:  # another process runs it, started by tests that name the module or run the rest of it
+            told = _mentioning(root, (Path(mutant.file).stem,))
+            own = {r["test"]: r for r in self.tests if mutant.file in r["lines"] or _file(r) in told}
         files = {name for line in lines for name in self.by_fixture.get(line, ())}
         shared = [r for r in self.tests if r["test"] not in own and _file(r) in files]
         out, total = [], 0.0
