@@ -43,6 +43,10 @@ ELSEWHERE = {
     "cells": f"{workbook_limits.CELLS_MOST:,} cells",
     "points": f"or stars | {importing.TEXT_MOST // MIB} MiB",
     "program": f"a robot program | {program.PROGRAM_MOST // MIB} MiB",
+    "numbers of a URDF": f"numbers of a URDF, in m, rad, kg, and of a robot program | {urdf_file.FARTHEST:.0e}".replace(
+        "+0", ""
+    ),
+    "numbers of a program": f"of a robot program | {program.LARGEST:.0e}".replace("+0", ""),
     "terms": f"(`degree`, `orders`, `waves`) | {setting_range.COUNT.high:g} |",
 }
 

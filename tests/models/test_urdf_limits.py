@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from truepose.errors import InputError
-from truepose.models.builders.urdf_file import CHAIN_MOST, Robot
+from truepose.models.builders.urdf_file import CHAIN_MOST, FARTHEST, NAME_MOST, Robot
 from truepose.models.builders.urdf_inertials import inertials_of
+from truepose.models.builders.urdf_xml import DEPTH_MOST, ELEMENTS_MOST, TAG_MOST
 from truepose.models.starting.urdf import urdf_start
 from truepose.models.units import UnitSystem
 from truepose.wording import close_matches, cut
@@ -54,6 +55,32 @@ def test_what_goes_on_without_end_is_refused(tmp_path: Path, text: str, told: st
         read(tmp_path, text)
     assert len(str(caught.value)) < 1000 + len(str(tmp_path))
     assert time.process_time() - began < 8.0
+
+
+EDGES = {
+    "elements": (ELEMENTS_MOST - 1, lambda n: "<robot>" + "<a/>" * n + "</robot>"),
+    "depth": (DEPTH_MOST - 1, lambda n: "<robot>" + "<a>" * n + "</a>" * n + "</robot>"),
+    "tag": (TAG_MOST - len("<robot a=''"), lambda n: "<robot a='" + "x" * n + "'></robot>"),
+    "name": (NAME_MOST, lambda n: '<robot><link name="' + "l" * n + '"/></robot>'),
+}
+"""Of each limit how much just keeps it, and a URDF with so much."""
+
+
+@pytest.mark.parametrize("limit", EDGES)
+def test_what_just_keeps_a_limit_is_read_and_one_more_is_not(limit: str, tmp_path: Path) -> None:
+    most, text = EDGES[limit]
+    read(tmp_path, text(most))
+    with pytest.raises(InputError, match="expected"):
+        read(tmp_path, text(most + 1))
+
+
+def test_a_place_is_as_far_as_the_limit_and_no_farther(tmp_path: Path) -> None:
+    placed = ARM.replace("<parent", '<origin xyz="0 {far} 0"/><parent').replace("{axis}", "0 0 1")
+    robot = read(tmp_path, placed.format(far=-FARTHEST))
+    assert robot.joint(robot.above["hand"], UnitSystem())["xyz"] == [0, -FARTHEST * 1e3, 0]
+    robot = read(tmp_path, placed.format(far=FARTHEST * (1 + 1e-9)))
+    with pytest.raises(InputError, match="3 numbers of at most 1e\\+09"):
+        robot.joint(robot.above["hand"], UnitSystem())
 
 
 def test_thousands_of_links_are_read_and_a_chain_of_them_is_not_built(tmp_path: Path) -> None:
