@@ -6,6 +6,7 @@ saves two seconds of three.
 
 from __future__ import annotations
 
+import compileall
 import importlib
 import os
 import resource
@@ -26,7 +27,7 @@ rich.console jinja2 hypothesis pytest _pytest.assertion.rewrite multiprocessing.
 NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv", "*.egg-info", ".mypy_cache", ".ruff_cache", ".hypothesis", "build"
 )
-OPTIONS = "-x -q -p no:cacheprovider -p no:xdist -o addopts=--import-mode=importlib \
+OPTIONS = "-x -q -p no:cacheprovider -p no:xdist -p no:nbmake -o addopts=--import-mode=importlib \
 -W ignore::pytest.PytestAssertRewriteWarning"
 """The project's own options are for many tests and several workers. The warning: hypothesis is there before pytest starts."""
 WALL = 1800.0
@@ -37,6 +38,7 @@ def copied(root: Path, tree: Path) -> Path:
     """The tree without what no test needs, links kept."""
     if not tree.exists():
         shutil.copytree(root, tree, symlinks=True, ignore=NOT_COPIED)
+        compileall.compile_dir(str(tree), quiet=2)  # children write no bytecode, and would compile all of it again
     return tree
 
 
