@@ -86,7 +86,10 @@ def test_while_libraries_load(library: str, sent: str, code: int, tmp_path: Path
     assert not list(tmp_path.iterdir())
 
 
-def test_a_publication_is_ended_first_and_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize("there", [False, True])
+def test_a_publication_is_ended_first_and_told(there: bool, tmp_path: Path) -> None:
+    if there:
+        (tmp_path / "out").mkdir()
     done = ran(WORK, tmp_path / "out", "publishing")
     assert done.returncode == 130
     assert done.stderr == f"error: stopped; written before: {(tmp_path / 'out').resolve()}\n"

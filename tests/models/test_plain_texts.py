@@ -50,6 +50,7 @@ DOCUMENT: dict[str, Any] = {
 }
 PLACES = (
     ("name",),
+    ("masses",),
     ("mechanism", "joints", 0, "name"),
     ("mechanism", "type"),
     ("masses", "link"),

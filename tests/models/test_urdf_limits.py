@@ -125,3 +125,5 @@ def test_lists_of_names_and_texts_of_files_have_room_in_a_line() -> None:
     assert len(close_matches("zzz" * 1000, [f"name{k}" for k in range(20_000)])) < 1200
     assert close_matches("zzz", ["a", "b"]) == "known: a, b"
     assert cut("a\nb\x1b[31m c" + "d" * 10_000, 20) == "a b [31m c" + "d" * 10 + "..."
+    assert cut("a b" * 5, 15) == "a b" * 5
+    assert cut("a b" * 5, 14) == ("a b" * 5)[:14] + "..."
