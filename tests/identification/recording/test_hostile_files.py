@@ -28,11 +28,14 @@ def chunk(data: bytes, inflated: int, compression: bytes = b"") -> bytes:
     return record(6, head + compression + struct.pack("<Q", len(data)) + data)
 
 
-def index(at: int, data: bytes, inflated: int) -> bytes:
+def index(
+    at: int, data: bytes, inflated: int, times: tuple[int, int] = (0, 1), compression: bytes = b""
+) -> bytes:
     return record(
         8,
-        struct.pack("<QQQQI", 0, 1, at, 0, 0)
-        + struct.pack("<QI", 0, 0)
+        struct.pack("<QQQQI", *times, at, 0, 0)
+        + struct.pack("<QI", 0, len(compression))
+        + compression
         + struct.pack("<QQ", len(data), inflated),
     )
 
@@ -84,6 +87,35 @@ def test_compressed_chunks_are_inflated_no_further_than_they_say(tmp_path: Path,
                 check_mcap(path)
         else:
             check_mcap(path)
+
+
+@pytest.mark.parametrize(
+    ("times", "refused"),
+    [
+        (((0, 10), (10, 10), (10, 20)), True),  # all three hold what was said at 10
+        (((0, 10), (5, 11), (11, 20)), False),
+        (((0, 9), (2, 8), (3, 4)), True),
+    ],
+)
+def test_chunks_of_one_time_are_few(
+    tmp_path: Path, times: tuple[tuple[int, int], ...], refused: bool
+) -> None:
+    """Who reads messages in the order of time holds every chunk of a time at once."""
+    lz4 = pytest.importorskip("lz4.frame")
+    inflated = 200 << 20
+    data, path, body, at = lz4.compress(bytes(inflated)), tmp_path / "a.mcap", b"", []
+    for _ in times:
+        at.append(len(MAGIC) + len(body))
+        body += chunk(data, inflated, b"lz4")
+    for place, time in zip(at, times, strict=True):
+        body += index(place, data, inflated, time, b"lz4")
+    attached = record(9, bytes(8 << 20))  # else so few bytes may not become so many at all
+    path.write_bytes(MAGIC + body + attached + FOOTER + MAGIC)
+    if refused:
+        with pytest.raises(InputError, match="chunks whose times overlap, expected at most 512 MiB of them"):
+            check_mcap(path)
+    else:
+        check_mcap(path)
 
 
 def test_a_bag_of_views_and_one_of_references_are_refused(tmp_path: Path) -> None:
