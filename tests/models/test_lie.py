@@ -258,3 +258,13 @@ def test_jacobians_of_the_group(angle: float, directions: Array) -> None:
         turn, slope = about(direction, angle)
         np.testing.assert_allclose(turn.full(), rotation, atol=1e-14)
         np.testing.assert_allclose(slope.full().reshape(3, 3).T, _skew(direction) @ rotation, atol=1e-14)
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3), st.integers(-290, 290))
+def test_a_direction_has_one_of_length_one_however_long_it_is(v: list[float], power: int) -> None:
+    v = [0.0 if abs(x) < 1e-6 else x for x in v]
+    if not any(v):
+        assert lie.unit_vector(v).tolist() == [0.0, 0.0, 0.0]
+        return
+    found = lie.unit_vector([x * 10.0**power for x in v])
+    np.testing.assert_allclose(found, np.array(v) / np.linalg.norm(v), rtol=1e-12)
