@@ -73,3 +73,26 @@ def test_thousands_of_poses_out_of_reach_are_told_at_once(machine: Machine) -> N
     assert not done.done
     assert sum("cannot take this pose" in left.why for left in done.left) == n
     assert time.process_time() - began < 10.0
+
+
+OBJECTS = {
+    "[[100,0,0],[0.5,0,0,0]],[[0,50,0],[1,0,0,0]]": "the square of a quaternion of it is not 1",
+    "[[0,50,0],[1,0,0,0]],[[100,0,0],[1.006,0,0,0]]": "the square of a quaternion of it is not 1",
+    "[[1E12,0,0],[1,0,0,0]],[[0,50,0],[1,0,0,0]]": "whose numbers are not known here",
+    "[[10,0,0],[0.996,0,0,0]],[[0,50,0],[1,0,0,0]]": "",
+}
+
+
+@pytest.mark.parametrize("numbers", OBJECTS)
+def test_a_work_object_whose_numbers_are_no_pose_is_not_taken_for_one(machine: Machine, numbers: str) -> None:
+    text = f"""MODULE m
+ TASK PERS wobjdata table:=[FALSE,TRUE,"",{numbers}];
+ CONST robtarget p:=[[400,0,400],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+ PROC main()
+  MoveL p,v100,fine,tool0\\WObj:=table;
+ ENDPROC
+ENDMODULE
+"""
+    done = correct(machine, DIALECTS["rapid"].read(text, machine))
+    assert (len(done.done), len(done.left)) == ((0, 1) if OBJECTS[numbers] else (1, 0))
+    assert all(OBJECTS[numbers] in left.why for left in done.left)
