@@ -155,3 +155,10 @@ def test_what_cannot_be_loaded_leaves_nothing_behind(tmp_path: Path, text: str) 
     with pytest.raises(InputError, match=r"nothing\.py: found no Python file"):
         load_plugin(tmp_path / "nothing.py")
     assert _plugins() == before
+
+
+def test_what_python_finds_odd_in_a_plugin_is_not_said(tmp_path: Path) -> None:
+    """A test's warnings are errors: the plug-in would not be loaded."""
+    path = tmp_path / "odd.py"
+    path.write_text("PATTERN = '\\d'\nassert PATTERN is not 'd'\n", encoding="utf-8")
+    load_plugin(path)

@@ -174,3 +174,33 @@ def test_a_workbook_that_says_it_is_small_is_measured(tmp_path: Path) -> None:
     path.write_bytes(bytes(data[: at // 2]))
     with pytest.raises(InputError, match="no Excel workbook"):
         read_spreadsheet(path)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_the_files_of_a_folder_are_looked_at_too(tmp_path: Path, compressed: bool) -> None:
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2.storage_mcap import zstd  # type: ignore[attr-defined]
+
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 5}\n")
+    if compressed:  # to more than 32 MiB, and more than a hundred times as much
+        (bag / "a.mcap.zstd").write_bytes(zstd.compress(bytes(40 << 20)))
+        told = r"a\.mcap\.zstd: cannot read the bag: found that it inflates to more than 33554432 bytes"
+    else:
+        (bag / "a.mcap").write_bytes(MAGIC + record(5, b"", 1 << 63) + FOOTER + MAGIC)
+        told = r"a\.mcap: cannot read the bag: found a record at byte 8 that says it has 9223372036854775808"
+    with pytest.raises(InputError, match=told):
+        read_foreign(bag, "bag")
+
+
+def test_what_is_compressed_well_enough_is_no_bomb(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2.storage_mcap import zstd  # type: ignore[attr-defined]
+
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 5}\n")
+    noise = np.random.default_rng(1).bytes(40 << 20)
+    (tmp_path / "a.mcap.zstd").write_bytes(zstd.compress(noise))
+    with pytest.raises(InputError) as caught:  # of other things: it is no bag
+        read_foreign(tmp_path, "bag")
+    assert "inflates" not in str(caught.value)
