@@ -160,5 +160,5 @@ def test_what_cannot_be_loaded_leaves_nothing_behind(tmp_path: Path, text: str) 
 def test_what_python_finds_odd_in_a_plugin_is_not_said(tmp_path: Path) -> None:
     """A test's warnings are errors: the plug-in would not be loaded."""
     path = tmp_path / "odd.py"
-    path.write_text("PATTERN = '\\d'\nassert PATTERN is not 'd'\n", encoding="utf-8")
+    path.write_text("NAME = 'odd'\nassert NAME is not 'even'\n", encoding="utf-8")
     load_plugin(path)
