@@ -20,7 +20,7 @@ from truepose.cli import app
         ("transmission-error@q2:order=0,a=1[mrad]", "order: 0, expected a number from -10000 to 10000 that is not 0"),
         ("transmission-error@q2:orders=61,a1=1[mrad]", "orders: 61, expected a whole number from 1 to 60"),
         ("transmission-error@q2:orders=1.5,a1=1[mrad]", "orders: 1.5, expected a whole number from 1 to 60"),
-        ("transmission-error@q2:ordres=2,a1=1[mrad]", "has no setting 'ordres'; did you mean orders"),
+        ("transmission-error@q2:ordres=2,a1=1[mrad]", "unknown name 'ordres'; did you mean 'orders'?"),
     ],
 )  # fmt: skip
 def test_what_adds_nothing_or_cannot_be_is_refused(text: str, told: str, tmp_path: Path) -> None:
