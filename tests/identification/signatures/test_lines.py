@@ -43,6 +43,13 @@ def test_orders_end_where_evenly_spaced_readings_repeat(step: float) -> None:
     assert found.finest == pytest.approx(180.0 / step, abs=2)
 
 
+@pytest.mark.parametrize("n", [2, 3, 8, 25, 64, 199])
+def test_of_so_many_places_of_a_turn_half_as_many_orders_are_told_apart(n: int) -> None:
+    angle = 2.0 * np.pi * np.arange(5 * n) / n - 1.0
+    found = spectrum(angle, np.zeros(len(angle)), np.ones(len(angle)))
+    assert found.finest == n // 2
+
+
 def test_readings_at_random_reach_every_order_that_is_looked_for() -> None:
     angle = np.random.default_rng(3).uniform(-2.0, 2.0, 80)
     assert spectrum(angle, angle, np.ones(80)).finest == 4096
