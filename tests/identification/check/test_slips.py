@@ -223,6 +223,20 @@ def test_one_slip_behind_another(right: pd.DataFrame, tmp_path: Path) -> None:
     assert kinds == {"unit-length", "sign"}
 
 
+@pytest.mark.parametrize(
+    "both", [(inverse, backwards), (euler, exchanged)], ids=["inverse, sign", "angles, order"]
+)
+def test_two_slips_neither_of_which_shows_alone(
+    both: tuple[Callable[[pd.DataFrame], Spoilt], ...], right: pd.DataFrame, tmp_path: Path
+) -> None:
+    machine, rows = both[1](both[0](right)[1])
+    found = checked(tmp_path, machine, rows)
+    wanted = {kind for slip, kind, _ in SLIPS if slip in both}
+    assert {f.kind for f in found.found} == wanted
+    found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
+    assert check_files(tmp_path / "mended/arm.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
+
+
 def test_the_same_answer_every_time_and_in_every_order_of_rows(right: pd.DataFrame, tmp_path: Path) -> None:
     machine, rows = exchanged(right)
     first = checked(tmp_path, machine, rows).document()
