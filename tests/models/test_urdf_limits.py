@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -57,7 +58,7 @@ def test_what_goes_on_without_end_is_refused(tmp_path: Path, text: str, told: st
     assert time.process_time() - began < 8.0
 
 
-EDGES = {
+EDGES: dict[str, tuple[int, Callable[[int], str]]] = {
     "elements": (ELEMENTS_MOST - 1, lambda n: "<robot>" + "<a/>" * n + "</robot>"),
     "depth": (DEPTH_MOST - 1, lambda n: "<robot>" + "<a>" * n + "</a>" * n + "</robot>"),
     "tag": (TAG_MOST - len("<robot a=''"), lambda n: "<robot a='" + "x" * n + "'></robot>"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +36,10 @@ def _again(message: Any, types: Any) -> Any:
     """The same message in the types of ROS 1, whose headers count."""
     if isinstance(message, list):
         return [_again(one, types) for one in message]
-    if not is_dataclass(message):
+    name = getattr(message, "__msgtype__", None)
+    if name is None:
         return message
-    kind = types[message.__msgtype__]  # type: ignore[attr-defined]
+    kind = types[name]
     names = [field.name for field in fields(kind) if field.init]
     return kind(*(0 if name == "seq" else _again(getattr(message, name), types) for name in names))
 
