@@ -38,7 +38,9 @@ def copied(root: Path, tree: Path) -> Path:
     """The tree without what no test needs, links kept."""
     if not tree.exists():
         shutil.copytree(root, tree, symlinks=True, ignore=NOT_COPIED)
-        compileall.compile_dir(str(tree), quiet=2)  # children write no bytecode, and would compile all of it again
+        compileall.compile_dir(
+            str(tree), quiet=2
+        )  # children write no bytecode, and would compile all of it again
     return tree
 
 
