@@ -96,3 +96,18 @@ ENDMODULE
     done = correct(machine, DIALECTS["rapid"].read(text, machine))
     assert (len(done.done), len(done.left)) == ((0, 1) if OBJECTS[numbers] else (1, 0))
     assert all(OBJECTS[numbers] in left.why for left in done.left)
+
+
+@pytest.mark.parametrize(("turn", "assumed"), [("[1,0,0,0]", ()), ("[0.5,0,0,0]", ("odd",))])
+def test_a_tool_whose_numbers_are_no_pose_is_said_to_be_assumed(
+    machine: Machine, turn: str, assumed: tuple[str, ...]
+) -> None:
+    text = f"""MODULE m
+ PERS tooldata odd:=[TRUE,[[0,0,100],{turn}],[1,[0,0,50],[1,0,0,0],0,0,0]];
+ CONST robtarget p:=[[400,0,400],[0,0,1,0],[0,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+ PROC main()
+  MoveL p,v100,fine,odd;
+ ENDPROC
+ENDMODULE
+"""
+    assert correct(machine, DIALECTS["rapid"].read(text, machine)).assumed == assumed
