@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -32,6 +34,8 @@ LIBRARIES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _LARGE = "distributed.admin.large-graph-warning-threshold"
 CONNECTING = 30.0
 """Seconds that a cluster has to answer."""
+WATCHED = 0.5
+"""Seconds after which a process that works for another looks whether that one is there."""
 
 
 class Pool(ABC):
@@ -74,7 +78,9 @@ class Cores(Pool):
                 begun[k] = None
                 yield joblib.delayed(_numbered)(work, task, k)
 
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+        with joblib.parallel_config(
+            backend="loky", inner_max_num_threads=1, initializer=end_with, initargs=(os.getpid(),)
+        ):
             parallel = joblib.Parallel(  # of one alone joblib would make none in a process of its own: two stand ready
                 max(at_once, 2), pre_dispatch=at_once, batch_size=1, return_as="generator_unordered"
             )
@@ -84,6 +90,20 @@ class Cores(Pool):
                 yield k, result
         except BrokenProcessPool:
             yield from ((k, None) for k in list(begun))
+
+
+def end_with(parent: int) -> None:
+    """Let this process end when its parent does: a worker of one that was killed would go on, and wait for work for minutes.
+
+    Results are published in one step, so that it may end anywhere. Where a system names no other parent it waits.
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCHED)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @dataclass(frozen=True)
@@ -241,4 +261,15 @@ def _numbered(work: Callable[[T], R], task: T, number: int) -> tuple[int, R]:
     return number, work(task)
 
 
-__all__ = ["Cluster", "Cores", "Pool", "cluster", "each", "numbered", "present", "rows_on", "several_threads"]
+__all__ = [
+    "Cluster",
+    "Cores",
+    "Pool",
+    "cluster",
+    "each",
+    "end_with",
+    "numbered",
+    "present",
+    "rows_on",
+    "several_threads",
+]
