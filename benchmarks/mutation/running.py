@@ -38,9 +38,8 @@ def copied(root: Path, tree: Path) -> Path:
     """The tree without what no test needs, links kept."""
     if not tree.exists():
         shutil.copytree(root, tree, symlinks=True, ignore=NOT_COPIED)
-        compileall.compile_dir(
-            str(tree), quiet=2
-        )  # children write no bytecode, and would compile all of it again
+        # children write no bytecode, and would compile all of it again
+        compileall.compile_dir(str(tree), quiet=2)
     return tree
 
 
