@@ -24,7 +24,7 @@ DISTANT = re.compile(
 LAST = "test_golden_diagnoses"
 LINES_A_SECOND = 1e4
 """A test that runs so many lines more is as little wanted as one that takes a second longer."""
-SLOW = 8.0
+SLOW = 40.0
 """CPU seconds beyond which a test is run against no mutant."""
 
 

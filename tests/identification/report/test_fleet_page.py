@@ -9,55 +9,14 @@ from pathlib import Path
 import pytest
 
 from support.browser import browser, tried
-from truepose.identification.fleet.changes import Change, Changes, Moved
+from support.told_fleet import DONE, FAILED, HOSTILE, RARE, SEEN, STATISTICS, fleet
+from truepose.identification.fleet.changes import Changes
 from truepose.identification.fleet.result import SHOWN, Fleet
-from truepose.identification.fleet.statistics import (
-    ConstantInFleet,
-    EffectInFleet,
-    FleetStatistics,
-    Interval,
-    ToleranceInFleet,
-)
-from truepose.identification.fleet.table import Row, table
+from truepose.identification.fleet.statistics import FleetStatistics, Interval
+from truepose.identification.fleet.table import table
 from truepose.identification.report.fleet_page import fleet_html
 from truepose.identification.report.fleet_words import effect_sentence, fleet_json, fleet_lines, often
 from truepose.identification.report.json_text import json_text
-
-HOSTILE = '<script>alert("1")</script>&'
-SEEN = EffectInFleet(
-    "serial", "backlash", (), 100, Interval(0.4, 0.3, 0.5), 0.05, 40.0, 12.0,
-    Interval(0.1, 0.08, 0.12), 1.5, Interval(1e-4, 8e-5, 1.2e-4), "rad",
-)  # fmt: skip
-RARE = replace(SEEN, effect="drift", frequency=Interval(0.01, 0.0, 0.03), found=0.6, size=None, amount=None)
-STATISTICS = FleetStatistics(
-    100,
-    (SEEN, RARE),
-    (replace(SEEN, place=("q2",)),),
-    (ToleranceInFleet("serial", "angle q", 600, Interval(1.6, 1.4, 1.8), 0.0),),
-    (ConstantInFleet("serial", "q2.r", 100, Interval(0.5, 0.3, 0.7), 1.0),),
-)
-DONE = Row(
-    HOSTILE, "done", machine="arm", check="ok", verdict="missing-physics", concealed=True, chi2_before=40.0, chi2_after=1.0,
-    reading="position", rms_before=900.0, rms_after=15.0, unit="um", held_out=True, ratio=0.02, noise=1.0,
-    findings="backlash at q2", odd=True, oddness=4.2, odd_because="backlash at q2, which 0 of 99 others have",
-)  # fmt: skip
-FAILED = Row("zz/..", "failed", f"zz/r.csv: missing column {HOSTILE!r}")
-CHANGES = Changes(
-    new=(HOSTILE,),
-    gone=("b",),
-    said=(Change(HOSTILE, "verdict", "adequate", "missing-physics"),),
-    moved=(Moved(HOSTILE, "q2.r", 0.3, 7.0),),
-    compared=12,
-    again=1,
-)
-
-
-def fleet(changes: Changes | None = CHANGES, rows: int = 1) -> Fleet:
-    counts = {"done": rows, "failed": 1}
-    told = [DONE] * min(rows, SHOWN)
-    return Fleet(
-        HOSTILE, rows + 1, counts, {"missing-physics": rows}, STATISTICS, 1, told[:1], [FAILED], told, changes
-    )
 
 
 def test_a_page_loads_nothing_and_runs_nothing_of_a_machine_s() -> None:

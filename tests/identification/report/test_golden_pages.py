@@ -1,0 +1,90 @@
+"""Pages, views and pictures that are committed: a change of what is shown shows as a change of ``tests/golden_pages``.
+
+What is shown is made up, or comes from fits that end in one point: another processor rounds it alike to the digits
+that are shown. After a change that is meant:
+
+    pytest tests/identification/report/test_golden_pages.py --update-golden
+
+writes the pages anew; what then differs is for the reviewer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from support import TESTS
+from support.golden_pages import differences, shown
+from support.reports import arm, fitted, recorded, synthetic
+from support.results import RESULTS, drifting
+from support.told_fleet import fleet
+from truepose.identification.fit.calibrate import Calibration
+from truepose.identification.report.drift_page import drift_html
+from truepose.identification.report.fleet_page import fleet_html
+from truepose.identification.report.pages import calibration_html, report_html
+from truepose.version import VERSION
+
+GOLDEN = TESTS / "golden_pages"
+WEIGHED = ("diagnosis", "finding", "machine with effects")
+"""Results of chains: their goldens are diagnoses."""
+
+
+def _diagnosis(folder: Path) -> str:
+    return report_html(synthetic(arm(folder)), {"effect": {"effect": "transmission-error", "place": ["q1"]}})
+
+
+def _calibration(folder: Path) -> str:
+    machine = arm(folder)
+    recording = recorded(machine)
+    method = {"estimator": "map", "solver": "gn"}
+    found = Calibration(
+        fitted(machine, recording), fitted(machine, recording, away=50.0), recording, (), method
+    )
+    return calibration_html(found)
+
+
+def _view(name: str, _folder: Path) -> str:
+    result = RESULTS[name]()
+    return f"{result!r}\n{result._repr_html_()}"
+
+
+PAGES: Mapping[str, Callable[[Path], str]] = {
+    "page of a diagnosis": _diagnosis,
+    "page of a calibration": _calibration,
+    "page of a drift": lambda _folder: drift_html(drifting(0.2)),
+    "page of a fleet": lambda _folder: fleet_html(fleet()),
+    **{f"view of {name}": partial(_view, name) for name in RESULTS if name not in WEIGHED},
+}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_what_is_shown_is_as_committed(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    page = PAGES[name](tmp_path).replace(str(tmp_path), "FOLDER").replace(VERSION, "VERSION")
+    new = shown(page)
+    file = GOLDEN / f"{name.replace(' ', '_')}.txt"
+    old = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    found = list(differences(old, new))
+    if found and request.config.getoption("--update-golden"):
+        file.write_text("\n".join([*new, ""]), encoding="utf-8")
+        return
+    assert not found, f"{file.relative_to(TESTS)} (pytest --update-golden, if this is meant)"
+
+
+def test_what_may_differ() -> None:
+    """A number by its last digit or 1 %; a word, an element or a sign by nothing."""
+    assert not list(differences(["rms 12.1 µm at 0.30"], ["rms 12.2 µm at 0.31"]))
+    for was, now in (
+        ("rms 12.1 mm", "rms 12.1 µm"),
+        ("12.1", "12.4"),
+        ("at -0.5", "at 0.5"),
+        ("<td>", "<th>"),
+    ):
+        assert list(differences([was], [now]))
+    assert list(differences(["a"], ["a", "b"]))
+
+
+def test_no_golden_is_left_over() -> None:
+    assert {file.stem for file in GOLDEN.glob("*.txt")} == {name.replace(" ", "_") for name in PAGES}
