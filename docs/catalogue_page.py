@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -19,6 +18,7 @@ import numpy as np
 from catalogue_canvas import Array
 from catalogue_drawings import FOLDER, drawing, path_of
 from catalogue_law import MACHINE
+from catalogue_numbers import placed, sizes, tried
 from truepose.models.driver import OF_THE_WAY, STEP, VELOCITY, Driver
 from truepose.models.effect import Effect, effects
 from truepose.models.load import load_machine
@@ -52,7 +52,8 @@ The {count} effects that truepose can find. `python docs/catalogue_page.py` make
 sources: `truepose effects SLUG`. In the drawings grey is the machine as drawn, blue what it really does, orange the error.
 
 **Needs** is what machine file and recording must have beside joints and readings. **Experiment** tells an effect from its
-look-alikes. "Recalled": not checked against its source.
+look-alikes. "Recalled": not checked against its source. **Assumed** is how large its numbers may be before a reading is
+seen (the scale of the prior, on the machines that come with truepose), and which settings are tried; a recording may add more.
 """
 _COLUMNS: Final = {
     "approach": "`approach.<joint>`",
@@ -62,8 +63,6 @@ _COLUMNS: Final = {
 }
 _ANY: Final = {"empirical": "the column that the error follows"}
 _ORDER: Final = "rows in the order measured"
-_LIMITED: Final = 40
-"""Places of a machine that are asked what they need."""
 
 
 class _EverythingLogged:
@@ -107,12 +106,17 @@ def needs(slug: str) -> str:
 
 def _read(effect: Effect, machine: Machine) -> list[str]:
     """Columns that the effect reads anywhere on a machine."""
-    logged = _EverythingLogged()
-    out: list[str] = []
-    for place in list(effect.places(machine))[:_LIMITED]:
-        settings: Sequence[Settings] = effect.settings(machine, place, logged)
-        out += [column for s in settings for column in _columns(effect, machine, place, s)]
-    return out
+    found = placed(effect, (machine,), _EverythingLogged())
+    return [column for _, place, settings in found for column in _columns(effect, machine, place, settings)]
+
+
+def assumed(slug: str) -> str:
+    """How large an effect may be before a reading is seen, and the settings that are tried."""
+    effect, logged = effects.get(slug, "catalogue")(), _EverythingLogged()
+    large, settings = (told(effect, _machines(), logged) for told in (sizes, tried))
+    return "; ".join(
+        text for text in (large and f"size {large}", settings and f"tried with {settings}") if text
+    )
 
 
 def _columns(effect: Effect, machine: Machine, place: Place, settings: Settings) -> list[str]:
@@ -147,6 +151,7 @@ def _entry(slug: str) -> str:
     rows = {
         "Formula": f"`{_first(kind.formula)}`",
         "Size": kind.size,
+        "Assumed": assumed(slug),
         "Needs": read,
         "Look-alikes": ", ".join(f"[`{other}`](#{_anchor(other)})" for other in kind.look_alikes),
         "Experiment": kind.experiment,
