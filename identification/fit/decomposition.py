@@ -28,6 +28,8 @@ ROUNDING_OF_GRAM = 1e-7
 """The same where the factor came from a Gram matrix, which holds squares: a few times the root of 1e-16."""
 COMPONENT = 1e-8
 """Components of a unit vector below this are rounding."""
+TAKES_PART = 1e-3
+"""A direction that moves an entry by less of its step, for one step in all, leaves it determined."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,7 @@ class Decomposition:
     def std(self) -> Array:
         """(n,) 1-sigma in steps, inf where an unknown direction takes part."""
         out: Array = np.linalg.norm(self.root, axis=1)
-        return np.where(np.any(self.unknown != 0.0, axis=0), np.inf, out) if len(self.unknown) else out
+        return np.where(moved_by(self.unknown), np.inf, out)
 
     def observability(self, n_observations: int) -> Observability:
         """Indices O1 to O5 of the seen directions, for a number of readings."""
@@ -183,4 +185,9 @@ class Decomposition:
         return Observability(volume, last / first, last, last**2 / first, 1.0 / float(np.sum(1.0 / s)))
 
 
-__all__ = ["COMPONENT", "ROUNDING", "Decomposition", "Observability"]
+def moved_by(directions: Array) -> NDArray[np.bool_]:
+    """(n,) the entries that orthonormal directions (k, n), in steps, move by enough to leave them open."""
+    return np.asarray(np.linalg.norm(directions, axis=0) >= TAKES_PART)
+
+
+__all__ = ["COMPONENT", "ROUNDING", "Decomposition", "Observability", "moved_by"]

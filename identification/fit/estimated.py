@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.fit.decomposition import Decomposition
+from truepose.identification.fit.decomposition import Decomposition, moved_by
 from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.noise import Scatter, channel_groups
 from truepose.identification.fit.problem import Prior
@@ -154,9 +154,14 @@ class Estimate(Shown):
 
     @property
     def std(self) -> Array:
-        """(np,) 1-sigma with the noise found; 0 for what is fixed."""
-        out = np.zeros(len(self.p))
-        spread = np.sum(self.root**2, axis=1) + UNKNOWN**2 * np.sum(self.known.unknown**2, axis=0)
+        """(np,) 1-sigma with the noise found; 0 for what is fixed.
+
+        What a direction that nothing determines moves by less than a thousandth of its step counts as determined, as it
+        does in ``identifiable``; in the covariance it is exact.
+        """
+        out, unknown = np.zeros(len(self.p)), self.known.unknown
+        loose = np.where(moved_by(unknown), np.sum(unknown**2, axis=0), 0.0)
+        spread = np.sum(self.root**2, axis=1) + UNKNOWN**2 * loose
         out[self.prior.free] = np.sqrt(spread) * self.prior.scale[self.prior.free]
         return out
 

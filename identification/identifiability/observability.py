@@ -110,7 +110,10 @@ class Direction:
 
 
 def identifiable(fit: Estimate) -> Mapping[str, bool]:
-    """For each free entry: no unseen direction moves it, and the readings halve its variance at least."""
+    """For each free entry: no unseen direction moves it, and the readings halve its variance at least.
+
+    What is identifiable has a finite 1-sigma (``Estimate.std``), with tolerances and without.
+    """
     known = Knowledge.of(fit)
     return {name: bool(flag) for name, flag in zip(known.names, determined(known), strict=True)}
 
@@ -119,7 +122,7 @@ def determined(known: Knowledge, std: Array | None = None, blind: Array | None =
     """(n,) the same for what is known; ``std`` (n,) and unseen directions ``blind`` (k, n) default to its own."""
     std = known.std if std is None else std
     moved = shares(known, known.decomposition.null_space if blind is None else blind)
-    return (moved < UNSEEN_SHARE) & (std**2 <= LEAST_GAIN * known.sigma**2)
+    return (moved < UNSEEN_SHARE) & np.isfinite(std) & (std**2 <= LEAST_GAIN * known.sigma**2)
 
 
 def shares(known: Knowledge, directions: Array) -> Array:
@@ -131,9 +134,13 @@ def shares(known: Knowledge, directions: Array) -> Array:
 
 
 def unseen(known: Knowledge, directions: Array | None = None) -> tuple[Direction, ...]:
-    """The directions that the readings cannot see, or ``directions`` (k, n) in steps; frames lead where they can."""
+    """The directions that the readings cannot see, or ``directions`` (k, n) in steps; frames lead where they can.
+
+    Those of the fewest parts come first.
+    """
     rows = known.decomposition.null_space if directions is None else directions
-    return tuple(_direction(known, row) for row in _sparse(known.physical(rows), known.names))
+    found = [_direction(known, row) for row in _sparse(known.physical(rows), known.names)]
+    return tuple(sorted(found, key=lambda d: len(d.parts)))
 
 
 def nearly_unseen(known: Knowledge) -> tuple[Direction, ...]:
@@ -169,24 +176,30 @@ def _direction(known: Knowledge, row: Array, size: float = 0.0) -> Direction:
 
 
 def _sparse(basis: Array, names: Sequence[str]) -> Array:
-    """The same directions, each led by one parameter (row reduction): frames first; largest part 1."""
-    rows, free = basis.copy(), list(range(len(basis)))
-    frames = [k for k, name in enumerate(names) if name in FRAME_OF]
+    """The same directions, each led by one parameter that no other one moves: frames first; largest part 1.
+
+    ``basis`` (k, n) has orthonormal rows. Which parameters lead follows from the space alone, so that it does not matter how
+    a processor has turned its basis.
+    """
+    pivots = _pivots(basis, [k for k, name in enumerate(names) if name in FRAME_OF])
+    rows = np.linalg.solve(basis[:, pivots], basis)
+    return np.asarray(rows / np.max(np.abs(rows), axis=1, keepdims=True)) if len(rows) else rows
+
+
+def _pivots(basis: Array, frames: Sequence[int]) -> list[int]:
+    """The columns that lead: of frames that take part, then always the one that what is left moves most, the first of equals."""
+    left, out = basis.copy(), list[int]()
+
+    def taken(pivot: int) -> Array:
+        along = left[:, pivot] / np.linalg.norm(left[:, pivot])
+        return left - np.outer(along, along @ left)
+
     for pivot in frames:
-        lead = max(free, key=lambda i: abs(rows[i, pivot]), default=None)
-        if lead is not None and abs(rows[lead, pivot]) > SMALLEST_LEAD * np.max(np.abs(rows[lead])):
-            _reduce(rows, lead, pivot)
-            free.remove(lead)
-    while free:
-        lead, pivot = max(((i, int(np.argmax(np.abs(rows[i])))) for i in free), key=lambda at: abs(rows[at]))
-        _reduce(rows, lead, pivot)
-        free.remove(lead)
-    return rows / np.max(np.abs(rows), axis=1, keepdims=True) if len(rows) else rows
-
-
-def _reduce(rows: Array, lead: int, pivot: int) -> None:
-    """Make the pivot of one row 1 and take it out of all others."""
-    rows[lead] /= rows[lead, pivot]
-    for other in range(len(rows)):
-        if other != lead:
-            rows[other] -= rows[other, pivot] * rows[lead]
+        moved = left[:, pivot] @ left  # the shortest change that moves it
+        if len(out) < len(basis) and moved[pivot] > max(SMALLEST_LEAD * np.max(np.abs(moved)), FAINT):
+            left = taken(pivot)
+            out.append(pivot)
+    while len(out) < len(basis):
+        out.append(int(np.argmax(np.round(np.sum(left**2, axis=0), 6))))
+        left = taken(out[-1])
+    return out

@@ -23,7 +23,7 @@ SHOWN = 12
 def tolerances(fit: Estimate) -> str:
     """How far the farthest constants stand from their drawing."""
     away = fit.in_tolerances
-    order = np.argsort(-np.abs(away))[:SHOWN]
+    order = np.argsort(-np.round(np.abs(away), 6), kind="stable")[:SHOWN]  # rounding orders nothing
     values = {fit.prior.names[k]: float(away[k]) for k in order if away[k] != 0.0}
     return bars(values, title="farthest from the drawing, in tolerances", limit=1.0)
 
@@ -50,7 +50,7 @@ def movements(found: Drift) -> str:
 def sights(found: Identifiability) -> str:
     """Which constants the readings say least about."""
     left = {p.name: p.std / p.tolerance for p in found.parameters if 0.0 < p.tolerance < np.inf}
-    most = dict(sorted(left.items(), key=lambda item: -item[1])[:SHOWN])
+    most = dict(sorted(left.items(), key=lambda item: -round(item[1], 6))[:SHOWN])
     title = "1-sigma to expect, in tolerances: 1 says that the readings tell nothing"
     return bars(most, title=title, limit=1.0) if most else ""
 

@@ -219,8 +219,8 @@ def _(found: Identifiability) -> View:
 
 
 def _left(std: float, tolerance: float) -> float:
-    """What is left of a tolerance; more than anything where nothing decides."""
-    return std / tolerance if np.isfinite(tolerance) else float(np.inf if np.isinf(std) else 0.0)
+    """What is left of a tolerance, to what is no rounding; more than anything where nothing decides."""
+    return round(std / tolerance, 6) if np.isfinite(tolerance) else float(np.inf if np.isinf(std) else 0.0)
 
 
 @view.register

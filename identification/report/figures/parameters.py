@@ -31,7 +31,7 @@ class Departures:
 def dot_plot(names: Sequence[str], series: Sequence[Departures], allowed: float | None) -> list[Chart]:
     """One line a parameter, the farthest on top, some a panel; clipped series stand at the edge beyond the scale."""
     sizes = np.nan_to_num(np.array([np.abs(s.values) for s in series if not s.clipped]))
-    order = np.argsort(-np.max(sizes, axis=0), kind="stable")[:MOST]
+    order = np.argsort(-np.round(np.max(sizes, axis=0), 6), kind="stable")[:MOST]
     limit = allowed if allowed is not None and known(allowed) else 0.0
     reach = 1.12 * max(2.0, limit, float(np.max(sizes, initial=0.0)))
     return [

@@ -173,8 +173,9 @@ def _cells(layer: Cells, frame: Frame) -> list[str]:
                 continue
             x, y = frame.x.at(c), frame.y.at(r)
             share = min(abs(value) / largest, 1.0)
+            negative = value < 0 and share >= 0.005  # of what is not seen the sign is rounding
             out.append(
-                f'<rect class="cell t-{"after" if value >= 0 else "before"}" x="{x - wide / 2:.1f}" y="{y - tall / 2:.1f}"'
+                f'<rect class="cell t-{"before" if negative else "after"}" x="{x - wide / 2:.1f}" y="{y - tall / 2:.1f}"'
                 f' width="{wide:.1f}" height="{tall:.1f}" fill-opacity="{share:.2f}"/>'
             )
             if layer.texts:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import itertools
 import json
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,8 @@ import pytest
 from typer.testing import CliRunner
 
 from support import MACHINES
+from support.fringe_journeys import FIBRE, signals, study
+from support.fringe_journeys import journey as series
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.fringes.faults import Fault
@@ -29,16 +30,8 @@ from truepose.models.load import load_machine
 from truepose.models.units import UnitSystem
 
 NM = 1e6
-FIBRE = (0.04, 0.9)
 EQUAL = (0.3, 0.3)
 TOLD = 5.0
-signals, study = import_module("fringe_signal"), import_module("fringe_study")
-
-
-def series(seed: int, samples: float = 30.0, turning: bool = False, scan: float = 2e-5, **light: Any) -> Any:
-    """A simulated journey over 19 to 38 fringes."""
-    detector = signals.Detector(**{"noise": 0.005, **light})
-    return study.journey(samples, detector, turning, scan)(np.random.default_rng(seed))
 
 
 def read(run: Any, reflectivities: tuple[float, float] = FIBRE) -> Move:
