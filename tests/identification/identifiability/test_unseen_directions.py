@@ -11,12 +11,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support import MACHINES
+from support import MACHINES, TESTS
 from support.short_arm import POSITION, arm, status
 from truepose.errors import InputError
+from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.analysis import identifiability
-from truepose.identification.identifiability.observability import Direction, Knowledge, nearly_unseen
+from truepose.identification.identifiability.observability import (
+    Direction,
+    Knowledge,
+    identifiable,
+    nearly_unseen,
+    unseen,
+)
 from truepose.identification.identifiability.patterns import patterns
 from truepose.identification.identifiability.poses import drawn_poses
 from truepose.identification.identifiability.subset import Columns, independent_subset
@@ -241,3 +248,37 @@ def test_the_set_of_a_machine_has_its_rank(kind: str) -> None:
     assert not set(found.subset.kept) & set(found.subset.relations)
     assert set(found.subset.kept) | set(found.subset.relations) == set(found.known.names)
     assert identifiability(load_machine(MACHINES / f"{kind}.yaml")).subset == found.subset
+
+
+# -- nothing hangs on rounding ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_basis_that_is_turned_gives_the_same_directions(seed: int, tmp_path: Path) -> None:
+    """Another processor's decomposition has another basis of what is not seen."""
+    rng = np.random.default_rng(seed)
+    known = identifiability(arm(tmp_path, "q1.r: 0.2", "q1.theta: 0.1", "q4.r: 0.2", "q4.theta: 0.1")).known
+    rows = known.decomposition.null_space
+    turn, _ = np.linalg.qr(rng.standard_normal((len(rows), len(rows))))
+    plain, turned = unseen(known, rows), unseen(known, turn @ rows)
+    assert len(plain) == len(rows) and [list(d.parts) for d in plain] == [list(d.parts) for d in turned]
+    for one, other in zip(plain, turned, strict=True):
+        np.testing.assert_allclose(list(one.parts.values()), list(other.parts.values()), rtol=1e-7)
+    assert [len(d.parts) for d in plain] == sorted(len(d.parts) for d in plain)
+
+
+def test_what_is_identifiable_has_the_sigma_of_the_readings_without_tolerances_too() -> None:
+    """Axes that are parallel but for 1e-4 rad let unknown directions move others by a millionth: no 1-sigma of 1e4 rad."""
+    folder = TESTS / "golden_diagnoses" / "arm-quiet"
+    machine = load_machine(folder / "machine.yaml")
+    fits = {e: calibrate(machine, [folder / "recording.csv"], estimator=e).fit for e in ("map", "ols")}
+    free = fits["ols"].prior.free
+    seen = identifiable(fits["ols"])
+    flags = np.array([seen[fits["ols"].prior.names[k]] for k in free])
+    std, tolerance = fits["ols"].std[free], fits["map"].prior.sigma[free]
+    assert flags.sum() >= 5 and not flags.all()
+    assert np.all(std[flags] < tolerance[flags])  # which the readings beat
+    assert np.all(std[~flags] > 1e6 * fits["ols"].prior.scale[free][~flags])
+    held = flags & np.isfinite(tolerance)
+    # tolerances only add; each fit has found its own noise
+    assert np.all(fits["map"].std[free][held] <= 1.05 * std[held])
