@@ -31,8 +31,8 @@ settings.load_profile("truepose")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--update-golden``: goldens of the C, of pages and of diagnoses."""
-    told = "write tests/golden, tests/golden_pages and tests/golden_diagnoses as they come out now"
+    """``--update-golden``: goldens of C, pages, commands, numbers and diagnoses."""
+    told = "write tests/golden and tests/golden_* as they come out now"
     parser.addoption("--update-golden", action="store_true", help=told)
 
 

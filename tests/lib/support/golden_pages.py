@@ -14,8 +14,8 @@ import numpy as np
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 LONG = 12
 """Numbers of an attribute beyond which they are told together."""
-SHARE, LAST = 0.01, 1.01
-"""How far a number may move: as a share of it, or in units of its last digit."""
+SHARE, LAST, ROUNDING = 0.01, 1.01, 1e-9
+"""How far a number may move: as a share of it, in units of its last digit, and what is nothing."""
 
 
 def shown(page: str) -> list[str]:
@@ -51,4 +51,9 @@ def _alike(was: str, now: str) -> bool:
         return False
     last = np.array([10.0 ** -len(number.partition(".")[2]) if "e" not in number else 0.0 for number in one])
     a, b = np.array(one, dtype=float), np.array(two, dtype=float)
-    return bool(np.all(np.abs(a - b) <= np.maximum(SHARE * np.abs(a), LAST * last)))
+    return bool(np.all(np.abs(a - b) <= np.maximum(SHARE * np.abs(a) + ROUNDING, LAST * last)))
+
+
+def lines(text: str) -> list[str]:
+    """Of plain text, without spaces that only set columns apart."""
+    return [re.sub(r"\s+", " ", line).strip() for line in text.splitlines()]
