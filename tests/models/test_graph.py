@@ -31,6 +31,14 @@ Array = NDArray[np.float64]
 NAMES = ("planar", "delta", "hybrid")
 
 
+def test_a_body_called_platform_is_one() -> None:
+    for name in NAMES:
+        bodies = {body for joint in machine_of(name).mechanism.joints for body in (joint.parent, joint.child)}
+        assert machine_of(name).mechanism.platform == ("platform" if "platform" in bodies else None)
+    document = document_of("planar")
+    assert machine_of("planar").mechanism.flange in document["mechanism"]["bodies"]
+
+
 # -- forward kinematics --------------------------------------------------------------------------------
 
 

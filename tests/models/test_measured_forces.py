@@ -87,9 +87,10 @@ def _at_tool(q: Array, wrench: Array) -> Array:
         ("in: sensor, axes: base", _in_base),
         ("in: tool", _at_tool),
         (f"in: flange, at: {TOOL.tolist()}, axes: tool", _at_tool),
+        ("in: sensor, sign: 1", lambda q, wrench: wrench),
         ("in: sensor, sign: -1", lambda q, wrench: -wrench),
     ],
-    ids=["base axes", "tool", "point of the flange", "pushes with"],
+    ids=["base axes", "tool", "point of the flange", "is pushed by", "pushes with"],
 )
 def test_one_wrench_is_one_load_however_it_is_written(tmp_path: Path, force: str, moved: object) -> None:
     assert callable(moved)
