@@ -90,6 +90,19 @@ def test_a_fault_of_our_own_leaves_a_report(monkeypatch: pytest.MonkeyPatch, tmp
     assert "truepose effects 'a name'" in text and "Traceback" in text and "ZeroDivisionError" in text
 
 
+@pytest.mark.parametrize("length", [30, 400])
+def test_a_long_fault_is_cut_in_the_line_and_whole_in_the_report(
+    length: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    _raising(monkeypatch, lambda: ZeroDivisionError("z" * length))
+    line = run("effects", "backlash").stderr
+    (report,) = tmp_path.iterdir()
+    assert ("z" * length in line) is (length < 200) and ("z ..." in line) is (length > 200)
+    assert "z" * min(length, 150) in line and "z" * 201 not in line
+    assert "z" * length in report.read_text(encoding="utf-8")
+
+
 MENDABLE: dict[str, tuple[Callable[[], BaseException], str]] = {
     "memory": (
         lambda: MemoryError("Unable to allocate 3.00 TiB"),

@@ -14,8 +14,13 @@ from numpy.typing import NDArray
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.line_words import common_ratio
+from truepose.identification.diagnosis.null_fits import null_fits
+from truepose.identification.prediction.simulate import simulate
+from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.lines import spectrum
+from truepose.identification.signatures.candidates import catalogue
+from truepose.identification.signatures.lines import proposed, spectrum
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -84,3 +89,28 @@ def test_an_order_of_a_hundred_is_named_without_a_gear_ratio(tmp_path: Path, ord
     (one,) = [f for f in found.findings if f.effect == "transmission-error"]
     assert one.place == ("q3",) and one.probability > 0.9
     assert f"A line at {order:g} cycles a turn of q3" in one.explanation
+
+
+@pytest.mark.parametrize(
+    ("rows", "series"), [(1000, [(61.0, 120.0), (121.0, 180.0)]), (700, [(61.0, 120.0)]), (500, [])]
+)
+def test_a_series_above_the_catalogue_s_has_five_rows_an_order(
+    rows: int, series: list[tuple[float, float]], tmp_path: Path
+) -> None:
+    """Waves of all orders in a joint: no series is proposed whose orders are more than a fifth of the rows, or beyond 180."""
+    machine, rng = Bench(tmp_path, "arm").machine, np.random.default_rng(1)
+    ranges = np.degrees([a.range for a in machine.mechanism.actuators])
+    told = dict(zip(machine.mechanism.readings, rng.uniform(*ranges.T, (rows, 6)).T, strict=True))
+    seen = simulate(machine, load_recording(machine, told, need_observations=False), [], seed=3)
+    recording = load_recording(machine, told | {axis: seen[axis].to_numpy() for axis in "xyz"})
+    at = machine.mechanism.readings.index("q1")
+    q = recording.q.copy()
+    orders = np.arange(61, 241)
+    waves = np.sin(np.outer(q[:, at], orders) + rng.uniform(0, 2 * np.pi, len(orders)))
+    q[:, at] += 2e-5 * waves.sum(axis=1)
+    moved = replace(recording, q=q)
+    fit = null_fits(machine, moved).before
+    before = catalogue(machine, moved)
+    found = proposed(Signatures(machine, moved, before.candidates), fit, before).candidates
+    first = [c.settings_map for c in found if c.place == ("q1",) and "first" in c.settings_map]
+    assert [(s["first"], s["orders"]) for s in first] == series
