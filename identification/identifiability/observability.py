@@ -183,7 +183,7 @@ def _sparse(basis: Array, names: Sequence[str]) -> Array:
     """
     pivots = _pivots(basis, [k for k, name in enumerate(names) if name in FRAME_OF])
     rows = np.linalg.solve(basis[:, pivots], basis)
-    return np.asarray(rows / np.max(np.abs(rows), axis=1, keepdims=True)) if len(rows) else rows
+    return np.asarray(rows / np.max(np.abs(rows), axis=1, keepdims=True) if len(rows) else rows)
 
 
 def _pivots(basis: Array, frames: Sequence[int]) -> list[int]:
@@ -192,7 +192,7 @@ def _pivots(basis: Array, frames: Sequence[int]) -> list[int]:
 
     def taken(pivot: int) -> Array:
         along = left[:, pivot] / np.linalg.norm(left[:, pivot])
-        return left - np.outer(along, along @ left)
+        return np.asarray(left - np.outer(along, along @ left))
 
     for pivot in frames:
         moved = left[:, pivot] @ left  # the shortest change that moves it

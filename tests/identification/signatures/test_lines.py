@@ -99,8 +99,10 @@ def test_a_series_above_the_catalogue_s_has_five_rows_an_order(
 ) -> None:
     """Waves of all orders in a joint: no series is proposed whose orders are more than a fifth of the rows, or beyond 180."""
     machine, rng = Bench(tmp_path, "arm").machine, np.random.default_rng(1)
-    ranges = np.degrees([a.range for a in machine.mechanism.actuators])
-    told = dict(zip(machine.mechanism.readings, rng.uniform(*ranges.T, (rows, 6)).T, strict=True))
+    ranges = np.degrees([a.range or (0.0, 0.0) for a in machine.mechanism.actuators])
+    told = dict(
+        zip(machine.mechanism.readings, rng.uniform(ranges[:, 0], ranges[:, 1], (rows, 6)).T, strict=True)
+    )
     seen = simulate(machine, load_recording(machine, told, need_observations=False), [], seed=3)
     recording = load_recording(machine, told | {axis: seen[axis].to_numpy() for axis in "xyz"})
     at = machine.mechanism.readings.index("q1")
