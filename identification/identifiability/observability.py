@@ -187,7 +187,7 @@ def _sparse(basis: Array, names: Sequence[str]) -> Array:
 
 
 def _pivots(basis: Array, frames: Sequence[int]) -> list[int]:
-    """The columns that lead: of frames that take part, then always the one that what is left moves most, the first of equals."""
+    """The columns that lead: frames that take part, then always what is moved most by what is left, the first of equals."""
     left, out = basis.copy(), list[int]()
 
     def taken(pivot: int) -> Array:
