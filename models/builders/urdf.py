@@ -83,6 +83,11 @@ def expanded(section: Urdf, robot: Robot, units: UnitSystem, where: str) -> dict
         }
         for joint, name in zip(chain, names, strict=True)
     ]
+    if not any(joint.get("actuated") for joint in joints):
+        ends = f"{cut(section.base_link)!r} and {cut(', '.join(tips))!r}"
+        raise InputError(
+            f"{where}: found no joint that moves between {ends}, expected links with one between them"
+        )
     return {"type": "graph", "bodies": links, "flange": tips[0], "joints": joints}
 
 

@@ -216,6 +216,11 @@ def test_a_urdf_that_is_wrong_is_told(tmp_path: Path, old: str, new: str, messag
         ),
         ("tip_link: tip", "tip_link: world", r"mechanism\.tip_link: found 'world'"),
         (
+            "tip_link: tip",
+            "tip_link: stand",
+            r"mechanism: found no joint that moves between 'world' and 'stand'",
+        ),
+        (
             "world, tip_link: tip",
             "hand, tip_link: finger",
             r"joint 'grip': mimic: found 'reach', which lies on no way to a tip",
