@@ -58,6 +58,9 @@ def guarded(entry: Any, name: str, kind: Kind) -> Any:
     missing = sorted(getattr(entry, "__abstractmethods__", ()))
     if missing:
         raise InputError(f"{where}: found no {', '.join(missing)}, expected all of them")
+    slug = getattr(entry, "slug", None)
+    if any("slug" in vars(home).get("__annotations__", {}) for home in kind.base.__mro__) and slug != name:
+        raise InputError(f"{where}: found the slug {slug!r}, expected {name!r}, by which it is known")
     for home in entry.__mro__:
         if is_plugins(home):
             _guard_class(home, where, kind.checks)

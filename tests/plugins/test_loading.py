@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from truepose.cli import app
 from truepose.errors import InputError
+from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 from truepose.models.registry import load_plugin
 from truepose.models.sensors.base import sensors
@@ -162,3 +163,41 @@ def test_what_python_finds_odd_in_a_plugin_is_not_said(tmp_path: Path) -> None:
     path = tmp_path / "odd.py"
     path.write_text("NAME = 'odd'\nassert NAME is not 'even'\n", encoding="utf-8")
     load_plugin(path)
+
+
+BELT = """
+from truepose.models.effects.base import Coefficient, Effect, effects
+
+
+@effects.add("stretched-belt")
+class StretchedBelt(Effect):
+    slug = "stretched-belt"
+
+    def places(self, machine):
+        return []
+
+    def coefficients(self, machine, place, settings):
+        return (Coefficient("k", "rad", 0.01),)
+
+    def shifts(self, site):
+        return {}
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('add("stretched-belt")', "add(-90)", "effect: found the name -90, expected a text"),
+        ('add("stretched-belt")', 'add("")', "found the name '', expected a text"),
+        ("    slug =", "    guls =", "found the slug None, expected 'stretched-belt'"),
+        ('slug = "stretched-belt"', 'slug = "belt"', "found the slug 'belt', expected 'stretched-belt'"),
+        ('slug = "stretched-belt"', "slug = 3", "found the slug 3, expected"),
+    ],
+)
+def test_an_effect_is_known_by_one_name(old: str, new: str, says: str, tmp_path: Path) -> None:
+    file = tmp_path / "belt.py"
+    file.write_text(BELT.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError, match=r"belt\.py") as told:
+        load_plugin(file)
+    assert says in str(told.value)
+    assert not [name for name in effects if name == "belt" or not isinstance(name, str)]
