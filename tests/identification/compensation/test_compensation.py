@@ -151,6 +151,10 @@ def test_the_command_writes_the_table_and_tells_what_it_did(tmp_path: Path) -> N
     ("change", "says"),
     [
         (lambda f: f.drop(columns="q3 [mm]"), "missing column 'q3'"),
+        (
+            lambda f: f.assign(x=1.0, y=2.0, z=3.0)[["x", "y", "z"]],
+            "missing column 'q1', expected the joints q1",
+        ),
         (lambda f: f.assign(**{"q1 [mm]": 640.0, "q2 [mm]": 1150.0, "q3 [mm]": 640.0}), "row 1"),
         (lambda f: f.assign(**{"q4 [rad]": "high"}), "column 'q4'"),
         (lambda f: f.assign(**{"q4 [rad]": 1.0471}), "column 'q4': found that the corrected command"),

@@ -234,6 +234,15 @@ def test_truth_page_only_with_truth(diagnosis: Diagnosis) -> None:
     assert '<section id="truth"' in report_html(diagnosis, {})
 
 
+@pytest.mark.parametrize(("unit", "size"), [("um", 1.0), ("mm", 1e-3), ("nm", 1e3)])
+def test_displacements_of_the_truth_are_the_same_in_every_unit(
+    unit: str, size: float, diagnosis: Diagnosis
+) -> None:
+    largest = {"unit": unit, "norm": 61.0 * size, "xyz": [5.0 * size, 4.0 * size, 60.0 * size]}
+    page = own_markup(report_html(diagnosis, {"leg_end_displacement_max": largest}))
+    assert all(said in page for said in ("61.0 µm", "5.00 µm", "4.00 µm", "60.0 µm"))
+
+
 @pytest.mark.parametrize("with_free", [True, False])
 def test_calibration_report(machine: Machine, with_free: bool) -> None:
     recording = recorded(machine)
