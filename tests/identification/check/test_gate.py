@@ -112,6 +112,16 @@ def test_notes_on_the_recording_are_in_the_answer(right: pd.DataFrame, tmp_path:
     assert notes(document(sensor=None), right) == []  # of which no recording could be made
 
 
+def test_a_convention_that_is_stated_wrongly_is_told_and_none_is_guessed(
+    right: pd.DataFrame, tmp_path: Path
+) -> None:
+    machine = document()
+    assert "convention" in machine["mechanism"]
+    machine["mechanism"]["convention"] = "denavit"
+    with pytest.raises(truepose.InputError, match="'denavit'"):
+        checked(tmp_path, machine, right)
+
+
 def test_readings_that_two_sensors_share(right: pd.DataFrame, tmp_path: Path) -> None:
     both = [ARM["sensor"], {"type": "position", "sigma": {"xyz": 0.03}}]
     found = checked(tmp_path, document(sensor=both), right)
