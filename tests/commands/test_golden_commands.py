@@ -85,7 +85,9 @@ def test_commands_say_and_write_as_committed(
     if found and request.config.getoption("--update-golden"):
         file.write_text("\n".join([*new, ""]), encoding="utf-8")
         return
-    assert not found, f"{file.relative_to(TESTS)} (pytest --update-golden, if this is meant)"
+    assert not found, (
+        f"{file.relative_to(TESTS)} (pytest --update-golden, if this is meant): {found[0][:2000]}"
+    )
 
 
 def test_no_golden_is_left_over() -> None:

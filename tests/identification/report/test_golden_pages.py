@@ -11,6 +11,7 @@ writes the pages anew; what then differs is for the reviewer.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.report.drift_page import drift_html
 from truepose.identification.report.fleet_page import fleet_html
 from truepose.identification.report.pages import calibration_html, report_html
+from truepose.models.machine import Machine
 from truepose.version import VERSION
 
 GOLDEN = TESTS / "golden_pages"
@@ -48,6 +50,8 @@ def _calibration(folder: Path) -> str:
 
 def _view(name: str, _folder: Path) -> str:
     result = RESULTS[name]()
+    if isinstance(result, Machine) and result.file:  # whose path may be too long for a line elsewhere
+        result = replace(result, file=replace(result.file, path=Path("machine.yaml")))
     return f"{result!r}\n{result._repr_html_()}"
 
 
@@ -70,7 +74,9 @@ def test_what_is_shown_is_as_committed(name: str, tmp_path: Path, request: pytes
     if found and request.config.getoption("--update-golden"):
         file.write_text("\n".join([*new, ""]), encoding="utf-8")
         return
-    assert not found, f"{file.relative_to(TESTS)} (pytest --update-golden, if this is meant)"
+    assert not found, (
+        f"{file.relative_to(TESTS)} (pytest --update-golden, if this is meant): {found[0][:2000]}"
+    )
 
 
 def test_what_may_differ() -> None:
