@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
 from truepose.identification.fit.problem import prior_of
-from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.predictor import Predictor, require_sensor
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models import lie
 from truepose.models.home import coordinate_scale
@@ -67,6 +67,7 @@ class PoseInformation:
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
+        require_sensor(machine)
         self.low, self.high = _ranges(machine)
         for sensor in machine.sensors:
             _refuse_unplannable(sensor, machine)

@@ -42,6 +42,14 @@ FIT = 5
 """How often a fit visits each row, about."""
 
 
+def require_sensor(machine: Machine) -> None:
+    """Raises InputError for a machine of which nothing is read: there is nothing to predict, fit or plan."""
+    if not machine.sensors:
+        raise InputError(
+            f"{machine.name}: sensor: found none, expected one in the machine file: nothing says what is read"
+        )
+
+
 class Predictor:
     """Residuals, poses and loads of one machine with some effects over one recording of n rows.
 
@@ -146,6 +154,7 @@ class Predictor:
 
         ``weight`` (n,): how much a row counts in a level that compared rows share, by default 1, for validation 0.
         """
+        require_sensor(self.machine)
         comparisons = self.comparisons(weight)
         step = BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)
         self.warm()
@@ -185,6 +194,7 @@ class Predictor:
 
     def columns(self, p: Array, x: Array) -> tuple[list[str], Array, Array, Array]:
         """Column names, predicted values (n, k), their Jacobian (n, k, np) and poses (n, 4, 4)."""
+        require_sensor(self.machine)
         sight = self._sight(slice(0, len(self.q)), p, x)
         names = [name for s in self.machine.sensors for name in s.columns]
         pairs = zip(self._sensors, self.comparisons(), strict=True)
@@ -194,6 +204,7 @@ class Predictor:
 
     def values(self, p: Array, x: Array) -> tuple[list[str], Array, Array]:
         """Column names, predicted values (n, k) and poses (n, 4, 4); some rows at a time."""
+        require_sensor(self.machine)
         comparisons = self.comparisons()
         names = [name for s in self.machine.sensors for name in s.columns]
         step = BLOCK if all(c is None for c in comparisons) else max(len(self.q), 1)

@@ -42,7 +42,8 @@ class Stopping:
         self._waits, self._last = False, float("-inf")
 
     def listen(self) -> None:
-        """Hear signals from now on. One that the caller's shell has turned off stays so."""
+        """Hear signals from now on, with nothing written yet. One that the caller's shell has turned off stays so."""
+        self.written.clear()
         for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGTERM, signal.SIG_DFL)):
             if signal.getsignal(number) == usual:
                 signal.signal(number, self._heard)

@@ -120,3 +120,13 @@ def test_one_that_comes_twice_does_not_stop_what_is_put_in_order(tmp_path: Path)
 def test_what_the_shell_has_turned_off_stays_so(tmp_path: Path) -> None:
     done = ran(WORK, tmp_path / "out", "turned_off")
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_what_another_command_of_this_process_wrote_is_not_this_ones() -> None:
+    code = (
+        "from truepose.stopping import stopping\n"
+        "stopping.written.append('old.csv')\n"
+        "stopping.listen()\n"
+        "assert stopping.told() == 'stopped; nothing was written', stopping.told()\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
