@@ -33,7 +33,6 @@ class Registry(Generic[T]):
 
     def add(self, name: str) -> Callable[[T], T]:
         """Decorator: the class that follows is known by ``name``; one of a user's file is guarded."""
-
         if not isinstance(name, str) or not name:
             raise InputError(f"the plug-in's {self._kind}: found the name {name!r}, expected a text")
 

@@ -29,7 +29,8 @@ ROUNDING_OF_GRAM = 1e-7
 COMPONENT = 1e-8
 """Components of a unit vector below this are rounding."""
 TAKES_PART = 1e-3
-"""A direction that moves an entry by less of its step, for one step in all, leaves it determined."""
+"""An unseen direction of length one that moves an entry by less than this, in steps or in mm at a lever, leaves it
+determined: it is the same share for the 1-sigma and for what counts as identifiable."""
 
 
 @dataclass(frozen=True)
@@ -190,4 +191,4 @@ def moved_by(directions: Array) -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(directions, axis=0) >= TAKES_PART)
 
 
-__all__ = ["COMPONENT", "ROUNDING", "Decomposition", "Observability", "moved_by"]
+__all__ = ["COMPONENT", "ROUNDING", "TAKES_PART", "Decomposition", "Observability", "moved_by"]

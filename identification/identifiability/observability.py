@@ -13,13 +13,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.fit.decomposition import Decomposition
+from truepose.identification.fit.decomposition import TAKES_PART, Decomposition
 from truepose.identification.fit.estimate import Estimate, Prior
 from truepose.models.machine import FRAME_OF
 
 Array = NDArray[np.float64]
-UNSEEN_SHARE = 1e-3
-"""A parameter that an unseen direction moves by more than this is not determined by readings alone."""
 LEAST_GAIN = 0.5
 """Readings determine a parameter when they at least halve the variance that its tolerance leaves."""
 SMALLEST_PART = 0.02
@@ -122,7 +120,7 @@ def determined(known: Knowledge, std: Array | None = None, blind: Array | None =
     """(n,) the same for what is known; ``std`` (n,) and unseen directions ``blind`` (k, n) default to its own."""
     std = known.std if std is None else std
     moved = shares(known, known.decomposition.null_space if blind is None else blind)
-    return (moved < UNSEEN_SHARE) & np.isfinite(std) & (std**2 <= LEAST_GAIN * known.sigma**2)
+    return (moved < TAKES_PART) & np.isfinite(std) & (std**2 <= LEAST_GAIN * known.sigma**2)
 
 
 def shares(known: Knowledge, directions: Array) -> Array:

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from fuzzing.kinds import KINDS, Seed
 from support import TESTS
-from support.golden_pages import differences, lines
+from support.golden_pages import as_committed, lines
 from truepose.cli import app
 from truepose.version import VERSION
 
@@ -79,15 +79,7 @@ def test_commands_say_and_write_as_committed(
     monkeypatch.chdir(tmp_path / "run")
     said = "\n".join(_said(seeds if number is None else [seeds[number]], tmp_path / "run"))
     new = lines(said.replace(str(tmp_path), "FOLDER").replace(VERSION, "VERSION"))
-    file = _file(kind, number)
-    old = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
-    found = list(differences(old, new))
-    if found and request.config.getoption("--update-golden"):
-        file.write_text("\n".join([*new, ""]), encoding="utf-8")
-        return
-    assert not found, (
-        f"{file.relative_to(TESTS)} (pytest --update-golden, if this is meant): {found[0][:2000]}"
-    )
+    as_committed(_file(kind, number), new, update=bool(request.config.getoption("--update-golden")))
 
 
 def test_no_golden_is_left_over() -> None:

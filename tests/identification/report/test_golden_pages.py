@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from support import TESTS
-from support.golden_pages import differences, shown
+from support.golden_pages import as_committed, differences, shown
 from support.reports import arm, fitted, recorded, synthetic
 from support.results import RESULTS, drifting
 from support.told_fleet import fleet
@@ -69,14 +69,7 @@ def test_what_is_shown_is_as_committed(name: str, tmp_path: Path, request: pytes
     page = PAGES[name](tmp_path).replace(str(tmp_path), "FOLDER").replace(VERSION, "VERSION")
     new = shown(page)
     file = GOLDEN / f"{name.replace(' ', '_')}.txt"
-    old = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
-    found = list(differences(old, new))
-    if found and request.config.getoption("--update-golden"):
-        file.write_text("\n".join([*new, ""]), encoding="utf-8")
-        return
-    assert not found, (
-        f"{file.relative_to(TESTS)} (pytest --update-golden, if this is meant): {found[0][:2000]}"
-    )
+    as_committed(file, new, update=bool(request.config.getoption("--update-golden")))
 
 
 def test_what_may_differ() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
@@ -52,6 +53,16 @@ def _alike(was: str, now: str) -> bool:
     last = np.array([10.0 ** -len(number.partition(".")[2]) if "e" not in number else 0.0 for number in one])
     a, b = np.array(one, dtype=float), np.array(two, dtype=float)
     return bool(np.all(np.abs(a - b) <= np.maximum(SHARE * np.abs(a) + ROUNDING, LAST * last)))
+
+
+def as_committed(file: Path, new: list[str], *, update: bool) -> None:
+    """Fail where what is shown differs from what the file holds; with ``update`` write it there instead."""
+    old = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    found = list(differences(old, new))
+    if found and update:
+        file.write_text("\n".join([*new, ""]), encoding="utf-8")
+        return
+    assert not found, f"{file.name} (pytest --update-golden, if this is meant): {found[0][:2000]}"
 
 
 def lines(text: str) -> list[str]:
