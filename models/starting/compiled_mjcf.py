@@ -45,8 +45,6 @@ def compiled(path: Path) -> Compiled:
         raise InputError(
             "--mjcf: MuJoCo reads these files, expected it installed: pip install 'truepose[mjcf]'"
         )
-    import mujoco
-
     if not path.is_file():
         raise InputError(f"{path}: cannot read the MJCF: error opening file: found none, expected one")
     if b"<!DOCTYPE" in read_at_most(path, MJCF_MOST):  # MuJoCo would read its entities as they are written
@@ -54,6 +52,8 @@ def compiled(path: Path) -> Compiled:
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "model.mjb")
         told = _told(path, output)
+        import mujoco  # here, as what is refused need not wait for it
+
         model = mujoco.MjModel.from_binary_path(str(output))
     return Compiled(model, bool(told["bare"]), tuple(cut(one) for one in told["warnings"]))
 

@@ -6,6 +6,7 @@ import gc
 import importlib
 import os
 import pkgutil
+from importlib.util import find_spec
 
 
 def warmed() -> None:
@@ -14,6 +15,10 @@ def warmed() -> None:
     os.environ["TRUEPOSE_CC"] = ""  # no compiler: other processes' work would be counted
     import truepose
     from truepose.models.units import is_unit
+
+    if find_spec("mujoco"):
+        os.environ["MUJOCO_GL"] = "disable"  # else it looks for a screen
+        importlib.import_module("mujoco")
 
     for module in pkgutil.walk_packages(truepose.__path__, "truepose."):
         if not module.name.endswith("__main__"):
