@@ -175,9 +175,10 @@ def rpy_matrix(rpy: Array) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """(3, 3) rotation closest to a matrix (Kabsch; Umeyama, PAMI 13, 1991)."""
+    """(..., 3, 3) rotations closest to matrices (..., 3, 3) (Kabsch; Umeyama, PAMI 13, 1991)."""
     u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt)
+    u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    return np.asarray(u @ vt)
 
 
 def inverse_pose(pose: Array) -> Array:

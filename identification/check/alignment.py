@@ -86,9 +86,7 @@ def _transforms(rotation: Array, position: Array) -> Array:
 def _poses_of(clouds: Array, points: Array) -> Array:
     """(n, 4, 4) poses of a body from its points (m, 3) as they were measured (n, m, 3)."""
     middle, centre = clouds.mean(axis=1), points.mean(axis=0)
-    u, _, vt = np.linalg.svd(np.einsum("nmi,mj->nij", clouds - middle[:, None], points - centre))
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    rotation = u @ vt
+    rotation = lie.nearest_rotation(np.einsum("nmi,mj->nij", clouds - middle[:, None], points - centre))
     return _transforms(rotation, middle - rotation @ centre)
 
 
@@ -116,16 +114,16 @@ def _by_poses(flange: Array, measured: Array, tool: Array) -> Iterator[Frames]:
     """
     f, m = flange[:, :3, :3], measured[:, :3, :3]
     k = (m.reshape(-1, 9).T @ f.reshape(-1, 9)).reshape(3, 3, 3, 3)
-    for turn in (_turn_of_null_vector(f, m), tool[:3, :3]):
-        base = turned = turn
-        for _ in range(_SWEEPS):
-            base = lie.nearest_rotation(np.tensordot(k, turned, ([1, 3], [1, 0])))
-            fresh = lie.nearest_rotation(np.tensordot(k, base, ([0, 2], [0, 1])).T)
-            done = np.abs(fresh - turned).max() < 1e-6
-            turned = fresh
-            if done:
-                break
-        yield _with_shifts(flange, measured, base, turned, tool[:3, 3])
+    base = turned = np.array([_turn_of_null_vector(f, m), tool[:3, :3]])  # both starts at once
+    for _ in range(_SWEEPS):
+        base = lie.nearest_rotation(np.einsum("ijab,sbj->sia", k, turned))
+        fresh = lie.nearest_rotation(np.einsum("ijab,sia->sbj", k, base))
+        done = np.abs(fresh - turned).max() < 1e-6
+        turned = fresh
+        if done:
+            break
+    for one, other in zip(base, turned, strict=True):
+        yield _with_shifts(flange, measured, one, other, tool[:3, 3])
 
 
 def _turn_of_null_vector(flange: Array, measured: Array) -> Array:

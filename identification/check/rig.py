@@ -58,6 +58,8 @@ class Rig:
             for s in machine.sensors
         )
         spans = np.ptp(recording.q, axis=0)
+        self._stood: dict[tuple[object, ...], tuple[Array, Mask]] = {}
+        """Flange poses by what they follow from: many hypotheses differ in sensors and frames alone."""
         self.still = tuple(n for n, span in zip(recording.joints, spans, strict=True) if span == 0.0)
         self.scene = self._with_zeros()
 
@@ -159,8 +161,12 @@ class Rig:
         bare = scene.p.copy()
         for frame in FRAMES:
             bare[self.at[frame]] = 0.0
-        x, good = self.assembled(here, bare, scene)
-        return here.poses(bare, x)[0], good
+        arrays = (bare, here.q, here.z, here.origin)
+        key = (scene.drawn, *(None if a is None else a.tobytes() for a in arrays))
+        if key not in self._stood:
+            x, good = self.assembled(here, bare, scene)
+            self._stood[key] = here.poses(bare, x)[0], good
+        return self._stood[key]
 
 
 def _nearest(rpy: Array, stated: Array) -> Array:
