@@ -73,18 +73,23 @@ class Reference:
     def samples(self, low: Array, high: Array, near: Array, count: int) -> Iterator[tuple[Array, Array]]:
         """``count`` readings (nq,) spread between ``low`` and ``high`` (nq,), with their poses (4, 4).
 
-        Readings at which the loops cannot be followed from ``near`` (nq,) are drawn towards it.
+        Readings at which the loops cannot be followed from ``near`` (nq,) are drawn towards it; where ``count`` places were
+        tried and none will do, no more are tried.
         """
-        for fractions in spread(len(low), 10 * count):
+        left = count
+        for k, fractions in enumerate(spread(len(low), 10 * count)):
+            if k == count == left:
+                return
             target = low + fractions * (high - low)
             for amount in _SHRINK if len(self.model.home) else (1.0,):
                 q = near + amount * (target - near) if len(self.model.home) else target
-                pose, direct = self.forward(q, near), self.forward(q)
+                pose = self.forward(q, near)
+                direct = None if pose is None else self.forward(q)
                 if pose is not None and direct is not None and np.allclose(pose, direct, rtol=0, atol=1e-9):
                     yield q, pose
-                    count -= 1
+                    left -= 1
                     break
-            if count == 0:
+            if left == 0:
                 return
 
     def _newton(self, q: Array, x: Array) -> Array | None:

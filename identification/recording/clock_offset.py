@@ -104,8 +104,7 @@ def _lags(motion: Motion, where: str) -> tuple[list[tuple[float, float]], float]
     if min(len(seen), len(logged)) < 20:
         raise few
     joints = motion.joints(logged)
-    joints = joints / np.where(np.ptp(joints, axis=0) > 0.0, joints.std(axis=0), 1.0)
-    alike = _correlation(_speed(joints), _speed(place))
+    alike = _correlation(_speed(_levelled(joints)), _speed(place))
     shift = np.arange(-(len(seen) - 2), len(logged) - 1)
     order = _peaks(alike)
     if alike[order[0]] < _LEAST:
@@ -115,6 +114,17 @@ def _lags(motion: Motion, where: str) -> tuple[list[tuple[float, float]], float]
         )
     near = [k for k in order[:5] if alike[k] > alike[order[0]] - _TIE]
     return [(float(logged[0] + shift[k] * step - seen[0]), float(alike[k])) for k in near], step
+
+
+def _levelled(joints: Array) -> Array:
+    """Columns (n, nq) with a standard deviation of 1, constant ones left as they are.
+
+    They are brought to a span of 1 first: squares of the smallest numbers are 0.
+    """
+    span = np.ptp(joints, axis=0)
+    moved = (joints - joints[0]) / np.where(span > 0.0, span, 1.0)
+    spread = moved.std(axis=0)
+    return np.asarray(moved / np.where(spread > 0.0, spread, 1.0))
 
 
 def _speed(values: Array) -> Array:

@@ -53,6 +53,23 @@ def test_readings_that_no_assembly_has_are_told(name: str) -> None:
     assert good.tolist() == [True, False]
 
 
+def test_places_to_stand_at_are_given_up_where_none_of_the_first_will_do() -> None:
+    """A range of a kilometre in place of millimetres: each of ten times as many places would take Newton's longest."""
+    tried = []
+
+    class Counted(Reference):
+        def forward(self, q: Array, near: Array | None = None) -> Array | None:
+            tried.append(q)
+            return super().forward(q, near)
+
+    reference = Counted(symbolic_model(load_machine(MACHINES / "pus.yaml")))
+    near, wide = reference.model.q_home, np.eye(6)[0] * 1e6
+    assert not list(reference.samples(near + wide, near + 2 * wide, near, 3))
+    assert len({tuple(q) for q in tried}) == 3 * 4
+    # from home on all of them will do
+    assert len(list(reference.samples(near - 1e-3, near + 1e-3, near, 3))) == 3
+
+
 def test_rows_are_judged_one_by_one() -> None:
     """x^2 = c: closed from the right where c > 0; nothing closes where c < 0, or where a gap stays."""
     c = np.array([4.0, -1.0, 9.0, 1e-2])

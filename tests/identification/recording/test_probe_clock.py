@@ -175,6 +175,19 @@ def test_what_cannot_be_paired_is_told(tmp_path: Path) -> None:
     assert "found without --log" in done.output
 
 
+def test_a_joint_that_moves_by_next_to_nothing_tells_no_clock(tmp_path: Path) -> None:
+    """Squares of its readings are 0, as is its standard deviation then; the other joint tells the clocks as ever."""
+    time = np.arange(0, 60, 0.02)
+    turning = np.cumsum(np.random.default_rng(5).standard_normal(len(time)))
+    log = pd.DataFrame({"time": time, "a": turning, "b": 1e-200 * np.sin(time)})
+    log.to_csv(tmp_path / "robot.csv", index=False)
+    pd.DataFrame({"time": time, "x": turning, "y": 0.0, "z": 0.0}).to_csv(tmp_path / "probe.csv", index=False)
+    done = imported(tmp_path)
+    assert done.exit_code == 0, done.output
+    rows = pd.read_csv(tmp_path / "out.csv", comment="#")
+    np.testing.assert_allclose(rows["a"], rows["x"], atol=0.1)
+
+
 TURNS = st.lists(
     st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1), min_size=1, max_size=5
 )
