@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
+import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from support import MACHINES
+from truepose import faults
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
+from truepose.stopping import stopping
 
 SERIAL = MACHINES / "serial.yaml"
 SLIPS = {
@@ -157,3 +161,140 @@ def test_errors_that_cannot_be_told_still_have_their_code() -> None:
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         arguments = [sys.executable, "-m", "truepose", "effects", "nope"]
         assert subprocess.run(arguments, stderr=full, check=False).returncode == 2
+
+
+def ended(error: BaseException) -> int:
+    def raises() -> None:
+        raise error
+
+    return faults.ended(raises)
+
+
+def exits(code: object, context: BaseException | None = None) -> SystemExit:
+    made = SystemExit(code)
+    made.__context__ = context
+    return made
+
+
+ENDINGS: dict[str, tuple[BaseException, int, str]] = {
+    "a code": (exits(3), 3, ""),
+    "no code": (exits(None), 0, ""),
+    "nobody reads": (exits(1, BrokenPipeError()), 0, ""),
+    "another error": (exits(1, ValueError()), 1, ""),
+    "a pipe": (BrokenPipeError(), 0, ""),
+    "memory": (
+        MemoryError(),
+        2,
+        "needs more memory than this process may have; expected fewer rows, poses or parameters at once",
+    ),
+    "compiled memory": (
+        RuntimeError("std::bad_alloc"),
+        2,
+        "needs more memory than this process may have; expected fewer rows, poses or parameters at once",
+    ),
+    "of the system": (OSError(28, "No space left on device"), 2, "the system says: No space left on device"),
+    "a name in bytes": (OSError(28, "No space", b"/tmp/x"), 2, "/tmp/x: No space"),
+    "no words": (OSError(28, ""), 2, "the system says: [Errno 28] "),
+    "not there": (FileNotFoundError(2, "No such file", "x.csv"), 2, "x.csv: No such file"),
+}
+
+
+@pytest.mark.parametrize("case", ENDINGS)
+def test_whatever_ends_a_program_has_its_code_and_its_words(
+    case: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    error, code, told = ENDINGS[case]
+    assert ended(error) == code
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", f"error: {told}\n" if told else "")
+
+
+@pytest.mark.parametrize(("found", "code"), [(3, 3), (0, 0), (None, 0), ("done", 0)])
+def test_what_comes_to_its_end_has_the_code_that_it_gives(found: object, code: int) -> None:
+    assert faults.ended(lambda: found) == code
+
+
+@pytest.mark.parametrize(("length", "cut"), [(200, False), (201, True)])
+def test_a_fault_is_cut_in_the_line_from_two_hundred_letters_on(
+    length: int,
+    cut: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """And where no report can be written this is said."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    monkeypatch.setattr("sys.argv", ["truepose", "effects"])
+    assert ended(OSError("x" * (length - len("OSError: ")))) == 1  # without a number: not the system's
+    whole = "OSError: " + "x" * (length - len("OSError: "))
+    assert capsys.readouterr().err == (
+        f"error: a fault of truepose, not of your files ({whole[:200]}{' ...' * cut}); no report of it could be written; "
+        "it comes again with: truepose effects\n"
+    )
+
+
+def test_where_nobody_can_be_told_nothing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    for stream in (None, open(os.devnull, encoding="utf-8")):  # noqa: SIM115, PTH123 -- closed below, cannot be written to
+        monkeypatch.setattr(sys, "stderr", stream)
+        faults.say("nobody hears this")
+        if stream is not None:
+            stream.close()
+            faults.say("nor this")
+
+
+@faulty
+def test_a_stream_that_nobody_takes_is_forgotten() -> None:
+    """What it still holds goes nowhere, and no file stays open for it."""
+    read, write = os.pipe()
+    os.close(read)
+    before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
+    with os.fdopen(write, "w", encoding="utf-8") as stream:
+        stream.write("lost")
+        with pytest.raises(BrokenPipeError):
+            stream.flush()
+        faults.forget(stream)
+        assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208
+        stream.write("more")
+        stream.flush()
+    faults.forget(stream)  # closed
+    faults.forget(None)
+
+
+@pytest.fixture
+def _signals_as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    monkeypatch.setattr(stopping, "listens", False)
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("_signals_as_before")
+@pytest.mark.parametrize("kind", ["letters", "pipe", "none"])
+def test_a_program_leaves_with_its_code_whatever_its_streams_are(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Letters that a terminal has not are written out, and nobody needs to read to the end."""
+    held, read, write = io.BytesIO(), *os.pipe()
+    out: dict[str, object] = {"letters": io.TextIOWrapper(held, "ascii"), "none": None}
+    out["pipe"] = os.fdopen(write, "w", encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", out[kind])
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    if kind == "pipe":
+        os.close(read)
+
+    def run() -> int:
+        assert stopping.listens
+        if sys.stdout is not None:
+            sys.stdout.write("5 \u00b5m")
+        return 3
+
+    with pytest.raises(SystemExit) as end:
+        faults.main(run)
+    assert end.value.code == 3 and sys.stderr.getvalue() == ""  # type: ignore[attr-defined]
+    assert held.getvalue() == (b"5 \\xb5m" if kind == "letters" else b"")
+    out["pipe"].close()  # type: ignore[attr-defined]
+    if kind != "pipe":
+        os.close(read)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truepose.errors import InputError
-from truepose.threads import VARIABLE, all_done, in_order, processors
+from truepose.threads import VARIABLE, all_done, in_order, one_thread, processors
 
 
 @given(st.lists(st.integers(), max_size=30), st.integers(1, 5))
@@ -51,3 +51,35 @@ def test_a_number_of_threads_that_is_none(asked: str, monkeypatch: pytest.Monkey
     monkeypatch.setenv(VARIABLE, asked)
     with pytest.raises(InputError, match=f"{VARIABLE}: found '{asked}'"):
         processors()
+
+
+@pytest.mark.parametrize(("cores", "usual"), [(1, 1), (4, 4), (8, 8), (64, 8)])
+def test_there_are_as_many_threads_as_processors_and_no_crowd(
+    cores: int, usual: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More where somebody asks for them, one where whole pieces of work run beside each other."""
+    monkeypatch.setattr("truepose.threads.cores", lambda: cores)
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert processors() == usual
+    with one_thread():
+        assert processors() == 1
+    assert processors() == usual
+    monkeypatch.setenv(VARIABLE, "16")
+    assert processors() == 16
+    with one_thread():
+        assert processors() == 1
+
+
+def test_two_threads_work_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each waits until the other is there, too."""
+    monkeypatch.setenv(VARIABLE, "2")
+    both = threading.Barrier(2, timeout=5.0)
+    assert sorted(in_order(lambda _: both.wait(), range(2))) == [0, 1]
+    done = list[int]()
+
+    def met(k: int) -> None:
+        both.wait()
+        done.append(k)
+
+    all_done(met, range(2))
+    assert sorted(done) == [0, 1]

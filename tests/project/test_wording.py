@@ -1,0 +1,93 @@
+"""Lists, names and texts of strangers in messages: whole where they are short, cut where they are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from truepose.bounded import MIB, read_at_most
+from truepose.errors import LONGEST, InputError
+from truepose.wording import close_matches, cut, joined, meant, shortened
+
+
+@pytest.mark.parametrize(
+    ("parts", "told"), [([], ""), (["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")]
+)
+def test_a_list_reads_as_a_sentence(parts: list[str], told: str) -> None:
+    assert joined(parts) == told
+    assert joined(parts, "or") == told.replace(" and ", " or ")
+
+
+@pytest.mark.parametrize(
+    ("most", "told"), [(1, "a and 2 more"), (2, "a, b and 1 more"), (3, "a, b, c"), (4, "a, b, c")]
+)
+def test_a_long_list_tells_how_many_follow(most: int, told: str) -> None:
+    assert shortened(["a", "b", "c"], most) == told
+
+
+def test_a_slip_of_a_key_is_recognised() -> None:
+    """As far as names are near; what is too long for a name is compared with none."""
+    names = ["shoulder", "elbow", "wrist"]
+    assert meant("elbwo", names) == "did you mean 'elbow'?"
+    assert meant("payload", names) == ""
+    assert meant("axis1", ["axis2", "axis3", "axis4", "axis5"]).count(" or ") == 2
+    longest = "n" * 60
+    assert meant(longest, [longest + "m"]) == f"did you mean {longest + 'm'!r}?"
+    assert meant(longest + "n", [longest]) == ""
+    assert meant(longest, ["n" * 120]) != "" and meant(longest, ["n" * 121]) == ""
+
+
+def test_where_nothing_is_near_all_names_are_told() -> None:
+    assert close_matches("payload", []) == ""
+    assert close_matches("payload", ["b", "a", "b"]) == "known: a, b"
+    many = [f"x{k:02d}" for k in range(31)]
+    assert close_matches("payload", many).endswith("x29 and 1 more")
+    assert close_matches("payload", many[:30]).endswith("x28, x29")
+
+
+@pytest.mark.parametrize(("letters", "more"), [(5, False), (6, True)])
+def test_a_text_is_cut_where_it_is_longer_than_its_room(letters: int, more: bool) -> None:
+    text = "abcdefgh"[:letters]
+    assert cut(text, 5) == text[:5] + "..." * more
+
+
+def test_what_no_line_holds_is_left_out_before_a_text_is_cut() -> None:
+    """A text of blanks and controls alone is short, but not that of a file as long as four lines."""
+    assert cut("a\n\t\x07b   c", 5) == "a b c"
+    assert cut(" " * 20, 5) == ""
+    assert cut("ab" + " " * 19, 5) == "ab..."
+
+
+@pytest.mark.parametrize("size", [0, 1, 2])
+def test_a_file_up_to_its_limit_is_read_whole(size: int, tmp_path: Path) -> None:
+    """And not a byte more."""
+    path = tmp_path / "file.bin"
+    path.write_bytes(b"x" * size * MIB)
+    assert len(read_at_most(path, 2 * MIB)) == size * MIB
+    path.write_bytes(b"x" * (2 * MIB + 1))
+    with pytest.raises(InputError, match=r"file\.bin: .*found more than 2 MiB, expected at most that"):
+        read_at_most(path, 2 * MIB)
+
+
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        read_at_most(tmp_path / "none", MIB)
+    with pytest.raises(IsADirectoryError):
+        read_at_most(tmp_path, MIB)
+    device = Path("/dev/null")
+    if device.is_char_device():
+        with pytest.raises(OSError, match="not a file"):
+            read_at_most(device, MIB)
+
+
+@pytest.mark.parametrize("letters", [LONGEST, LONGEST + 1, 10 * LONGEST])
+def test_a_message_has_its_beginning_and_its_end(letters: int) -> None:
+    """However long what a hostile file held; a letter that drives a terminal takes more than one."""
+    said = str(InputError("a" + "x" * (letters - 2) + "z"))
+    if letters == LONGEST:
+        assert said == "a" + "x" * (letters - 2) + "z"
+    else:
+        assert len(said) == LONGEST + len(" [...] ") and said.count("x [...] ") == 1
+    assert said[0] == "a" and (said[-1] == "z" or letters > 4 * LONGEST)
+    assert str(InputError("a\x1b[2Jb\nc")) == "a\\x1b[2Jb\nc"
