@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -160,3 +162,78 @@ def test_quiet_work_says_nothing_however_long(
     with progress.progress("diagnosing") as say:
         say("weighing")
     assert capsys.readouterr().err.startswith("weighing (")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"),
+    [(99.6, "2 min"), (5399.0, "90 min"), (5400.0, "1.5 h")],
+)
+def test_a_longer_duration_has_a_larger_unit(seconds: float, told: str) -> None:
+    assert lasting(seconds) == told
+
+
+@pytest.mark.parametrize(("done", "total", "left"), [(0, 0, None), (1, 51, None), (1, 50, 490.0)])
+def test_of_steps_time_left_is_told_from_a_fiftieth_on(done: int, total: int, left: float | None) -> None:
+    """Before that it would be a guess; of no steps nothing is done."""
+    clock = Clock()
+    course = Course("examining", (), clock)
+    assert course.share is None and course.left is None
+    clock.now += 10.0
+    course.count(done, total)
+    assert course.share == pytest.approx(done / max(total, 1))
+    assert course.left == (None if left is None else pytest.approx(left))
+
+
+@pytest.mark.parametrize(("later", "told"), [(2.0, ", about 1 s left"), (2.1, "")])
+def test_less_than_a_second_is_not_told(later: float, told: str) -> None:
+    clock = Clock()
+    course = Course("examining", (), clock)
+    clock.now += 3.0
+    course.count(1, 2)
+    clock.now += later
+    assert course.left_words == told
+
+
+def test_stages_do_not_go_back() -> None:
+    clock = Clock()
+    course = Course("diagnosing", DIAGNOSING, clock)
+    assert course.words == "diagnosing (0 s)" and course.share == 0.0
+    for text, share in (("naming and proving", 0.6), ("weighing", 0.6), ("writing the report", 0.9)):
+        course.say(text)
+        assert course.share == pytest.approx(share)
+
+
+def test_more_rows_cost_in_proportion() -> None:
+    """A stage of as many rows as ``MANY`` costs what a fit and its weighing say, and the end is worked out with the last's."""
+    assert identify.diagnosing([]) == list(identify.DIAGNOSING)
+    again = sum(cost for _, cost in identify.AGAIN)
+    last = identify.AGAIN[-1][1]
+    for sizes in ([50_000], [100_000], [50_000, 200_000]):
+        found = identify.diagnosing(sizes)
+        parts = sum(cost for _, cost in found) - sum(cost for _, cost in identify.DIAGNOSING)
+        assert parts == pytest.approx((again * sum(sizes) + last * sizes[-1]) / 50_000)
+        assert dict(found)[f"weighing {sizes[-1]:,} rows"] == pytest.approx(last * sizes[-1] / 50_000)
+        assert [found[0], found[-1]] == [identify.DIAGNOSING[0], identify.DIAGNOSING[-1]]
+
+
+@pytest.mark.parametrize("stages", [(), (("weighing", 1.0), ("proving", 1.0))])
+def test_a_bar_shows_what_goes_on_now(
+    stages: progress.Stages, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And is gone at the end; of work that is over before anybody waits nothing is seen."""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    with progress.progress("diagnosing", stages) as say:
+        say("weighing")
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(progress, "DELAY", 0.0)
+    shown = ""
+    with progress.progress("diagnosing", stages) as say:
+        for _ in range(200):
+            say("proving what was found")
+            shown += capsys.readouterr().err
+            if "proving what was found" in shown:
+                break
+            time.sleep(0.02)
+    assert "proving what was found" in shown
+    assert capsys.readouterr().err.endswith("\x1b[2K")  # the line is cleared
