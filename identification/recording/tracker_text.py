@@ -140,7 +140,7 @@ def _header(words: Sequence[str]) -> _Header | None:
     at = tuple(plain.index(axis) for axis in _AXES)
     units = {found[1] for word in words for found in [_IN_HEADER.search(word)] if found}
     unit = next((known for known in map(_length, sorted(units)) if known), None)
-    return _Header(tuple(range(at[0])), (at[0], at[1], at[2]), unit, tuple(w for w in plain if w in _TURNS))
+    return _Header(tuple(range(min(at))), (at[0], at[1], at[2]), unit, tuple(w for w in plain if w in _TURNS))
 
 
 def _length(word: str) -> str | None:

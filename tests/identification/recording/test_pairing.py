@@ -1,0 +1,243 @@
+"""Samples of a probe between the rows of a robot's log, tables in memory: what is between, beside, held, thinned, left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.identification.recording.clock_offset import Clock, Motion, clock_of, trend
+from truepose.identification.recording.probe import Pairing, clock_words
+from truepose.identification.recording.table import Table, table_in_memory
+
+Array = NDArray[np.float64]
+TIME = np.arange(0.0, 10.05, 0.1)
+SAMPLES = np.arange(0.55, 9.0, 0.5)
+
+
+def log(more: Mapping[str, object] | None = None, kept: NDArray[np.bool_] | None = None) -> Table:
+    """One joint turns evenly and one slides ever faster, in the units of their columns."""
+    columns: dict[str, Any] = {
+        "time": TIME,
+        "q1 [deg]": 10.0 * TIME,
+        "d2 [mm]": 2.0 * TIME**2,
+        **(more or {}),
+    }
+    chosen = np.ones(len(TIME), dtype=bool) if kept is None else kept
+    return table_in_memory({name: np.asarray(v)[chosen] for name, v in columns.items()}, "robot")
+
+
+def probe(time: Array = SAMPLES, **more: object) -> Table:
+    return table_in_memory({"t": time, "x": 3.0 * time, "y": time, "z": 0.0 * time, **more}, "probe")
+
+
+def test_joints_and_their_velocities_are_those_between_the_rows_of_the_log() -> None:
+    found = Pairing.of(probe(label=list(map(str, range(len(SAMPLES))))), log()).rows(Clock(0.25))
+    at = SAMPLES + 0.25
+    assert found.names == ("time", "q1", "velocity.q1", "d2", "velocity.d2", "x", "y", "z", "label")
+    units = {column.name: column.unit for column in found.columns}
+    assert units["q1"] == "deg" and units["velocity.q1"] == "deg/s" and units["velocity.d2"] == "mm/s"
+    for name, values in (("time", at), ("q1", 10.0 * at), ("d2", 2.0 * at**2), ("x", 3.0 * SAMPLES)):
+        np.testing.assert_allclose(found.numbers(name), values, rtol=1e-12)
+    np.testing.assert_allclose(found.numbers("velocity.q1"), 10.0, rtol=1e-9)
+    np.testing.assert_allclose(found.numbers("velocity.d2"), 4.0 * at, rtol=1e-9)
+    assert found.texts("label")[-1] == str(len(SAMPLES) - 1) and found.notes == ()
+
+
+@pytest.mark.parametrize(("gap", "known"), [(0.4, True), (0.6, False)])
+def test_nobody_knows_the_joints_in_a_pause_of_more_than_five_steps(gap: float, known: bool) -> None:
+    kept = (TIME < 4.001) | (TIME - gap > 3.999)
+    samples = np.array([3.95, 3.99, 4.2, 4.02 + gap, 4.95])
+    found = Pairing.of(probe(samples), log(kept=kept)).rows(Clock(0.0))
+    assert len(found.numbers("time")) == 5 if known else 4
+    assert (4.2 in found.numbers("time")) is known
+    told = "probe: 1 of 5 samples are outside of robot, or in a gap of it: left out"
+    assert found.notes == (() if known else (told,))
+
+
+def test_samples_beyond_the_log_are_left_out_and_not_all_may_be() -> None:
+    samples = np.array([-0.1, 0.0, 5.0, 10.0, 10.1])
+    pairing = Pairing.of(probe(samples), log())
+    assert pairing.rows(Clock(0.0)).numbers("time").tolist() == [0.0, 5.0, pytest.approx(10.0)]
+    with pytest.raises(InputError, match=r"from 99.9 to 110.1 s, the log is from 0 to 10 s; expected both"):
+        pairing.rows(Clock(100.0))
+
+
+def test_rows_are_as_far_apart_as_asked_and_those_of_a_motion() -> None:
+    pairing = Pairing.of(probe(np.arange(0.0, 10.0, 0.125)), log())
+    for every in (0.125, 0.25, 0.3, 1.0):
+        time = pairing.rows(Clock(0.0), every).numbers("time")
+        assert time[0] == 0.0 and np.diff(time).min() >= every
+        assert np.diff(time).max() < every + 0.125
+    rests = log({"q1 [deg]": 0.0 * TIME, "d2 [mm]": 2.0 * np.maximum(TIME - 5.0, 0.0) ** 2})
+    some = Pairing.of(pairing.probe, rests).rows(Clock(0.0), most=7).numbers("time")
+    assert len(some) == 7 and some[-1] == pairing.rows(Clock(0.0)).numbers("time")[-1]
+    # speeds go up evenly from 5 s on: a fifth of the usual top speed is reached after about a fifth of the way
+    assert 5.4 < some[0] < 6.1
+
+
+def test_what_else_was_logged_comes_along() -> None:
+    """Numbers as they are between two rows, sessions and roles as they were last; nothing else."""
+    more = {
+        "temperature.air": 20.0 + TIME,
+        "session": np.where(TIME < 5.0, 1, 2),
+        "role": np.where(TIME < 5.0, "calibration", "validation"),
+        "velocity.q1 [deg/s]": np.full(len(TIME), 10.0),
+    }
+    samples = np.array([4.95, 4.0, 5.05])
+    found = Pairing.of(probe(samples), log(more)).rows(Clock(0.0))
+    assert "timestamp" not in found.names and found.names.count("velocity.q1") == 1
+    assert found.numbers("time").tolist() == [4.0, 4.95, 5.05]  # in order of time
+    np.testing.assert_allclose(found.numbers("temperature.air"), [24.0, 24.95, 25.05])
+    assert found.integers("session").tolist() == [1, 1, 2]
+    assert found.texts("role") == ("calibration", "calibration", "validation")
+
+
+def test_joints_may_be_named_and_of_two_rows_at_one_time_the_last_counts() -> None:
+    twice = table_in_memory(
+        {"time": [0.0, 1.0, 2.0, 2.0, 3.0, 4.0], "q1 [deg]": [0, 1, 99, 2, 3, 4], "load": [5, 5, 5, 5, 5, 6]},
+        "robot",
+    )
+    found = Pairing.of(probe(np.array([2.0, 2.5])), twice, ["q1"]).rows(Clock(0.0))
+    assert found.names == ("time", "q1", "velocity.q1", "x", "y", "z")
+    np.testing.assert_allclose(found.numbers("q1"), [2.0, 2.5])
+
+
+@pytest.mark.parametrize(
+    ("header", "largest", "factor", "slides"),
+    [
+        ("q1", 90.0, np.pi / 180, False),
+        ("q1", 6.2, 1.0, False),
+        ("q1", 6.3, np.pi / 180, False),
+        ("q1 [rad]", 90.0, 1.0, False),
+        ("q1 [deg]", 1.0, np.pi / 180, False),
+        ("q1 [mm]", 90.0, 1.0, True),
+    ],
+)
+def test_an_angle_without_a_unit_is_in_degrees_if_it_is_more_than_a_turn(
+    header: str, largest: float, factor: float, slides: bool
+) -> None:
+    robot = table_in_memory({"time": TIME, header: largest * TIME / TIME[-1]}, "robot")
+    motion = Pairing.of(probe(), robot).motion
+    assert motion.slides.tolist() == [slides] and motion.span == (0.0, pytest.approx(10.0))
+    assert motion.step == pytest.approx(0.1)
+    np.testing.assert_allclose(
+        motion.joints(np.array([5.0, 99.0]))[:, 0], largest * factor * np.array([0.5, 1.0])
+    )
+    np.testing.assert_allclose(motion.place, np.column_stack([3.0 * SAMPLES, SAMPLES, 0.0 * SAMPLES]))
+
+
+def test_the_first_whole_point_tells_the_clocks() -> None:
+    """In order of time, once for a time, and only where it was seen."""
+    time = np.array([2.0, 1.0, 1.0, 3.0])
+    seen = {"a.x": time, "b.x": time, "b.y": 2 * time, "b.z": [5.0, 6.0, 7.0, None]}
+    motion = Pairing.of(table_in_memory({"time": time, **seen}, "probe"), log()).motion
+    assert motion.time.tolist() == [1.0, 2.0]
+    assert motion.place.tolist() == [[1.0, 2.0, 6.0], [2.0, 4.0, 5.0]]
+    with pytest.raises(InputError, match="probe: found no point x y z to compare the clocks by"):
+        _ = Pairing.of(table_in_memory({"time": time, "a.x": time}, "probe"), log()).motion
+
+
+LOGS: dict[str, tuple[dict[str, object], str]] = {
+    "three times": ({"time": [0.0, 1.0, 2.0, 2.0], "q1": [1, 2, 3, 4]}, "robot: found 3 different times, expected a log"),
+    "no time": ({"clock": [0.0, 1.0], "q1": [1, 2]}, "robot: found no column of time, expected one called time, timestamp"),
+    "no joint": ({"time": [0.0, 1.0], "role": ["a", "b"], "payload": [1, 2]}, "robot: found no column of numbers that may"),
+    "a time beyond": ({"time": [0.0, 2e12], "q1": [1, 2]}, "row 2, column 'time': found 2e\\+12, expected at most 1e\\+12"),
+    "another unit": (
+        {"time": [0.0, 1.0, 2.0, 3.0], "q1 [deg]": [0, 1, 2, 3], "velocity.q1": [1.6] * 4},
+        "found an rms of 1.6, but q1 changes by 1 a second",
+    ),
+    "no unit beside one": (
+        {"time": [0.0, 1.0, 2.0, 3.0], "q1": [0, 1, 2, 3], "velocity.q1 [deg/s]": [1] * 4},
+        r"found no unit, expected one, as velocity.q1 \[deg/s\] has: q1 \[deg\]",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", LOGS)
+def test_what_is_no_log_is_refused(case: str) -> None:
+    columns, expected = LOGS[case]
+    with pytest.raises(InputError, match=expected):
+        Pairing.of(probe(), table_in_memory(columns, "robot"))
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.4])
+def test_a_logged_velocity_is_believed_within_half_of_the_slope(speed: float) -> None:
+    """At every sample of the log the way has the velocity that was logged, in the joint's own unit."""
+    robot = log({"velocity.q1 [rad/s]": np.radians(10.0 * speed) * np.ones(len(TIME))})
+    found = Pairing.of(probe(TIME[3:6]), robot).rows(Clock(0.0))
+    np.testing.assert_allclose(found.numbers("velocity.q1"), 10.0 * speed, rtol=1e-9)
+
+
+def test_a_clock_is_told_with_its_drift() -> None:
+    pairing = Pairing.of(probe(np.array([0.0, 100.0])), log())
+    assert pairing.files == "probe and robot"
+    said = "robot: its clock is that of probe plus 1.25 s"
+    assert clock_words(pairing, Clock(1.25), "as stated") == f"{said}, as stated"
+    drifting = Clock(1.25, 0.0012, 4e-5, 50.0)
+    assert clock_words(pairing, drifting, "by the motion") == (
+        f"{said} +- 0.001 s, by the motion; they drift apart by 40 ppm, 4 ms in all"
+    )
+    np.testing.assert_allclose(drifting.of_log(np.array([0.0, 50.0])), [1.25 - 0.002, 51.25])
+
+
+def _blocks(pattern: Array) -> tuple[Array, Array]:
+    """Ten blocks of ten rows with these delays, at times about 0."""
+    time = np.arange(100.0)
+    return time - time.mean(), np.repeat(pattern, 10)
+
+
+def test_blocks_tell_the_offset_and_how_sure_it_is() -> None:
+    time, late = _blocks(np.tile([0.3, 0.5], 5))
+    found = trend(Clock(2.0), time, np.ones(100), late, with_rate=False)
+    assert found.offset == pytest.approx(2.4) and found.rate == 0.0
+    assert found.sigma == pytest.approx(0.1 / 3.0)  # of ten blocks
+    weight = np.where(late < 0.4, 3.0, 1.0)  # heavier rows count more
+    assert trend(Clock(2.0), time, weight, late, with_rate=False).offset == pytest.approx(2.35)
+
+
+def test_a_rate_is_found_whatever_the_clock_was_before() -> None:
+    time = np.linspace(-50.0, 70.0, 120)
+    for before in (Clock(2.0), Clock(2.0, 0.1, 1e-3, 30.0)):
+        late = 0.01 + 2e-3 * time
+        found = trend(before, time, np.ones(120), late)
+        np.testing.assert_allclose(found.of_log(time), before.of_log(time) + late, atol=1e-9)
+
+
+@pytest.mark.parametrize(("size", "beyond_doubt"), [(3.9, False), (4.1, True)])
+def test_a_rate_is_believed_from_four_sigmas_on(size: float, beyond_doubt: bool) -> None:
+    pattern = 0.01 * np.array([1, -1, -1, 1, 0, 0, 1, -1, -1, 1.0])  # neither a mean nor a trend
+    time, noise = _blocks(pattern)
+    when = time.reshape(10, 10).mean(axis=1)
+    left = np.mean(pattern**2)
+    sigma = np.sqrt(left / np.mean(when**2) / 8.0)
+    late = noise + np.repeat(size * sigma * when, 10)
+    found = trend(Clock(0.0), time, np.ones(100), late)
+    assert found.rate == (pytest.approx(size * sigma) if beyond_doubt else 0.0)
+    if beyond_doubt:
+        assert found.sigma == pytest.approx(np.sqrt(left / 8.0))
+
+
+def _wandering(time: Array) -> Array:
+    """(k, 2) of a motion that does not repeat itself."""
+    one = np.sin(0.7 * time) + 0.6 * np.sin(1.9 * time + 1.0) + 0.3 * np.sin(3.1 * time**1.01)
+    return np.column_stack([one, np.sin(1.3 * time + 0.4) + 0.4 * np.sin(2.3 * time)])
+
+
+@pytest.mark.parametrize("slides", [[False, False], [True, True], [True, False]])
+def test_turning_and_sliding_joints_tell_the_clocks(slides: list[bool]) -> None:
+    """A gantry's place goes with its readings in whatever unit they are, an arm's with their sines."""
+    offset, time = 1.234, np.arange(3.0, 40.0, 0.02)
+    q = _wandering(time + offset)
+    a, b = (q[:, k] if slide else np.sin(q[:, k]) for k, slide in enumerate(slides))
+    place = np.column_stack([100.0 * a, 80.0 * b, 10.0 * a * b])
+    scale = np.where(slides, 500.0, 1.0)
+    motion = Motion(time, place, lambda t: scale * _wandering(t), (0.0, 45.0), np.array(slides), 0.02)
+    found = clock_of(motion, "here")
+    assert found.offset == pytest.approx(offset, abs=2e-3) and found.sigma is not None and found.sigma < 1e-3
+    with pytest.raises(InputError, match="here: found less than 20 samples"):
+        clock_of(Motion(time[:19], place[:19], motion.joints, (0.0, 45.0), motion.slides, 0.02), "here")
