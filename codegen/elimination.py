@@ -86,10 +86,7 @@ def factors_of(matrix: ca.SX, pivots: Pivots) -> Factors:
             for c in (c for (row, c) in list(entries) if row == i and c != j):
                 entries[r, c] = entries.get((r, c), ca.SX(0)) - factor * entries[i, c]
     stored = _Stored(inverses)
-    upper = {
-        key: entry if key in own and _same(entry, own[key]) else stored.read(entry)
-        for key, entry in entries.items()
-    }
+    upper = {key: entry if entry is own.get(key) else stored.read(entry) for key, entry in entries.items()}
     lower = {key: stored.read(factor) for key, factor in multipliers.items()}
     right = ca.SX.sym("r", n)
     solution = _solved(pivots.order, stored.symbols[: len(inverses)], lower, upper, right)
@@ -132,10 +129,6 @@ def _solved(
             rest = rest - entry * x[c]
         x[j] = rest * inverse
     return ca.vertcat(*(x[j] for j in range(len(order))))
-
-
-def _same(a: ca.SX, b: ca.SX) -> bool:
-    return a is b or bool(ca.is_equal(a, b))
 
 
 def _best(left: Array, fill: Array, rows: Sequence[int], columns: Sequence[int]) -> tuple[int, int]:
