@@ -104,6 +104,26 @@ def test_what_is_given_is_read_from_its_place() -> None:
     ] or Printer(graph, "double", {inner: "k[0]"}).statements([("r", node)]) == ["r = k[0] + y[0];"]
 
 
+def test_elimination_fills_what_it_must() -> None:
+    """A ring has no zero to keep: entries that were none come about, and are worth what elimination makes of them."""
+    n, rng = 5, np.random.default_rng(1)
+    pattern = (
+        np.eye(n, dtype=bool)
+        | np.roll(np.eye(n, dtype=bool), 1, axis=0)
+        | np.roll(np.eye(n, dtype=bool), 1, axis=1)
+    )
+    samples = np.where(pattern, rng.uniform(1.0, 2.0, (4, n, n)), 0.0) + 4.0 * np.eye(n)
+    own, matrix = ca.SX.sym("m", int(pattern.sum())), ca.SX(n, n)
+    for k, (i, j) in enumerate(np.argwhere(pattern)):
+        matrix[int(i), int(j)] = own[k]
+    found = factors_of(matrix, Pivots.of(samples, pattern))
+    values = ca.Function("f", [own], [found.values])
+    solve = ca.Function("s", [own, found.symbols, found.right], [found.solution])
+    for sample in samples:
+        x = np.asarray(solve(sample[pattern], values(sample[pattern]), np.ones(n))).ravel()
+        np.testing.assert_allclose(x, np.linalg.solve(sample, np.ones(n)), rtol=1e-12)
+
+
 @pytest.mark.parametrize("n", [1, 3, 6])
 def test_elimination_solves_a_sparse_system(n: int) -> None:
     """With few products: a matrix that is an arrow fills up only if its tip is taken first."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
+import runpy
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.stopping import stopping
+from truepose.version import VERSION
 
 SERIAL = MACHINES / "serial.yaml"
 SLIPS = {
@@ -298,3 +300,24 @@ def test_a_program_leaves_with_its_code_whatever_its_streams_are(
     out["pipe"].close()  # type: ignore[attr-defined]
     if kind != "pipe":
         os.close(read)
+
+
+@pytest.mark.usefixtures("_signals_as_before")
+@pytest.mark.parametrize("module", ["truepose", "truepose.cli"])
+def test_either_module_is_the_program(
+    module: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With one thread of linear algebra, unless somebody wants more."""
+    for name, value in (("OMP", ""), ("OPENBLAS", ""), ("MKL", "4")):
+        monkeypatch.setenv(f"{name}_NUM_THREADS", value)
+        if not value:
+            monkeypatch.delenv(f"{name}_NUM_THREADS")
+    monkeypatch.setattr("sys.argv", ["truepose", "--version"])
+    monkeypatch.delitem(
+        sys.modules, module if module == "truepose.cli" else "truepose.__main__", raising=False
+    )
+    with pytest.raises(SystemExit) as end:
+        runpy.run_module(module, run_name="__main__")
+    assert end.value.code == 0 and capsys.readouterr().out == f"truepose {VERSION}\n"
+    threads = [os.environ[f"{name}_NUM_THREADS"] for name in ("OMP", "OPENBLAS", "MKL")]
+    assert threads == ["1", "1", "4"]

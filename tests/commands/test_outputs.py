@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from typer.testing import CliRunner
@@ -195,3 +196,14 @@ def test_a_plan_is_not_written_over_what_it_is_made_from(option: str, tmp_path: 
     result = CliRunner().invoke(app, [*map(str, words)])
     assert result.exit_code == 2 and "which is read" in result.stderr
     assert read.read_text(encoding="utf-8") == "what was found"
+
+
+@pytest.mark.parametrize("kind", ["file", "directory"])
+def test_trying_a_place_leaves_no_trace(
+    kind: Literal["file", "directory"], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where a file system has no files without a name."""
+    check_place(tmp_path / "new" / "x", kind)
+    monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+    check_place(tmp_path / "new" / "x", kind)
+    assert not list(tmp_path.iterdir())

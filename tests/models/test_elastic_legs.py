@@ -91,6 +91,11 @@ def test_the_energy_of_a_rod_is_that_of_its_condensed_elements() -> None:
         u = local.T @ np.concatenate([nodes[0], small[0], nodes[1], small[1]])
         energy = number(strain_energy(CHAIN, home, now, ca.SX(500.0), ca.SX(0.0), VALUES))
         assert energy == pytest.approx(0.5 * u @ k @ u, rel=1e-9)
+        # a rod that grew is as strained as one whose far end came nearer by as much
+        nodes[1] -= 0.3 * along
+        u = local.T @ np.concatenate([nodes[0], small[0], nodes[1], small[1]])
+        energy = number(strain_energy(CHAIN, home, now, ca.SX(500.0), ca.SX(0.3), VALUES))
+        assert energy == pytest.approx(0.5 * u @ k @ u, rel=1e-9)
 
 
 def ends_of(a: Array, b: Array) -> tuple[ca.SX, ca.SX]:
