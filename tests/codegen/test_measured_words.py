@@ -122,8 +122,10 @@ def test_all_is_solved_where_every_call_is_and_nothing_else() -> None:
     assert good.solved and replace(good, cold=None).solved
     brief = replace(FAR, instructions=5)
     assert good.longest == 123456 and replace(good, refused=(brief,)).longest == 30003
-    for one in ("fk", "warm", "cold", "jac", "compensate"):
-        assert not replace(good, **{one: cost(1, (19, 1, 0, 0, 0))}).solved
+    failed = cost(1, (19, 1, 0, 0, 0))
+    assert not replace(good, fk=failed).solved and not replace(good, warm=failed).solved
+    assert not replace(good, cold=failed).solved and not replace(good, jac=failed).solved
+    assert not replace(good, compensate=failed).solved
     for accepted in (replace(FAR, code=0), replace(FAR, kept=False)):
         assert not replace(good, refused=(FAR, accepted)).solved
 

@@ -116,7 +116,7 @@ def test_elimination_fills_what_it_must() -> None:
     own, matrix = ca.SX.sym("m", int(pattern.sum())), ca.SX(n, n)
     for k, (i, j) in enumerate(np.argwhere(pattern)):
         matrix[int(i), int(j)] = own[k]
-    found = factors_of(matrix, Pivots.of(samples, pattern))
+    found = factors_of(matrix, Pivots.of(samples, pattern.astype(float)))
     values = ca.Function("f", [own], [found.values])
     solve = ca.Function("s", [own, found.symbols, found.right], [found.solution])
     for sample in samples:

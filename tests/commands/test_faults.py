@@ -211,6 +211,28 @@ def test_whatever_ends_a_program_has_its_code_and_its_words(
     assert (said.out, said.err) == ("", f"error: {told}\n" if told else "")
 
 
+@pytest.mark.parametrize(
+    ("error", "there", "said"),
+    [
+        (FileNotFoundError(2, "No such file", "x.csv"), True, "No such file"),
+        (FileNotFoundError(2, "No such file", "x.csv"), False, "found no working directory"),
+        (FileNotFoundError(2, "No such file", b"x.csv"), False, "found no working directory"),
+        (FileNotFoundError(2, "No such file"), False, "found no working directory"),
+        (FileNotFoundError(2, "No such file", str(Path.home())), False, "No such file"),
+        (PermissionError(13, "Permission denied", "x.csv"), False, "Permission denied"),
+    ],
+)
+def test_what_is_missing_may_be_the_working_directory(
+    error: OSError, there: bool, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone() -> str:
+        raise FileNotFoundError
+
+    if not there:
+        monkeypatch.setattr(os, "getcwd", gone)
+    assert faults.reason(error).startswith(said)
+
+
 @pytest.mark.parametrize(("found", "code"), [(3, 3), (0, 0), (None, 0), ("done", 0)])
 def test_what_comes_to_its_end_has_the_code_that_it_gives(found: object, code: int) -> None:
     assert faults.ended(lambda: found) == code
@@ -283,7 +305,8 @@ def test_a_program_leaves_with_its_code_whatever_its_streams_are(
     out: dict[str, object] = {"letters": io.TextIOWrapper(held, "ascii"), "none": None}
     out["pipe"] = os.fdopen(write, "w", encoding="ascii")
     monkeypatch.setattr(sys, "stdout", out[kind])
-    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    told = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", told)
     if kind == "pipe":
         os.close(read)
 
@@ -295,7 +318,7 @@ def test_a_program_leaves_with_its_code_whatever_its_streams_are(
 
     with pytest.raises(SystemExit) as end:
         faults.main(run)
-    assert end.value.code == 3 and sys.stderr.getvalue() == ""  # type: ignore[attr-defined]
+    assert end.value.code == 3 and told.getvalue() == ""
     assert held.getvalue() == (b"5 \\xb5m" if kind == "letters" else b"")
     out["pipe"].close()  # type: ignore[attr-defined]
     if kind != "pipe":

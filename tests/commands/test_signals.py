@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -16,7 +17,7 @@ from truepose.stopping import ONCE, Stopped, Stopping, stopping
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="no such signals")
 BOTH = (signal.SIGINT, signal.SIGTERM)
-USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+USUAL: dict[signal.Signals, Any] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
 
 
 @pytest.fixture
@@ -104,7 +105,7 @@ def test_what_is_turned_off_or_taken_stays_so(own: Stopping) -> None:
 def test_what_was_lost_in_a_callback_comes_again(own: Stopping) -> None:
     assert came()
     begun = time.monotonic()
-    sys.unraisablehook(SimpleNamespace(exc_type=Stopped))  # type: ignore[arg-type]
+    sys.unraisablehook(SimpleNamespace(exc_type=Stopped))
     with pytest.raises(Stopped):
         time.sleep(5.0)
     assert time.monotonic() - begun < 1.0
@@ -116,11 +117,11 @@ def test_what_else_is_lost_is_told_unless_the_end_has_begun(
     told = list[object]()
     monkeypatch.setattr(sys, "__unraisablehook__", told.append)
     lost = SimpleNamespace(exc_type=ValueError)
-    sys.unraisablehook(lost)  # type: ignore[arg-type]
-    sys.unraisablehook(SimpleNamespace(exc_type=KeyboardInterrupt))  # type: ignore[arg-type]
+    sys.unraisablehook(lost)
+    sys.unraisablehook(SimpleNamespace(exc_type=KeyboardInterrupt))
     assert told[0] is lost and len(told) == 2
     assert came()
-    sys.unraisablehook(lost)  # type: ignore[arg-type]
+    sys.unraisablehook(lost)
     assert len(told) == 2
 
 

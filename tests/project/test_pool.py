@@ -82,7 +82,7 @@ class Client:
 
 @pytest.mark.parametrize(("threads", "workers"), [({}, 1), ({"a": 1}, 1), ({"a": 2, "b": 3}, 5)])
 def test_a_cluster_works_with_all_threads_there_are(threads: dict[str, int], workers: int) -> None:
-    assert Cluster(Client(threads)).workers == workers  # type: ignore[arg-type]
+    assert Cluster(Client(threads)).workers == workers
 
 
 STATES: dict[str, tuple[Mapping[str, Any] | None, str]] = {

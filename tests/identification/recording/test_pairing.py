@@ -123,7 +123,7 @@ def test_an_angle_without_a_unit_is_in_degrees_if_it_is_more_than_a_turn(
 ) -> None:
     robot = table_in_memory({"time": TIME, header: largest * TIME / TIME[-1]}, "robot")
     motion = Pairing.of(probe(), robot).motion
-    assert motion.slides.tolist() == [slides] and motion.span == (0.0, pytest.approx(10.0))
+    assert motion.slides.tolist() == [slides] and motion.span == pytest.approx((0.0, 10.0))
     assert motion.step == pytest.approx(0.1)
     np.testing.assert_allclose(
         motion.joints(np.array([5.0, 99.0]))[:, 0], largest * factor * np.array([0.5, 1.0])

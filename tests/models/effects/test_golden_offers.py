@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import inf
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 TIME = np.linspace(0.0, 7200.0, 50)
 ELSEWHERE: Mapping[str, Array] = {
     "time": TIME,
@@ -48,7 +50,7 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
     return read_machines(tmp_path_factory.getbasetemp() / "effect_offers")
 
 
-def ends(items: Sequence[Settings], most: int = 2) -> list[Settings]:
+def ends(items: Sequence[T], most: int = 2) -> list[T]:
     """The first ones and the last of many."""
     return [*items[:most], *([items[-1]] if len(items) > most else [])]
 
@@ -62,7 +64,7 @@ def term(effect: Effect, machine: Machine, place: Place, settings: Settings) -> 
     facts += [f"twin {name} {share:.3g}" for name, share in effect.twins(settings).items()]
     facts += ["adds"] * effect.adds(settings) + ["bent"] * placed.bent
     yield f"  {placed.label}: {', '.join(facts)}; reads {', '.join(placed.drivers) or 'nothing'}"
-    for c in ends(placed.coefficients, 3):  # type: ignore[type-var]
+    for c in ends(placed.coefficients, 3):
         bounds = "" if (c.lower, c.upper) == (-inf, inf) else f" in {c.lower:.4g} to {c.upper:.4g}"
         yield f"    {c.name} of {len(placed.coefficients)}: {c.scale:.4g} {c.unit}{bounds}"
     yield f"    {effect.explain_term(machine, place, settings)}"
@@ -107,9 +109,11 @@ def signatures(machine: Machine, q: Sequence[float]) -> Iterator[str]:
     solved = Solved(symbolic_model(machine, tuple(placed)), q, session=0.8, approach=-0.7)
     names = solved.model.names
     for one in placed:
-        for c, name in ends(list(zip(one.coefficients, one.parameter_names, strict=True)), 3):  # type: ignore[type-var]
+        for c, name in ends(list(zip(one.coefficients, one.parameter_names, strict=True)), 3):
             moved = c.scale * solved.jacobian[:, names.index(name)]
-            told = " ".join(f"{v:.3e}" if abs(v) > 1e-7 * np.abs(moved).max() else "0" for v in moved)
+            told = " ".join(
+                f"{v:.3e}" if abs(v) > max(1e-7 * np.abs(moved).max(), 1e-11) else "0" for v in moved
+            )
             yield f"{name}: {told}"
 
 
