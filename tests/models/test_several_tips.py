@@ -120,3 +120,25 @@ def test_two_tips_need_columns_of_their_own(tmp_path: Path) -> None:
     text = MECHANISM + FRAMES + "sensor:\n" + one + one.replace("}}", "}, tip: right}")
     with pytest.raises(InputError, match="two sensors of different frames that read the column 'x'"):
         load_machine(two_arms.write(tmp_path, text))
+
+
+VIEWED = """schema: truepose/machine/1
+name: arm
+mechanism: {type: serial, joints: [{name: q1, kind: revolute, r: 300}, {name: q2, kind: revolute, alpha: 90, d: 200}]}
+frames:
+  base: {in: world, xyz: [10, 20, 30], rpy: [1, 2, 3]}
+  tool: {in: flange, xyz: [50, 0, 10], rpy: [0, 20, 0]}
+  mark: {in: world, xyz: [400, 100, 200], rpy: [10, 0, 40]}
+sensor: {type: pose, tip: TIP, in: FRAME, sigma: {xyz: 0.01, rot: 0.01}}
+"""
+
+
+def test_a_camera_on_the_tool_sees_a_mark_where_the_mark_would_see_the_tool(tmp_path: Path) -> None:
+    """The one pose is the inverse of the other."""
+    poses = []
+    for tip, frame in (("mark", "tool"), ("tool", "mark")):
+        file = tmp_path / f"{tip}.yaml"
+        file.write_text(VIEWED.replace("TIP", tip).replace("FRAME", frame), encoding="utf-8")
+        poses.append(seen(file, View(tip, frame), {"q1": 0.4, "q2": -0.7}))
+    np.testing.assert_allclose(poses[0] @ poses[1], np.eye(4), atol=1e-9)
+    assert np.linalg.norm(poses[0][:3, 3]) > 100.0
