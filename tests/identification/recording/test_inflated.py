@@ -96,7 +96,7 @@ def test_a_column_that_varies_might_drive_an_error() -> None:
 @pytest.mark.parametrize("dwell", [0.0, 3.0])
 def test_a_move_creeps_from_its_own_end(rows: int, dwell: float) -> None:
     """Of few rows and of many: two moves by the logarithm of each one's age, which begins ``dwell`` before the row."""
-    time, readings = 2.0 * np.arange(rows), np.zeros(rows)
+    time, readings = np.linspace(0.0, 2.0 * (rows - 1), rows), np.zeros(rows)
     readings[10:], readings[20:] = 4.0, 1.0
     found = creep_sum(time, readings, np.zeros(rows, dtype=np.int64), 0.5, dwell)
     wanted = np.zeros(rows)
