@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.report.numbers import finer, known, significant, unit_symbol
+from truepose.identification.report.numbers import NONE, finer, known, significant, unit_symbol
 
 KINDS = 3
 """Most kinds of reading that are told."""
@@ -40,7 +40,10 @@ def rms_words(rms: Mapping[str, float], units: Mapping[str, str], where: str) ->
 def _one(kind: str, before: float, after: float, unit: str, changed: bool) -> str:
     sizes = [abs(v) for v in ((before, after) if changed else (after,)) if math.isfinite(v)]
     factor, name = sensor_unit(max(sizes, default=0.0), unit)
-    told = [f"{significant(value * factor)} {unit_symbol(name)}".rstrip() for value in (before, after)]
+    told = [
+        f"{significant(value * factor)} {unit_symbol(name)}".rstrip() if known(value) else NONE
+        for value in (before, after)
+    ]
     return f"{kind}: {told[0]} before, {told[1]} after" if changed else f"{kind}: {told[1]} rms"
 
 

@@ -71,7 +71,7 @@ def uncertain(value: float, std: float, unit: str) -> str:
     """``value ± std unit``, rounded to two digits of the uncertainty."""
     if not math.isfinite(value):
         return NONE
-    if not math.isfinite(std) or std <= 0.0 or std > 1e12 * max(abs(value), 1e-300):
+    if not math.isfinite(std) or std <= 0.0 or 0.0 < 1e12 * abs(value) < std:
         return f"{measure(value, unit, 4)} (uncertainty unknown)"
     factor, name = finer(max(abs(value), std), unit)
     v, s, tail = value * factor, std * factor, unit_symbol(name)
