@@ -69,6 +69,10 @@ def test_places_of_one_driver_stand_together_with_what_is_known_of_their_laws() 
     assert load.startswith("link2, q2 and q3 give way under the load that they carry (")
     assert f"{title('joint-compliance')}: 57 % to 62 %" in load and f"{title('link-bending')}: 40 %" in load
     assert other == "q5 follows the position of other joints"
+    loose = finding("empirical", "q4", 0.0, 0.95, 1.0)
+    (clause,) = driver_clauses([*soft, loose])
+    assert clause.endswith(f"({title('joint-compliance')}: 57 % to 62 %; else a form without a name)")
+    assert driver_clauses([loose]) == ["q4 gives way under the load that it carries"]
 
 
 def test_twins_are_pooled_where_they_agree() -> None:
