@@ -69,7 +69,7 @@ def test_the_size_of_a_row_is_the_rms_of_what_it_read() -> None:
     np.testing.assert_allclose(row_sizes(residual), [np.sqrt(12.5), 3.0, 3.0, NAN, NAN])
 
 
-def fit(residual: Array, tone: Tone = "before", counts: Array | None = None) -> Drawn:
+def fit(residual: Array, tone: Tone = "before", counts: NDArray[Any] | None = None) -> Drawn:
     known = np.ones(len(residual), dtype=bool) if counts is None else np.asarray(counts, dtype=bool)
     return Drawn(tone, tone, residual, known)
 
@@ -83,7 +83,7 @@ def test_sizes_reach_as_far_as_the_rows_that_count() -> None:
     one = fit(np.array([[1.0], [2.0], [5.0], [90.0], [NAN]]), counts=np.array([1, 1, 1, 0, 1]))
     two = fit(np.array([[3.0], [0.5], [0.5], [0.5], [0.5]]), "after")
     (chart,) = size_panels([column(x)], [one, two], np.array([0, 2, 3]))
-    assert (chart.y.low, chart.y.high) == (0.0, pytest.approx(1.08 * 5.0))
+    assert chart.y.low == 0.0 and chart.y.high == pytest.approx(1.08 * 5.0)
     first, second = of(chart, Marks)
     np.testing.assert_array_equal(first.x, [0.0, 2.0, 3.0])
     np.testing.assert_array_equal(first.y, [1.0, 5.0, 90.0])
@@ -255,7 +255,7 @@ def test_a_proof_is_drawn_beside_a_black_box(
     (ends,) = of(chart, Marks)
     np.testing.assert_array_equal(ends.x, interval)
     np.testing.assert_array_equal(ends.y, [0.0, 0.0])
-    assert (chart.x.low, chart.x.high) == (0.0, pytest.approx(1.15 * top))
+    assert chart.x.low == 0.0 and chart.x.high == pytest.approx(1.15 * top)
     assert [level.value for level in of(chart, Level)] == [1.0]
 
 
@@ -336,10 +336,8 @@ def test_evidence_is_drawn_best_first_and_places_of_findings_stand_out() -> None
     assert [level.value for level in of(chart, Level)] == [0.0, pytest.approx(squeeze(3.0))]
     low, high = cast(float, chart.x.low), cast(float, chart.x.high)
     span = squeeze(29.0) - squeeze(-1.0)
-    assert (low, high) == (
-        pytest.approx(squeeze(-1.0) - 0.03 * span),
-        pytest.approx(squeeze(29.0) + 0.1 * span),
-    )
+    assert low == pytest.approx(squeeze(-1.0) - 0.03 * span)
+    assert high == pytest.approx(squeeze(29.0) + 0.1 * span)
     assert [text for _, text in chart.x.ticks] == ["\u22121", "0", "3", "10"]
     only = evidence_map({"q1": -400.0, "q2": 0.5}, set())
     assert len(of(only, Bars)) == 1
@@ -379,7 +377,7 @@ def test_a_function_is_drawn_with_its_95_per_cent_band_and_what_rows_say() -> No
     assert marks.by_row and (chart.title, chart.x.title) == ("displacement of q1", "q1 [°]")
     low, high = -0.98, 20.98
     room = 0.08 * (high - low)
-    assert (chart.y.low, chart.y.high) == (pytest.approx(low - room), pytest.approx(high + room))
+    assert chart.y.low == pytest.approx(low - room) and chart.y.high == pytest.approx(high + room)
     empty = np.zeros(0)
     (scattered,) = curve_charts([curve(x=empty, y=empty, std=empty, rows=rows, fitted=np.array([2.0, 8.0]))])
     assert not of(scattered, Band) and not of(scattered, Line)
@@ -402,7 +400,7 @@ def test_a_scale_of_rows_leaves_out_the_wildest() -> None:
     (flat,) = curve_charts(
         [curve(x=np.zeros(0), y=np.zeros(0), std=np.zeros(0), rows=nothing, measured=measured)]
     )
-    assert (flat.y.low, flat.y.high) == (-1.0, 1.0)
+    assert flat.y.low == -1.0 and flat.y.high == 1.0
 
 
 @pytest.mark.parametrize(("columns", "texts"), [(8, True), (9, False)])

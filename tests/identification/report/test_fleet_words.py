@@ -7,7 +7,7 @@ import io
 import re
 from dataclasses import replace
 from html import unescape
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -212,7 +212,7 @@ def test_frequencies_are_drawn_in_per_cent_beside_what_was_expected() -> None:
     np.testing.assert_array_equal(line.y, [0, 0, 0, 1, 1, 1])
     for marks in (before, value):
         np.testing.assert_array_equal(marks.y, [0.0, 1.0])
-    assert (chart.x.low, chart.x.high) == (0.0, pytest.approx(52.5))
+    assert chart.x.low == 0.0 and chart.x.high == pytest.approx(52.5)
     assert list(chart.y.names) == ["backlash", "e2 at q1"]
     (one_line,) = [
         chart for block in effect_blocks(fleet()) if isinstance(block, Charts) for chart in block.charts
@@ -262,7 +262,7 @@ def test_columns_that_say_the_same_of_all_are_left_out() -> None:
         "-",
     ]
     assert mixed.rows[0][1] == "anywhere"
-    head, first, second = csv.reader(io.StringIO(cast(str, mixed.csv)))
+    head, first, second = csv.reader(io.StringIO(mixed.csv))
     assert len(head) == len(first) == len(second) == 13
     assert first == [
         "backlash",
@@ -281,7 +281,7 @@ def test_columns_that_say_the_same_of_all_are_left_out() -> None:
     ]
     assert second == ["e2", "q1+q2", "parallel", "100", "0.4", "0.3", "0.5", "0.05", "", "", "", "", ""]
     sized = table(replace(SEEN, amount=None))
-    assert list(csv.reader(io.StringIO(cast(str, sized.csv))))[1][8:] == ["0.1", "0.08", "0.12", "", "1.5"]
+    assert list(csv.reader(io.StringIO(sized.csv)))[1][8:] == ["0.1", "0.08", "0.12", "", "1.5"]
 
 
 def test_tolerances_are_drawn_beside_what_is_stated() -> None:

@@ -58,7 +58,7 @@ def open_one(effect: str = "backlash", probability: float = 0.6, **more: Any) ->
 
 def test_what_is_no_calibration_is_looked_at_first() -> None:
     assert steps(diagnosis("missing-physics", open_one(), applied=WHOLE), calibrated=False) == [CHECK]
-    machine = cast(Machine, diagnosis("adequate").machine)
+    machine = diagnosis("adequate").machine
     assert after_calibration(machine, OUT, calibrated=False, doubtful=False) == [CHECK]
     use = "truepose codegen out/calibrated.yaml -o controller"
     assert after_calibration(machine, OUT, calibrated=True, doubtful=False) == [f"next: {use}"]

@@ -414,13 +414,13 @@ def test_constants_have_the_digits_that_are_known(machine: Machine) -> None:
     frame = fit.to_frame().set_index("parameter")
     assert table.caption.startswith("The constants that x.yaml holds. 1 sigma:")
     for name, _, value, std, *_ in rows(table):
-        known = frame.loc[name]
-        if np.isfinite(known["std"]):
-            assert float(value) == pytest.approx(known["value"], abs=0.01 * known["std"])
-            assert len(value.partition(".")[2]) <= 2 - np.floor(np.log10(known["std"])) + 1e-9
-            assert std == significant(float(known["std"]), 2)
+        there, known = (float(frame[key].to_dict()[name]) for key in ("value", "std"))
+        if np.isfinite(known):
+            assert float(value) == pytest.approx(there, abs=0.01 * known)
+            assert len(value.partition(".")[2]) <= 2 - np.floor(np.log10(known)) + 1e-9
+            assert std == significant(known, 2)
         else:
-            assert std == "∞" and value == ("0" if abs(known["value"]) < 1e-9 else f"{known['value']:.6g}")
+            assert std == "∞" and value == ("0" if abs(there) < 1e-9 else f"{there:.6g}")
     averaged = of(constants_blocks(fit, "x.yaml", averaged=True), Table)[0]
     assert "They are averages over all explanations that the readings allow" in averaged.caption
 

@@ -157,15 +157,11 @@ def test_nothing_known_well_is_not_drawn_and_constants_without_a_truth_are_left_
         and len(table.rows) == 1
         and table.rows[0][0].startswith("rms error of parameters, all (")
     )
-    for nothing in (
-        {"parameters": {}},
-        {"parameters": None},
-        {"parameters": {"no such name": {"value": 1.0}}},
-    ):
-        assert len(blocks(diagnosis, {**nothing})) == 1
+    for nothing in ({}, None, {"no such name": {"value": 1.0}}):
+        assert len(blocks(diagnosis, {"parameters": nothing})) == 1
     name = next(iter(cast("dict[str, object]", truth["parameters"])))
-    one = {"parameters": {name: cast("dict[str, object]", truth["parameters"])[name]}}
-    _, table = blocks(diagnosis, one)
+    one = {name: cast("dict[str, object]", truth["parameters"])[name]}
+    _, table = blocks(diagnosis, {"parameters": one})
     assert isinstance(table, Table) and table.rows[0][0] == "rms error of parameters, all (1)"
 
 
