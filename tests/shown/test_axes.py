@@ -276,7 +276,12 @@ def test_level_bars_have_their_numbers_beside_or_where_there_is_no_room_inside()
 
 def test_levels_and_strips_go_through_the_whole_chart_below_everything_else() -> None:
     x, axis = np.array([0.0, 4.0]), Axis("", 0.0, 4.0)
-    layers = [Line(x, x, "ink"), Level(1.0, "y", dashed=False), Level(3.0, "x"), Span(1.0, 2.0, "free")]
+    layers: list[Layer] = [
+        Line(x, x, "ink"),
+        Level(1.0, "y", dashed=False),
+        Level(3.0, "x"),
+        Span(1.0, 2.0, "free"),
+    ]
     root = drawn(*layers, x=axis, y=axis)
     left, top, floor, right = frame(root)
     quarter = (right - left) / 4
