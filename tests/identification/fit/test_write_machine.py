@@ -12,6 +12,10 @@ import pandas as pd
 import pytest
 
 from support import MACHINES
+from support.exact_fits import fit_at
+from support.exact_fits import read as read_exactly
+from support.graph_machines import machine_of, spread
+from support.moving_machines import record
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.write_machine import calibrated_document, write_calibrated
 from truepose.identification.prediction.covariance import Covariance
@@ -161,3 +165,18 @@ def test_an_unknown_direction_is_kept_apart() -> None:
     covariance = Covariance.of_tolerances(["a", "b"], np.array([0.5, np.inf]))
     std = covariance.std(np.array([[2.0, 0.0], [0.0, 1.0]]), np.ones(2))
     assert std.tolist() == [1.0, np.inf]
+
+
+def test_a_tool_that_a_shorthand_implies_is_written_out(tmp_path: Path) -> None:
+    """Each of its six constants in its place, whatever a fit found of it."""
+    machine = machine_of("hybrid")
+    poses = record(machine, spread("hybrid", 6))
+    size = len(machine.parameters)
+    away = 1e-3 * np.random.default_rng(3).normal(size=size) * np.array([p.free for p in machine.parameters])
+    fit = fit_at(machine, read_exactly(machine, poses, []), [], away)
+    write_calibrated(tmp_path / "calibrated.yaml", fit, poses)
+    again = load_machine(tmp_path / "calibrated.yaml")
+    assert [p.name for p in again.parameters] == [p.name for p in machine.parameters]
+    np.testing.assert_allclose([p.nominal for p in again.parameters], fit.p[:size], rtol=1e-9, atol=1e-12)
+    tolerances = [p.tolerance for p in machine.parameters]
+    np.testing.assert_allclose([p.tolerance for p in again.parameters], tolerances, rtol=1e-9, atol=1e-15)
