@@ -10,7 +10,7 @@ import pytest
 from drifting_arm.arm import machine_text
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.special import softmax
+from scipy.special import expit, softmax
 from scipy.stats import multivariate_normal
 
 from support.stacked_sessions import KINDS, SIGMA_STEPS, covariance_of, likeliest_of, plain, stacked
@@ -24,7 +24,7 @@ from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import sample
 from truepose.identification.posterior.spike_slab import Members
-from truepose.identification.posterior.state import LOUDER, log_posterior
+from truepose.identification.posterior.state import LOUDER, log_posterior, slot_odds
 from truepose.identification.prior import RICHNESS
 from truepose.models.load import load_machine
 
@@ -117,6 +117,19 @@ def test_the_grid_holds_the_stated_noise_and_what_is_left_when_nothing_moves(rms
     assert unknowns.widening[0] == (1.0,) * 3 and unknowns.size.values == (0.0,)  # no smooth remainder
 
 
+def test_what_is_left_when_nothing_moves_is_held_by_tolerances() -> None:
+    """Of parameters that are hardly seen, and would have to leave their tolerances to explain the readings."""
+    stack = stacked(6)
+    faint = 0.02 * stack.jacobian
+    far = replace(stack, jacobian=faint, offset=faint @ (300.0 * SIGMA_STEPS))
+    whole = np.vstack([faint.reshape(-1, 3), np.diag(1.0 / SIGMA_STEPS)])
+    right = np.append(far.offset.ravel(), np.zeros(3))
+    still = right - whole @ np.linalg.lstsq(whole, right)[0]
+    largest = 1.3 * np.linalg.norm(still) / np.sqrt(stack.n_observations)
+    noise = movement_problem(far, KINDS).unknowns.noise[0].values
+    assert largest > 4.0 and largest * (1 - 1e-9) <= noise[-1] < largest * np.exp(0.1)
+
+
 def test_frames_go_first_where_they_explain_as_much() -> None:
     """A part and a frame that show alike: the frame is named, and the part beside it as alike."""
     rng = np.random.default_rng(7)
@@ -174,7 +187,9 @@ def test_what_no_session_sees_keeps_its_prior() -> None:
     assert stack.visible.tolist() == [True, True, False]
     found = movement_posterior(likeliest(stack, KINDS), KINDS)
     assert found.likeliest.moved == (1,) and found.gain[1] > 3.0 and found.gain[2] == 0.0
-    assert 0.0 < found.probability[2] < 0.5
+    # its odds are those of a first member: nine in ten of which are of frames, here of this one
+    odds = slot_odds(RICHNESS, 0) + np.log(0.9)
+    assert found.probability[2] == pytest.approx(expit(odds), rel=1e-6)
 
 
 def test_tolerances_of_parts_may_be_wrong_and_what_has_none_decides_nothing() -> None:
