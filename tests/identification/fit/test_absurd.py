@@ -182,6 +182,21 @@ def test_a_misfit_is_absurd_only_beyond_sigma_and_beyond_what_tolerances_make(
         assert strict.sigmas > strict.expected and strict.rms["position"][1] == "mm"
 
 
+def test_what_tolerances_allow_does_not_hang_on_the_steps_in_which_constants_are_counted(
+    fitted: tuple[Machine, Recording, Estimate],
+) -> None:
+    """Nor is it anything but the sum over constants, each by its tolerance."""
+    _, _, fit = fitted
+    large = replace(fit, residual=fit.residual * 1e6)
+    told = judged(large).misfit
+    assert told is not None
+    steps, scale = 2.0 ** np.arange(-2, len(fit.prior.free) - 2), fit.prior.scale.copy()
+    scale[fit.prior.free] *= steps
+    factor = np.hstack([fit.factor[:, :-1] * steps, fit.factor[:, -1:]])
+    other = judged(replace(large, prior=replace(fit.prior, scale=scale), factor=factor)).misfit
+    assert other is not None and other.expected == pytest.approx(told.expected, rel=1e-9)
+
+
 def _wider(machine: Machine) -> Mechanism:
     wide = tuple(replace(p, tolerance=100 * p.tolerance) for p in machine.mechanism.parameters)
     return replace(machine.mechanism, parameters=wide)
