@@ -19,6 +19,7 @@ from support.effect_machines import read_machines
 from support.exact_fits import fit_at, posed, read
 from support.examples import examples
 from support.moving_machines import record, written
+from support.reports import arm, fitted, recorded
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
@@ -268,3 +269,26 @@ def test_a_rows_error_is_that_of_the_points_that_were_read(machines: Mapping[str
         assert kind == "position"
         assert float(value) * {"mm": 1.0, "µm": 1e-3}[unit] == pytest.approx(size, rel=6e-3)
     assert error_words(fit.machine, fit, 5) == "position not read"
+
+
+def test_of_a_long_recording_a_hundred_and_fifty_poses_and_fifteen_hundred_points_are_drawn(
+    tmp_path: Path,
+) -> None:
+    """Those of the first row and of the last among them; the pose that is shown first is the one that fits worst."""
+    machine = arm(tmp_path)
+    for rows, poses, points in ((150, 150, 150), (151, 150, 151), (1600, 150, 1500)):
+        recording = recorded(machine, rows)
+        fit = fitted(machine, recording)
+        residual = fit.residual.copy()
+        residual[rows // 2] *= 30.0
+        residual[rows - 1] *= 300.0  # a row for validation
+        scene = scene_of(replace(fit, residual=residual), None, recording, [])
+        assert scene is not None
+        data = scene.data
+        assert len(data["poseRows"]) == poses and len(data["pointRows"]) == points
+        for key in ("poseRows", "pointRows"):
+            assert data[key][0] == 0 and data[key][-1] == rows - 1
+        some = f"150 of its {rows:,} recorded poses" if rows > 150 else "its 150 recorded poses"
+        assert f"arm at {some}, drawn by its own kinematics" in scene.told
+        worst = data["poseRows"][data["first"]]
+        assert fit.used[worst] and (worst == rows // 2 or rows > 150)
