@@ -34,7 +34,7 @@ def jacobian() -> Array:
     """Of readings that see the directions of the turn alone, and nothing of one plain entry without a tolerance."""
     by_steps = np.random.default_rng(5).normal(size=(40, 10))
     by_steps[:, 3] = 0.0
-    return by_steps @ TURN.matrix.toarray().T
+    return np.asarray(by_steps @ TURN.matrix.toarray().T)
 
 
 def test_a_turn_and_its_rest_are_all_directions() -> None:

@@ -141,6 +141,7 @@ def test_what_was_read_stands_in_the_recording_and_what_was_left_out_refers_to_i
     found = lengths.with_lengths(rows, lengths.ReadLengths(change, np.ones(4), out, ("said",)))
     assert found.from_row is not None
     assert found.from_row.tolist() == [0, 0, 2, 2]
+    assert not found.from_row.flags.writeable and not found.observations["dL"].flags.writeable
     assert found.observations["dL"].tolist() == change.tolist() and found.notes == (*rows.notes, "said")
 
 
