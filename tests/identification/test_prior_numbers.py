@@ -1,0 +1,172 @@
+"""The table of prior numbers: laws that any such numbers keep, and the figures that docs/topics/method.md promises of them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import comb
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truepose.identification import prior
+from truepose.identification.diagnosis.rivals import held_probability
+from truepose.identification.fit.tolerance_classes import PartClass, tolerance_cost, widenings
+from truepose.identification.posterior.design import Unknowns
+from truepose.identification.prior import Doubt, Richness, Sizes, beyond_usual, noise_log_prior, slab
+
+PLAIN = (((1.0,),), (0.0,))
+"""Tolerances as stated, and nothing else."""
+
+
+def grid(rms: float, remainder: float = 0.0) -> Unknowns:
+    return Unknowns.over(1, rms, PLAIN, remainder)
+
+
+# -- how many -----------------------------------------------------------------------------------------------------
+
+
+def test_simple_usual_and_rich_machines_are_expected_to_have_as_many_effects_as_promised() -> None:
+    """A half, two and seven, in 32 slots; one of these machines it is."""
+    expected = prior.RICHNESS.slots * np.array(prior.RICHNESS.filled)
+    np.testing.assert_allclose(expected, [0.5, 2.0, 7.0], rtol=0.05)
+    assert prior.RICHNESS.slots == 32
+    assert np.sum(np.exp(prior.RICHNESS.log_prior)) == pytest.approx(1.0)
+    assert list(prior.RICHNESS.log_prior) == sorted(prior.RICHNESS.log_prior, reverse=True)
+
+
+@pytest.mark.parametrize("richness", [prior.RICHNESS, Richness((0.1, 0.7), (-0.3, -1.4), 5)])
+def test_slots_are_filled_as_in_draws_of_each_level(richness: Richness) -> None:
+    """Sets of every number weigh what the levels' binomials say, and one more slot what is left of it."""
+    levels = np.exp(richness.log_prior)
+    p, n = np.array(richness.filled), richness.slots
+    for k in range(n + 1):
+        by_level = levels * p**k * (1.0 - p) ** (n - k)
+        np.testing.assert_allclose(np.exp(richness.log_weights(k)), by_level, rtol=1e-9)
+        assert np.exp(richness.log_totals[k]) == pytest.approx(float(by_level.sum()))
+    for k in range(n):
+        more, same = (float(np.sum(levels * p**j * (1.0 - p) ** (n - j))) for j in (k + 1, k))
+        assert richness.slot(k) == pytest.approx(np.log(more / same))
+    total = sum(comb(n, k) * np.exp(richness.log_totals[k]) for k in range(n + 1))
+    assert total == pytest.approx(float(levels.sum()))
+    assert len(richness.log_totals) == n + 2
+
+
+@given(st.floats(-4.0, 4.0))
+def test_a_factor_on_the_odds_of_a_slot_is_one_at_every_level(log_factor: float) -> None:
+    richness = prior.RICHNESS.scaled(log_factor)
+    before, after = (np.array(r.filled) / (1.0 - np.array(r.filled)) for r in (prior.RICHNESS, richness))
+    np.testing.assert_allclose(np.log(after / before), log_factor, atol=1e-9)
+    assert (richness.log_prior, richness.slots) == (prior.RICHNESS.log_prior, prior.RICHNESS.slots)
+
+
+# -- how large ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("sizes", "smallest", "largest", "rarer"),
+    [
+        (prior.SIZES, 1e-3, 10.0, 2.0),
+        (prior.MOVEMENT_SIZES, 1e-5, 100.0, 1.0),
+        (slab(0.1, 1000.0, 3.0), 0.1, 1000.0, 3.0),
+    ],
+)
+def test_sizes_are_alike_up_to_the_largest_usual_one_and_fall_by_a_power_beyond(
+    sizes: Sizes, smallest: float, largest: float, rarer: float
+) -> None:
+    """Two of them a decade: ten times larger is a hundred times rarer for effects, ten times for movements."""
+    values, shares = sizes.values, np.exp(sizes.log_prior)
+    assert (values[0], values[-1]) == pytest.approx((smallest, largest))
+    np.testing.assert_allclose(values[2:] / values[:-2], 10.0)
+    assert np.sum(shares) == pytest.approx(1.0)
+    usual = values <= 1.0 + 1e-9
+    np.testing.assert_allclose(shares[usual], shares[0])
+    np.testing.assert_allclose(shares[~usual] / shares[0], values[~usual] ** -rarer)
+
+
+@pytest.mark.parametrize(("size", "times"), [(0.0, 1.0), (0.3, 1.0), (1.0, 1.0), (3.0, 9.0), (10.0, 100.0)])
+def test_beyond_the_largest_usual_size_an_effect_is_rarer_by_its_square(size: float, times: float) -> None:
+    assert beyond_usual(size) == pytest.approx(times)
+
+
+# -- how good stated numbers are ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("doubt", [prior.SIGMA_DOUBT, prior.RATIO_DOUBT, Doubt(0.2, 0.5, 3.0)])
+def test_a_doubt_is_two_normals_in_the_log(doubt: Doubt) -> None:
+    """Moments of the mixture, by sums over its density."""
+    step = np.linspace(-40.0, 40.0, 80_001)
+    density = np.exp(doubt.log_prior(step)) / np.sqrt(2.0 * np.pi) * (step[1] - step[0])
+    right, narrow, wide = doubt.right, doubt.narrow, doubt.wide
+    moments = [float(np.sum(density * step**k)) for k in (0, 1, 2)]
+    np.testing.assert_allclose(
+        moments, [1.0, 0.0, right * narrow**2 + (1.0 - right) * wide**2], rtol=1e-6, atol=1e-9
+    )
+
+
+def test_kinds_of_reading_are_off_by_one_factor_rather_than_each_by_its_own() -> None:
+    """They come from one instrument: a ratio of one is no less sure than a sigma that is right, far ones are rarer."""
+    sigma, ratio = prior.SIGMA_DOUBT, prior.RATIO_DOUBT
+    assert ratio.log_prior(0.0) >= sigma.log_prior(0.0)
+    assert ratio.log_prior(2.0) < sigma.log_prior(2.0)
+    assert ratio.right > 0.5
+
+
+@pytest.mark.parametrize("rms", [0.3, 1.0, 5.0, 40.0])
+def test_the_grid_of_noise_holds_what_is_stated_and_what_the_misfit_would_need(rms: float) -> None:
+    """In steps no longer than what a stated sigma is right to; a sigma may be stated too large, but not by much."""
+    (axis,) = grid(rms).noise
+    steps = np.log(axis.values)
+    assert np.min(np.abs(steps)) < 0.05
+    assert max(2.0, 1.3 * rms) <= axis.values[-1] < 1.3 * max(2.0, 1.3 * rms)
+    assert all(0.0 < b - a < prior.SIGMA_DOUBT.narrow + 1e-9 for a, b in pairwise(steps))
+    assert 0.5 <= axis.values[0] < 1.0
+    np.testing.assert_allclose(axis.log_prior, prior.SIGMA_DOUBT.log_prior(steps))
+    assert axis.log_prior == noise_log_prior(axis.values)
+
+
+@pytest.mark.parametrize("rms", [0.4, 1.0, 3.0, 17.0])
+def test_a_remainder_is_nothing_or_up_to_twice_the_misfit_as_likely_either_way(rms: float) -> None:
+    sizes = grid(1.0, rms).size
+    assert sizes.values[0] == 0.0
+    assert sizes.values[1] == 0.25 and rms < sizes.values[-1] <= 2.0 * rms + 0.5
+    np.testing.assert_allclose(np.diff(np.log(sizes.values[1:])), np.log(2.0))
+    assert np.exp(sizes.log_prior[0]) == pytest.approx(0.5)
+    np.testing.assert_allclose(np.exp(sizes.log_prior[1:]), 0.5 / (len(sizes.values) - 1))
+    assert grid(1.0).size.values == (0.0,) and grid(1.0).size.log_prior == (0.0,)
+
+
+def test_tolerances_are_half_as_stated_twice_or_four_times_as_wide() -> None:
+    """Too narrow ones may be those of a kind alone, too wide ones only those of all."""
+    classes = (PartClass("length"), PartClass("angle"))
+    rows, log_prior = widenings(classes)
+    assert {factor for row in rows for factor in row} == {0.5, 1.0, 2.0, 4.0}
+    assert [row for row in rows if 0.5 in row] == [(0.5, 0.5)]
+    assert rows[0] == (1.0, 1.0) and log_prior[0] == 0.0
+    one_sigma = float(np.exp(prior.TOLERANCE_DOUBT))
+    assert tolerance_cost((one_sigma,) * 2, classes) == pytest.approx(0.5)
+    assert 1.5 < one_sigma < 2.0  # a tolerance stated half as wide as it should be is unusual, and no wonder
+
+
+# -- names and what has none --------------------------------------------------------------------------------------
+
+
+def test_what_is_not_tested_against_its_rivals_is_no_surer_than_promised() -> None:
+    """0.77 where nothing without a name is there; as likely as not beside something that has none."""
+    untested = np.zeros((0, 1 + len(prior.OFF_FORM)))
+    assert held_probability(untested, prior.ONLY_ALIKE) == pytest.approx(0.77, abs=0.005)
+    assert held_probability(untested, prior.PART_OF_IT) == pytest.approx(0.5)
+    assert prior.UNNAMED_SHARE == 0.2 and prior.FORM_ERROR == 0.1
+    # a poor formula is off by more than formulas are, another thing by more still, and never by more than all
+    assert prior.FORM_ERROR < prior.OFF_FORM[0] < prior.OFF_FORM[1] < prior.OFF_FORM[2] == 1.0
+
+
+@pytest.mark.parametrize(("weight", "number"), [(prior.URN, 4.0), (prior.ALIKE, 1.0)])
+def test_urns_begin_with_as_many_draws_as_promised(weight: float, number: float) -> None:
+    assert weight == number
+
+
+def test_a_fleet_moves_odds_and_sizes_by_the_factors_that_are_promised() -> None:
+    """docs/topics/fleet-prior.md: effects scatter by 1.5 in the log, places of one effect by 1."""
+    assert (prior.FLEET_ODDS, prior.FLEET_PLACES) == (1.5, 1.0)
