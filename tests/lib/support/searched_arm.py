@@ -12,7 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.search import Found, search
+from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.posterior.mode import nearest_top
+from truepose.identification.posterior.posterior import Posterior
+from truepose.identification.posterior.state import State, best_point
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -78,6 +82,34 @@ class Case:
     def found(self, exclude: NDArray[np.bool_] | None = None) -> Found:
         left_out = self.exclude if exclude is None else exclude
         return search(self.signatures, self.cat, self.null, left_out, self.rms).found()
+
+    def holding(self, *labels: str) -> Found:
+        """Without a search: the fit with these candidates, and the state of them as all that was visited."""
+        machine, recording = self.signatures.machine, self.signatures.recording
+        number = {c.label: i for i, c in enumerate(self.cat.candidates)}
+        held = [number[label] for label in labels]
+        fit = estimate(machine, recording, [self.cat.candidates[i] for i in held])
+        lin = self.signatures.linearise(fit)
+        problem = selection_problem(lin, self.cat, self.rms)
+        slab = problem.spike_slab
+        usual = int(np.argmin(np.abs(np.log(slab.sizes.values))))
+        members = tuple(sorted((problem.candidates.index(i), usual) for i in held))
+        mode = State(members, nearest_top(slab, best_point(slab), members), 0.0)
+        there = np.isin(np.arange(len(problem.causes)), slab.terms.cause[[t for t, _ in members]]).astype(
+            float
+        )
+        posterior = Posterior({}, there, np.diag(there), ((mode, 1.0),), ((mode.point, 1.0),), 0.0, 640)
+        alone, bare = np.zeros(len(self.cat.candidates)), self.signatures.linearise(self.null).bare()
+        own = dict.fromkeys(held, 1.0), fit, lin, self.signatures, self.cat
+        return Found(problem, posterior, mode, *own, alone, bare)
+
+
+@cache
+def held(*truth: str) -> tuple[Case, Found]:
+    """The case of these effects and the state of them, without a search; once for all tests: nobody changes either."""
+    with tempfile.TemporaryDirectory() as folder:
+        case = Case.of(Path(folder), *truth)
+        return case, case.holding(*(text.partition(":")[0] for text in truth))
 
 
 @cache
