@@ -9,17 +9,23 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
+from scipy.special import logit
+from scipy.stats import norm
 
 from support.searched_arm import PLAY, SCALE, Case, searched
+from support.searched_arm import held as held_case
 from truepose.identification import prior
 from truepose.identification.diagnosis import rivals
 from truepose.identification.diagnosis.rivals import forms_hold
 from truepose.identification.diagnosis.search import Found
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 
+Array = NDArray[np.float64]
 UNTESTED = 1.0 / (1.0 + prior.ONLY_ALIKE)
 
 
@@ -102,3 +108,113 @@ def test_a_name_larger_than_its_physics_costs_what_its_prior_says(times: float) 
     (like,) = forms_hold(grown, 0.0, [name])
     assert like.itself == pytest.approx(1.0 / (1.0 + prior.ONLY_ALIKE * times**prior.RARER))
     assert prior.beyond_usual(0.2) == 1.0
+
+
+# -- the sum over rivals ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("odds", [0.3, 1.0, 20.0])
+@pytest.mark.parametrize("bent", [0.0, 0.05, 0.3, 0.9])
+@pytest.mark.parametrize("sources", [1, 4])
+def test_a_name_holds_as_likelihoods_of_it_and_of_other_things_say(
+    sources: int, bent: float, odds: float
+) -> None:
+    """Its formula is poor with a known probability; another thing is off by more, along any source as likely.
+
+    Terms that bend a formula are one source more, with the density of that bend in place of a gain.
+    """
+    gains = np.random.default_rng(sources).normal(0.0, 2.0, (sources, len(prior.OFF_FORM)))
+    likely = np.exp(gains)
+    if bent:
+        usual = norm.pdf(bent, scale=prior.FORM_ERROR)
+        likely = np.vstack([likely, [norm.pdf(bent, scale=share) / usual for share in prior.OFF_FORM]])
+    poor, *others = likely.mean(axis=0)
+    itself = (1.0 - prior.POOR) + prior.POOR * poor
+    expected = itself / (itself + odds * np.mean(others))
+    assert rivals.held_probability(gains, odds, bent) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(("gain", "held"), [(1e4, 0.0), (-1e4, 1.0)])
+def test_however_clear_it_is_a_probability_is_told(gain: float, held: float) -> None:
+    with np.errstate(over="raise", invalid="raise"):
+        found = rivals.held_probability(np.full((3, len(prior.OFF_FORM)), gain) * [0.0, 1.0, 1.0], 0.3)
+    assert found == pytest.approx(held, abs=1e-100)
+
+
+@pytest.mark.parametrize("nameless", [0.0, 0.25, 1.0])
+def test_a_part_of_something_without_a_name_is_likelier_than_a_thing_that_is_only_like_it(
+    nameless: float,
+) -> None:
+    _, found = held_case(PLAY)
+    lin = replace(found.linearisation, bent=((-1,),))
+    (like,) = forms_hold(replace(found, linearisation=lin), nameless, [list(found.accepted)])
+    odds = (1.0 - nameless) * prior.ONLY_ALIKE + nameless * prior.PART_OF_IT
+    size = float(np.abs(lin.departure[lin.free + np.array(lin.indices(list(found.accepted)))])[0])
+    assert like.itself == pytest.approx(1.0 / (1.0 + odds * prior.beyond_usual(size)))
+
+
+def test_the_size_of_a_name_is_that_of_its_terms_together() -> None:
+    """The root mean square over all their coefficients: two of five times the usual size, or one alone."""
+    _, found = held_case(PLAY, SCALE)
+    lin, name = found.linearisation, list(found.accepted)
+    departure = lin.departure.copy()
+    for sizes in ((5.0, 5.0), (7.0, 1.0)):
+        departure[lin.free + np.array(lin.indices(name))] = sizes
+        grown = replace(found, linearisation=replace(lin, departure=departure, bent=((-1,),)))
+        (like,) = forms_hold(grown, 0.0, [name])
+        assert like.itself == pytest.approx(1.0 / (1.0 + 0.3 * 25.0))
+
+
+def test_modulated_signals_are_weighed_as_readings_written_out() -> None:
+    """Columns of the signal times the polynomials of each joint but its own, at the noise that suits each best.
+
+    Off by a share s, a source's polynomials carry s of the signal in all rows together.
+    """
+    case, found = held_case(PLAY, SCALE)
+    name = [i for i in found.accepted if found.catalogue.cause(i).effect == "actuator-scale"]
+    lin, slab, mode = found.linearisation, found.problem.spike_slab, found.mode
+    (like,) = forms_hold(found, 0.0, [name])
+    fit, recording = found.fit, case.signatures.recording
+    rows = np.vstack(list(found.signatures.blocks(fit)))
+    j, g, r = rows[:, : lin.free], rows[:, lin.free : -1], rows[:, -1]
+    e = np.column_stack([j, g]) @ lin.departure[: lin.free + g.shape[1]] - r
+    columns, sizes = slab.columns(mode.members)
+    tolerances = 1.0 / lin.weight
+    widening = dict(zip(found.problem.classes, slab.unknowns.widening[mode.point.widening], strict=True))
+    known = j * tolerances * [widening[part] for part in lin.parts]
+    bends = polynomials(recording.q, fit.used)
+    total = np.sqrt(np.mean(np.sum(np.hstack(bends) ** 2, axis=1)))
+
+    def signal(candidate: int) -> Array:
+        at = lin.indices([candidate])
+        return np.asarray(g[:, at] @ lin.departure[lin.free + np.array(at)])
+
+    # what the fit's effects err by anyway: a tenth of each signal, along all sources together
+    tenth = prior.FORM_ERROR / total
+    errors = np.hstack(
+        [tenth * np.repeat(bend, 3, axis=0) * signal(i)[:, None] for i in found.accepted for bend in bends]
+    )
+    always = known @ known.T + (g[:, columns] * sizes**2) @ g[:, columns].T + errors @ errors.T
+    assert slab.unknowns.size.values[mode.point.remainder] == 0.0
+
+    def density(more: Array, point: GridPoint) -> float:
+        noise = float(slab.unknowns.scales(point)[0])
+        spread = noise**2 * np.eye(len(e)) + always + more @ more.T
+        own = -0.5 * (np.linalg.slogdet(spread)[1] + e @ np.linalg.solve(spread, e))
+        return float(own + slab.unknowns.log_prior(point))
+
+    points = [mode.point.louder(step) for step in (0, -2, -4, -8)]
+    (other,) = (k for k, joint in enumerate(recording.joints) if joint != "q1")
+    bend = np.repeat(bends[other], 3, axis=0) * signal(name[0])[:, None] * np.sqrt(len(bends)) / total
+    plain, *bent = (max(density(share * bend, point) for point in points) for share in (0.0, *prior.OFF_FORM))
+    size = float(np.abs(lin.departure[lin.free + np.array(lin.indices(name))])[0])
+    expected = rivals.held_probability(np.array([bent]) - plain, prior.ONLY_ALIKE * prior.beyond_usual(size))
+    # directions of errors of form that say next to nothing are left out
+    assert logit(like.itself) == pytest.approx(logit(expected), abs=0.02)
+    assert like.tested
+
+
+def polynomials(q: Array, used: NDArray[np.bool_]) -> list[Array]:
+    """(n, 2) the first two Chebyshev polynomials of each joint over what was seen."""
+    t = 2.0 * (q - q[used].min(axis=0)) / np.ptp(q[used], axis=0) - 1.0
+    return [np.column_stack([own, 2.0 * own**2 - 1.0]) for own in t.T]
