@@ -14,7 +14,7 @@ import pytest
 from support.searched_arm import Case
 from truepose.identification.diagnosis.findings import finding
 from truepose.identification.diagnosis.naming import summarised
-from truepose.identification.diagnosis.posterior_summary import Named, Rival
+from truepose.identification.diagnosis.posterior_summary import SHOWN, Named, Rival
 from truepose.identification.diagnosis.result import Levels
 from truepose.identification.diagnosis.rivals import beside_untested, without_untested
 from truepose.identification.diagnosis.search import Found
@@ -23,8 +23,10 @@ from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.level_words import driver_clauses
 from truepose.identification.report.untestable_words import untestable_lines
-from truepose.identification.signatures.untestable import GRAVITY, Untestable
+from truepose.identification.signatures.signatures import Signatures
+from truepose.identification.signatures.untestable import GRAVITY, Untestable, places_of
 from truepose.models.effect_text import parse_effect
+from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.placed import EffectAtPlace
 
@@ -139,3 +141,112 @@ def test_what_a_line_would_make_testable_is_told_first() -> None:
         "joint-compliance and gravity-sag: no `gravity:` in the machine file; add `gravity: [0, 0, -9.80665]`",
         "backlash: no approach.q1 column",
     ]
+
+
+@pytest.mark.parametrize("curve", [False, True])
+def test_an_untested_deflection_takes_the_odds_that_its_formula_says(tmp_path: Path, curve: bool) -> None:
+    """(1 - R^2) E / (2 (1 + E / 100)) nats less, geometry free in its tolerances; with a curve beside it also of both together,
+    as much likelier as the curve was unlikely. Nothing is lost between them."""
+    one = case(tmp_path, stated=False)
+    labels = {c.effect.slug: c.label for c in one.cat.candidates[::-1] if c.place == ("q2",)}
+    wanted = [labels["encoder-eccentricity"], *([labels["empirical"]] if curve else [])]
+    found = one.holding(*wanted)
+    number = {c.label: i for i, c in enumerate(one.cat.candidates)}
+    levels = Levels(0.99, "position-periodic", 0.97)
+    alike = (Rival(EffectAtPlace("backlash", ("q1",)), 0.03, 20.0),)
+    wave = EffectAtPlace("encoder-eccentricity", ("q2",))
+    name = Named(wave, (number[wanted[0]],), 0.9, 0.97, alike, 30.0, levels=levels)
+    (beside,) = beside_untested(found, [name])
+
+    machine = replace(found.signatures.machine, gravity=GRAVITY)
+    effect, recording = effects.get("joint-compliance", "test")(), found.signatures.recording
+    soft = [
+        PlacedEffect.at(effect, machine, place, settings)
+        for place in places_of(effect, machine)
+        for settings in effect.settings(machine, place, recording)
+    ]
+    soft = [placed for placed in soft if not placed.bent]
+    signatures = Signatures(machine, recording, (*found.fit.effects, *soft))
+    lin = signatures.linearise(found.fit)
+    noise = float(found.problem.spike_slab.unknowns.scales(found.mode.point)[0])
+    rows = np.vstack(list(signatures.blocks(found.fit))) / noise
+    geometry = np.vstack([rows[:, : lin.free], np.diag(lin.weight)])
+    columns = np.vstack([rows[:, lin.free : -1], np.zeros((lin.free, lin.columns[-1].stop))])
+    left = columns - geometry @ np.linalg.lstsq(geometry, columns, rcond=None)[0]
+
+    def odds(own: list[int], placed: PlacedEffect) -> float:
+        at = lin.indices(own)
+        signal = left[:, at] @ lin.departure[lin.free + np.array(at)]
+        (k,) = lin.indices([lin.candidates.index(placed)])
+        energy = float(signal @ signal)
+        alike = float(signal @ left[:, k]) ** 2 / energy / float(left[:, k] @ left[:, k])
+        return float(np.exp(-0.5 * (1.0 - alike) * energy / (1.0 + 0.01 * energy)))
+
+    worth = {placed.place: odds([0], placed) for placed in soft}
+    if curve:
+        term = found.problem.candidates.index(number[wanted[1]])
+        share = float(np.exp(found.problem.spike_slab.terms.log_first[term]))
+        for placed in soft:
+            worth[placed.place] += odds([0, 1], placed) / share
+    places = {c.place for c in one.cat.candidates if c.effect.slug == wave.effect}
+    rarer = effect.commonness / len(worth) * len(places) / found.fit.effects[0].effect.commonness
+    kept = 1.0 / (1.0 + rarer * sum(worth.values()))
+    assert beside.probability == pytest.approx(0.9 * kept)
+    assert (beside.levels.driver, beside.levels.kind) == (pytest.approx(0.97 * kept), "position-periodic")
+    here = rarer * worth["q2",]
+    assert beside.levels.place == pytest.approx(0.99 * (1.0 + here) * kept)
+    untested = {m.cause.place: m.probability for m in beside.equivalents if not m.tested}
+    expected = {place: 0.9 * rarer * one_worth * kept for place, one_worth in worth.items()}
+    assert untested == pytest.approx({place: p for place, p in expected.items() if p > SHOWN})
+    (other,) = (m for m in beside.equivalents if m.tested)
+    assert other.probability == pytest.approx(0.03 * kept)
+    assert [m.probability for m in beside.equivalents] == sorted(
+        (m.probability for m in beside.equivalents), reverse=True
+    )
+    assert untested or not curve
+
+
+def test_names_are_as_they_are_where_nothing_is_left_untested(tmp_path: Path) -> None:
+    """A form without a name says nothing that a deflection could be taken for."""
+    one = case(tmp_path, stated=False)
+    curve = next(c.label for c in one.cat.candidates if c.effect.slug == "empirical" and c.place == ("q2",))
+    found = one.holding(curve)
+    nameless = Named(EffectAtPlace("empirical", ("q2",)), (0,), 0.0, 0.0, (), 9.0)
+    assert beside_untested(found, [nameless]) == (nameless,)
+    assert beside_untested(found, []) == ()
+
+
+def test_curves_beside_an_untested_deflection_go_with_its_name(tmp_path: Path) -> None:
+    """It explains them as well; a curve of another part stays, and so does one beside a name that stands."""
+    one = case(tmp_path, stated=False)
+    number = {c.label: i for i, c in enumerate(one.cat.candidates)}
+    labels = {(c.effect.slug, c.place): c.label for c in one.cat.candidates[::-1]}
+    own = [
+        labels[key]
+        for key in (("encoder-eccentricity", ("q2",)), ("empirical", ("q2",)), ("empirical", ("q1",)))
+    ]
+    found = one.holding(*own)
+    wave, here, there = (number[label] for label in own)
+    untested = Rival(EffectAtPlace("joint-compliance", ("q2",)), 0.6, 0.0, tested=False)
+    tested = Rival(EffectAtPlace("backlash", ("q2",)), 0.3, 0.0)
+    levels = Levels(0.5, "position", 0.4)
+    name = Named(
+        EffectAtPlace("encoder-eccentricity", ("q2",)),
+        (wave,),
+        0.2,
+        0.9,
+        (untested, tested),
+        9.0,
+        levels=levels,
+    )
+    curves = [
+        Named(EffectAtPlace("empirical", (place,)), (k,), 0.0, 0.0, (), 8.0)
+        for place, k in (("q2", here), ("q1", there))
+    ]
+    said = without_untested(found, [name, *curves])
+    assert [n.cause.place for n in said] == [("q2",), ("q1",)]
+    assert said[0].candidates == (here, wave) and not said[0].tested
+    assert said[0].levels == Levels(0.5, "load", 0.5)  # no surer of its driver than of its place
+    assert [m.probability for m in said[0].equivalents] == [0.6, 0.3, 0.2]
+    standing = replace(name, probability=0.7)
+    assert without_untested(found, [standing, *curves]) == (standing, *curves)
