@@ -109,8 +109,8 @@ def recording_coordinates(recording: Recording, rows: NDArray[np.intp]) -> Array
     if recording.ordered:
         columns.insert(len(recording.joints), order)
     picked = np.column_stack([c[rows] for c in columns])
-    spread = picked.std(axis=0)
-    return np.asarray((picked[:, spread > 0] - picked.mean(axis=0)[spread > 0]) / spread[spread > 0])
+    picked = picked[:, np.ptp(picked, axis=0) > 0.0]  # what stands still has a spread of rounding
+    return np.asarray((picked - picked.mean(axis=0)) / picked.std(axis=0))
 
 
 def clustered(at: Array, far: NDArray[np.bool_]) -> bool:

@@ -262,6 +262,22 @@ def test_a_name_has_the_evidence_that_its_share_of_the_draws_speaks_for() -> Non
         assert play(found).gain == pytest.approx(max(float(least), large))
 
 
+def test_other_states_may_speak_for_a_name_that_the_likeliest_one_does_not_need() -> None:
+    """Play of a joint that has none: what its share of the draws says of it counts."""
+    faint = held(PLAY, SCALE)[0].holding("backlash@q1", "actuator-scale@q1")
+    number, sweeps = faint.problem.causes.index(FAINT), faint.posterior.sweeps
+    causes = faint.posterior.causes.copy()
+    causes[number] = 0.6
+    faint = replace(faint, posterior=replace(faint.posterior, causes=causes))
+    (one,) = (n for n in named(faint, Inclusion({}, (), 0.0)) if n.cause == FAINT)
+    (mine,) = (
+        m for m in faint.mode.members if faint.catalogue.cause(faint.problem.candidates[m[0]]) == FAINT
+    )
+    drawn = (0.6 * sweeps + 1.0) / (sweeps + 2.0)
+    prior_odds = faint.problem.spike_slab.terms.log_prior_of([mine]) + slot_odds(faint.problem.richness, 1)
+    assert one.gain == pytest.approx(float(np.log(drawn / (1.0 - drawn)) - prior_odds))
+
+
 def test_a_cause_that_is_named_for_itself_is_no_rival(tmp_path: Path) -> None:
     """And another explanation is as probable as it is anywhere."""
     one = play(found := posed({PLAYED: 0.6, OTHER: 0.2, SCALED: 0.2}, 0.6), {OTHER: 0.55})
@@ -278,6 +294,27 @@ def test_names_stand_by_what_supports_them() -> None:
     said = as_named(Inclusion({PLAYED: 0.95, OTHER: 0.2}, (), 0.0), [play(found)])
     assert said.places == {PLAYED: pytest.approx(0.9 * itself(found)), OTHER: 0.2}
     assert list(said.places) == [PLAYED, OTHER]
+
+
+def test_forms_are_told_where_no_name_speaks_of_their_part_and_driver() -> None:
+    """The best supported first, from one chance in two of the driver at the part on."""
+    case, _ = held(PLAY, SCALE)
+    forms = {(c.place, c.kind): c.label for i, c in enumerate(case.cat.candidates) if not case.cat.named(i)}
+    own, coupled = forms[("q1",), "position"], forms[("q2",), "coupling"]
+
+    def told(found: Found, share: float = 1.0) -> list[Named]:
+        states = (found.mode, share), (replace(found.mode, members=()), 1.0 - share)
+        posed_ = replace(found, posterior=replace(found.posterior, states=states))
+        return [n for n in named(posed_, Inclusion({}, (), 0.0)) if n.nameless]
+
+    spoken = told(case.holding("actuator-scale@q1", own, coupled))
+    assert [n.cause.place for n in spoken] == [("q2",)]
+    free = case.holding(own, coupled)
+    both = told(free)
+    assert {n.cause.place for n in both} == {("q1",), ("q2",)} and both[0].gain > both[1].gain
+    assert {n.levels.kind for n in both} == {"position", "coupling"}
+    assert all(n.probability == n.certainty == 0.0 and n.levels.driver == 1.0 for n in both)
+    assert len(told(free, 0.51)) == 2 and told(free, 0.49) == []
 
 
 # -- what is said, what leads -------------------------------------------------------------------------------------
