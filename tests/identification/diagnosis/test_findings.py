@@ -12,11 +12,19 @@ from numpy.typing import NDArray
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
-from truepose.identification.diagnosis.findings import best_shape, evidence_map, finding, ranked_alternatives
+from truepose.identification.diagnosis.alarm import Alarm
+from truepose.identification.diagnosis.findings import (
+    best_shape,
+    evidence_map,
+    finding,
+    ranked_alternatives,
+    remainder_of_residuals,
+)
 from truepose.identification.diagnosis.naming import as_named, told_once
 from truepose.identification.diagnosis.posterior_summary import Inclusion, Named, Rival
-from truepose.identification.diagnosis.result import UNNAMED, Replication
+from truepose.identification.diagnosis.result import UNNAMED, Form, Replication
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.machine import Machine
 from truepose.models.placed import EffectAtPlace
@@ -178,3 +186,83 @@ def test_a_further_function_must_be_worth_two_units_of_noise_a_channel() -> None
     assert kinds.count("quadratic") / 200 == pytest.approx(
         np.exp(-2.0), abs=3.0 * np.sqrt(0.135 * 0.865 / 200)
     )
+
+
+# -- what an explanation says ------------------------------------------------------------------------------------
+
+
+def test_lines_of_all_joints_say_what_ratio_they_share(arm: Machine) -> None:
+    """Of a joint whose gear the file does not state, by the orders of all single waves that the fit holds."""
+    waves = [with_effect(arm, "transmission-error", ("q3",), {"order": k}) for k in (404.0, 1010.0, 2020.0)]
+    cat = Catalogue((*waves, with_effect(arm, "joint-compliance", ("q2",))), (-2.0,) * 4, ())
+    one = Named(EffectAtPlace("transmission-error", ("q3",)), (1,), 0.9, 0.9, (), 30.0)
+    for held, shared in ((cat.candidates, True), (cat.candidates[1:], False)):
+        after = cast(Estimate, SimpleNamespace(**vars(fitted(cat)) | {"effects": held}))
+        told = finding(arm, cat, after, one, None, None).explanation
+        assert "A line at 1010 cycles a turn of q3" in told
+        assert ("5 of 202, a ratio that several lines share" in told) is shared
+
+
+def test_what_nobody_recorded_is_told_with_what_rests_on_it(arm: Machine) -> None:
+    play = with_effect(arm, "backlash", ("q2",))
+    cat = Catalogue((play,), (-1.0,), ())
+    one = Named(play.at_place, (0,), 0.9, 0.9, (), 30.0)
+    side = "The side of arrival was taken from the order of the rows, as no `approach` column tells it."
+    for inferred in (True, False):
+        told = finding(arm, cat, fitted(cat), one, None, None, lambda _, said=inferred: said)  # type: ignore[misc]
+        assert (side in told.explanation) is inferred
+        assert (
+            told.explanation.startswith(play.effect.explain_term(arm, ("q2",), {}))
+            and "  " not in told.explanation
+        )
+    assert side not in finding(arm, cat, fitted(cat), one, None, None).explanation
+    lawless = Named(EffectAtPlace("empirical", ("q2",)), (0,), 0.0, 0.9, (), 30.0, tested=False)
+    assert finding(arm, cat, fitted(cat), lawless, None, None).explanation == ""
+
+
+def test_coefficients_are_told_with_their_units_and_settings_where_terms_differ_in_them(
+    arm: Machine, cat: Catalogue
+) -> None:
+    one = Named(EffectAtPlace("zero-shift", ("q2",)), (0, 1), 0.6, 0.95, (), 30.0)
+    both = finding(arm, cat, fitted(cat), one, None, None).parameters
+    assert {name.partition("[")[2] for name in both} == {"session=1]", "session=2]"}
+    assert {q.unit for q in both.values()} == {c.unit for c in cat.candidates[0].coefficients}
+    alone = Named(EffectAtPlace("zero-shift", ("q2",)), (1,), 0.6, 0.95, (), 30.0)
+    assert "[" not in "".join(finding(arm, cat, fitted(cat), alone, None, None).parameters)
+
+
+def test_a_rival_states_its_driver_and_what_would_separate_it(arm: Machine, cat: Catalogue) -> None:
+    rivals = (*RIVALS, Rival(EffectAtPlace("joint-compliance", ("q9",)), 0.01, 1.0, tested=False))
+    one = Named(EffectAtPlace("zero-shift", ("q2",)), (0,), 0.6, 0.95, rivals, 30.0)
+    found = finding(arm, cat, fitted(cat), one, None, None)
+    told = {(o.effect, o.place): o for o in found.equivalents}
+    soft, unknown = told["joint-compliance", ("q2",)], told[UNNAMED, ("q2",)]
+    assert (soft.kind, soft.tested) == ("load", True) and soft.experiment
+    assert (unknown.kind, unknown.experiment) == (None, "")
+    elsewhere = told["joint-compliance", ("q9",)]
+    assert (elsewhere.kind, elsewhere.tested) == (None, False)
+    assert found.experiment == cat.candidates[0].effect.experiment
+
+
+@pytest.mark.parametrize(
+    ("about", "place"),
+    [("q2", ("q2",)), ("temperature.q2", ("q2",)), ("approach.q2", ("q2",)), ("payload", ()), ("order", ())],
+)
+def test_what_is_left_is_placed_where_its_driver_is(about: str, place: tuple[str, ...]) -> None:
+    rng, n = np.random.default_rng(9), 60
+    t = np.linspace(-1.0, 1.0, n)
+    recording = cast(
+        Recording,
+        SimpleNamespace(
+            joints=("q1", "q2"),
+            columns=lambda: (
+                dict.fromkeys(("q1", "q2", "temperature.q2", "payload"), t) | {"approach.q2": np.sign(t)}
+            ),
+        ),
+    )
+    residual = 3.0 * t[:, None] + 0.1 * rng.standard_normal((n, 2))
+    fit = cast(Estimate, SimpleNamespace(residual=residual, used=np.arange(n) > 0, chi2_per_dof=6.25))
+    found = remainder_of_residuals(fit, recording, Alarm(9.0, 1e-9, about, 0.4))
+    kind = {"approach.q2": "steps", "order": "order"}.get(about, "linear")
+    assert (found.place, found.driver, found.form) == (place, about, Form(kind, 0.4))
+    assert found.size_sigma == 2.5 and found.gain == {}

@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import kstest
+from scipy.stats import chi2, kstest
+from scipy.stats import f as fisher
 
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis import alarms, structure_sums
-from truepose.identification.diagnosis.alarms import residual_alarm, structure_alarm
+from truepose.identification.diagnosis.alarms import replicate_noise, residual_alarm, structure_alarm
 from truepose.identification.diagnosis.findings import remainder_of_residuals
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.summary import rms_by_kind
@@ -186,3 +187,75 @@ def test_sums_over_very_many_rows_tell_the_same_of_structure(
     assert by_sums.p == pytest.approx(by_rows.p, abs=0.1)
     chance = [structure_alarm(left(case, noise(case, 100 * seed + k)), clocked).p for k in range(60)]
     assert kstest(chance, "uniform").pvalue > 1e-3
+
+
+# -- how sure alarms are ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("lost", "about"), [(0, "replicates"), (1, "replicates"), (2, "stated sigma")])
+def test_eight_degrees_of_freedom_of_repeats_say_how_large_the_noise_is(
+    case: Case, lost: int, about: str
+) -> None:
+    """Three repeats of three channels, of which some readings were lost: an F test of what they leave to the others."""
+    fit, recording = case
+    n = len(recording)
+    pose = np.arange(n, dtype=np.int64)
+    half = n // 2
+    pose[half : half + 3] = pose[:3]
+    gone = np.zeros(fit.residual.shape, dtype=bool)
+    gone[:lost, 0] = True
+    residual = np.where(gone, 0.0, noise(case, 12, 3.0))
+    found = replace(fit, residual=residual, lost=gone if lost else None)
+    repeated = replace(recording, pose=pose)
+    alarm = residual_alarm(found, repeated)
+    assert alarm.about == about
+    dof = found.n_observations - found.effective_parameters
+    assert alarm.statistic == pytest.approx(found.chi2 / dof)
+    spread, repeats = replicate_noise(found, repeated)
+    assert repeats == 9 - lost
+    if about == "stated sigma":
+        assert alarm.p == pytest.approx(chi2.sf(found.chi2, dof))
+    else:
+        rest = dof - repeats
+        lack = (found.chi2 - spread**2 * repeats) / rest
+        assert alarm.p == pytest.approx(fisher.sf(lack / spread**2, rest, repeats))
+
+
+def test_beyond_what_is_drawn_structure_is_judged_by_all_its_tests(case: Case) -> None:
+    """Bonferroni over the drivers and, where rows have an order, their neighbours; else a share of three hundred draws."""
+    _, recording = case
+    q3 = recording.q[:, recording.joints.index("q3")]
+    t = 2.0 * (q3 - q3.min()) / np.ptp(q3) - 1.0
+    error = noise(case, 5) + 3.0 * np.sin(np.pi * t)[:, None]
+    for shuffled in (False, True):
+        asked = replace(recording, shuffled=shuffled, time=None)
+        found = structure_alarm(left(case, error), asked)
+        tests = len(asked.columns()) + (0 if shuffled else 1)
+        assert found.about == "q3" and found.p == pytest.approx(10.0**-found.statistic * tests, rel=1e-6)
+    quiet = structure_alarm(left(case, noise(case, 21)), recording)
+    assert quiet.p > 1.0 / 301.0 and quiet.p * 301.0 == pytest.approx(round(quiet.p * 301.0))
+
+
+@pytest.mark.parametrize("driver", ["q2", "order"])
+def test_statistics_of_structure_are_logs_of_chi_square(case: Case, driver: str) -> None:
+    """Of all channels together, each of unit rms, far values pulled in: three powers and two waves, or neighbours."""
+    _, recording = case
+    asked = replace(recording, time=np.arange(len(recording), dtype=float))
+    q2 = asked.q[:, asked.joints.index("q2")]
+    t = 2.0 * (q2 - q2.min()) / np.ptp(q2) - 1.0
+    slow = np.repeat(np.random.default_rng(2).standard_normal((len(t) // 5 + 1, 3)), 5, axis=0)[: len(t)]
+    error = noise(case, 6) + (3.0 * np.sin(2.0 * np.pi * t)[:, None] if driver == "q2" else 3.0 * slow)
+    error[4, 1] = 60.0
+    found = structure_alarm(left(case, error), asked)
+    assert found.about == driver
+    r = np.clip(error / np.sqrt(np.mean(error**2, axis=0)), -3.5, 3.5)
+    if driver == "order":
+        lag = float(np.sum(r[1:] * r[:-1])) / np.sqrt(r[1:].size)
+        assert found.statistic == pytest.approx(-np.log10(chi2.sf(lag**2, 1)), rel=1e-6)
+        assert found.share == 0.0
+        return
+    waves = [f(np.pi * k * t) for k in (1, 2) for f in (np.sin, np.cos)]
+    basis = np.linalg.qr(np.column_stack([np.ones(len(t)), t, t**2, t**3, *waves]))[0][:, 1:]
+    along = float(np.sum((basis.T @ r) ** 2))
+    assert found.statistic == pytest.approx(-chi2.logsf(along, 7 * 3) / np.log(10), rel=1e-6)
+    assert found.share == pytest.approx(along / float(np.sum(r**2)))

@@ -176,3 +176,9 @@ def test_extrapolations_are_farther_heavier_and_warmer_than_what_they_are_predic
         assert 0.1 * n < held.sum() < 0.25 * n
         assert score[held].min() > score[left & ~held].max()
         left &= ~held
+
+
+def test_without_repeats_noise_is_as_stated(fit: Estimate) -> None:
+    residual = np.random.default_rng(6).standard_normal((30, 2))
+    for pose in (None, np.arange(30, dtype=np.int64)):
+        assert replicate_noise(leaving(fit, 7.0 * residual), rows(residual, pose=pose)) == (1.0, 0)

@@ -28,11 +28,12 @@ from support.linear_problems import (
 from truepose.identification.posterior.conditional import (
     LARGEST_COST,
     log_gains,
+    log_gains_together,
     plausibility,
 )
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.marginal import Marginal, marginal
-from truepose.identification.posterior.spike_slab import SpikeSlab
+from truepose.identification.posterior.spike_slab import Conditional, SpikeSlab
 from truepose.identification.posterior.state import log_posterior, slot_odds
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.prior import BOUND_DOUBT, Sizes
@@ -348,3 +349,86 @@ def test_richness_is_marginalised_over_its_levels(number: int) -> None:
     expected = np.log(weight[1] / weight[0] * (slots - number))
     assert slot_odds(rich, number) == pytest.approx(expected)
     assert logsumexp(rich.log_weights(number)) == pytest.approx(np.log(weight[0]))
+
+
+# -- terms of many columns, groups, bounds ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("width", [17, 18, 19, 25])
+def test_terms_of_many_columns_gain_as_their_columns_together_do(width: int) -> None:
+    """Filled up to a common width, or factored one by one: at every point, beside others, at every size."""
+    dense = random_problem(2, readings=60, width=width + 4)
+    terms = single(width, 1, 3)
+    root = start(dense, POINTS[0], terms)
+    beside = root.including(np.array([width]), np.array([0.6]))
+    found = log_gains([root, beside], SIZES)
+    for marginal_, own in zip((root, beside), found, strict=True):
+        for k, columns in enumerate(terms.columns):
+            for s, size in enumerate(SIZES.values):
+                gain = marginal_.gain(columns, np.full(len(columns), size))
+                assert own[s, k] == pytest.approx(gain, abs=1e-7)
+
+
+def test_columns_of_a_group_gain_together_with_the_prior_of_their_size() -> None:
+    dense = random_problem(6)
+    root, columns = start(dense, POINTS[1]), np.array([0, 3, 5])
+    found = log_gains_together(root, columns, SIZES)
+    expected = [root.gain(columns, np.full(3, size)) for size in SIZES.values] + SIZES.log_prior
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+@AT
+def test_the_last_of_some_coefficients_are_told_as_among_all(point: GridPoint) -> None:
+    dense = random_problem(8)
+    root, columns, sizes = start(dense, point), np.array([4, 0, 6, 2]), np.array([0.5, 2.0, 1.0, 0.7])
+    mean, covariance = root.posterior(columns, sizes)
+    for number in (1, 3, 4):
+        last, std = root.last(columns, sizes, number)
+        np.testing.assert_allclose(last, mean[-number:], atol=1e-9)
+        np.testing.assert_allclose(std, np.sqrt(np.diag(covariance))[-number:], atol=1e-9)
+
+
+@AT
+def test_bounds_of_terms_of_several_columns_are_those_of_their_own_coefficients(point: GridPoint) -> None:
+    """The gain without bounds, and what mean and 1-sigma of each coefficient say of its sign."""
+    dense = random_problem(9)
+    free = Term((1, 2, 5), 0, 0, 0.0, (-np.inf,) * 3, (np.inf,) * 3)
+    held = replace(free, cause=1, lower=(0.0, -np.inf, 0.0), upper=(np.inf, 0.2, 0.5))
+    root = start(dense, point, Terms([free, held], single(1, 1).urn))
+    found = log_gains([root], SIZES)[0]
+    for s, size in enumerate(SIZES.values):
+        mean, covariance = root.posterior(np.array([1, 2, 5]), np.full(3, size))
+        std = np.sqrt(np.diag(covariance))
+        expected = plausibility(mean, std, np.array(held.lower), np.array(held.upper))
+        assert found[s, 1] - found[s, 0] == pytest.approx(float(expected), abs=1e-7)
+
+
+def test_terms_beside_what_is_given_for_good_are_weighed_without_it() -> None:
+    """Rows, blocks, scores and evidence of the columns that are left: those beside members that were taken in."""
+    dense = random_problem(10)
+    problem = SpikeSlab(dense.design, dense.unknowns, TERMS, SIZES)
+    given = ((0, 1), (3, 0))
+    part, point = problem.conditioned(given), POINTS[2]
+    whole, own = problem.beside(point, given), part.base(point)
+    left = np.array([1, 2, 3])
+    np.testing.assert_allclose(own.score, whole.score[left], atol=1e-8)
+    np.testing.assert_allclose(own.rows(np.arange(3)), whole.rows(left)[:, left], atol=1e-8)
+    assert own.log_evidence == pytest.approx(whole.log_evidence, abs=1e-7)
+    np.testing.assert_allclose(own.gain(np.array([0, 2]), np.ones(2)), whole.gain(left[[0, 2]], np.ones(2)))
+    odds = [p.log_odds(point, m)[:, [1, 2]] for p, m in ((part, ()), (problem, given))]
+    np.testing.assert_allclose(odds[0], odds[1], atol=1e-7)
+
+
+@given(seed=st.integers(0, 1000), slot=st.floats(-6.0, 3.0))
+@hypothesis_settings(max_examples=15, deadline=None)
+def test_a_slot_is_drawn_as_often_as_its_conditional_says(seed: int, slot: float) -> None:
+    rng = np.random.default_rng(seed)
+    odds = rng.normal(0.0, 1.5, (2, 3))
+    found = Conditional.of(odds, -3.0)
+    exact = np.append(np.exp(odds + slot).ravel(), 1.0)
+    exact /= exact.sum()
+    np.testing.assert_allclose(found.terms(slot), exact[:-1].reshape(2, 3).sum(axis=0))
+    assert found.log_total(slot) == pytest.approx(-np.log(exact[-1]))
+    drawn = [found.draw(slot, rng) for _ in range(2000)]
+    counts = [drawn.count((term, size)) for size in range(2) for term in range(3)] + [drawn.count(None)]
+    np.testing.assert_allclose(np.array(counts) / 2000.0, exact, atol=5.0 * np.sqrt(0.25 / 2000.0))

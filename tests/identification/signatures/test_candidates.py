@@ -132,6 +132,9 @@ def test_what_a_drive_holds_is_a_source_of_its_own_joint(tmp_path: Path) -> None
         "q2": [seen_over({"current.q2": (0.0, 87.0)}, 3)],
     }
     assert set(forms_of_held_load(machine, recording, {"torque.q1"})) == {"q2"}
+    for step, told in ((1e-6, False), (1e-2, True)):  # a millionth of it is rounding
+        steady = replace(recording, drivers={"torque.q1": 700.0 + step * n})
+        assert bool(forms_of_held_load(machine, steady, ())) is told
     silent = replace(recording, drivers={"payload": n, "torque.q9": n})
     assert forms_of_held_load(machine, silent, ()) == {}
 

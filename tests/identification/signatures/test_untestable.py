@@ -153,6 +153,8 @@ def test_what_bends_telescopes_is_asked_of_machines_that_point(tmp_path: Path) -
     for name, one in machines.items():
         assert of_such_machines("axis-flexure", one) is pointing[name]
         assert of_such_machines("link-bending", one)
+    (one,) = (machines[name] for name, points in pointing.items() if points)
+    assert of_such_machines("axis-flexure", replace(one, sensors=(*one.sensors, *machines["arm"].sensors)))
 
 
 @pytest.mark.parametrize("shuffled", [False, True])
