@@ -15,12 +15,15 @@ from support.sensor_bench import Bench
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.line_words import common_ratio
 from truepose.identification.diagnosis.null_fits import null_fits
+from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.lines import proposed, spectrum
+from truepose.identification.signatures.candidates import Catalogue, catalogue
+from truepose.identification.signatures.lines import Spectrum, proposed, spectrum
 from truepose.identification.signatures.signatures import Signatures
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.transmission_error import TransmissionError
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -116,3 +119,114 @@ def test_a_series_above_the_catalogue_s_has_five_rows_an_order(
     found = proposed(Signatures(machine, moved, before.candidates), fit, before).candidates
     first = [c.settings_map for c in found if c.place == ("q1",) and "first" in c.settings_map]
     assert [(s["first"], s["orders"]) for s in first] == series
+
+
+# -- what is proposed, at which price -----------------------------------------------------------------------------
+
+
+def test_peaks_are_the_highest_orders_that_stand_apart() -> None:
+    """Four at most, none below the least, none that is known or within the width of a higher one."""
+    gain = np.zeros(60)
+    gain[[40, 42, 45, 50, 10, 20, 55]] = 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0
+    found = Spectrum(gain)
+    assert found.finest == 59
+    assert found.peaks(2.5, 3.5, set()) == [40, 45, 50, 10]
+    assert found.peaks(1.9, 3.5, set()) == [40, 42, 45, 50]
+    assert found.peaks(2.0, 3.5, set()) == [40, 45, 50, 10]  # two orders apart are not farther apart than two
+    assert found.peaks(2.5, 3.5, {40, 10}) == [42, 45, 50, 20]
+    assert found.peaks(2.5, 6.0, set()) == [40, 45, 50]
+    assert found.peaks(2.5, 9.5, set()) == []
+    assert found.peaks(100.0, 0.0, set()) == [40]
+
+
+def case(folder: Path, size: float, order: float = 100.0) -> tuple[Signatures, Estimate, Catalogue]:
+    """An arm whose third joint errs by a wave of so many mrad, its fit without it, and the candidates."""
+    bench = Bench(folder, "arm")
+    recording = bench.recording()
+    q, at = recording.q.copy(), bench.machine.mechanism.readings.index("q3")
+    q[:, at] -= 1e-3 * size * np.sin(order * q[:, at] + 0.4)
+    moved = replace(recording, q=q)
+    cat = catalogue(bench.machine, moved)
+    return Signatures(bench.machine, moved, cat.candidates), estimate(bench.machine, moved), cat
+
+
+@pytest.fixture(scope="module")
+def wavy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Signatures, Estimate, Catalogue]:
+    return case(tmp_path_factory.mktemp("wavy"), 0.3)
+
+
+def spectrum_of(signatures: Signatures, fit: Estimate, joint: str) -> Spectrum:
+    mechanism = signatures.machine.mechanism
+    score, weight, rows = signatures.scores(fit, [mechanism.actuator(joint).displacement])
+    return spectrum(signatures.recording.q[rows, mechanism.readings.index(joint)], score[:, 0], weight[:, 0])
+
+
+def orders(cat: Catalogue, joint: str) -> dict[float, float]:
+    """Log prior of each single order of a joint."""
+    return {
+        c.settings_map["order"]: log
+        for c, log in zip(cat.candidates, cat.log_prior, strict=True)
+        if c.at_place == ("transmission-error", (joint,)) and "order" in c.settings_map
+    }
+
+
+def test_finer_orders_weigh_together_what_a_series_does_and_less_the_finer_they_are(
+    wavy: tuple[Signatures, Estimate, Catalogue],
+) -> None:
+    signatures, fit, cat = wavy
+    more = proposed(signatures, fit, cat)
+    assert more.candidates[: len(cat.candidates)] == cat.candidates
+    assert more.log_prior[: len(cat.log_prior)] == cat.log_prior
+    own = {order: log for order, log in orders(more, "q3").items() if order > 30.0}
+    assert 100.0 in own and len(own) <= 4
+    (series,) = (
+        log
+        for c, log in zip(cat.candidates, cat.log_prior, strict=True)
+        if c.at_place == ("transmission-error", ("q3",)) and "orders" in c.settings_map
+    )
+    finest = spectrum_of(signatures, fit, "q3").finest
+    of_order = {order: np.exp(log) * order for order, log in own.items()}
+    for whole in of_order.values():  # the sum of 1 / k over finer orders is a log
+        assert whole * np.log(finest / 30.0) == pytest.approx(np.exp(series))
+    span = np.ptp(signatures.recording.q[:, signatures.machine.mechanism.readings.index("q3")])
+    pairs = [abs(a - b) for a in own for b in own if a < b]
+    assert min(pairs, default=np.inf) > 2.0 * np.pi / span
+
+
+def test_a_line_is_proposed_where_it_could_pay_its_price(
+    wavy: tuple[Signatures, Estimate, Catalogue],
+) -> None:
+    """The log prior of the coarsest of them, against what chi2 falls by; what was proposed is no news."""
+    signatures, fit, cat = wavy
+    more = proposed(signatures, fit, cat)
+    below = 0
+    for joint in signatures.machine.mechanism.readings:
+        found = spectrum_of(signatures, fit, joint)
+        coarsest = max(orders(cat, joint).values()) - np.log(np.log(found.finest / 30.0) * 30.0 / 10.0)
+        own = {round(order) for order in orders(more, joint) if order > 30.0}
+        beyond = set((np.flatnonzero(found.gain[31:] >= -coarsest) + 31).tolist())
+        assert own <= beyond and bool(own) is bool(beyond)
+        if own:
+            assert int(np.argmax(found.gain[31:])) + 31 in own
+        below += int(np.sum(found.gain[31:] < -coarsest))
+    assert below > 1000
+    assert proposed(signatures.of(more.candidates), fit, more) is more
+
+
+def test_orders_that_a_fit_has_are_not_proposed_anew(wavy: tuple[Signatures, Estimate, Catalogue]) -> None:
+    signatures, _, cat = wavy
+    machine, effect = signatures.machine, TransmissionError()
+    held = PlacedEffect.at(effect, machine, ("q3",), {"order": 100.0})
+    fit = estimate(machine, signatures.recording, [held])
+    own = orders(proposed(signatures.of([*cat.candidates, held]), fit, cat), "q3")
+    assert 100.0 not in own
+
+
+@pytest.mark.parametrize("waves", [{47}, set(range(1, 41)), set(range(61, 71))])
+def test_a_constant_is_no_line_and_the_highest_gain_is_one_of_the_waves(waves: set[int]) -> None:
+    rng = np.random.default_rng(4)
+    angle = rng.uniform(-3.0, 3.0, 600)
+    score = 2.0 + 5.0 * np.sum([np.sin(k * angle + k) for k in waves], axis=0)
+    found = spectrum(angle, score, np.ones(600))
+    assert found.gain[0] == 0.0 and np.all(found.gain >= 0.0)
+    assert int(np.argmax(found.gain)) in waves
