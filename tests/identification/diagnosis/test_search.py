@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
 
-from support.searched_arm import PLAY, ROWS, SCALE, WRONG_SIGN, Case, searched
+from support.searched_arm import PLAY, ROWS, SCALE, WRONG_SIGN, Case, held, searched
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
 from truepose.identification.diagnosis import search as searching
@@ -17,8 +19,8 @@ from truepose.identification.diagnosis.naming import named
 from truepose.identification.diagnosis.posterior_summary import Named, inclusion
 from truepose.identification.diagnosis.proof import flip_inflation, replications
 from truepose.identification.diagnosis.refit import fitted
-from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.selection_problem import selection_problem
+from truepose.identification.diagnosis.search import Found, chosen, noise_at, start_from
+from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import Posterior
@@ -193,3 +195,55 @@ def test_amplitudes_of_any_size_are_stepped_in_their_own_spread(both: tuple[Case
     amplitudes = fit.prior.free >= len(fit.machine.parameters)
     np.testing.assert_allclose(fit.prior_weight[amplitudes], fit.noise, rtol=1e-12)
     assert len(fit.known.unknown) == 0
+
+
+# -- what fits begin with -----------------------------------------------------------------------------------------
+
+
+def test_a_fit_begins_with_what_another_one_knows() -> None:
+    """Parameters and amplitudes, in the order of the new terms; nothing for terms that it has not."""
+    case, found = held(PLAY, SCALE)
+    known = {e.label: e.amplitudes for e in found.fit.fitted_effects()}
+    other = next(c for c in case.cat.candidates if c.label not in known and len(c.coefficients) > 1)
+    terms = [other, *found.fit.effects[::-1]]
+    start = start_from(found.fit, terms)
+    count = len(found.fit.machine.parameters)
+    np.testing.assert_array_equal(start[:count], found.fit.p[:count])
+    expected = [np.zeros(len(other.coefficients)), *(known[t.label] for t in terms[1:])]
+    np.testing.assert_array_equal(start[count:], np.concatenate(expected))
+
+
+def test_a_state_tells_its_candidates_with_their_sizes() -> None:
+    _, found = held(PLAY, SCALE)
+    (first, _), (second, _) = found.mode.members
+    state = replace(found.mode, members=((first, 2), (second, 7)))
+    values = found.problem.spike_slab.sizes.values
+    expected = {found.problem.candidates[first]: values[2], found.problem.candidates[second]: values[7]}
+    assert chosen(found.problem, state) == pytest.approx(expected)
+
+
+def test_the_noise_of_several_kinds_is_their_mean_by_readings() -> None:
+    """Geometric: twice as noisy and half as noisy is as stated, where there are as many of both."""
+
+    def at(scales: list[float], counts: tuple[int, ...]) -> float:
+        slab = SimpleNamespace(
+            unknowns=SimpleNamespace(scales=lambda _: np.array(scales)), design=SimpleNamespace(counts=counts)
+        )
+        problem = cast(SelectionProblem, SimpleNamespace(spike_slab=slab))
+        return noise_at(problem, State((), GridPoint((0,), 0, 0), 0.0))
+
+    assert at([1.7], (30,)) == pytest.approx(1.7)
+    assert at([2.0, 0.5], (30, 30)) == pytest.approx(1.0)
+    assert at([2.0, 0.5], (20, 10)) == pytest.approx(2.0 ** (1 / 3))
+
+
+def test_halves_of_too_few_readings_say_nothing_of_names() -> None:
+    case, found = held(PLAY, SCALE)
+    one = Named(EffectAtPlace("backlash", ("q2",)), tuple(found.accepted)[:1], 0.9, 0.9, (), 30.0)
+    assert replications(found, (), case.rms) == ()
+    both = replications(found, (one, one), case.rms)
+    assert len(both) == 2 and both[0] is not None and both[0].agree and min(both[0].halves) > 0.5
+    few = np.zeros(len(found.fit.used), dtype=bool)
+    few[:8] = True
+    short = replace(found, fit=replace(found.fit, used=few))
+    assert replications(short, (one, one), case.rms) == (None, None)

@@ -31,12 +31,14 @@ def columns(one: Functions) -> Array:
     return np.asarray(np.linalg.qr(every)[0][:, 1:])
 
 
-def cases(together: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Array, Mapping[str, Functions], Array]:
+def cases(
+    together: int, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Array, Mapping[str, Functions], NDArray[np.intp]]:
     monkeypatch.setattr(structure_sums, "TOGETHER", together)
     rng = np.random.default_rng(3)
     told = functions(rng)
     residual = rng.standard_normal((ROWS, CHANNELS)) + 0.5 * told["a"].values[:, None]
-    return residual, told, rng.permutation(ROWS)
+    return residual, told, rng.permutation(ROWS).astype(np.intp)
 
 
 @pytest.mark.parametrize("together", [1, 7, 56, 57, 1000])
