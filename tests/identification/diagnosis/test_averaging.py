@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.linear_problems import SIZES, random_problem, single
-from support.searched_arm import PLAY, SCALE, searched
+from support.searched_arm import PLAY, SCALE, held, searched
 from truepose.identification.diagnosis import averaging
 from truepose.identification.diagnosis.averaging import WORSE, averaged
 from truepose.identification.diagnosis.posterior_summary import LEADING
 from truepose.identification.diagnosis.refit import fitted
 from truepose.identification.diagnosis.search import Found, chosen
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, moments, typical
@@ -163,3 +163,57 @@ def test_in_a_diagnosis_sure_things_stay(found: Found, likeliest: Estimate) -> N
         ]
         assert sum(held) >= LEADING
     assert after.chi2 <= (1.0 + WORSE) * likeliest.chi2
+
+
+# -- what has a part in it ----------------------------------------------------------------------------------------
+
+
+def beside(found: Found, state: State, label: str, size: int) -> State:
+    """A state with one candidate more."""
+    number = next(i for i, c in enumerate(found.catalogue.candidates) if c.label.startswith(label))
+    return replace(state, members=(*state.members, (found.problem.candidates.index(number), size)))
+
+
+def test_what_may_be_there_is_carried_with_its_largest_size() -> None:
+    """Names alone, from a tenth of the states on, the likeliest first; what bounds left nothing of stays out."""
+    case, found = held(PLAY, SCALE)
+    mode, values = found.mode, found.problem.spike_slab.sizes.values
+    form = next(c.label for i, c in enumerate(case.cat.candidates) if not case.cat.named(i))
+    shares = [
+        (mode, 0.3),
+        (beside(found, mode, "backlash@q1", 4), 0.15),
+        (beside(found, mode, "backlash@q1", 6), 0.05),
+        (beside(found, mode, "actuator-scale@q2", 5), 0.3),
+        (beside(found, mode, "friction-hysteresis@q1", 5), 0.09),
+        (beside(found, mode, form, 5), 0.11),
+    ]
+    after = averaged(holding(found, *shares), found.fit)
+    told = {e.label: e.spread for e in after.effects[len(found.fit.effects) :]}
+    assert told == pytest.approx({"actuator-scale@q2": values[5], "backlash@q1": values[6]})
+    assert list(told) == ["actuator-scale@q2", "backlash@q1"]
+    assert [e.label for e in after.effects[: len(found.fit.effects)]] == [e.label for e in found.fit.effects]
+    only = replace(found.fit, effects=found.fit.effects[:1])
+    gone = found.fit.effects[1].label
+    less = averaged(holding(found, *shares), estimate(only.machine, case.signatures.recording, only.effects))
+    assert gone not in {e.label for e in less.effects}
+
+
+def test_states_of_nothing_rare_speak_alone_where_there_are_enough() -> None:
+    """From a tenth of the states on; else all speak, less what is rare in them."""
+    _, found = held(PLAY, SCALE)
+    mode = found.mode
+    term = mode.members[0][0]
+    rare = [
+        beside(found, mode, label, 4)
+        for label in ("backlash@q1", "friction-hysteresis@q1", "friction-hysteresis@q2")
+    ]
+    plain = averaged(holding(found, (mode, 1.0)), found.fit)
+    enough = [(mode, 0.8), *((state, 0.06) for state in rare)]
+    np.testing.assert_allclose(averaged(holding(found, *enough), found.fit).std, plain.std, rtol=1e-6)
+    # states of something rare, which lack what the likeliest one has: alone they would be all that differs
+    lacking = [(mode, 0.12), *((without(state, term), 0.08) for state in rare)]
+    sure = averaged(holding(found, *lacking), found.fit)
+    np.testing.assert_allclose(sure.std, plain.std, rtol=1e-6)
+    few = [(mode, 0.03), *((without(state, term), 0.09) for state in rare)]
+    open_ = averaged(holding(found, *few), found.fit)
+    assert np.max(open_.std / np.maximum(plain.std, 1e-300)) > 3.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,11 +41,14 @@ def arm(folder: Path, more: str = "") -> Machine:
     return load_machine(folder / "arm.yaml")
 
 
-def poses(machine: Machine, *, shuffled: bool = False, **columns: object) -> Recording:
+def poses(
+    machine: Machine, columns: Mapping[str, object] | None = None, *, shuffled: bool = False
+) -> Recording:
     rng, told = np.random.default_rng(1), dict[str, object]()
     for actuator in machine.mechanism.actuators:
-        told[f"{actuator.reading} [{actuator.reading_unit}]"] = rng.uniform(*(actuator.range or (0, 1)), ROWS)
-    told |= columns
+        low, high = actuator.range or (0.0, 1.0)
+        told[f"{actuator.reading} [{actuator.reading_unit}]"] = rng.uniform(low, high, ROWS)
+    told |= columns or {}
     return load_recording(machine, told, need_observations=False, shuffled=shuffled)
 
 
@@ -109,8 +113,9 @@ def test_legs_give_way_and_are_no_links(
     tmp_path: Path, without: tuple[str, ...], lacks: list[tuple[tuple[str, ...], str, str]]
 ) -> None:
     machine = read_machines(tmp_path / "machines")["gough"]
-    changed = replace(machine, **{name: None if name == "gravity" else () for name in without})
-    found = told(changed, poses(changed, **{"temperature.air": np.ones(ROWS)}))
+    changed = replace(machine, gravity=None) if "gravity" in without else machine
+    changed = replace(changed, masses=()) if "masses" in without else changed
+    found = told(changed, poses(changed, {"temperature.air": np.ones(ROWS)}))
     assert found == lacks
     nameless = replace(changed, file=None)
     words = [why for _, why, _ in told(nameless, poses(changed))][: len(lacks)]
@@ -133,8 +138,8 @@ def test_columns_that_nobody_logged_are_told_where_the_order_of_rows_tells_nothi
     """Any thermometer, and the side of any joint, is something. Rows in their order tell sides and times by themselves."""
     machine = arm(tmp_path, GRAVITY + MASSES)
     logged = {name: (-1.0) ** np.arange(ROWS) for name in columns}
-    assert told(machine, poses(machine, shuffled=True, **logged)) == lacks
-    assert told(machine, poses(machine, **logged)) == [one for one in lacks if one == WARMTH]
+    assert told(machine, poses(machine, logged, shuffled=True)) == lacks
+    assert told(machine, poses(machine, logged)) == [one for one in lacks if one == WARMTH]
 
 
 def test_a_load_that_nothing_can_have_is_told_by_what_is_stated(tmp_path: Path) -> None:
@@ -162,7 +167,7 @@ def test_every_effect_says_at_which_places_it_lacks_what(tmp_path: Path, shuffle
     """The first four reasons in full, and how many more there are; what needs no column is never among them."""
     machine = arm(tmp_path)
     readings = {axis: np.zeros(ROWS) for axis in "xyz"}
-    cat = catalogue(machine, poses(machine, shuffled=shuffled, **readings))
+    cat = catalogue(machine, poses(machine, readings, shuffled=shuffled))
     why = {one.effect: one.why for one in cat.untestable}
     assert len(why) == len(cat.untestable)
     assert why["latency"] == "no velocity.q1 column"
@@ -181,5 +186,5 @@ def test_every_effect_says_at_which_places_it_lacks_what(tmp_path: Path, shuffle
         assert why["backlash"] == "; ".join([*sides, "and 2 more"])
         assert why["friction-hysteresis"].startswith(f"q1: {SHUFFLED}; q2: {SHUFFLED}; ")
         assert why["mount-drift"] == "base: no time column; tool: no time column"
-    with_sessions = poses(machine, session=np.arange(ROWS) // 3, **readings)
+    with_sessions = poses(machine, readings | {"session": np.arange(ROWS) // 3})
     assert "zero-shift" not in {one.effect for one in catalogue(machine, with_sessions).untestable}
