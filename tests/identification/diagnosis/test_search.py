@@ -209,8 +209,8 @@ def test_a_fit_begins_with_what_another_one_knows() -> None:
     start = start_from(found.fit, terms)
     count = len(found.fit.machine.parameters)
     np.testing.assert_array_equal(start[:count], found.fit.p[:count])
-    expected = [np.zeros(len(other.coefficients)), *(known[t.label] for t in terms[1:])]
-    np.testing.assert_array_equal(start[count:], np.concatenate(expected))
+    expected = [*[0.0] * len(other.coefficients), *(float(v) for t in terms[1:] for v in known[t.label])]
+    np.testing.assert_array_equal(start[count:], expected)
 
 
 def test_a_state_tells_its_candidates_with_their_sizes() -> None:
