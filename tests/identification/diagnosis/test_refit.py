@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from support.searched_arm import ARM, PLAY, SCALE, WRONG_SIGN, Case, searched
+from support.searched_arm import ARM, PLAY, SCALE, WRONG_SIGN, Case, held, searched
 from truepose.errors import InputError
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.holdout import Comparison
@@ -22,6 +22,7 @@ from truepose.identification.diagnosis.refit import Choice, Model, chosen_model,
 from truepose.identification.diagnosis.result import WHOLE, Applied, BlockProof, PoseError
 from truepose.identification.fit.bounded import beyond, coefficient_bounds, within_bounds
 from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.tool_pose import ToolPoints, tool_points
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
@@ -159,11 +160,11 @@ def test_forms_answer_for_the_ends_that_they_make_worse(
 ) -> None:
     """What is as bad there with names alone is not their doing; what is better than plain calibration is no harm."""
 
-    def held(errors: tuple[float, float]) -> Comparison:
+    def ended(errors: tuple[float, float]) -> Comparison:
         end = BlockProof("outermost poses", 10, *errors, extrapolates=True)
         return replace(comparison(0.5, 0.5), blocks=(end, BlockProof("validation rows", 10, 9.0, 9.0)))
 
-    assert held(with_forms).worse_beyond(None if names is None else held(names)) is worse
+    assert ended(with_forms).worse_beyond(None if names is None else ended(names)) is worse
 
 
 def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
@@ -257,3 +258,73 @@ def test_what_was_left_out_for_the_tools_sake_is_said() -> None:
     assert "readings that were not fitted get worse" in only and "plain calibration" in only
     (unread,) = applied_words(Applied(WHOLE, "role", None, 0.5, None, 0.5))
     assert "no sensor reads its position" in unread
+
+
+# -- sure names, and constants that leave their tolerances --------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def choice() -> Choice:
+    case, found = held(PLAY, SCALE)
+    return Choice.of(found, case.null, case.exclude, ())
+
+
+def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those whose place and driver are known; where all are sure, or none is, there is nothing smaller."""
+    case, found = held(PLAY, SCALE)
+    number = {c.label: i for i, c in enumerate(case.cat.candidates)}
+    play, scale = number["backlash@q2"], number["actuator-scale@q1"]
+    names = refit(found, {play: 1.0, scale: 1.0}, (), case.exclude)
+    assert names is not None and names.nameless(found) == ()
+    good, bad = comparison(0.5, 0.5), comparison(2.0, 2.0)
+
+    def compared(_: Choice, fit: Estimate) -> Comparison:
+        return good if {e.label for e in fit.effects} == {"backlash@q2"} else bad
+
+    monkeypatch.setattr(Choice, "compared", compared)
+    label, model, applied = chosen_model(choice, names, names, (play,), bad)
+    assert label == "sure-names" and model is not None and list(model.accepted) == [play] and applied is good
+    for sure in ((), (play, scale)):
+        assert chosen_model(choice, names, names, sure, bad)[:2] == ("plain", None)
+    assert chosen_model(choice, names, names, (scale,), bad)[:2] == ("plain", None)  # it does no better
+
+
+def test_rows_for_validation_judge_where_there_are_any(choice: Choice) -> None:
+    fit = choice.before
+    assert choice.as_it_is(fit) is None
+    assert choice.judged(fit).ratio == pytest.approx(1.0) and choice.judged(fit).split == "blocks"
+
+
+@pytest.mark.parametrize(("share", "strays"), [(0.9, False), (1.1, True)])
+def test_a_constant_strays_that_forms_move_as_far_as_a_true_model_never_leaves_one(
+    choice: Choice, share: float, strays: bool
+) -> None:
+    """Beyond where plain calibration has it; not where names alone move it as far."""
+    fit, before = choice.before, choice.before
+    most = worst_allowed(fit)
+    k = next(k for k in range(len(fit.machine.parameters)) if 0.0 < fit.prior.sigma[k] < np.inf)
+    at = before.in_tolerances[k]
+    p, scaled = fit.p.copy(), float(fit.prior.sigma[k])
+    p[k] += np.copysign(share * most, at) * scaled
+    moved = replace(fit, p=p)
+    assert abs(moved.in_tolerances[k] - at) == pytest.approx(share * most)
+    assert abs(moved.in_tolerances[k]) > most or share < 1.0
+    model = Model({}, (), moved)
+    assert choice.strays(model, None) is strays
+    assert not choice.strays(model, Model({}, (), moved))
+    assert not choice.strays(Model({}, (), before), None)
+
+
+def test_forms_must_make_nothing_worse_at_the_ends_and_names_may(choice: Choice) -> None:
+    """A model without forms is judged where it counts alone."""
+    case, found = held(PLAY, SCALE)
+    line = next(i for i, c in enumerate(case.cat.candidates) if c.place == ("q1",) and not case.cat.named(i))
+    names = Model(dict(found.accepted), (), found.fit)
+    with_form = refit(found, {line: 1.0}, (), case.exclude)
+    assert with_form is not None and with_form.nameless(found) == (line,)
+    end = BlockProof("outermost poses", 10, 2.0, 2.0, extrapolates=True)
+    harmful, harmless = replace(comparison(0.5, 0.5), blocks=(end,)), comparison(0.5, 0.5)
+    assert choice.may_be_applied(names, names, harmful)
+    assert not choice.may_be_applied(names, names, comparison(2.0, 0.5))
+    assert not choice.may_be_applied(with_form, None, harmful)
+    assert choice.may_be_applied(with_form, None, harmless) is not choice.strays(with_form, None)
