@@ -65,3 +65,18 @@ def test_two_lines_or_a_ratio_beyond_those_of_gears_share_nothing() -> None:
     assert common_ratio([404.0, 1010.0]) == 0.0
     assert common_ratio([]) == 0.0
     assert common_ratio([700.0, 1423.0, 2129.0]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("ratio", "found"), [(29.0, 0.0), (29.5, 0.0), (30.0, 30.0), (320.0, 320.0), (330.0, 165.0)]
+)
+def test_ratios_are_those_of_strain_wave_gears(ratio: float, found: float) -> None:
+    """From 30 to 320; of a larger one the half is told, of which its multiples are multiples."""
+    assert common_ratio([times * ratio for times in (3, 5, 7, 11, 13)]) == found
+
+
+def test_what_is_no_line_shares_no_ratio() -> None:
+    """Orders of the catalogue, and powers of two, which are those of encoders."""
+    assert common_ratio([30.0, 15.0, 7.0]) == 0.0
+    assert common_ratio([128.0, 256.0, 512.0, 1024.0]) == 0.0
+    assert common_ratio([404.0, 1010.0, 2020.0]) == common_ratio([404.0, 1010.0, 2020.0, 2048.0, 20.0])

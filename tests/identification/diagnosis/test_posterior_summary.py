@@ -71,6 +71,12 @@ def test_parts_have_one_name_each(tmp_path: Path) -> None:
     assert parts_of(machine, "wrong-constant", (f"{limb.name}.a.x",)) == (limb.reading,)
     assert parts_of(machine, "axis-coupling", ("q4", "q3")) == ("q4",)  # the one that is driven
     assert parts_of(machine, "gravity-sag", ("base",)) == ("base",)
+    assert parts_of(machine, "zero-shift", ("q4", "q3", "q4")) == ("q4", "q3")
+    encoded = read_machines(tmp_path / "machines")[
+        "encoded"
+    ]  # an encoder on a load side is a part of its own
+    assert parts_of(encoded, "encoder-eccentricity", ("angle.q3",)) == ("angle.q3",)
+    assert parts_of(encoded, "wrong-constant", ("q3.d",)) == ("q3",)
 
 
 def test_what_is_not_there_leads_nothing() -> None:
