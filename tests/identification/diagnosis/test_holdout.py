@@ -137,6 +137,7 @@ def test_a_block_is_worse_beyond_two_per_cent_of_readings_or_of_the_tool(
     assert block.worse_than(None) is worse
     # another model that is better than plain calibration asks for no more than that
     assert block.worse_than(BlockProof(OUTERMOST, 5, 0.2, 0.2)) is worse
+    assert block.worse_than(BlockProof(OUTERMOST, 5, 0.2)) is worse
     assert block.worse_than(BlockProof(OUTERMOST, 5, 2.0, 2.0)) is False
     whole = Comparison(
         "role", np.ones(3), ratio**2 * np.ones(3), (), None if pose is None else PoseError(1.0, pose)

@@ -269,3 +269,13 @@ def test_odds_beyond_a_million_and_shares_that_do_not_add_up_are_refused(
     else:
         with pytest.raises(ValidationError):
             LearnedPrior.model_validate(written)
+
+
+@pytest.mark.parametrize(("machines", "taken"), [(0, True), (-1, False), (2.5, False)])
+def test_machines_are_counted_from_none_on(machines: float, taken: bool) -> None:
+    written = {"schema": "truepose/prior/1", "machines": machines, "mechanisms": {"serial": machines}}
+    if taken:
+        assert LearnedPrior.model_validate(written).machines == machines
+    else:
+        with pytest.raises(ValidationError):
+            LearnedPrior.model_validate(written)
