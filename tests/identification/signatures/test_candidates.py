@@ -96,8 +96,10 @@ def test_a_volume_is_as_wide_as_the_farthest_reading(tmp_path: Path) -> None:
         (form,) = (f for f in empirical_forms(machine, recording) if f.place == ("sensor",))
         assert form.settings_map == {WIDTH: width}
     blind = replace(rows(machine), observations={})
-    (form,) = (f for f in empirical_forms(machine, blind) if f.place == ("sensor",))
-    assert form.settings_map == {WIDTH: 1.0}
+    nowhere = rows(machine, **{axis: np.zeros(ROWS) for axis in "xyz"})
+    for recording in (blind, nowhere):  # no reach is no width: it is divided by
+        (form,) = (f for f in empirical_forms(machine, recording) if f.place == ("sensor",))
+        assert form.settings_map == {WIDTH: 1.0}
 
 
 def test_loads_range_over_what_the_weight_makes_of_the_poses(tmp_path: Path) -> None:

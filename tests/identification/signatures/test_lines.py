@@ -222,6 +222,19 @@ def test_orders_that_a_fit_has_are_not_proposed_anew(wavy: tuple[Signatures, Est
     assert 100.0 not in own
 
 
+def test_a_joint_that_stands_still_has_no_lines(wavy: tuple[Signatures, Estimate, Catalogue]) -> None:
+    """Nor does any joint have them in fewer rows than two series' orders would need."""
+    signatures, fit, cat = wavy
+    machine, q = signatures.machine, signatures.recording.q.copy()
+    q[:, 0] = 0.3
+    still = replace(signatures.recording, q=q)
+    with np.errstate(divide="raise", invalid="raise"):
+        found = proposed(Signatures(machine, still, cat.candidates), estimate(machine, still), cat)
+    assert all(order <= 30.0 for order in orders(found, "q1"))
+    few = replace(fit, used=fit.used & (np.cumsum(fit.used) < 10))
+    assert proposed(signatures, few, cat) is cat
+
+
 @pytest.mark.parametrize("waves", [{47}, set(range(1, 41)), set(range(61, 71))])
 def test_a_constant_is_no_line_and_the_highest_gain_is_one_of_the_waves(waves: set[int]) -> None:
     rng = np.random.default_rng(4)
