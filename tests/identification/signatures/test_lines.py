@@ -229,7 +229,7 @@ def test_a_joint_that_stands_still_has_no_lines(wavy: tuple[Signatures, Estimate
     q[:, 0] = 0.3
     still = replace(signatures.recording, q=q)
     with np.errstate(divide="raise", invalid="raise"):
-        found = proposed(Signatures(machine, still, cat.candidates), estimate(machine, still), cat)
+        found = proposed(Signatures(machine, still, cat.candidates), fit, cat)
     assert all(order <= 30.0 for order in orders(found, "q1"))
     few = replace(fit, used=fit.used & (np.cumsum(fit.used) < 10))
     assert proposed(signatures, few, cat) is cat
