@@ -26,6 +26,8 @@ _HEADER = re.compile(r'^"?(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?"?$')
 HEADER_MOST = 200
 """Characters of a header; a longer one names no column that counts."""
 _MARKS = ";\t,"
+_MARK_OF_UTF_8 = "\xef\xbb\xbf"
+"""What some programs put before a text."""
 _STEP = 1e-4
 """mm; a written coordinate is no coarser, and an angle no coarser than this at a metre."""
 Cells = list[tuple[int, int]]
@@ -38,7 +40,7 @@ class Points:
 
     def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
         header, rows = _table(text)
-        cells = [text[a:b].strip().removeprefix("\xef\xbb\xbf") for a, b in header]
+        cells = [text[a:b].strip().removeprefix(_MARK_OF_UTF_8) for a, b in header]
         named = [_HEADER.match(cell) if len(cell) <= HEADER_MOST else None for cell in cells]
         units = {m["name"]: m["unit"] for m in named if m}
         place = {m["name"]: k for k, m in enumerate(named) if m}
@@ -77,7 +79,7 @@ def _targets(
 def _table(text: str) -> tuple[Cells, list[tuple[int, Cells]]]:
     """The header's cells, and the cells of each line of data with its number."""
     lines = [(k, m.start(1), m.end(1)) for k, m in enumerate(_LINE.finditer(text), start=1)]
-    held = [one for one in lines if text[one[1] : one[2]].strip() and not _comment(text[one[1] : one[2]])]
+    held = [one for one in lines if _tells(text[one[1] : one[2]])]
     if not held:
         raise InputError("table: found no line, expected a header and points")
     _, start, end = held[0]
@@ -85,8 +87,10 @@ def _table(text: str) -> tuple[Cells, list[tuple[int, Cells]]]:
     return _cells(text, start, end, mark), [(k, _cells(text, a, b, mark)) for k, a, b in held[1:]]
 
 
-def _comment(line: str) -> bool:
-    return line.lstrip().startswith("#")
+def _tells(line: str) -> bool:
+    """Whether a line is neither empty nor a comment."""
+    bare = line.removeprefix(_MARK_OF_UTF_8).strip()
+    return bool(bare) and not bare.startswith("#")
 
 
 def _cells(text: str, start: int, end: int, mark: str) -> Cells:
