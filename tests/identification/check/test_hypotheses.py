@@ -1,0 +1,319 @@
+"""Each hypothesis of the gate: what it does to the scene is what its mend does to the files, and what its words say."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+import truepose
+from support.checked_arm import JOINTS, Document, document, recorded, written
+from truepose.identification.check.kinds.axes import mirrored, targets, turned
+from truepose.identification.check.kinds.frames import frame_unknown, frames_swapped
+from truepose.identification.check.kinds.joints import exchanged, offset, quarter_turns, signs
+from truepose.identification.check.kinds.order import shifted
+from truepose.identification.check.kinds.poses import poses
+from truepose.identification.check.kinds.units import units
+from truepose.identification.check.pair import Pair
+from truepose.identification.check.rig import Rig
+from truepose.identification.check.run import unbounded
+from truepose.identification.check.scene import Scene
+from truepose.identification.check.slip import Slip
+
+ROWS = 8
+ENOUGH = 12  # to be shifted by three
+POINTS = {"P1": [0.0, 30.0, 0.0], "P2": [0.0, -30.0, 0.0], "P3": [80.0, 0.0, 0.0]}
+ON_TARGETS = {"type": "targets", "points": POINTS, "sigma": {"xyz": 0.03}}
+SLIDE: Document = {
+    "schema": "truepose/machine/1",
+    "name": "gantry",
+    "mechanism": {
+        "type": "serial",
+        "joints": [
+            {"name": "q1", "kind": "prismatic", "r": 10.0},
+            {"name": "q2", "kind": "prismatic", "alpha": -90.0, "d": 20.0},
+            {"name": "q3", "kind": "revolute", "alpha": 90.0, "theta": 30.0},
+        ],
+    },
+    "frames": {"base": {"in": "world", "xyz": [1.0, 2.0, 3.0], "tolerance": {"xyz": 5, "rpy": 1}}},
+    "sensor": {"type": "position", "sigma": {"xyz": 0.03}},
+    "tolerances": {"length": 0.2, "angle": 0.05},
+}
+
+
+def sides(rows: pd.DataFrame) -> pd.DataFrame:
+    """With the side and the speed that each joint arrived with."""
+    n = np.arange(len(rows))
+    return rows.assign(
+        **{f"approach.q{k}": np.sign(np.sin(n + k)) for k in range(1, 7)}, **{"velocity.q2": n + 1.0}
+    )
+
+
+def columns_of(kind: str) -> tuple[Document, pd.DataFrame]:
+    rows = recorded()[:ENOUGH]
+    if kind == "pose":
+        return document(), rows
+    rng = np.random.default_rng(1)
+    if kind == "slide":
+        names = ["q1", "q2", "q3", "x", "y", "z"]
+        return SLIDE, pd.DataFrame(rng.uniform(-80, 80, (ROWS, 6)), columns=names)
+    seen = {f"{name}.{axis}": rng.uniform(-500, 500, len(rows)) for name in POINTS for axis in "xyz"}
+    return document(sensor=ON_TARGETS), rows[list(JOINTS)].assign(**seen)
+
+
+class Case:
+    """A pair of files, loaded; ``mended`` loads what a slip makes of them."""
+
+    def __init__(self, folder: Path, machine: Document, rows: pd.DataFrame) -> None:
+        self.folder = folder
+        paths = written(folder, machine, rows)
+        self.pair = Pair.read(paths[0], [paths[1]])
+        self.machine = truepose.load_machine(paths[0])
+        self.rig = Rig(self.machine, truepose.load_recording(unbounded(self.machine), paths[1]))
+
+    def mended(self, slip: Slip) -> tuple[truepose.Machine, Scene]:
+        pair = slip.mend(self.pair)
+        (self.folder / "mended.csv").write_text(pair.sheets[0].text(), encoding="utf-8")
+        machine = self.machine
+        if pair.document != self.pair.document:
+            written(self.folder, dict(pair.document), pd.DataFrame())
+            machine = truepose.load_machine(self.folder / "arm.yaml")
+        value = {p.name: p.nominal for p in machine.parameters}
+        p = np.array([value.get(name, 0.0) for name in self.rig.names])
+        return machine, Scene(truepose.load_recording(machine, self.folder / "mended.csv"), p)
+
+
+@pytest.fixture(scope="module", params=["pose", "targets", "slide"])
+def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
+    return Case(tmp_path_factory.mktemp("case"), *columns_of(request.param))
+
+
+def turns(scene: Scene) -> Rotation:
+    seen = scene.rows.observations
+    return Rotation.from_rotvec(np.column_stack([seen[n] for n in ("rx", "ry", "rz")]))
+
+
+@pytest.mark.parametrize(
+    "maker", [units, signs, exchanged, mirrored, turned, targets, poses, shifted, frames_swapped, quarter_turns]
+)  # fmt: skip
+def test_what_a_slip_does_to_the_scene_its_mend_does_to_the_files(
+    maker: Callable[[Rig, Scene], Iterable[Slip]], case: Case
+) -> None:
+    rig = case.rig
+    own = list(maker(rig, rig.scene))
+    for slip in own[:: max(len(own) // 12, 1)]:  # a dozen of each kind: loading takes time
+        there = slip.change(rig.scene)
+        _, mended = case.mended(slip)
+        left = np.ones(len(rig.scene.rows), dtype=bool) if there.lost is None else ~there.lost
+        zero = np.zeros(there.rows.q.shape[1])
+        zeros = [zero, zero]
+        if slip.kind == "offset":  # in the constant, where the file has one
+            at = [rig.names.index(f"{name}.theta") for name in there.rows.joints]
+            zeros = [there.p[at], mended.p[at]]
+            apart = (there.rows.q + zeros[0]) - (mended.rows.q + zeros[1])
+            np.testing.assert_allclose(np.sin(apart / 2), 0.0, atol=1e-9)
+            continue
+        np.testing.assert_allclose(there.rows.q[left], mended.rows.q, rtol=1e-9, atol=1e-9, err_msg=slip.says)
+        np.testing.assert_allclose(there.p, mended.p, rtol=1e-8, atol=1e-9, err_msg=slip.says)
+        for name, values in there.rows.observations.items():
+            if not (
+                name.startswith("r") and slip.kind in ("inverse-pose", "rotation-convention", "unit-angle")
+            ):
+                found = mended.rows.observations[name]
+                np.testing.assert_allclose(values[left], found, rtol=1e-8, atol=1e-8, err_msg=slip.says)
+        if "rx" in there.rows.observations and there.lost is None:
+            assert np.max((turns(there).inv() * turns(mended)).magnitude()) < 1e-7, slip.says
+
+
+def test_every_hypothesis_is_made_once(case: Case) -> None:
+    """As many as there are: pairs, two orders along and the reverse; hands; quarter and half turns; rows up to three."""
+    rig, kind = case.rig, case.machine.sensors[0].type
+    count = {
+        maker: len(list(maker(rig, rig.scene)))
+        for maker in (signs, exchanged, mirrored, turned, poses, quarter_turns)
+    }
+    few = kind == "position"
+    assert count[signs] == (3 if few else 6)
+    assert count[exchanged] == (1 if few else 15 + 3)  # slides with slides only
+    assert count[quarter_turns] == (3 if few else 18)
+    assert count[mirrored] == {"pose": 6 + 24, "targets": 6, "position": 6}[kind]
+    assert count[turned] == 23
+    assert count[poses] == {"pose": 2 + 2 * 12 + 5, "targets": 0, "position": 0}[kind]
+    assert len(list(targets(rig, rig.scene))) == (5 if kind == "targets" else 0)
+    for maker in (units, signs, exchanged, targets, poses, shifted, quarter_turns):
+        said = [(s.says, s.fix) for s in maker(rig, rig.scene)]
+        assert len(set(said)) == len(said)
+
+
+def about(axes: str, angles: np.ndarray) -> list[Rotation]:
+    return [
+        Rotation.from_rotvec(v * np.eye(3)["xyz".index(axis)]) for axis, v in zip(axes, angles, strict=True)
+    ]
+
+
+def test_angles_are_turned_as_their_words_say(tmp_path: Path) -> None:
+    """Moving axes turn with the body, fixed ones do not; products of matrices are what they are written as."""
+    case = Case(tmp_path, *columns_of("pose"))
+    read = np.array([case.rig.scene.rows.observations[n][3] for n in ("rx", "ry", "rz")])
+    for slip in poses(case.rig, case.rig.scene):
+        there = turns(slip.change(case.rig.scene))[3]
+        if m := re.fullmatch(r"rx, ry, rz as angles about (\w), (\w), (\w), (moving|fixed) axes", slip.says):
+            parts = about("".join(m.groups()[:3]), read)
+            parts = parts if m[4] == "moving" else parts[::-1]
+        elif m := re.fullmatch(
+            r"rx, ry, rz as angles of their axes: R(.)\(r.\) R(.)\(r.\) R(.)\(r.\)", slip.says
+        ):
+            axes = "".join(m.groups())
+            parts = about(axes, read[["xyz".index(axis) for axis in axes]])
+        else:
+            parts = [Rotation.from_rotvec(-read)]
+        expected = reduce(lambda a, b: a * b, parts)
+        assert (expected.inv() * there).magnitude() < 1e-9, slip.says
+        assert slip.where == (("x", "y", "z") if "inverse)" in slip.says else ()) + ("rx", "ry", "rz")
+
+
+def test_an_inverse_pose_inverted_is_the_pose(tmp_path: Path) -> None:
+    case = Case(tmp_path, *columns_of("pose"))
+    slip = next(s for s in poses(case.rig, case.rig.scene) if s.kind == "inverse-pose")
+    twice = slip.change(slip.change(case.rig.scene))
+    for name, values in case.rig.scene.rows.observations.items():
+        np.testing.assert_allclose(twice.rows.observations[name], values, atol=1e-9)
+    there = slip.change(case.rig.scene)
+    place = [np.column_stack([s.rows.observations[n] for n in "xyz"]) for s in (case.rig.scene, there)]
+    np.testing.assert_allclose(turns(case.rig.scene).apply(place[1]) + place[0], 0.0, atol=1e-9)
+
+
+def test_a_mirror_maps_points_and_turns_alike(tmp_path: Path) -> None:
+    """S x and S R S': of the other hand for ``mirrored``, of the same for ``turned``; the first leaves no turn as it was."""
+    case = Case(tmp_path, *columns_of("pose"))
+    scene = case.rig.scene
+    before = np.column_stack([scene.rows.observations[n] for n in "xyz"])
+    for maker, hand in ((mirrored, -1.0), (turned, 1.0)):
+        for k, slip in enumerate(maker(case.rig, scene)):
+            there = slip.change(scene)
+            after = np.column_stack([there.rows.observations[n] for n in "xyz"])
+            s = np.linalg.lstsq(before, after, rcond=None)[0].T
+            np.testing.assert_allclose(np.abs(s).sum(axis=0), 1.0, atol=1e-9)
+            assert np.linalg.det(s) == pytest.approx(hand)
+            whole = hand < 0 and k < 6
+            expected = s @ turns(scene).as_matrix() @ s.T if whole else turns(scene).as_matrix()
+            np.testing.assert_allclose(turns(there).as_matrix(), expected, atol=1e-9)
+            moved = tuple(
+                a for a, row in zip("xyz", s, strict=True) if not np.allclose(row, np.eye(3)["xyz".index(a)])
+            )
+            assert tuple(sorted(slip.where)) == moved
+
+
+@pytest.mark.parametrize(("kind", "says"), [
+    ("pose", {"measured x and y exchanged": "exchange the headers of the sensor's columns: x and y exchanged",
+              "measured z with the other sign": "change the sensor's columns: z with the other sign",
+              "measured x, y and z in another order and x with the other sign": None}),
+])  # fmt: skip
+def test_axes_are_told_in_words(kind: str, says: dict[str, str | None], tmp_path: Path) -> None:
+    case = Case(tmp_path, *columns_of(kind))
+    told = {s.says: s for maker in (mirrored, turned) for s in maker(case.rig, case.rig.scene)}
+    for text, fix in says.items():
+        assert text in told, sorted(told)
+        assert fix is None or told[text].fix == fix
+        assert told[text].kind == ("permutation" if "sign" not in text else "handedness")
+
+
+def test_words_of_joints_and_rows(tmp_path: Path) -> None:
+    case = Case(tmp_path, *columns_of("pose"))
+    rig, scene = case.rig, case.rig.scene
+    told = {s.says: s.fix for maker in (signs, exchanged, quarter_turns, shifted) for s in maker(rig, scene)}
+    assert told["q3 counted the other way"].startswith("change the sign of column q3, or turn its axis")
+    assert told["q4 and q5 exchanged"] == "exchange the headers of columns q4 and q5"
+    along = told["q1, q2, q3, q4, q5 and q6 in another order"]
+    assert along.startswith("rename the columns: ") and along.count(" is q") == 6
+    assert "add -90 deg to the zero of q2 in the machine file, or to its column" in told.values()
+    assert told["readings 1 row too late"] == "move x, y, z and 3 more 1 row up, against the joints"
+    assert told["readings 2 rows too early"].endswith("2 rows down, against the joints")
+
+
+def test_rows_are_shifted_where_enough_are_left(tmp_path: Path) -> None:
+    for count, found in ((6, 0), (7, 6)):
+        case = Case(tmp_path, document(), recorded()[:count])
+        slips = list(shifted(case.rig, case.rig.scene))
+        assert len(slips) == found
+    for slip in slips:
+        by = int(re.findall(r"\d", slip.says)[0]) * (1 if "late" in slip.says else -1)
+        there = slip.change(case.rig.scene)
+        x = case.rig.scene.rows.observations["x"]
+        kept = slice(0, len(x) - by) if by > 0 else slice(-by, None)
+        assert there.lost is not None
+        assert np.flatnonzero(~there.lost).tolist() == list(range(len(x)))[kept]
+        np.testing.assert_array_equal(there.rows.observations["x"][~there.lost], np.roll(x, -by)[~there.lost])
+
+
+def test_what_goes_with_a_joint_is_mended_with_it(tmp_path: Path) -> None:
+    """The side and the speed that it arrived with change their sign, or their name, as its readings do."""
+    case = Case(tmp_path, document(), sides(recorded()[:ROWS]))
+    sheet = case.pair.sheets[0]
+    other_way = (
+        next(s for s in signs(case.rig, case.rig.scene) if s.where == ("q2",)).mend(case.pair).sheets[0]
+    )
+    for name in sheet.units:
+        sign = -1.0 if name in ("q2", "approach.q2", "velocity.q2") else 1.0
+        np.testing.assert_allclose(other_way.numbers(name), sign * sheet.numbers(name))
+    swapped = (
+        next(s for s in exchanged(case.rig, case.rig.scene) if s.where == ("q2", "q5"))
+        .mend(case.pair)
+        .sheets[0]
+    )
+    for one, other in (
+        ("q2", "q5"),
+        ("approach.q2", "approach.q5"),
+        ("velocity.q2", "velocity.q5"),
+        ("x", "x"),
+    ):
+        np.testing.assert_allclose(swapped.numbers(other), sheet.numbers(one))
+
+
+@pytest.mark.parametrize("frame", ["base", "tool"])
+def test_a_frame_that_is_elsewhere_is_told_and_stated_as_unknown(frame: str, tmp_path: Path) -> None:
+    case = Case(tmp_path, *columns_of("pose"))
+    found = case.rig.scene.p.copy()
+    at = case.rig.at[frame]
+    found[at] += [30.0, -40.0, 0.0, 0.0, 0.0, 0.2]
+    slip = frame_unknown(case.rig, frame, found)
+    before, after = (case.rig.frames_of(p)[frame == "tool"] for p in (case.rig.scene.p, found))
+    turn = np.degrees(Rotation.from_matrix(before[:3, :3].T @ after[:3, :3]).magnitude())
+    assert slip.says == f"frames.{frame} stands 50 mm and {turn:.3g} deg from where the file says"
+    machine, mended = case.mended(slip)
+    np.testing.assert_allclose(mended.p, found, rtol=1e-5)
+    unknown = {p.name for p in machine.parameters if np.isinf(p.tolerance)}
+    assert unknown == {case.rig.names[k] for k in at}
+    bare = document()
+    parent = bare["frames"].pop(frame)["in"]
+    other = Case(tmp_path, bare, recorded()[:ROWS])
+    left_out = frame_unknown(other.rig, frame, found)
+    assert left_out.says.startswith(
+        f"frames.{frame} is left out, which says that it is exactly the identity, and stands "
+    )
+    assert left_out.fix.startswith(f"add frames.{frame} with")
+    assert left_out.mend(other.pair).get(("frames", frame, "in")) == parent
+
+
+def test_a_zero_out_of_the_range_is_mended_in_its_column(tmp_path: Path) -> None:
+    """Where readings leave the joint's range, which counts from the right zero."""
+    machine, rows = columns_of("pose")
+    machine["mechanism"]["joints"][0]["range"] = [-100.0, 100.0]
+    rows["q1"] = np.linspace(
+        -140.0, 60.0, len(rows)
+    )  # some of them out of range: zero or whole turns are off
+    case = Case(tmp_path, machine, rows)
+    slip = offset(case.rig, 0, np.radians(40.0))
+    mended = slip.mend(case.pair)
+    assert mended.document == case.pair.document
+    np.testing.assert_allclose(mended.sheets[0].numbers("q1"), rows["q1"] + 40.0, atol=1e-9)
+    round_again = offset(case.rig, 0, np.radians(-300.0)).mend(case.pair).sheets[0].numbers("q1")
+    np.testing.assert_allclose(
+        round_again, rows["q1"] + 60.0, atol=1e-9
+    )  # whole turns bring it into the range
