@@ -1,0 +1,257 @@
+"""What needs no search: rows, ranges, gravity, sigma, a machine without a sensor; limits on either side, and their words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import truepose
+from support.checked_arm import Document, checked, document, recorded, written
+from truepose.identification.check.bare import bare, out_of_range, repeats
+from truepose.identification.check.judging import reach, shown
+from truepose.identification.check.pair import Pair, Sheet
+from truepose.identification.check.result import Check, Found
+from truepose.identification.check.rig import Rig
+from truepose.identification.check.run import unbounded
+from truepose.identification.check.scene import Scene, Stand
+from truepose.identification.check.sensorless import without_sensor
+from truepose.identification.recording.recording import Recording
+from truepose.models.machine import Machine
+
+
+@pytest.fixture(scope="module")
+def right() -> pd.DataFrame:
+    return recorded()
+
+
+def loaded(folder: Path, machine: Document, rows: pd.DataFrame) -> tuple[Machine, Recording]:
+    path, _ = written(folder, machine, rows)
+    found = truepose.load_machine(path)
+    return found, truepose.load_recording(unbounded(found), rows)
+
+
+def kinds(folder: Path, machine: Document, rows: pd.DataFrame) -> dict[str, Found]:
+    return {f.kind: f for f in bare(*loaded(folder, machine, rows))}
+
+
+@pytest.mark.parametrize(("rows", "verdict"), [(2, "wrong"), (3, "suspect"), (5, "suspect"), (6, None)])
+def test_rows_are_too_few_where_constants_outnumber_readings(
+    rows: int, verdict: str | None, right: pd.DataFrame, tmp_path: Path
+) -> None:
+    """Six readings a row for 36 constants: in six rows there are as many, in three half of them."""
+    exact = document()
+    exact["frames"]["tool"]["tolerance"] = {"xyz": 0, "rpy": 0}  # the tool's six
+    machine = truepose.load_machine(written(tmp_path, exact, right)[0])
+    free = sum(p.free for p in machine.parameters)
+    assert free == 36
+    found = kinds(tmp_path, exact, right[:rows]).get("too-few-rows")
+    assert (found and found.verdict) == verdict
+    if found:
+        assert found.says.startswith(f"{rows} rows are {6 * rows} readings for 36 constants")
+        assert found.fix.startswith("measure at least 12 poses")
+
+
+def test_rows_for_validation_are_no_rows_of_a_fit(right: pd.DataFrame, tmp_path: Path) -> None:
+    rows = right[:12].assign(role=["validation"] * 8 + ["calibration"] * 4)
+    assert kinds(tmp_path, document(), rows)["too-few-rows"].says.startswith("4 rows are 24 readings")
+
+
+def test_rows_that_repeat_another_one_are_counted_once(right: pd.DataFrame, tmp_path: Path) -> None:
+    twice = pd.concat([right[:8], right[2:4], right[3:4]], ignore_index=True)
+    rows = loaded(tmp_path, document(), twice)[1]
+    assert repeats(rows).tolist() == [8, 9, 10]
+    found = kinds(tmp_path, document(), twice)["duplicated-rows"]
+    assert found.says == "3 rows repeat an earlier one to the last digit: rows 9, 10, 11"
+    assert found.mend is not None
+    mended = found.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])).sheets[0]
+    assert len(mended.cells) == 8 and mended.numbers("x")[7] == pytest.approx(right["x"][7])
+    for name in ("x", "q1"):
+        near = twice.copy()
+        near.loc[[8, 9, 10], name] += [1e-9, 2e-9, 3e-9]
+        assert not len(repeats(loaded(tmp_path, document(), near)[1]))
+    timed = twice.assign(time=np.arange(11.0))
+    assert not len(repeats(loaded(tmp_path, document(), timed)[1]))
+
+
+def test_joints_that_stand_still_are_told(right: pd.DataFrame, tmp_path: Path) -> None:
+    one = kinds(tmp_path, document(), right.assign(q2=1.0))["joint-never-moves"]
+    assert one.says == "q2 never moves: nothing can be said of its constants"
+    two = kinds(tmp_path, document(), right.assign(q2=1.0, q5=2.0))["joint-never-moves"]
+    assert two.where == ("q2", "q5") and two.says.startswith("q2 and q5 never move: ")
+
+
+@pytest.mark.parametrize(
+    ("gravity", "masses", "told"), [(None, True, True), (None, False, False), ([0, 0, -9.8], True, False)]
+)
+def test_weights_need_gravity(
+    gravity: list[float] | None, masses: bool, told: bool, right: pd.DataFrame, tmp_path: Path
+) -> None:
+    machine = document(gravity=gravity) if masses else document(gravity=gravity, masses=None)
+    found = kinds(tmp_path, machine, right).get("no-gravity")
+    assert (found is not None) == told
+    if found is not None and found.mend is not None:
+        pair = found.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
+        x, y, z = pair.get(("gravity",))
+        assert (x, y) == (0, 0) and z == pytest.approx(-9.81, abs=0.01)  # m/s^2, downwards
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "says"),
+    [
+        (-151.0, 151.0, None),
+        (-60.0, 150.0, "row 1: q1 is -100 deg, out of its range [-60, 150]"),
+        (-150.0, 60.0, "row 2: q1 is 100 deg, out of its range [-150, 60], and a zero elsewhere, by about -45 deg"),
+        (-85.0, 115.0, "row 1: q1 is -100 deg, out of its range [-85, 115], and a zero elsewhere, by about +15 deg"),
+    ],
+)  # fmt: skip
+def test_readings_out_of_a_range_are_told_with_the_zero_that_would_bring_them_inside(
+    low: float, high: float, says: str | None, right: pd.DataFrame, tmp_path: Path
+) -> None:
+    machine = document()
+    machine["mechanism"]["joints"][0]["range"] = [low, high]
+    q = np.linspace(-100, 100, len(right))
+    q[1] = 100.0
+    if low == -60.0:
+        q[2] = 140.0  # 240 deg of motion in a range of 210
+    found, rows = loaded(tmp_path, machine, right.assign(q1=q))
+    told = [f.says.partition(": ")[2] if says is None else f.says for f in out_of_range(found, rows)]
+    assert len(told) == (says is not None)
+    assert says is None or says in told[0]
+    assert says is None or ("zero elsewhere" in told[0]) == ("zero elsewhere" in says)
+
+
+def pair_of(names: dict[str, Any]) -> Pair:
+    sheet = Sheet("r.csv", pd.DataFrame(names, dtype=object), dict.fromkeys(names))
+    return Pair("m.yaml", "", {"name": "m"}, (sheet,))
+
+
+XYZ = {"x": ["0", "300"], "y": ["0", "-200"], "z": ["5", "6"]}
+TARGETS = {f"{p}.{a}": ["1", "2"] for p in ("A", "B2") for a in "xyz"}
+
+
+@pytest.mark.parametrize(
+    ("names", "words", "block"),
+    [
+        (XYZ, "sensor: {type: position, sigma: {xyz: 0.006}}", {"type": "position", "sigma": {"xyz": 0.006}}),
+        (XYZ | {key: ["0", "1"] for key in ("rx", "ry", "rz")}, "sensor: {type: pose, sigma: {xyz: 0.006, rot: 0.005}}",
+         {"type": "pose", "sigma": {"xyz": 0.006, "rot": 0.005}}),
+        (TARGETS, "sensor: {type: targets, points: {A: [x, y, z], B2: [x, y, z]}, sigma: {xyz: ...}}", None),
+        ({"x": ["1"], "y": ["2"], "C.x": ["3"], "C.y": ["4"]}, "", None),
+    ],
+)  # fmt: skip
+def test_a_machine_without_a_sensor_is_told_which_its_columns_speak_of(
+    names: dict[str, Any], words: str, block: dict[str, Any] | None
+) -> None:
+    pair = pair_of(names)
+    (found,) = without_sensor(pair).found
+    assert found.fix.startswith(
+        f"add '{words}' to the machine file" if block else "add a block 'sensor' to the machine file"
+    )
+    assert (found.mend is None) == (block is None)
+    if found.mend is not None:
+        assert found.mend(pair).get(("sensor",)) == block
+    assert without_sensor(pair).rows == len(pair.sheets[0].cells)
+    assert without_sensor(replace(pair, sheets=())).rows == 0
+
+
+def test_fields_of_a_document_are_made_where_there_are_none() -> None:
+    pair = Pair("m.yaml", "", {"a": {"b": [1, {"c": 2}]}}, ())
+    assert [pair.get(f) for f in (("a", "b", 1, "c"), ("a", "b", 2), ("a", "x"), ("a", "b", "c"))] == [
+        2,
+        None,
+        None,
+        None,
+    ]
+    assert pair.with_field(("a", "b", 0), 5).document == {"a": {"b": [5, {"c": 2}]}}
+    assert pair.with_field(("d", "e"), 3).document == {"a": {"b": [1, {"c": 2}]}, "d": {"e": 3}}
+    assert pair.document == {"a": {"b": [1, {"c": 2}]}}
+
+
+def test_two_recordings_of_one_name_are_written_beside_each_other(
+    right: pd.DataFrame, tmp_path: Path
+) -> None:
+    machine, _ = written(tmp_path, document(), right)
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        right.to_csv(tmp_path / name / "r.csv", index=False)
+    pair = Pair.read(machine, [tmp_path / "a/r.csv", tmp_path / "b/r.csv"])
+    out = pair.write(tmp_path / "out")
+    assert [Path(p).name for p in out] == ["arm.yaml", "1_r.csv", "2_r.csv"]
+    assert pd.read_csv(out[2])["x"].to_numpy() == pytest.approx(right["x"].to_numpy())
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "whole"),
+    [((), "ok"), (("ok",), "ok"), (("ok", "suspect"), "suspect"), (("suspect", "wrong"), "wrong")],
+)
+def test_the_worst_finding_is_the_verdict(verdicts: tuple[Any, ...], whole: str) -> None:
+    found = tuple(Found("k", ("a",), "says", "fix", verdict) for verdict in verdicts)
+    check = Check(found, 7, 0.5)
+    assert check.verdict == whole
+    assert check.document()["misfit"] == {"value": 0.5, "unit": "mm"} and check.document()["rows"] == 7
+    assert Check(found, 7, None).document()["misfit"] is None
+
+
+def stand(misfit: float, length: float | None) -> Stand:
+    scene: Any = None
+    return Stand(np.zeros(1), misfit, length, np.zeros((0, 1)), np.zeros(0, dtype=np.intp), scene)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ((5.0, 2.0), (1.0, 0.5), (2.0, 0.5, "mm")),
+        ((5.0, None), (1.0, 0.5), (5.0, 1.0, "sigma")),
+        ((5.0, 2.0), (1.0, None), (5.0, 1.0, "sigma")),
+        ((np.inf, None), (1.0, 0.5), (None, 0.5, "mm")),
+        ((np.inf, None), (1.0, None), (None, 1.0, "sigma")),
+    ],
+)
+def test_two_misfits_are_shown_in_one_unit(
+    before: tuple[float, float | None], after: tuple[float, float | None], told: tuple[Any, ...]
+) -> None:
+    assert shown(stand(*before), stand(*after)) == told
+
+
+def test_the_longest_dimension_is_the_reach(right: pd.DataFrame, tmp_path: Path) -> None:
+    machine, rows = loaded(tmp_path, document(), right)
+    rig = Rig(machine, rows)
+    assert reach(rig, rig.scene.p) == 440.0
+    p = rig.scene.p.copy()
+    p[rig.names.index("q4.r")] = -900.0
+    p[rig.at["base"]] = 5000.0  # where it stands says nothing of its size
+    assert reach(rig, p) == 900.0
+
+
+def test_replicates_are_told_by_their_own_scatter(right: pd.DataFrame, tmp_path: Path) -> None:
+    """Four readings of each of ten poses with twenty times the stated scatter, or a twentieth."""
+    rng = np.random.default_rng(4)
+    for stated, scatter in ((0.03, 0.6), (0.6, 0.03)):
+        repeated = pd.concat([right[:10]] * 4, ignore_index=True)
+        repeated[["x", "y", "z"]] += scatter * rng.standard_normal((40, 3))
+        machine = document(sensor={"type": "pose", "sigma": {"xyz": stated, "rot": 0.005}})
+        found = checked(tmp_path, machine, pd.concat([right, repeated])).found
+        one = next(f for f in found if f.where == ("sensor.sigma.xyz",))
+        assert one.says.startswith("replicates scatter by ") and one.before == stated
+        # ten groups of three coordinates, three free each: their middle within a third
+        assert one.after == pytest.approx(scatter, rel=0.35)
+        assert one.mend is not None
+        pair = one.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
+        assert pair.get(("sensor", "sigma", "xyz")) == pytest.approx(one.after, rel=0.01)
+
+
+def test_scenes_are_changed_by_copies(right: pd.DataFrame, tmp_path: Path) -> None:
+    """The rows of a recording are shared by all hypotheses."""
+    rows = loaded(tmp_path, document(), right)[1]
+    scene = Scene(rows, np.zeros(3), size=2.0)
+    there = scene.with_columns({"x": rows.observations["x"] * 5.0}, 3.0)
+    assert there.size == 6.0 and scene.size == 2.0
+    np.testing.assert_array_equal(there.rows.observations["y"], rows.observations["y"])
+    before = rows.q.copy()
+    np.testing.assert_array_equal(scene.with_joints(rows.q + 1.0).rows.q, before + 1.0)
+    np.testing.assert_array_equal(scene.rows.q, before)
