@@ -26,7 +26,7 @@ from truepose.identification.planning.discriminate.race import ordered
 from truepose.identification.planning.discriminate.result import IDENTICAL, SPLIT, Experiment, Pair
 from truepose.identification.planning.discriminate.rows import Rows, recording_of
 from truepose.identification.planning.discriminate.targets import Target
-from truepose.identification.planning.exchange import Pool
+from truepose.identification.planning.exchange import Pool, exchange
 from truepose.identification.planning.rounding import decimals, rounded
 from truepose.models.machine import Machine
 
@@ -270,3 +270,12 @@ def test_more_information_is_worth_no_less_by_a_criterion_of_all_of_it(name: str
         assert objective.ranks(objective.information(flat)[None])[0] == -np.inf
         flat[0, 0, 3] = 1e-2 * np.sqrt(OPEN)
         assert objective.value(flat) == -np.inf
+
+
+def test_a_pose_is_repeated_where_no_other_says_as_much() -> None:
+    """Also in a design of as many poses as there are to choose from."""
+    signature = np.array([[[0.01, 0.01]], [[1.0, 0.0]], [[0.0, 1.0]]])
+    pool = Pool(signature, np.zeros(1, dtype=bool))
+    objective = Objective(CRITERIA["d"], np.eye(2), np.eye(2))
+    design = exchange(pool, objective, [0, 1, 2])
+    assert sorted(design) in ([1, 1, 2], [1, 2, 2])

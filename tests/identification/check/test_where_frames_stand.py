@@ -1,0 +1,141 @@
+"""Closed forms for base and tool, and what a misfit costs in tolerances: exact where readings are, in every unit of noise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import truepose
+from support.checked_arm import JOINTS, document, written
+from truepose.identification.check.alignment import Frames, starts
+from truepose.identification.check.drawing import expected, priced
+from truepose.identification.check.rig import Rig
+
+Array = NDArray[np.float64]
+POINTS = np.array([[0.0, 30.0, 0.0], [0.0, -30.0, 0.0], [80.0, 0.0, 0.0]])
+NAMES = ("P1", "P2", "P3")
+
+
+def moved(rng: np.random.Generator, n: int = 1, size: float = 400.0) -> Array:
+    out = np.tile(np.eye(4), (n, 1, 1))
+    out[:, :3, :3], out[:, :3, 3] = Rotation.random(n, rng=rng).as_matrix(), rng.uniform(-size, size, (n, 3))
+    return out
+
+
+def sensor(kind: str) -> dict[str, Any]:
+    sigma = {"xyz": 0.03, "rot": 0.005} if kind == "pose" else {"xyz": 0.03}
+    more = {"points": dict(zip(NAMES, POINTS.tolist(), strict=True))} if kind == "targets" else {}
+    return {"type": kind, "sigma": sigma, **more}
+
+
+def seen(kind: str, poses: Array) -> dict[str, Array]:
+    """Columns that a sensor reads of poses (n, 4, 4), mm and deg."""
+    if kind == "targets":
+        places = np.einsum("nij,mj->nmi", poses[:, :3, :3], POINTS) + poses[:, None, :3, 3]
+        return {f"{name}.{a}": places[:, k, j] for k, name in enumerate(NAMES) for j, a in enumerate("xyz")}
+    turns = Rotation.from_matrix(poses[:, :3, :3]).as_rotvec(degrees=True)
+    out = {a: poses[:, k, 3] for k, a in enumerate("xyz")}
+    return out | ({f"r{a}": turns[:, k] for k, a in enumerate("xyz")} if kind == "pose" else {})
+
+
+def found(
+    folder: Path, kind: str, flange: Array, poses: Array, stated: Frames, lost: int = 0
+) -> list[Frames]:
+    columns = {name: np.zeros(len(flange)) for name in JOINTS} | seen(kind, poses)
+    rows = pd.DataFrame(columns)
+    if lost:
+        rows.iloc[:lost, 6] = np.nan
+    machine = truepose.load_machine(written(folder, document(sensor=sensor(kind)), rows)[0])
+    recording = truepose.load_recording(machine, rows)
+    return list(starts(machine, recording, flange, stated, POINTS if kind == "targets" else None))
+
+
+def missed(frames: Frames, flange: Array, poses: Array, *, points: bool) -> float:
+    drawn = frames[0] @ flange @ frames[1]
+    off = np.abs(drawn - poses)
+    return float(np.max(off[:, :3, 3] if points else off))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", ["pose", "targets"])
+def test_poses_tell_base_and_tool_wherever_they_are(kind: str, seed: int, tmp_path: Path) -> None:
+    """From readings without an error, by the null vector alone, and nothing is known of either; lost rows are left out."""
+    rng = np.random.default_rng(seed)
+    flange, base, tool = moved(rng, 12), moved(rng)[0], moved(rng, size=150.0)[0]
+    stated = (moved(rng)[0], moved(rng)[0])
+    places = found(tmp_path, kind, flange, base @ flange @ tool, stated, lost=2)
+    assert places[0] is stated
+    first = places[1 if kind == "pose" else 2]
+    assert missed(first, flange, base @ flange @ tool, points=False) < 1e-6
+    for one, true in zip(first, (base, tool), strict=True):
+        np.testing.assert_allclose(one, true, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["position", "targets"])
+def test_points_tell_the_base_of_a_known_tool(kind: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    flange, base, tool = moved(rng, 12), moved(rng)[0], moved(rng, size=150.0)[0]
+    poses = base @ flange @ tool
+    places = found(tmp_path, kind, flange, poses, (moved(rng)[0], tool))
+    assert missed(places[1], flange, poses, points=True) < 1e-6
+    np.testing.assert_allclose(places[1][0], base, atol=1e-6)
+    assert len(places) == 4  # as stated; three tools for points alone, or one and two by poses
+
+
+def test_points_tell_how_far_a_tool_is_off(tmp_path: Path) -> None:
+    """A tool that is some millimetres longer than stated, next to a machine of a metre: three turns come close."""
+    rng = np.random.default_rng(8)
+    flange, base, tool = moved(rng, 12), moved(rng)[0], moved(rng, size=150.0)[0]
+    stated = tool.copy()
+    stated[:3, 3] += [4.0, -3.0, 2.0]
+    places = found(tmp_path, "position", flange, base @ flange @ tool, (moved(rng)[0], stated))
+    assert missed(places[1], flange, base @ flange @ tool, points=True) < 0.05 * np.linalg.norm([4, 3, 2])
+
+
+def test_two_rows_tell_no_frame(tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    flange, stated = moved(rng, 5), (moved(rng)[0], moved(rng)[0])
+    assert len(found(tmp_path, "pose", flange, moved(rng, 5), stated, lost=3)) == 1
+    assert len(found(tmp_path, "pose", flange, moved(rng, 5), stated, lost=2)) > 1
+
+
+def rig_off_by(folder: Path, tolerances: float, sigma: float = 1e-4) -> Rig:
+    """Readings without noise of an arm whose forearm is longer than drawn by so many tolerances of 0.2 mm."""
+    real, drawn = (document(sensor={"type": "pose", "sigma": {"xyz": sigma, "rot": sigma}}) for _ in range(2))
+    real["mechanism"]["joints"][1]["a"] += 0.2 * tolerances
+    q = pd.DataFrame(np.random.default_rng(3).uniform(-80, 80, (10, 6)), columns=list(JOINTS))
+    seen = truepose.simulate(truepose.load_machine(written(folder, real, q)[0]), q, seed=None)
+    rows = pd.concat([q, seen.reset_index(drop=True)], axis=1)
+    machine = truepose.load_machine(written(folder, drawn, rows)[0])
+    return Rig(machine, truepose.load_recording(machine, rows))
+
+
+def test_a_price_counts_tolerances_beside_readings_in_units_of_the_noise(tmp_path: Path) -> None:
+    """Readings that are far finer than tolerances: one constant that is off by k of them costs k noises, spread over the
+    readings; twice as far off, or as much noise, twice as much."""
+    prices = {}
+    for off in (3.0, 6.0):
+        rig = rig_off_by(tmp_path, off)
+        stand = rig.stand()
+        for noise in (1.0, 2.0):
+            prices[off, noise] = priced(rig, stand, noise)
+    one = prices[3.0, 1.0]
+    assert prices[6.0, 1.0] == pytest.approx(2.0 * one, rel=0.05)
+    assert prices[3.0, 2.0] == pytest.approx(2.0 * one, rel=0.05)
+    # 3 tolerances over 60 readings, of which the best eight of ten rows count
+    assert 0.5 * 3.0 / np.sqrt(60) < one <= 1.02 * 3.0 / np.sqrt(0.8 * 60)
+
+
+def test_a_right_machine_is_expected_to_miss_what_its_tolerances_leave(tmp_path: Path) -> None:
+    """In sigmas: ten times finer readings show ten times as much of it; none is below the noise."""
+    fine, coarse = (rig_off_by(tmp_path, 1.0, sigma) for sigma in (1e-4, 1e-3))
+    found = [expected(rig, rig.stand()) for rig in (fine, coarse)]
+    assert found[0] == pytest.approx(10.0 * found[1], rel=0.01)
+    dull = rig_off_by(tmp_path, 1.0, 1e3)
+    assert expected(dull, dull.stand()) == pytest.approx(1.0, abs=1e-3)
