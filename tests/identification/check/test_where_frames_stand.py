@@ -139,3 +139,17 @@ def test_a_right_machine_is_expected_to_miss_what_its_tolerances_leave(tmp_path:
     assert found[0] == pytest.approx(10.0 * found[1], rel=0.01)
     dull = rig_off_by(tmp_path, 1.0, 1e3)
     assert expected(dull, dull.stand()) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("across", "places"), [(30.0, 4), (0.0, 2)])
+def test_targets_on_one_line_show_no_attitude(
+    across: float, places: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But for the tool as it is stated: how they are turned about their line is not told."""
+    points = np.array([[100.0, across, 0.0], [200.0, 0.0, 0.0], [400.0, 0.0, 0.0]])
+    monkeypatch.setitem(globals(), "POINTS", points)
+    rng = np.random.default_rng(10)
+    flange, base, tool = moved(rng, 12), moved(rng)[0], moved(rng, size=150.0)[0]
+    found_places = found(tmp_path, "targets", flange, base @ flange @ tool, (moved(rng)[0], tool))
+    assert len(found_places) == places
+    assert missed(found_places[1], flange, base @ flange @ tool, points=True) < 1e-6

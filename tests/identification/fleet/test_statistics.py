@@ -1,0 +1,192 @@
+"""What a fleet's tables say, in cases that can be worked out by hand: constants, sizes, ends of intervals, order, figures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import expit
+from scipy.stats import t as student
+
+from support.fleets import DrawnFleet
+from truepose.identification.fleet.hierarchy import FINE, joined, quantiles, single
+from truepose.identification.fleet.likelihood import (
+    LOG_ODDS,
+    RATIOS,
+    SLAB,
+    Told,
+    of_frequency,
+    of_presence,
+    of_spread,
+)
+from truepose.identification.fleet.record import figures_of, parameters_of, rounded
+from truepose.identification.fleet.statistics import (
+    EffectInFleet,
+    Interval,
+    log_normal,
+    most_frequent,
+    statistics,
+)
+from truepose.identification.fleet.summary import Summary, total
+
+
+def kept(**changes: Any) -> dict[str, Any]:
+    return {**DrawnFleet(np.zeros(2), 5, -4.0).machine(np.random.default_rng(0)), **changes}
+
+
+def fleet(deviations: list[float], std: float = 0.1) -> list[dict[str, Any]]:
+    return [kept(parameters={"c1": [x, std, "length"], "c2": [0.0, std, "length"]}) for x in deviations]
+
+
+def test_a_constant_has_the_mean_and_the_spread_of_its_machines() -> None:
+    x = [1.0, 2.0, 4.0, 5.0]
+    told = statistics(total(Summary.of(one) for one in fleet(x)))
+    first, second = told.constants
+    assert (told.machines, first.name, second.name, first.machines) == (
+        4,
+        "c1",
+        "c2",
+        4,
+    )  # the farthest off first
+    assert first.mean.value == pytest.approx(3.0, rel=1e-5)
+    half = student.ppf(0.95, 3) * np.std(x, ddof=1) / 2.0
+    assert (first.mean.low, first.mean.high) == pytest.approx((3.0 - half, 3.0 + half), rel=1e-4)
+    # what the fits themselves scatter by is no difference between machines
+    assert first.spread == pytest.approx(np.sqrt(np.var(x, ddof=1) - 0.1**2), rel=1e-4)
+    assert second.spread == 0.0
+    assert statistics(Summary.of(fleet([1.0])[0])).constants == ()  # one machine has no spread
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 3.0])
+def test_a_tolerance_is_met_where_parts_scatter_less(ratio: float) -> None:
+    x = ratio * np.random.default_rng(1).standard_normal(100)
+    machines = [kept(parameters={"c1": [float(v), 0.01, "length"]}) for v in x]
+    (alone,) = statistics(total(Summary.of(one) for one in machines)).tolerances
+    assert (alone.deviations, alone.parts) == (100, "length")
+    # 100 deviations tell a spread to 7 %
+    assert alone.ratio.value == pytest.approx(ratio, rel=0.2)
+    assert alone.ratio.low < alone.ratio.value < alone.ratio.high < 1.4 * alone.ratio.low
+    assert alone.met == pytest.approx(1.0 if ratio < 1 else 0.0, abs=0.01) or ratio == 1.0
+
+
+def test_sizes_are_log_normal_with_their_noise_taken_off() -> None:
+    y, e = np.array([0.0, 0.2, 0.5, 0.9, 1.4]), np.full(5, 0.1)
+    sums = np.array([5.0, y.sum(), (y**2).sum(), (e**2).sum()])
+    mean, spread, error = log_normal(sums)
+    variance = np.var(y, ddof=1)
+    assert mean == pytest.approx(y.mean()) and spread == pytest.approx(np.sqrt(variance - 0.01))
+    assert error == pytest.approx(student.ppf(0.95, 4) * np.sqrt(variance / 5))
+    alike = log_normal(np.array([4.0, 4 * 0.7, 4 * 0.49, 4 * 0.09]))
+    assert alike[1] == 0.0 and alike[2] == pytest.approx(student.ppf(0.95, 3) * np.sqrt(0.09 / 4))
+
+
+def test_quantiles_of_shares_on_a_grid() -> None:
+    values = np.arange(5.0)
+    assert quantiles(values, np.full(5, 0.2), [0.1, 0.5, 0.9]) == pytest.approx([0.0, 2.0, 4.0])
+    assert quantiles(values, np.array([0.0, 0.5, 0.5, 0.0, 0.0]), [0.25, 0.5, 0.75]) == pytest.approx(
+        [1.0, 1.5, 2.0]
+    )
+
+
+def effect(frequency: float, machines: int) -> EffectInFleet:
+    return EffectInFleet(
+        "serial", "backlash", ("q1",), machines, Interval(frequency, 0.0, 1.0), 0.1, 1.0, 1.0
+    )
+
+
+def test_the_most_frequent_are_those_that_enough_machines_have() -> None:
+    every = [effect(0.5, 10), effect(0.1, 49), effect(0.1, 50)]
+    assert most_frequent(every, 5.0) == [every[0], every[2]]
+
+
+def test_an_effect_without_machines_is_as_frequent_as_before() -> None:
+    for usual in (-5.0, -2.0):
+        posterior = single(usual, np.zeros(len(LOG_ODDS)))
+        assert posterior.mean == pytest.approx(
+            expit(usual), rel=1e-6
+        ) and posterior.log_factor == pytest.approx(0.0, abs=1e-9)
+        low, high = posterior.interval
+        assert posterior.shares[expit(FINE) < low].sum() == pytest.approx(0.05, abs=0.01)
+        assert posterior.shares[expit(FINE) > high].sum() == pytest.approx(0.05, abs=0.01)
+    tree = joined(
+        [(-4.0, np.zeros((len(SLAB), len(LOG_ODDS)))), (-3.0, np.zeros((len(SLAB), len(LOG_ODDS))))]
+    )
+    np.testing.assert_allclose(tree.sizes, SLAB, rtol=1e-9)
+    assert tree.elsewhere.usual == -3.5
+
+
+def test_machines_that_have_it_at_one_place_raise_the_others() -> None:
+    often = 20.0 * np.log(expit(LOG_ODDS))  # in each of twenty machines
+    told = joined([(-4.0, np.tile(often, (len(SLAB), 1))), (-4.0, np.zeros((len(SLAB), len(LOG_ODDS))))])
+    alone = single(-4.0, np.zeros(len(LOG_ODDS)))
+    assert told.place(0).mean > 0.7 > told.place(1).mean > 2.0 * alone.mean
+    assert told.elsewhere.mean == pytest.approx(told.place(1).mean)
+    assert told.place(0).log_factor > told.place(1).log_factor > 0.0
+
+
+def test_likelihoods_of_one_machine() -> None:
+    """1 - q + q B; where a rival explains it with a probability, that share of the machine says that there is nothing."""
+    q = expit(LOG_ODDS)
+    sure = Told.of(np.array([[0.9, 0.1, 2.0, 0.25, 1.0]]))
+    assert sure.rival[0] == 0.0 and sure.log_factor[0] == pytest.approx(2.0)
+    expected = np.log(1.0 - q + q * (0.25 + 0.75 * np.exp(2.0)))
+    np.testing.assert_allclose(of_presence(sure)[0], expected)
+    nobody = np.full((1, len(SLAB)), np.nan)
+    whole = np.log(SLAB @ np.exp(of_frequency(sure, nobody)[0]))  # over the slab, sizes say no more
+    np.testing.assert_allclose(whole, expected, rtol=1e-6)
+    shared = Told.of(np.array([[0.4, 0.1, 2.0, 0.25, 0.5]]))
+    assert shared.rival[0] == pytest.approx(0.4)
+    assert shared.log_factor[0] == pytest.approx(2.0 + np.log(0.6) - np.log(0.2))
+    there = np.log(1.0 - q + q * (0.25 + 0.75 * np.exp(shared.log_factor[0])))
+    np.testing.assert_allclose(of_presence(shared)[0], 0.6 * there + 0.4 * np.log(1.0 - q + 0.25 * q))
+
+
+def test_a_spread_is_likeliest_where_deviations_are() -> None:
+    x = np.full(50, 2.0)
+    log = of_spread(x, np.full(50, 0.1)).sum(axis=0)
+    # on a grid of 10 % steps
+    assert RATIOS[np.argmax(log)] == pytest.approx(np.sqrt(4.0 - 0.01), rel=0.06)
+    broad = of_spread(x, np.full(50, 1.9)).sum(axis=0)
+    assert RATIOS[np.argmax(broad)] < 1.0  # noise explains most of it
+
+
+def side(chi2: float, rms: dict[str, float], held: dict[str, float]) -> dict[str, Any]:
+    def told(values: dict[str, float]) -> dict[str, Any]:
+        return {kind: {"value": v, "unit": "mm"} for kind, v in values.items()}
+
+    return {"chi2_per_dof": chi2, "rms": told(rms), "validation_rms": told(held)}
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_figures_of_a_diagnosis_are_those_of_held_out_rows_where_there_are_some(held: bool) -> None:
+    after = side(1.0, {"position": 0.1, "new": 1.0}, {"position": 0.25, "new": 1.0} if held else {})
+    before = side(9.1234567, {"position": 0.4}, {"position": 0.5})
+    finding = {
+        "effect": "backlash",
+        "place": ["q2"],
+        "levels": {"driver": {"kind": "sure"}},
+        "probability": 0.98765432,
+    }
+    diagnosis = {
+        "machine": "arm", "verdict": "adequate", "concealed": False, "fit": {"before": before, "after": after},
+        "proof": None, "noise": 1.0, "findings": [finding], "remainder": None,
+        "parameters": {
+            "a": {"identifiable": True, "std": 0.0123456789, "value": 1.23456789},
+            "b": {"identifiable": False, "std": 0.1, "value": 1.0},
+            "c": {"identifiable": True, "std": None, "value": 1.0},
+            "d": {"identifiable": True, "std": 0.0, "value": 1.23456789},
+        },
+    }  # fmt: skip
+    found = figures_of(diagnosis, "ok")
+    first, last = (0.5, 0.25) if held else (0.4, 0.1)
+    assert found["rms"] == {"position": {"before": first, "after": last, "unit": "mm", "held_out": held}}
+    assert found["chi2"] == [9.12346, 1.0] and found["ratio"] is None and found["remainder"] is None
+    assert found["findings"] == [
+        {"effect": "backlash", "place": ["q2"], "driver": "sure", "probability": 0.987654}
+    ]
+    more = figures_of({**diagnosis, "proof": {"ratio": 2.0}, "remainder": {"driver": "payload"}}, "ok")
+    assert more["ratio"] == 2.0 and more["remainder"] == "payload"
+    # to a thousandth of the 1-sigma, and no coarser
+    assert parameters_of(diagnosis) == {"a": (1.23457, 0.0123457), "d": (1.23456789, 0.0)}
+    assert rounded(None) is None and rounded(123456789.0) == 123457000.0
