@@ -66,11 +66,11 @@ def test_poses_are_those_of_scipy() -> None:
     np.testing.assert_allclose(Euler().poses(numbers)[0, :3, :3], expected, atol=1e-12)
     half = np.sqrt(0.5)
     about_x = Quaternion().poses(np.array([[1.0, 2.0, 3.0, half, half, 0.0, 0.0]]))[0]
-    np.testing.assert_allclose(about_x, [[1, 0, 0, 1], [0, 0, -1, 2], [0, 1, 0, 3], [0, 0, 0, 1]], atol=1e-12)
+    expected = np.array([[1, 0, 0, 1], [0, 0, -1, 2], [0, 1, 0, 3], [0, 0, 0, 1.0]])
+    np.testing.assert_allclose(about_x, expected, atol=1e-12)
     in_m = VECTOR.poses(np.array([[1.0, 2.0, 3.0, 0.0, 0.0, np.pi / 2]]))[0]
-    np.testing.assert_allclose(
-        in_m, [[0, -1, 0, 1e3], [1, 0, 0, 2e3], [0, 0, 1, 3e3], [0, 0, 0, 1]], atol=1e-9
-    )
+    expected = np.array([[0, -1, 0, 1e3], [1, 0, 0, 2e3], [0, 0, 1, 3e3], [0, 0, 0, 1]])
+    np.testing.assert_allclose(in_m, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("middle", [90.0, -90.0, 270.0])

@@ -1,0 +1,146 @@
+"""The cheap fit of base and tool: where they stand, which rows it looks at, and how far off they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import truepose
+from support.checked_arm import JOINTS, Document, document, written
+from truepose.identification.check.rig import Rig, motion
+from truepose.identification.check.scene import MOST_ROWS, chosen
+
+EXACT = {"type": "pose", "sigma": {"xyz": 0.03, "rot": 0.005}}
+ROWS = 12
+
+
+def rig_of(folder: Path, stated: Document, real: Document | None = None, rows: int = ROWS) -> Rig:
+    """A machine as stated, with readings without noise of a real one."""
+    q = pd.DataFrame(np.random.default_rng(3).uniform(-80, 80, (rows, 6)), columns=list(JOINTS))
+    read = truepose.simulate(truepose.load_machine(written(folder, real or stated, q)[0]), q, seed=None)
+    both = pd.concat([q, read.reset_index(drop=True)], axis=1)
+    machine = truepose.load_machine(written(folder, stated, both)[0])
+    return Rig(machine, truepose.load_recording(machine, both))
+
+
+def moved(frame: str, xyz: tuple[float, ...], rpy: tuple[float, ...], machine: Document) -> Document:
+    own = machine["frames"][frame]
+    own["xyz"] = [a + b for a, b in zip(own["xyz"], xyz, strict=True)]
+    own["rpy"] = [a + b for a, b in zip(own["rpy"], rpy, strict=True)]
+    return machine
+
+
+@pytest.mark.parametrize("kind", ["pose", "position"])
+def test_frames_are_found_wherever_they_are(kind: str, tmp_path: Path) -> None:
+    sensor = EXACT if kind == "pose" else {"type": "position", "sigma": {"xyz": 0.03}}
+    far = moved("base", (300.0, -50.0, 80.0), (0.0, 10.0, 160.0), document(sensor=sensor))
+    far = moved("tool", (20.0, 5.0, -10.0), (0.0, 0.0, 40.0) if kind == "pose" else (0.0,) * 3, far)
+    rig = rig_of(tmp_path, document(sensor=sensor), far)
+    there = rig.stand()
+    assert there.misfit < 0.02 and there.length is not None and there.length < 1e-3
+    wanted = rig_of(tmp_path, far)
+    for found, true in zip(rig.frames_of(there.p), wanted.frames_of(wanted.scene.p), strict=True):
+        np.testing.assert_allclose(found[:3, 3], true[:3, 3], atol=1e-2)
+    np.testing.assert_allclose(there.p[rig.ends.places[-1] + 1 :], rig.scene.p[rig.ends.places[-1] + 1 :])
+    others = np.setdiff1d(np.arange(len(rig.names)), [*rig.at["base"], *rig.at["tool"]])
+    np.testing.assert_array_equal(there.p[others], rig.scene.p[others])
+    quick = rig.stand(quick=True)
+    assert quick.misfit >= there.misfit - 1e-9 and quick.misfit < 1.0
+
+
+def test_frames_that_are_held_stay_near_what_is_stated(tmp_path: Path) -> None:
+    """Exactly known ones do not move at all; others are pulled back by their tolerance, and no farther."""
+    far = moved("base", (40.0, 0.0, 0.0), (0.0, 0.0, 0.0), document(sensor=EXACT))
+    rig = rig_of(tmp_path, document(sensor=EXACT), far)
+    x = rig.at["base"][0]
+    assert rig.stand().p[x] == pytest.approx(940.0, abs=1e-3)
+    assert 930.0 < rig.stand(free=("tool",)).p[x] < 940.0 - 1e-5
+    exact = document(sensor=EXACT)
+    exact["frames"]["base"]["tolerance"] = {"xyz": 0, "rpy": 0}
+    fixed = rig_of(tmp_path, exact, far)
+    still = fixed.stand(free=("tool",))
+    np.testing.assert_allclose(still.p[fixed.at["base"]], fixed.scene.p[fixed.at["base"]])
+    assert still.misfit > 10.0 and fixed.stand().misfit < 0.02
+
+
+def test_gross_rows_do_not_move_the_frames(tmp_path: Path) -> None:
+    rig = rig_of(tmp_path, document(sensor=EXACT))
+    z = rig.scene.rows.observations["z"].copy()
+    z[[2, 9]] += 800.0
+    there = rig.stand(rig.scene.with_columns({"z": z}))
+    assert there.misfit < 0.5 and rig.away(there.p, rig.scene.p) < 0.1
+
+
+def test_how_far_frames_are_counts_in_their_tolerances(tmp_path: Path) -> None:
+    rig = rig_of(tmp_path, document(sensor=EXACT))
+    p = rig.scene.p
+    assert rig.away(p, p) == 0.0
+
+    def off(frame: str, axis: int, size: float) -> float:
+        there = p.copy()
+        there[rig.at[frame][axis]] += size
+        return rig.away(there, p)
+
+    assert off("base", 0, 15.0) == pytest.approx(3.0)  # 5 mm
+    assert off("tool", 2, -4.0) == pytest.approx(2.0)  # 2 mm
+    assert off("base", 5, np.radians(2.0)) == pytest.approx(2.0, rel=1e-3)  # 1 deg
+    assert off("tool", 5, 0.03) == pytest.approx(3.0, rel=1e-3)  # 0.5 deg, less than the least, 0.01 rad
+    there = p.copy()
+    there[rig.at["base"][0]] += 15.0
+    there[rig.at["tool"][0]] += 8.0
+    assert rig.away(there, p) == pytest.approx(5.0)  # 3 and 4 at right angles
+    unknown = document(sensor=EXACT)
+    unknown["frames"]["base"]["tolerance"] = {"xyz": float("inf"), "rpy": float("inf")}
+    free = rig_of(tmp_path, unknown)
+    far = free.scene.p.copy()
+    far[free.at["base"]] += 1.0
+    assert free.away(far, free.scene.p) == 0.0
+
+
+@pytest.mark.parametrize("pitch", [-1.0, 80.0, 100.0, 200.0])
+def test_angles_of_a_frame_are_those_next_to_the_stated_ones(pitch: float, tmp_path: Path) -> None:
+    machine = document(sensor=EXACT)
+    machine["frames"]["base"]["rpy"] = [190.0, pitch, 400.0]
+    rig = rig_of(tmp_path, machine)
+    again = rig.with_frames(rig.scene.p, rig.frames_of(rig.scene.p))
+    np.testing.assert_allclose(again, rig.scene.p, atol=1e-9)
+
+
+def test_the_motion_is_the_spread_of_the_readings_in_sigmas(tmp_path: Path) -> None:
+    rig = rig_of(tmp_path, document(sensor=EXACT))
+    seen = rig.scene.rows.observations
+    sigma = [0.03] * 3 + [np.radians(0.005)] * 3
+    parts = [np.std(seen[n]) / s for n, s in zip(("x", "y", "z", "rx", "ry", "rz"), sigma, strict=True)]
+    stand = rig.stand()
+    assert motion(rig, stand) == pytest.approx(np.sqrt(np.mean(np.square(parts))), rel=1e-9)
+    larger = rig.stand(rig.scene.with_columns({n: 10.0 * seen[n] for n in "xyz"}, 10.0))
+    parts[:3] = [10.0 * v for v in parts[:3]]
+    assert motion(rig, larger) == pytest.approx(np.sqrt(np.mean(np.square(parts))) / 10.0, rel=1e-9)
+
+
+def test_rows_to_judge_by_are_spread_over_the_recording(tmp_path: Path) -> None:
+    rig = rig_of(tmp_path, document(sensor=EXACT), rows=200)
+    rows = chosen(rig.machine, rig.scene)
+    assert len(rows) == MOST_ROWS and rows[0] == 0 and rows[-1] == 199
+    assert np.ptp(np.diff(rows)) <= 1
+    lost = np.arange(200) >= 20
+    few = chosen(rig.machine, replace(rig.scene, lost=lost))
+    assert few.tolist() == list(range(20))
+    held = replace(rig.scene.rows, validation=np.arange(200) % 2 == 0)
+    assert (chosen(rig.machine, replace(rig.scene, rows=held)) % 2 == 1).all()
+    none = rig.stand(replace(rig.scene, lost=np.ones(200, dtype=bool)))
+    assert none.bad and none.length is None and len(none.rows) == 0
+
+
+def test_joints_that_stand_still_and_what_grows_with_the_machine(tmp_path: Path) -> None:
+    rig = rig_of(tmp_path, document(sensor=EXACT))
+    assert rig.still == ()
+    rows = replace(rig.recording, q=rig.recording.q * [1, 1, 0, 1, 1, 1])
+    assert Rig(rig.machine, rows).still == ("q3",)
+    long = {name for name, grows in zip(rig.names, rig.lengths, strict=True) if grows}
+    assert {"q1.d", "q1.r", "base.x", "tool.z"} <= long and not long & {"q1.theta", "q1.alpha", "base.rx"}
+    assert rig.long.tolist() == [True] * 3 + [False] * 3 and rig.closed_form
