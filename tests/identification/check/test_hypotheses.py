@@ -25,6 +25,7 @@ from truepose.identification.check.rig import Rig
 from truepose.identification.check.run import unbounded
 from truepose.identification.check.scene import Scene
 from truepose.identification.check.slip import Slip
+from truepose.models.machine import Machine
 
 ROWS = 8
 ENOUGH = 12  # to be shifted by three
@@ -77,7 +78,7 @@ class Case:
         self.machine = truepose.load_machine(paths[0])
         self.rig = Rig(self.machine, truepose.load_recording(unbounded(self.machine), paths[1]))
 
-    def mended(self, slip: Slip) -> tuple[truepose.Machine, Scene]:
+    def mended(self, slip: Slip) -> tuple[Machine, Scene]:
         pair = slip.mend(self.pair)
         (self.folder / "mended.csv").write_text(pair.sheets[0].text(), encoding="utf-8")
         machine = self.machine
