@@ -318,3 +318,22 @@ def test_a_zero_out_of_the_range_is_mended_in_its_column(tmp_path: Path) -> None
     np.testing.assert_allclose(
         round_again, rows["q1"] + 60.0, atol=1e-9
     )  # whole turns bring it into the range
+
+
+def test_tolerances_grow_with_a_file_in_another_unit_and_never_with_a_mechanism_alone(tmp_path: Path) -> None:
+    """Those of a mechanism that is drawn a thousand times smaller are not what the file states: it has its own."""
+    case = Case(tmp_path, *columns_of("pose"))
+    grows = case.rig.lengths
+    found = [s for s in units(case.rig, case.rig.scene) if "lengths in" in s.says]
+    assert len(found) == 2 * 6  # units but mm, of the mechanism and of the whole file
+    for slip in found:
+        there = slip.change(case.rig.scene)
+        long = np.flatnonzero(grows & (case.rig.scene.p != 0.0))
+        k = next(k for k in long if case.rig.names[k].startswith("q"))
+        assert there.p[k] == pytest.approx(there.drawn * case.rig.scene.p[k])
+        if slip.where == ("units.length",):
+            tolerance = {p.name: p.tolerance for p in case.mended(slip)[0].parameters}
+            stated = np.array([tolerance.get(name, 0.0) for name in case.rig.names])[grows]
+            np.testing.assert_allclose(stated, there.stated * case.rig.tolerance[grows], rtol=1e-9)
+        else:
+            assert there.stated == min(there.drawn, 1.0)
