@@ -38,6 +38,7 @@ def test_sums_know_no_order_and_no_grouping(seed: int, order: list[int], cut: in
     assert whole - parts[0] == parts[1] and whole + Summary.empty() == whole
     assert Summary.from_json(json.loads(json.dumps(whole.to_json()))) == whole
     assert whole.machines == 6 and whole.mechanisms == {"serial": 6}
+    assert every[0] != Summary.empty() and whole != parts[0] - parts[0] and whole != "whole"
 
 
 @given(seed=st.integers(0, 2**20), number=st.integers(0, 12))
