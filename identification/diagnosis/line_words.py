@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import binom
 
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.transmission_error import HIGHEST_ORDER
@@ -15,6 +16,9 @@ SLOWEST, FASTEST = 30.0, 320.0
 WITHIN = 1.0
 """Orders by which a whole multiple may be missed: lines are told to an order, and the arc of a joint is often shorter than a
 turn."""
+
+CHANCE = 0.05
+"""Probability below which lines that share nothing are said to share a ratio."""
 
 
 def line_words(machine: Machine, placed: PlacedEffect, lines: Sequence[float]) -> str:
@@ -37,13 +41,17 @@ def line_words(machine: Machine, placed: PlacedEffect, lines: Sequence[float]) -
 
 
 def common_ratio(lines: Sequence[float]) -> float:
-    """The largest ratio of which three lines or more, and more than by chance, are whole multiples; 0 where there is none."""
+    """The ratio of which most lines, three or more, are whole multiples beyond chance; 0 where there is none.
+
+    Lines that share nothing hit one of all the ratios tried so often in one case of twenty at most (Bonferroni).
+    """
     fast = [k for k in lines if k > HIGHEST_ORDER and not _power(k)]
     tried = np.arange(SLOWEST, FASTEST + 0.25, 0.5)
     hits = np.array([sum(_multiple(k, r) for k in fast) for r in tried])
-    chance = len(fast) * np.minimum((2.0 * WITHIN + 1.0) / tried, 1.0)
-    good = (hits >= 3) & (hits > 3.0 * chance) & (hits == hits.max(initial=0))
-    return float(tried[good][-1]) if good.any() else 0.0
+    share = (2.0 * WITHIN + 1.0) / tried  # of whole numbers that are next to a multiple
+    chance = len(tried) * binom.sf(hits - 1, len(fast), share)
+    best = np.flatnonzero((hits >= 3) & (chance == chance.min()))
+    return float(tried[best[-1]]) if len(best) and chance.min() < CHANCE else 0.0
 
 
 def _power(order: float) -> bool:

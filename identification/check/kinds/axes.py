@@ -68,22 +68,27 @@ def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...], *, whole: 
     turns = whole and _turns(rig)
     exchanged = [_XYZ[k] for k in range(3) if order[k] != k]
     flipped = [_XYZ[k] for k in range(3) if signs[k] < 0]
-    parts = (
-        [f"{joined(exchanged)} {'exchanged' if len(exchanged) == 2 else 'in another order'}"]
-        if exchanged
-        else []
-    )
+    parts = [_exchange(exchanged, order)] if exchanged else []
     parts += [f"{joined(flipped)} with the other sign"] if flipped else []
+    told = joined(parts) + (", the turns read mirrored with them" if turns else "")
     swap = exchanged and not flipped
     kind = "permutation" if swap else "handedness"
     yield Slip(
         kind,
         tuple(exchanged if swap else dict.fromkeys([*exchanged, *flipped])),
-        f"measured {joined(parts)}",
-        f"{'exchange the headers of' if swap else 'change'} the sensor's columns: {joined(parts)}",
+        f"measured {told}",
+        f"{'exchange the headers of' if swap else 'change'} the sensor's columns: {told}",
         partial(_remapped, points, order, signs, turns),
         partial(_mend, points, order, signs, turns),
     )
+
+
+def _exchange(names: Sequence[str], order: Sequence[int]) -> str:
+    """Two axes exchanged; of three it is said which stands where, as they may have gone round either way."""
+    if len(names) == 2:
+        return f"{joined(names)} exchanged"
+    places = ", ".join(f"{name} in {_XYZ[there]}" for name, there in zip(_XYZ, order, strict=True))
+    return f"{joined(names)} in another order ({places})"
 
 
 def _points(rig: Rig) -> list[tuple[str, str, str]]:

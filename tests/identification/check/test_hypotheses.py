@@ -214,11 +214,14 @@ def test_a_mirror_maps_points_and_turns_alike(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("kind", "says"), [
     ("pose", {"measured x and y exchanged": "exchange the headers of the sensor's columns: x and y exchanged",
               "measured z with the other sign": "change the sensor's columns: z with the other sign",
-              "measured x, y and z in another order and x with the other sign": None}),
+              "measured x and y exchanged, the turns read mirrored with them": None,
+              "measured x, y and z in another order (x in y, y in z, z in x) and x with the other sign": None}),
 ])  # fmt: skip
 def test_axes_are_told_in_words(kind: str, says: dict[str, str | None], tmp_path: Path) -> None:
     case = Case(tmp_path, *columns_of(kind))
-    told = {s.says: s for maker in (mirrored, turned) for s in maker(case.rig, case.rig.scene)}
+    every = [s for maker in (mirrored, turned) for s in maker(case.rig, case.rig.scene)]
+    told = {s.says: s for s in every}
+    assert len(told) == len(every) == len({s.fix for s in every})  # each can be told from all others
     for text, fix in says.items():
         assert text in told, sorted(told)
         assert fix is None or told[text].fix == fix
