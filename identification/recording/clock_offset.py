@@ -123,8 +123,7 @@ def _levelled(joints: Array) -> Array:
     """
     span = np.ptp(joints, axis=0)
     moved = (joints - joints[0]) / np.where(span > 0.0, span, 1.0)
-    spread = moved.std(axis=0)
-    return np.asarray(moved / np.where(spread > 0.0, spread, 1.0))
+    return np.asarray(moved / np.where(span > 0.0, moved.std(axis=0), 1.0))
 
 
 def _speed(values: Array) -> Array:

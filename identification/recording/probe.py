@@ -92,7 +92,7 @@ class Pairing:
             raise InputError(
                 f"{probe.file}: found no point x y z to compare the clocks by, expected one, or --offset"
             )
-        place = np.column_stack([probe.readings(name) for name in axes])
+        place = np.column_stack([_sized(probe, name, probe.readings(name)) for name in axes])
         order = np.unique(self.time, return_index=True)[1]
         order = order[np.isfinite(place[order]).all(axis=1)]
         radians, slides = _internal(log)
@@ -145,14 +145,14 @@ def _time(table: Table) -> Array:
     cells = table.cells[name]
     if isinstance(cells[0], str) and re.match(r"\s*\d{4}-\d\d-\d\d", cells[0]):
         return np.array([_date(str(cell), table.where(name, row)) for row, cell in enumerate(cells)])
-    return convert(_sized(table, name), table.unit(name, "s", "s"), "s")
+    return convert(_sized(table, name, table.numbers(name)), table.unit(name, "s", "s"), "s")
 
 
-def _sized(table: Table, name: str) -> Array:
-    """(n,) numbers of a column, none of them beyond ``LARGEST``: their squares are numbers, too."""
-    values = table.numbers(name)
-    row = int(np.argmax(np.abs(values)))
-    if abs(values[row]) > LARGEST:
+def _sized(table: Table, name: str, values: Array) -> Array:
+    """The values (n,) of a column, none of them beyond ``LARGEST``: their squares are numbers, too."""
+    far = np.flatnonzero(np.abs(values) > LARGEST)  # a lost reading is not
+    if far.size:
+        row = int(far[0])
         raise InputError(f"{table.where(name, row)}: found {values[row]:g}, expected at most {LARGEST:g}")
     return values
 
@@ -180,7 +180,7 @@ def _logged(log: Table, joints: Sequence[str]) -> Log:
     )  # of several at one time, to the nanosecond, the last one counts
     if len(order) < 4:
         raise InputError(f"{log.file}: found {len(order)} different times, expected a log of at least 4")
-    at, values = time[order], np.column_stack([_sized(log, name)[order] for name in names])
+    at, values = time[order], np.column_stack([_sized(log, name, log.numbers(name))[order] for name in names])
     slopes = np.gradient(values, at, axis=0)
     for k, name in enumerate(names):
         if f"{VELOCITY}.{name}" in log:

@@ -53,8 +53,9 @@ def with_rotation_vector(table: Table, form: str = "auto") -> Table:
 
 def _of_quaternions(table: Table) -> Array:
     values = np.column_stack([table.readings(name) for name in _QUATERNION])
-    length = np.linalg.norm(values, axis=1)
-    bad = np.flatnonzero(np.isfinite(length) & ~(np.abs(length - 1.0) <= _UNIT_LENGTH))
+    with np.errstate(over="ignore"):  # it is then no unit quaternion
+        length = np.linalg.norm(values, axis=1)
+    bad = np.flatnonzero(np.isfinite(values).all(axis=1) & ~(np.abs(length - 1.0) <= _UNIT_LENGTH))
     if bad.size:
         row = int(bad[0])
         raise InputError(

@@ -92,6 +92,7 @@ def behind(text: str) -> Iterator[str]:
             isinstance(node, ast.Call)
             and isinstance(node.func, ast.Attribute)
             and node.func.attr == "setattr"
+            and ast.unparse(node.args[0]) != "os"
         ):
             texts = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
             yield from (text for text in texts if private(text.rpartition(".")[2]))
@@ -119,6 +120,7 @@ def test_tests_come_in_by_the_public_door() -> None:
             "patch.setattr(lie, '_skew', 1), patch.setattr('models.lie._skew', 1)",
             ["_skew", "models.lie._skew"],
         ),
+        ("patch.setattr(os, '_exit', 1)", []),
         ("self._skew, os._exit(0), result._repr_html_(), truepose.__version__", []),
     ],
 )

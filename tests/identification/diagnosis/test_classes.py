@@ -12,6 +12,7 @@ from support.searched_arm import PLAY, SCALE, held
 from truepose.identification.diagnosis.naming import as_named, named, summarised
 from truepose.identification.diagnosis.posterior_summary import LISTED, Inclusion, Named, Presence, inclusion
 from truepose.identification.diagnosis.search import Found
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.state import State, slot_odds, supports
 from truepose.identification.prior import ONLY_ALIKE, beyond_usual
 from truepose.models.effects.empirical import Empirical
@@ -257,7 +258,7 @@ def test_the_likeliest_sets_are_told_and_what_is_likelier_than_a_hundredth() -> 
 
     def state(*causes: EffectAtPlace, remainder: int = 0, size: int = 5) -> State:
         members = tuple(sorted((term[c], size) for c in causes))
-        return State(members, point._replace(remainder=remainder), 0.0)
+        return State(members, GridPoint(point.noise, point.widening, remainder), 0.0)
 
     shares = [
         (state(PLAYED, SCALED), 0.3),

@@ -188,6 +188,21 @@ def test_a_joint_that_moves_by_next_to_nothing_tells_no_clock(tmp_path: Path) ->
     np.testing.assert_allclose(rows["a"], rows["x"], atol=0.1)
 
 
+@pytest.mark.parametrize(("file", "column"), [("robot", "a"), ("probe", "x"), ("probe", "time")])
+def test_numbers_whose_squares_are_none_are_refused_where_they_stand(
+    tmp_path: Path, file: str, column: str
+) -> None:
+    _plain(tmp_path)
+    table = pd.read_csv(tmp_path / f"{file}.csv")
+    for value, refused in ((1.1e12, True), (-1e300, True), (1e12, False)):
+        table[column] = np.where(table.index == 70, value, table[column])
+        table.to_csv(tmp_path / f"{file}.csv", index=False)
+        told = " ".join(imported(tmp_path).output.split())
+        assert (
+            f"row 71 (line 72), column '{column}': found {value:g}, expected at most 1e+12" in told
+        ) == refused
+
+
 TURNS = st.lists(
     st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1), min_size=1, max_size=5
 )
@@ -212,6 +227,8 @@ def test_every_form_of_a_rotation_is_the_same_rotation(quaternions: list[tuple[f
         assert (read.inv() * turns).magnitude().max() < 1e-6, form
 
 
-def test_a_quaternion_that_is_none_is_refused(tmp_path: Path) -> None:
-    _plain(tmp_path, qx=0.5, qy=0.0, qz=0.0, qw=0.5)
-    assert "found a quaternion of length 0.7071" in " ".join(imported(tmp_path, "--offset", 0).output.split())
+@pytest.mark.parametrize(("part", "length"), [(0.5, "0.7071"), (1e200, "inf")])
+def test_a_quaternion_that_is_none_is_refused(tmp_path: Path, part: float, length: str) -> None:
+    _plain(tmp_path, qx=part, qy=0.0, qz=0.0, qw=part)
+    told = " ".join(imported(tmp_path, "--offset", 0).output.split())
+    assert f"found a quaternion of length {length}, expected 1" in told
