@@ -49,7 +49,7 @@ def common_ratio(lines: Sequence[float]) -> float:
     tried = np.arange(SLOWEST, FASTEST + 0.25, 0.5)
     hits = np.array([sum(_multiple(k, r) for k in fast) for r in tried])
     share = (2.0 * WITHIN + 1.0) / tried  # of whole numbers that are next to a multiple
-    chance = len(tried) * binom.sf(hits - 1, len(fast), share)
+    chance = len(tried) * np.asarray(binom.sf(hits - 1, len(fast), share))
     best = np.flatnonzero((hits >= 3) & (chance == chance.min()))
     return float(tried[best[-1]]) if len(best) and chance.min() < CHANCE else 0.0
 
