@@ -73,8 +73,13 @@ class Motion:
 
 def clock_of(motion: Motion, where: str) -> Clock:
     """The clock of the probe by that of the log. Raises InputError, opened by ``where``, where the motion does not tell it."""
-    lags, step = _lags(motion, where)
-    tried = [(*_settled(motion, lag, step), alike) for lag, alike in lags]
+    first, step = _lags(motion, where)
+    lags = [(lag, alike, rows) for lag, alike in first if _enough(rows := _moving(motion, lag, step), motion)]
+    if not lags:
+        raise InputError(
+            f"{where}: found too few samples at which the probe moves while the joints are logged, expected more, or --offset"
+        )
+    tried = [(*_settled(motion, lag, step, rows), alike) for lag, alike, rows in lags]
     best = min(tried, key=lambda found: found[1])
     others = [found for found in tried if found is not best]
     if all(found[1] > _AMBIGUOUS * best[1] for found in others):
@@ -155,9 +160,15 @@ def _peaks(values: Array) -> list[int]:
     return [int(k) for k in at[np.argsort(-values[at])]]
 
 
-def _settled(motion: Motion, lag: float, step: float) -> tuple[Clock, float]:
-    """The clock from a start ``lag``, and the rms (mm or whatever the place is in) that is left of rows not fitted."""
-    rows = _moving(motion, lag, step)
+def _enough(rows: NDArray[np.intp], motion: Motion) -> bool:
+    """Whether there are two samples for each number that is fitted, and for each block."""
+    features = _features(motion, motion.time[:1], motion.time[:1], pairs=False).shape[1]
+    return len(rows) >= 2 * max(features, _BLOCKS)
+
+
+def _settled(motion: Motion, lag: float, step: float, rows: NDArray[np.intp]) -> tuple[Clock, float]:
+    """The clock from a start ``lag`` by samples ``rows``, and the rms (mm or whatever the place is in) that is left of those
+    not fitted."""
     time, place = motion.time[rows], motion.place[rows]
     scan = lag + step * np.arange(-4.0, 4.1)
     left = [_held_out(motion, time + shift, place).rms for shift in scan]
@@ -174,7 +185,9 @@ def _settled(motion: Motion, lag: float, step: float) -> tuple[Clock, float]:
 
 def _moving(motion: Motion, lag: float, step: float) -> NDArray[np.intp]:
     """Samples at which the probe moves and the log has joints, at most ``_ROWS`` of them."""
-    speed = np.linalg.norm(np.gradient(motion.place, motion.time, axis=0), axis=1)
+    with np.errstate(all="ignore"):  # samples at next to the same time tell no speed
+        speed = np.linalg.norm(np.gradient(motion.place, motion.time, axis=0), axis=1)
+    speed = np.where(np.isfinite(speed), speed, 0.0)
     at, slack = motion.time + lag, 8.0 * step
     inside = (at > motion.span[0] + slack) & (at < motion.span[1] - slack)
     top = np.quantile(speed[inside], 0.9) if inside.any() else 0.0

@@ -188,6 +188,39 @@ def test_a_joint_that_moves_by_next_to_nothing_tells_no_clock(tmp_path: Path) ->
     np.testing.assert_allclose(rows["a"], rows["x"], atol=0.1)
 
 
+def test_samples_at_next_to_the_same_time_tell_no_speed(tmp_path: Path) -> None:
+    time = np.arange(0, 60, 0.02)
+    turning = np.cumsum(np.random.default_rng(5).standard_normal(len(time)))
+    pd.DataFrame({"time": time, "a": turning}).to_csv(tmp_path / "robot.csv", index=False)
+    probe = pd.DataFrame({"time": time - 10.0, "x": turning, "y": 0.0, "z": 0.0})
+    probe.loc[500, "time"] = 0.0
+    again = pd.DataFrame({"time": [5e-324], "x": [turning[500] + 1.0], "y": [0.0], "z": [0.0]})
+    probe = pd.concat([probe[:501], again, probe[501:]])
+    probe.to_csv(tmp_path / "probe.csv", index=False)
+    done = imported(tmp_path)
+    assert done.exit_code == 0, done.output
+    assert float(" ".join(done.output.split()).partition("probe.csv plus ")[2].split()[0]) == pytest.approx(
+        10.0, abs=0.02
+    )
+
+
+@pytest.mark.parametrize("moving", [12, 60])
+def test_a_run_that_hardly_moves_tells_no_clock(tmp_path: Path, moving: int) -> None:
+    """One block of rows is held out at a time: there must be two of each, moving."""
+    time = np.arange(0, 60, 0.5)
+    turning = np.zeros(len(time))
+    turning[40 : 40 + moving] = np.cumsum(np.random.default_rng(5).standard_normal(moving))
+    turning[40 + moving :] = turning[39 + moving]
+    pd.DataFrame({"time": time, "a": turning}).to_csv(tmp_path / "robot.csv", index=False)
+    pd.DataFrame({"time": time, "x": turning, "y": 0.0, "z": 0.0}).to_csv(tmp_path / "probe.csv", index=False)
+    done = imported(tmp_path)
+    told = " ".join(done.output.split())
+    assert (done.exit_code == 0) == (moving == 60), told
+    assert ("found too few samples at which the probe moves while the joints are logged" in told) == (
+        moving == 12
+    )
+
+
 @pytest.mark.parametrize(("file", "column"), [("robot", "a"), ("probe", "x"), ("probe", "time")])
 def test_numbers_whose_squares_are_none_are_refused_where_they_stand(
     tmp_path: Path, file: str, column: str
