@@ -163,7 +163,7 @@ def _peaks(values: Array) -> list[int]:
 def _enough(rows: NDArray[np.intp], motion: Motion) -> bool:
     """Whether there are two samples for each number that is fitted, and for each block."""
     features = _features(motion, motion.time[:1], motion.time[:1], pairs=False).shape[1]
-    return len(rows) >= 2 * max(features, _BLOCKS)
+    return bool(len(rows) >= 2 * max(features, _BLOCKS))
 
 
 def _settled(motion: Motion, lag: float, step: float, rows: NDArray[np.intp]) -> tuple[Clock, float]:
