@@ -227,3 +227,13 @@ def test_what_a_killed_writer_of_one_file_left_goes(tmp_path: Path) -> None:
         lives.write_text("two")
     assert target.read_text() == "two"
     assert sorted(tmp_path.iterdir()) == sorted([target, other, users])
+
+
+def test_one_file_settles_the_folder_that_it_goes_into(tmp_path: Path) -> None:
+    """A killed run may have begun to publish the folder as a whole."""
+    begun, users = tmp_path / f".{'b' * 12}.partial", tmp_path / ".mine.partial"
+    for folder in (begun, users):
+        folder.mkdir()
+        (folder / "half.txt").write_text("half")
+    atomic_write_text(tmp_path / "result.txt", "whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".mine.partial", "result.txt"]

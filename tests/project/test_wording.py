@@ -91,3 +91,10 @@ def test_a_message_has_its_beginning_and_its_end(letters: int) -> None:
         assert len(said) == LONGEST + len(" [...] ") and said.count("x [...] ") == 1
     assert said[0] == "a" and (said[-1] == "z" or letters > 4 * LONGEST)
     assert str(InputError("a\x1b[2Jb\nc")) == "a\\x1b[2Jb\nc"
+
+
+def test_of_a_long_text_no_more_than_its_beginning_is_looked_at() -> None:
+    """Four times what is shown; a file may be a million blanks before a word."""
+    assert cut(" " * 39 + "word", 10) == "w..."
+    assert cut(" " * 40 + "word", 10) == "..."
+    assert cut(" " * 36 + "word", 10) == "word"

@@ -214,6 +214,15 @@ def test_sides_time_and_sessions_come_by_themselves() -> None:
     assert frame["time"].max() >= 3600.0 and (frame.groupby("session")["time"].diff().dropna() > 0.0).all()
 
 
+def test_rows_of_one_pose_share_a_number_whatever_the_side_and_the_time() -> None:
+    found = planned("arm", "actuator-scale@q1", "backlash@q1")
+    q = np.repeat(found.rows.q[:2], 2, axis=0)
+    side, time = np.array([1.0, -1.0, 1.0, -1.0]), np.arange(4.0)
+    for extra, numbers in (({}, [1, 1, 2, 2]), ({"payload": np.array([0.0, 2.0, 2.0, 2.0])}, [1, 2, 3, 3])):
+        rows = replace(found.rows, q=q, drivers={"approach.q1": side, "time": time} | extra)
+        assert experiment_table(replace(found, rows=rows))["pose"].tolist() == numbers
+
+
 def test_what_a_way_leaves_behind_is_varied_by_the_side() -> None:
     found = planned("arm", "friction-hysteresis@q2", "actuator-scale@q2")
     assert set(found.rows.drivers) == {"approach.q2"} and found.expected > 0.0

@@ -281,6 +281,10 @@ def test_a_calibration_is_good_where_misfit_and_constants_are_those_of_a_true_mo
     assert calibrated_headline(machine, replace(told, rms={}, validation_rms=None)) == calibrated_words(
         "arm", replace(told, rms={}, validation_rms=None)
     )
+    for channel in channels:
+        channel.sigma = 1.0
+    coarse, _ = calibrated_headline(machine, told)  # one unit for both, that of the larger one
+    assert "were not fitted by 0.0130 mm; the instrument alone makes 1.73 mm." in coarse
 
 
 @pytest.mark.parametrize(("chi2", "said"), [(0.77, False), (0.76, True), (1.3, False), (1.31, True)])
