@@ -60,7 +60,19 @@ def build_machine(file: MachineFile) -> Machine:
     )
     _check_names(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]
+    _check_once(placed, str(file.path))
     return replace(machine, effects=tuple(placed), notes=(*machine.notes, *_wrong_signs(placed)))
+
+
+def _check_once(placed: Sequence[PlacedEffect], path: str) -> None:
+    """Raises InputError for an effect that stands twice at one place with the same settings: its names would, too."""
+    labels = [e.label for e in placed]
+    for k, label in enumerate(labels):
+        if label in labels[:k]:
+            raise InputError(
+                f"{path}: effects[{k}]: found {label}, which is effects[{labels.index(label)}], expected each effect once at "
+                "a place"
+            )
 
 
 def _wrong_signs(placed: Sequence[PlacedEffect]) -> list[str]:
