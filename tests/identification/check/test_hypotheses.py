@@ -145,6 +145,10 @@ def test_every_hypothesis_is_made_once(case: Case) -> None:
     assert count[quarter_turns] == (3 if few else 18)
     assert count[mirrored] == {"pose": 6 + 24, "targets": 6, "position": 6}[kind]
     assert count[turned] == 23
+    plain = {f"measured {a} with the other sign" for a in "xyz"} | {
+        f"measured {a} and {b} exchanged" for a, b in ("xy", "xz", "yz")
+    }
+    assert {slip.says.partition(",")[0] for slip in list(mirrored(rig, rig.scene))[:6]} == plain
     assert count[poses] == {"pose": 2 + 2 * 12 + 5, "targets": 0, "position": 0}[kind]
     assert len(list(targets(rig, rig.scene))) == (5 if kind == "targets" else 0)
     for maker in (units, signs, exchanged, targets, poses, shifted, quarter_turns):
