@@ -157,6 +157,15 @@ def test_what_no_session_sees_is_unseen_and_what_a_movement_hides_is_masked() ->
     assert np.isinf(unseen.hidden)
 
 
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_what_sessions_see_does_not_hang_on_how_sharp_they_are(size: float) -> None:
+    stack = stacked(4)
+    blind = size * stack.jacobian
+    blind[:, :, 0] *= 1e-17
+    some = Stack(blind, stack.offset, stack.n_observations, stack.sigma, CLASSES)
+    assert some.visible.tolist() == [False] + [True] * (blind.shape[2] - 1)
+
+
 @pytest.mark.parametrize(("unseen", "hidden"), [((1, 2), False), ((2, 3), True), ((0, 1), True)])
 def test_a_movement_is_hidden_where_first_or_last_cannot_be_told(
     unseen: tuple[int, ...], hidden: bool

@@ -244,6 +244,10 @@ def test_scatters_that_determine_no_pose_are_refused(points: Array, says: str, f
         (np.ones(4), "(5,)"),
         (np.diag([1.0, 1.0, 0.0]), "no noise"),
         (np.array([[1.0, 2, 0], [2, 1, 0], [0, 0, 1]]), "no covariance"),
+        *(
+            (size * np.array([[1.0, 1e-3, 0], [0, 1, 0], [0, 0, 1]]), "no covariance")
+            for size in (1e-6, 1.0, 1e6)
+        ),
     ],
 )
 def test_noise_that_is_none_is_refused(sigma: Array | float, says: str) -> None:

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from support.examples import examples
 from truepose.errors import InputError
 from truepose.identification.recording import text_rows
+from truepose.identification.recording.plain_text import plain_columns
 from truepose.identification.recording.table import Table, read_table
 
 HEADERS = ("q1", "note", "pose", "x")
@@ -266,3 +267,20 @@ def test_no_text_is_whole_in_memory(name: str, tmp_path: Path) -> None:
     before, after = map(int, said.split())
     assert long.stat().st_size > 25_000_000
     assert after - before < 10_000_000
+
+
+@pytest.mark.parametrize(
+    ("block", "plain"),
+    [
+        ('"a",1\n"b",2\n', True),
+        ('"a""b",1\n', True),
+        ('"a\nb",1\n', False),
+        ('"a\rb",1\n', False),
+        ('"a\r\nb",1\r\n', False),
+        ('a"b,1\n', False),
+        ('"a" ,1\n', False),
+    ],
+)
+def test_a_block_whose_quotes_hold_line_ends_is_not_plain(block: str, plain: bool) -> None:
+    """Arrow would end the row there."""
+    assert (plain_columns(block, 2, ",") is not None) is plain

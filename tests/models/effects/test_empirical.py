@@ -227,3 +227,12 @@ def test_what_a_curve_may_be_beyond_its_end_is_its_own_size(arm: Machine) -> Non
     own = slope(q, model.p_home).full()[0, -4:]
     np.testing.assert_allclose(np.abs(own), 1.0)
     assert np.sum((own * effect.amplitudes) ** 2) == pytest.approx(np.sum(np.square(effect.amplitudes)))
+
+
+@pytest.mark.parametrize("degree", [2, 3, 5])
+def test_a_polynomial_leaves_its_range_as_steeply_as_its_degree_squared(arm: Machine, degree: int) -> None:
+    """T_k' = k^2 at the end of its range, with T_k Chebyshev's polynomial."""
+    settings, at = {"from.q3": -0.8, "to.q3": 0.8}, {"q3": np.array([-1.0, 0.0, 0.9, 1.6])}
+    line, curve = (Empirical().overshoot(arm, ("q2",), settings | {"degree": k}, at) for k in (1, degree))
+    assert line is not None and curve is not None and (line > 0.0).tolist() == [True, False, True, True]
+    np.testing.assert_allclose(curve, degree**2 * line, rtol=1e-12)
