@@ -53,6 +53,28 @@ def test_readings_that_no_assembly_has_are_told(name: str) -> None:
     assert good.tolist() == [True, False]
 
 
+def test_rows_out_of_newtons_reach_are_followed_along_a_way() -> None:
+    """A way of two hundred short steps ends in the same assembly."""
+    machine = load_machine(MACHINES / "planar.yaml")
+    model = symbolic_model(machine)
+    loops, z = Loops(model), model.z_home[None]
+    away = np.random.default_rng(7).uniform(-0.8, 0.8, (60, len(model.q_home)))
+    followed = 0
+    for step in away:
+        q = (model.q_home + step)[None]
+        x, good = loops.assemble(q, z, model.p_home)
+        if not good[0] or loops.assemble(q, z, model.p_home, follow=False)[1][0]:
+            continue
+        at = model.home[None]
+        for part in np.linspace(0.0, 1.0, 201):
+            there = model.q_home + part * (q - model.q_home)
+            at, near = loops.assemble(there, z, model.p_home, at, follow=False)
+            assert near[0]
+        np.testing.assert_allclose(x, at, rtol=0, atol=1e-8)
+        followed += 1
+    assert followed > 3
+
+
 def test_places_to_stand_at_are_given_up_where_none_of_the_first_will_do() -> None:
     """A range of a kilometre in place of millimetres: each of ten times as many places would take Newton's longest."""
     tried = []
