@@ -285,7 +285,7 @@ def crossing_phases(t: Array, which: Ints, found: Excursions, error: Array) -> A
 
 
 def robust_fit(columns: Array, values: Array) -> tuple[Array, Array, float]:
-    """Least squares without what lies beyond five times the median deviation; (J'J)^-1 and the rms."""
+    """Least squares without what lies beyond five sigmas, as the median deviation tells them; (J'J)^-1 and the rms."""
     keep = np.ones(len(values), dtype=bool)
     for _ in range(4):
         used = columns[keep]

@@ -96,6 +96,17 @@ def test_least_squares_leave_out_what_lies_far_beyond_the_rest(bad: int) -> None
     assert rms == pytest.approx(float(np.sqrt(np.mean((values - columns @ expected)[kept] ** 2))))
 
 
+@pytest.mark.parametrize(("sigmas", "kept"), [(3.5, True), (-3.5, True), (7.0, False), (-7.0, False)])
+def test_least_squares_leave_out_what_lies_beyond_five_sigmas(sigmas: float, kept: bool) -> None:
+    values = 0.01 * np.random.default_rng(8).standard_normal(1000)
+    values[500] = 0.01 * sigmas
+    rest = np.arange(1000) != 500
+    expected = np.mean(values) if kept else np.mean(values[rest])
+    solution, inverse, _ = levels.robust_fit(np.ones((1000, 1)), values)
+    assert solution[0] == pytest.approx(expected, abs=1e-12)
+    assert 1.0 / inverse[0, 0] == pytest.approx(1000 if kept else 999)
+
+
 def test_hats_are_straight_between_knots_and_add_up_to_one() -> None:
     knots, t = np.array([1.0, 2.0, 4.0]), np.linspace(0.0, 5.0, 41)
     hats = levels.hat_shares(t, knots)
