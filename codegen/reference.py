@@ -78,14 +78,14 @@ class Reference:
         """
         left = count
         for k, fractions in enumerate(spread(len(low), 10 * count)):
-            if k == count == left:
+            if k == count and left == count:
                 return
             target = low + fractions * (high - low)
             for amount in _SHRINK if len(self.model.home) else (1.0,):
                 q = near + amount * (target - near) if len(self.model.home) else target
-                pose = self.forward(q, near)
-                direct = None if pose is None else self.forward(q)
-                if pose is not None and direct is not None and np.allclose(pose, direct, rtol=0, atol=1e-9):
+                if (pose := self.forward(q, near)) is None or (direct := self.forward(q)) is None:
+                    continue
+                if np.allclose(pose, direct, rtol=0, atol=1e-9):
                     yield q, pose
                     left -= 1
                     break

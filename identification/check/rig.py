@@ -58,9 +58,9 @@ class Rig:
             for s in machine.sensors
         )
         spans = np.ptp(recording.q, axis=0)
+        self.still = tuple(n for n, span in zip(recording.joints, spans, strict=True) if span == 0.0)
         self._stood: dict[tuple[object, ...], tuple[Array, Mask]] = {}
         """Flange poses by what they follow from: many hypotheses differ in sensors and frames alone."""
-        self.still = tuple(n for n, span in zip(recording.joints, spans, strict=True) if span == 0.0)
         self.scene = self._with_zeros()
 
     def _with_zeros(self) -> Scene:

@@ -16,9 +16,8 @@ SLOWEST, FASTEST = 30.0, 320.0
 WITHIN = 1.0
 """Orders by which a whole multiple may be missed: lines are told to an order, and the arc of a joint is often shorter than a
 turn."""
-
 CHANCE = 0.05
-"""Probability below which lines that share nothing are said to share a ratio."""
+"""How often, at most, lines that share nothing are said to share a ratio."""
 
 
 def line_words(machine: Machine, placed: PlacedEffect, lines: Sequence[float]) -> str:
@@ -41,17 +40,17 @@ def line_words(machine: Machine, placed: PlacedEffect, lines: Sequence[float]) -
 
 
 def common_ratio(lines: Sequence[float]) -> float:
-    """The ratio of which most lines, three or more, are whole multiples beyond chance; 0 where there is none.
+    """The ratio of which more lines are whole multiples than chance allows; 0 where there is none.
 
-    Lines that share nothing hit one of all the ratios tried so often in one case of twenty at most (Bonferroni).
+    The chance of a ratio is binomial, times the number of ratios tried (Bonferroni): of two lines it is never small enough.
     """
     fast = [k for k in lines if k > HIGHEST_ORDER and not _power(k)]
     tried = np.arange(SLOWEST, FASTEST + 0.25, 0.5)
     hits = np.array([sum(_multiple(k, r) for k in fast) for r in tried])
     share = (2.0 * WITHIN + 1.0) / tried  # of whole numbers that are next to a multiple
     chance = len(tried) * np.asarray(binom.sf(hits - 1, len(fast), share))
-    best = np.flatnonzero((hits >= 3) & (chance == chance.min()))
-    return float(tried[best[-1]]) if len(best) and chance.min() < CHANCE else 0.0
+    best = np.flatnonzero(chance == chance.min())[-1]
+    return float(tried[best]) if chance[best] < CHANCE else 0.0
 
 
 def _power(order: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Mapping, Sequence
 
@@ -26,8 +27,8 @@ _HEADER = re.compile(r'^"?(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?"?$')
 HEADER_MOST = 200
 """Characters of a header; a longer one names no column that counts."""
 _MARKS = ";\t,"
-_MARK_OF_UTF_8 = "\xef\xbb\xbf"
-"""What some programs put before a text."""
+_MARK_OF_UTF_8 = codecs.BOM_UTF8.decode("latin-1")
+"""What some programs put before a text, as it reads here."""
 _STEP = 1e-4
 """mm; a written coordinate is no coarser, and an angle no coarser than this at a metre."""
 Cells = list[tuple[int, int]]

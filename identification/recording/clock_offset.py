@@ -74,10 +74,12 @@ class Motion:
 def clock_of(motion: Motion, where: str) -> Clock:
     """The clock of the probe by that of the log. Raises InputError, opened by ``where``, where the motion does not tell it."""
     first, step = _lags(motion, where)
-    lags = [(lag, alike, rows) for lag, alike in first if _enough(rows := _moving(motion, lag, step), motion)]
+    every = [(lag, alike, _moving(motion, lag, step)) for lag, alike in first]
+    lags = [one for one in every if len(one[2]) >= _least(motion)]
     if not lags:
         raise InputError(
-            f"{where}: found too few samples at which the probe moves while the joints are logged, expected more, or --offset"
+            f"{where}: found {max(len(rows) for _, _, rows in every)} samples at which the probe moves while the joints are "
+            f"logged, expected at least {_least(motion)}, or --offset"
         )
     tried = [(*_settled(motion, lag, step, rows), alike) for lag, alike, rows in lags]
     best = min(tried, key=lambda found: found[1])
@@ -160,10 +162,10 @@ def _peaks(values: Array) -> list[int]:
     return [int(k) for k in at[np.argsort(-values[at])]]
 
 
-def _enough(rows: NDArray[np.intp], motion: Motion) -> bool:
-    """Whether there are two samples for each number that is fitted, and for each block."""
-    features = _features(motion, motion.time[:1], motion.time[:1], pairs=False).shape[1]
-    return bool(len(rows) >= 2 * max(features, _BLOCKS))
+def _least(motion: Motion) -> int:
+    """Samples that tell a clock: two for each number that is fitted, and for each block."""
+    features: int = _features(motion, motion.time[:1], motion.time[:1], pairs=False).shape[1]
+    return 2 * max(features, _BLOCKS)
 
 
 def _settled(motion: Motion, lag: float, step: float, rows: NDArray[np.intp]) -> tuple[Clock, float]:

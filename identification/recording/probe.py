@@ -19,13 +19,12 @@ from truepose.identification.recording.columns import LOGGED, ORDER
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.table import Column, Table
 from truepose.models.driver import VELOCITY
+from truepose.models.limits import LARGEST
 from truepose.models.units import compatible, convert
 from truepose.wording import joined, shortened
 
 Array = NDArray[np.float64]
 _TIMES: Final = ("time", "timestamp", "t", "stamp")
-LARGEST: Final = 1e12
-"""A time (s) or a joint beyond is none."""
 _GAP: Final = 5.0
 """A pause in the log of more than so many usual steps is a gap, in which nobody knows the joints."""
 _DISAGREES: Final = 0.5

@@ -13,6 +13,7 @@ from typing import Final
 
 from truepose.errors import InputError
 from truepose.identification.recording.table import Column, Table
+from truepose.models.limits import LARGEST
 from truepose.models.units import parse_unit
 from truepose.wording import cut
 
@@ -36,8 +37,6 @@ DIALECTS: Final[Mapping[str, Dialect]] = {
     ),
 }
 ANY: Final = Dialect(("!", "%", "#", "//", "*"), re.compile(""))
-LARGEST: Final = 1e12
-"""In any unit: a coordinate beyond is none."""
 _AXES: Final = ("x", "y", "z")
 _NUMBER: Final = re.compile(r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eEdD][-+]?\d++)?")
 _WHOLE: Final = re.compile(r"\d+")

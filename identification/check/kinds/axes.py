@@ -70,7 +70,7 @@ def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...], *, whole: 
     flipped = [_XYZ[k] for k in range(3) if signs[k] < 0]
     parts = [_exchange(exchanged, order)] if exchanged else []
     parts += [f"{joined(flipped)} with the other sign"] if flipped else []
-    told = joined(parts) + (", the turns read mirrored with them" if turns else "")
+    told = joined(parts) + (", turns mirrored too" if turns else "")
     swap = exchanged and not flipped
     kind = "permutation" if swap else "handedness"
     yield Slip(

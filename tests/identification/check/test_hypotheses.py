@@ -218,7 +218,7 @@ def test_a_mirror_maps_points_and_turns_alike(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("kind", "says"), [
     ("pose", {"measured x and y exchanged": "exchange the headers of the sensor's columns: x and y exchanged",
               "measured z with the other sign": "change the sensor's columns: z with the other sign",
-              "measured x and y exchanged, the turns read mirrored with them": None,
+              "measured x and y exchanged, turns mirrored too": None,
               "measured x, y and z in another order (x in y, y in z, z in x) and x with the other sign": None}),
 ])  # fmt: skip
 def test_axes_are_told_in_words(kind: str, says: dict[str, str | None], tmp_path: Path) -> None:

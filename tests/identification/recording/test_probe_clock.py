@@ -216,9 +216,8 @@ def test_a_run_that_hardly_moves_tells_no_clock(tmp_path: Path, moving: int) -> 
     done = imported(tmp_path)
     told = " ".join(done.output.split())
     assert (done.exit_code == 0) == (moving == 60), told
-    assert ("found too few samples at which the probe moves while the joints are logged" in told) == (
-        moving == 12
-    )
+    few = "samples at which the probe moves while the joints are logged, expected at least 20, or --offset"
+    assert (few in told) == (moving == 12)
 
 
 @pytest.mark.parametrize(("file", "column"), [("robot", "a"), ("probe", "x"), ("probe", "time")])
