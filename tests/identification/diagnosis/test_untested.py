@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -26,7 +26,7 @@ from truepose.identification.report.untestable_words import untestable_lines
 from truepose.identification.signatures.signatures import Signatures
 from truepose.identification.signatures.untestable import GRAVITY, Untestable, places_of
 from truepose.models.effect_text import parse_effect
-from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.placed import EffectAtPlace
 
@@ -143,30 +143,21 @@ def test_what_a_line_would_make_testable_is_told_first() -> None:
     ]
 
 
-@pytest.mark.parametrize("curve", [False, True])
-def test_an_untested_deflection_takes_the_odds_that_its_formula_says(tmp_path: Path, curve: bool) -> None:
-    """(1 - R^2) E / (2 (1 + E / 100)) nats less, geometry free in its tolerances; with a curve beside it also of both together,
-    as much likelier as the curve was unlikely. Nothing is lost between them."""
-    one = case(tmp_path, stated=False)
-    labels = {c.effect.slug: c.label for c in one.cat.candidates[::-1] if c.place == ("q2",)}
-    wanted = [labels["encoder-eccentricity"], *([labels["empirical"]] if curve else [])]
-    found = one.holding(*wanted)
-    number = {c.label: i for i, c in enumerate(one.cat.candidates)}
-    levels = Levels(0.99, "position-periodic", 0.97)
-    alike = (Rival(EffectAtPlace("backlash", ("q1",)), 0.03, 20.0),)
-    wave = EffectAtPlace("encoder-eccentricity", ("q2",))
-    name = Named(wave, (number[wanted[0]],), 0.9, 0.97, alike, 30.0, levels=levels)
-    (beside,) = beside_untested(found, [name])
-
+def deflections(found: Found, effect: Effect) -> list[PlacedEffect]:
+    """An effect's terms at all its places and settings, on the machine with gravity."""
     machine = replace(found.signatures.machine, gravity=GRAVITY)
-    effect, recording = effects.get("joint-compliance", "test")(), found.signatures.recording
-    soft = [
-        PlacedEffect.at(effect, machine, place, settings)
+    return [
+        placed
         for place in places_of(effect, machine)
-        for settings in effect.settings(machine, place, recording)
+        for settings in effect.settings(machine, place, found.signatures.recording)
+        if not (placed := PlacedEffect.at(effect, machine, place, settings)).bent
     ]
-    soft = [placed for placed in soft if not placed.bent]
-    signatures = Signatures(machine, recording, (*found.fit.effects, *soft))
+
+
+def odds_of(found: Found, soft: Sequence[PlacedEffect]) -> Callable[[list[int], PlacedEffect], float]:
+    """exp of minus (1 - R^2) E / (2 (1 + E / 100)) of terms of the fit and a deflection, from rows written out in full."""
+    machine = replace(found.signatures.machine, gravity=GRAVITY)
+    signatures = Signatures(machine, found.signatures.recording, (*found.fit.effects, *soft))
     lin = signatures.linearise(found.fit)
     noise = float(found.problem.spike_slab.unknowns.scales(found.mode.point)[0])
     rows = np.vstack(list(signatures.blocks(found.fit))) / noise
@@ -182,6 +173,27 @@ def test_an_untested_deflection_takes_the_odds_that_its_formula_says(tmp_path: P
         alike = float(signal @ left[:, k]) ** 2 / energy / float(left[:, k] @ left[:, k])
         return float(np.exp(-0.5 * (1.0 - alike) * energy / (1.0 + 0.01 * energy)))
 
+    return odds
+
+
+@pytest.mark.parametrize("curve", [False, True])
+def test_an_untested_deflection_takes_the_odds_that_its_formula_says(tmp_path: Path, curve: bool) -> None:
+    """(1 - R^2) E / (2 (1 + E / 100)) nats less, geometry free in its tolerances; with a curve beside it also of both together,
+    as much likelier as the curve was unlikely. Nothing is lost between them."""
+    one = case(tmp_path, stated=False)
+    labels = {c.effect.slug: c.label for c in one.cat.candidates[::-1] if c.place == ("q2",)}
+    wanted = [labels["encoder-eccentricity"], *([labels["empirical"]] if curve else [])]
+    found = one.holding(*wanted)
+    number = {c.label: i for i, c in enumerate(one.cat.candidates)}
+    levels = Levels(0.99, "position-periodic", 0.97)
+    alike = (Rival(EffectAtPlace("backlash", ("q1",)), 0.03, 20.0),)
+    wave = EffectAtPlace("encoder-eccentricity", ("q2",))
+    name = Named(wave, (number[wanted[0]],), 0.9, 0.97, alike, 30.0, levels=levels)
+    (beside,) = beside_untested(found, [name])
+
+    effect = effects.get("joint-compliance", "test")()
+    soft = deflections(found, effect)
+    odds = odds_of(found, soft)
     worth = {placed.place: odds([0], placed) for placed in soft}
     if curve:
         term = found.problem.candidates.index(number[wanted[1]])

@@ -3,193 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.reports import summary
+from support.reports import NAN, of, summary
 from truepose.identification.diagnosis.result import Proof
 from truepose.identification.report.curves import Curve
-from truepose.identification.report.drivers import Column
 from truepose.identification.report.figures.effects import curve_charts, matrix
 from truepose.identification.report.figures.evidence import evidence_map, squeeze
 from truepose.identification.report.figures.fit import fit_bars, proof_plot
 from truepose.identification.report.figures.parameters import Departures, correlation_map, dot_plot
-from truepose.identification.report.figures.residuals import (
-    Drawn,
-    component_panels,
-    distribution,
-    picked,
-    row_sizes,
-    size_panels,
-)
 from truepose.identification.report.fits import FitColumn
-from truepose.shown.chart import Band, Bars, Cells, Chart, Level, Line, Marks, Span, Tone
+from truepose.shown.chart import Band, Bars, Cells, Level, Line, Marks, Span
 
 Array = NDArray[np.float64]
-NAN = float("nan")
-Kind = TypeVar("Kind")
-
-
-def of(chart: Chart, kind: type[Kind]) -> list[Kind]:
-    """Layers of a kind."""
-    return [layer for layer in chart.layers if isinstance(layer, kind)]
-
-
-# -- residuals -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("rows", "series", "drawn"),
-    [
-        (10_000, 0, 10_000),
-        (30_000, 1, 30_000),
-        (30_001, 1, 30_000),
-        (10_000, 30, 1_000),
-        (10_000, 10_000, 150),
-        (150, 10_000, 150),
-        (0, 3, 0),
-    ],
-)
-def test_a_page_draws_thirty_thousand_points_but_a_hundred_and_fifty_rows_in_any_case(
-    rows: int, series: int, drawn: int
-) -> None:
-    found = picked(rows, series)
-    assert len(found) == drawn and (np.diff(found) > 0).all()
-    if drawn:
-        assert (found[0], found[-1]) == (0, rows - 1)
-        assert np.ptp(np.diff(found)) <= 1
-
-
-def test_the_size_of_a_row_is_the_rms_of_what_it_read() -> None:
-    """A reading that was lost is none, one that refers to itself is none."""
-    residual = np.array([[3.0, 4.0], [3.0, NAN], [-3.0, 0.0], [NAN, NAN], [0.0, 0.0]])
-    np.testing.assert_allclose(row_sizes(residual), [np.sqrt(12.5), 3.0, 3.0, NAN, NAN])
-
-
-def fit(residual: Array, tone: Tone = "before", counts: NDArray[Any] | None = None) -> Drawn:
-    known = np.ones(len(residual), dtype=bool) if counts is None else np.asarray(counts, dtype=bool)
-    return Drawn(tone, tone, residual, known)
-
-
-def column(values: Array, name: str = "q1") -> Column:
-    return Column(name, f"{name} [°]", values)
-
-
-def test_sizes_reach_as_far_as_the_rows_that_count() -> None:
-    x = np.arange(5.0)
-    one = fit(np.array([[1.0], [2.0], [5.0], [90.0], [NAN]]), counts=np.array([1, 1, 1, 0, 1]))
-    two = fit(np.array([[3.0], [0.5], [0.5], [0.5], [0.5]]), "after")
-    (chart,) = size_panels([column(x)], [one, two], np.array([0, 2, 3]))
-    assert chart.y.low == 0.0 and chart.y.high == pytest.approx(1.08 * 5.0)
-    first, second = of(chart, Marks)
-    np.testing.assert_array_equal(first.x, [0.0, 2.0, 3.0])
-    np.testing.assert_array_equal(first.y, [1.0, 5.0, 90.0])
-    np.testing.assert_array_equal(second.y, [3.0, 0.5, 0.5])
-    assert [m.by_row for m in (first, second)] == [True, True] and [m.shape for m in (first, second)] == [
-        "stroke",
-        "dot",
-    ]
-    (noise,) = of(chart, Level)
-    assert (noise.value, noise.axis, noise.dashed) == (1.0, "y", True)
-    (small,) = size_panels([column(x)], [fit(np.full((5, 1), 0.2))], np.arange(5))
-    assert small.y.high == pytest.approx(1.08)  # noise as stated is always in sight
-
-
-def test_the_trend_is_told_to_those_who_do_not_see_the_chart() -> None:
-    x = np.arange(6.0)
-    up, even = np.array([[1.0], [2.0], [3.0], [4.0], [5.0], [NAN]]), np.ones((6, 1))
-    down = np.array([[6.0], [5.0], [4.0], [3.0], [2.0], [1.0]])
-    for fits, told in (
-        ([up, down], "first series: correlation 1.00; second series: correlation -1.00"),
-        ([up, even], "first series: correlation 1.00"),
-        ([even, down], "second series: correlation -1.00"),
-        ([even], ""),
-    ):
-        (chart,) = size_panels([column(x)], [fit(one) for one in fits], np.arange(6))
-        assert chart.told == told
-    (still,) = size_panels([column(np.ones(6))], [fit(up)], np.arange(6))
-    few = np.where(np.arange(6)[:, None] < 2, up, NAN)
-    (short,) = size_panels([column(x)], [fit(few)], np.arange(6))
-    assert still.told == short.told == ""
-
-
-def test_components_stand_at_their_driver_and_side_by_side_where_it_has_few_values() -> None:
-    """With 20 values or fewer two fits are set apart, evenly about the value; one fit never is."""
-    rng = np.random.default_rng(3)
-    residual = rng.normal(size=(42, 3))
-    groups = {"x": [0, 2], "y": [1]}
-    steps, many = np.tile(np.linspace(0.0, 10.0, 20), 3)[:42], np.linspace(0.0, 10.0, 42)
-    for values, dodge in ((steps, 0.22), (many, 0.0), (np.tile(np.linspace(0.0, 10.0, 21), 2), 0.0)):
-        fits = [fit(residual), fit(2.0 * residual, "after")]
-        first, second = component_panels(column(values), groups, fits, np.arange(42))
-        assert (first.title, second.title) == ("x", "y")
-        a, c, b, d = of(first, Marks)
-        for mark, side, own in (
-            (a, -0.5, residual[:, 0]),
-            (c, -0.5, residual[:, 2]),
-            (b, 0.5, 2 * residual[:, 0]),
-        ):
-            np.testing.assert_allclose(mark.x, values + side * dodge, atol=1e-12)
-            np.testing.assert_array_equal(mark.y, own)
-            assert mark.by_row
-        assert d.tone == b.tone == "after"
-        assert (
-            first.y.high
-            == pytest.approx(max(3.5, 1.05 * 2 * np.max(np.abs(residual))))
-            == -cast(float, first.y.low)
-        )
-        (zero,) = of(first, Level)
-        assert (zero.value, zero.axis, zero.dashed) == (0.0, "y", False)
-        (alone,) = component_panels(column(values), {"y": [1]}, fits[:1], np.arange(42))
-        np.testing.assert_array_equal(of(alone, Marks)[0].x, values)
-    (calm,) = component_panels(column(many), {"y": [1]}, [fit(0.1 * residual)], np.arange(42))
-    assert calm.y.high == 3.5
-    wild = residual.copy()
-    wild[0] = 70.0
-    (aside,) = component_panels(
-        column(many), {"y": [1]}, [fit(wild, counts=np.arange(42) > 0)], np.arange(42)
-    )
-    assert cast(float, aside.y.high) < 10.0  # a row that does not count sets no scale
-
-
-@pytest.mark.parametrize(("count", "bins"), [(400, 18), (401, 36), (3, 18), (0, 18)])
-def test_a_histogram_is_a_density_beside_the_normal_one(count: int, bins: int) -> None:
-    """Its area is one with everything beyond the ends in the last bars; so is the curve's."""
-    values = np.random.default_rng(5).normal(scale=3.0, size=(count, 1))
-    drawn, _ = distribution([fit(values)])
-    (bars,), (curve,) = of(drawn, Bars), of(drawn, Line)
-    assert bars.edges is not None and len(bars.length) == bins
-    assert (bars.edges[0], bars.edges[-1]) == (-4.5, 4.5)
-    assert np.sum(bars.length * np.diff(bars.edges)) == pytest.approx(1.0 if count else 0.0)
-    assert np.trapezoid(curve.y, curve.x) == pytest.approx(1.0, abs=1e-4)
-    assert curve.y[len(curve.y) // 2] == pytest.approx(np.max(curve.y)) and curve.dashed
-    assert (drawn.title, drawn.y.low) == ("histogram, before", 0.0)
-
-
-def test_the_normal_plot_of_normal_residuals_is_the_line() -> None:
-    values = np.random.default_rng(6).normal(size=(20_000, 1))
-    gone = np.vstack([values, [[NAN], [0.0]]])  # neither is a reading
-    *_, plot = distribution([fit(gone), fit(2.0 * values, "after")])
-    (line,) = of(plot, Line)
-    np.testing.assert_array_equal(line.x, line.y)
-    assert line.x.tolist() == [-3.5, 3.5] and line.dashed and plot.x.high == -cast(float, plot.x.low) == 3.6
-    one, two = of(plot, Marks)
-    assert len(one.x) == len(two.x) == 300
-    inner = np.abs(one.x) < 2.0
-    np.testing.assert_allclose(one.y[inner], one.x[inner], atol=0.08)
-    np.testing.assert_allclose(two.y, 2.0 * one.y, atol=1e-9)
-    np.testing.assert_allclose(one.x, -one.x[::-1], atol=0.01)  # as many above as below
-    largest = 2.0 * np.max(np.abs(values))
-    assert plot.y.high == pytest.approx(1.05 * largest) == -cast(float, plot.y.low)
-    for scale, reach in ((0.1, 4.0), (900.0, 12.0)):
-        assert distribution([fit(scale * values)])[-1].y.high == reach
-    assert not of(distribution([fit(np.zeros((3, 1)))])[-1], Marks)
-    few = of(distribution([fit(np.array([[1.0], [-1.0]]))])[-1], Marks)[0]
-    np.testing.assert_allclose(few.x, [-0.6745, 0.6745], atol=1e-4)  # quartiles
-    np.testing.assert_array_equal(few.y, [-1.0, 1.0])
 
 
 # -- fits and proofs -----------------------------------------------------------------------------------
@@ -205,19 +35,19 @@ def fitted(name: str, sigma: tuple[float | None, float | None], rms: float, held
 def test_bars_of_fits_stand_beside_the_stated_noise() -> None:
     columns = [fitted("free", (1.0, 1.5), 0.010, 0.015), fitted("before", (3.0, NAN), 0.030, 0.040)]
     sigmas, position = fit_bars(columns, {"position": 0.0173}, {"position": "mm"})
-    calibration, validation = of(sigmas, Bars)
+    calibration, validation = of(sigmas.layers, Bars)
     np.testing.assert_array_equal(calibration.length, [1.0, 3.0])
     np.testing.assert_array_equal(validation.length, [1.5])
     np.testing.assert_allclose(cast(Array, calibration.at), [-0.18, 0.82])
     np.testing.assert_allclose(cast(Array, validation.at), [0.18])
-    assert [level.value for level in of(sigmas, Level)] == [1.0] and sigmas.x.high == pytest.approx(
+    assert [level.value for level in of(sigmas.layers, Level)] == [1.0] and sigmas.x.high == pytest.approx(
         1.25 * 3.0
     )
     assert position.x.title == "rms residual [µm]" and position.x.low == 0.0
-    np.testing.assert_allclose(of(position, Bars)[0].length, [10.0, 30.0])
-    np.testing.assert_allclose(of(position, Bars)[1].length, [15.0, 40.0])
-    assert of(position, Bars)[1].texts == ["15.0", "40.0"]
-    assert of(position, Level)[0].value == pytest.approx(17.3)
+    np.testing.assert_allclose(of(position.layers, Bars)[0].length, [10.0, 30.0])
+    np.testing.assert_allclose(of(position.layers, Bars)[1].length, [15.0, 40.0])
+    assert of(position.layers, Bars)[1].texts == ["15.0", "40.0"]
+    assert of(position.layers, Level)[0].value == pytest.approx(17.3)
     assert position.x.high == pytest.approx(1.25 * 40.0)
     assert list(position.y.names) == ["free", "before"]
 
@@ -225,14 +55,14 @@ def test_bars_of_fits_stand_beside_the_stated_noise() -> None:
 def test_bars_alone_stand_on_their_line() -> None:
     columns = [fitted("free", (0.5, None), 0.001, None)]
     sigmas, position = fit_bars(columns, {"position": 0.0173}, {"position": "mm"})
-    (bars,) = of(sigmas, Bars)
+    (bars,) = of(sigmas.layers, Bars)
     np.testing.assert_array_equal(cast(Array, bars.at), [0.0])
     assert sigmas.x.high == 1.25 and position.x.high == pytest.approx(1.25 * 17.3)  # the noise is in sight
     hollow = [fitted("free", (None, None), NAN, None)]
     for chart in fit_bars(hollow, {}, {"position": "mm"}):
-        assert not of(chart, Bars)
+        assert not of(chart.layers, Bars)
     (_, bare) = fit_bars(hollow, {}, {"position": "mm"})
-    assert not of(bare, Level) and bare.x.high == 1.25
+    assert not of(bare.layers, Level) and bare.x.high == 1.25
 
 
 @pytest.mark.parametrize(
@@ -248,15 +78,15 @@ def test_a_proof_is_drawn_beside_a_black_box(
     ratio: float, interval: tuple[float, float], box: float | None, top: float
 ) -> None:
     chart = proof_plot(Proof("role", (), ratio, interval, None, box, None))
-    bars = of(chart, Bars)
+    bars = of(chart.layers, Bars)
     assert [bar.length.tolist() for bar in bars] == ([[ratio]] if box is None else [[ratio], [box]])
     assert [cast(Array, bar.at).tolist() for bar in bars] == [[0.0], [1.0]][: len(bars)]
     assert list(chart.y.names) == ["named physics", "black box"][: len(bars)]
-    (ends,) = of(chart, Marks)
+    (ends,) = of(chart.layers, Marks)
     np.testing.assert_array_equal(ends.x, interval)
     np.testing.assert_array_equal(ends.y, [0.0, 0.0])
     assert chart.x.low == 0.0 and chart.x.high == pytest.approx(1.15 * top)
-    assert [level.value for level in of(chart, Level)] == [1.0]
+    assert [level.value for level in of(chart.layers, Level)] == [1.0]
 
 
 # -- constants -----------------------------------------------------------------------------------------
@@ -275,13 +105,13 @@ def test_constants_are_drawn_farthest_first_twenty_a_panel_sixty_at_most() -> No
     reach = 1.12 * 3.5
     for k, chart in enumerate(charts):
         rows = order[20 * k : 20 * k + 20]
-        clipped, mine = of(chart, Marks)
+        clipped, mine = of(chart.layers, Marks)
         np.testing.assert_allclose(mine.x, -away[rows])
         np.testing.assert_array_equal(mine.y, np.arange(20))
         np.testing.assert_allclose(clipped.x, np.clip(100.0 * away[::-1][rows], None, 0.99 * reach))
         assert chart.x.high == pytest.approx(reach) == -cast(float, chart.x.low)
-        assert sorted(level.value for level in of(chart, Level)) == [-3.1, 0.0, 3.1]
-        assert [(span.low, span.high) for span in of(chart, Span)] == [(-1.0, 1.0)]
+        assert sorted(level.value for level in of(chart.layers, Level)) == [-3.1, 0.0, 3.1]
+        assert [(span.low, span.high) for span in of(chart.layers, Span)] == [(-1.0, 1.0)]
 
 
 @pytest.mark.parametrize(
@@ -293,7 +123,7 @@ def test_the_scale_of_constants_holds_what_is_allowed_and_what_is_there(
 ) -> None:
     (chart,) = dot_plot(["a"], [Departures("x", "after", "dot", np.array([-values]))], allowed)
     assert chart.x.high == pytest.approx(1.12 * reach)
-    limits = [level for level in of(chart, Level) if level.value != 0.0]
+    limits = [level for level in of(chart.layers, Level) if level.value != 0.0]
     assert len(limits) == (2 if allowed == 3.0 else 0)
     taller = dot_plot(["a", "b"], [Departures("x", "after", "dot", np.array([1.0, 2.0]))], allowed)[0]
     assert taller.height - chart.height == 17.0  # a line's height
@@ -302,7 +132,7 @@ def test_the_scale_of_constants_holds_what_is_allowed_and_what_is_there(
 def test_a_map_of_correlations_leaves_out_what_each_is_with_itself() -> None:
     whole = np.array([[1.0, -0.5], [-0.5, 1.0]])
     chart = correlation_map(["short", "a-very-long-name-of-a-constant"], whole)
-    (cells,) = of(chart, Cells)
+    (cells,) = of(chart.layers, Cells)
     np.testing.assert_array_equal(cells.values, [[0.0, -0.5], [-0.5, 0.0]])
     assert cells.largest == 1.0
     assert list(chart.x.names) == list(chart.y.names) == ["short", "a-ver\u2026onstant"]
@@ -327,20 +157,20 @@ def test_evidence_is_drawn_best_first_and_places_of_findings_stand_out() -> None
     evidence = {f"q{k}": float(k) for k in range(30)} | {"base": NAN, "tool": float("-inf")}
     chart = evidence_map(evidence, {"q29", "q12"})
     assert list(chart.y.names) == [f"q{k}" for k in range(29, 5, -1)]
-    named, others = of(chart, Bars)
+    named, others = of(chart.layers, Bars)
     assert (named.name, others.name) == ("place of a finding", "other places")
     assert cast(Array, named.at).tolist() == [0.0, 17.0]
     np.testing.assert_allclose(named.length, [squeeze(29.0), squeeze(12.0)])
     assert list(named.texts) == ["29.0", "12.0"]
     assert len(others.length) == 22 and 0.0 not in cast(Array, others.at)
-    assert [level.value for level in of(chart, Level)] == [0.0, pytest.approx(squeeze(3.0))]
+    assert [level.value for level in of(chart.layers, Level)] == [0.0, pytest.approx(squeeze(3.0))]
     low, high = cast(float, chart.x.low), cast(float, chart.x.high)
     span = squeeze(29.0) - squeeze(-1.0)
     assert low == pytest.approx(squeeze(-1.0) - 0.03 * span)
     assert high == pytest.approx(squeeze(29.0) + 0.1 * span)
     assert [text for _, text in chart.x.ticks] == ["\u22121", "0", "3", "10"]
     only = evidence_map({"q1": -400.0, "q2": 0.5}, set())
-    assert len(of(only, Bars)) == 1
+    assert len(of(only.layers, Bars)) == 1
     ticks = only.x.ticks
     assert [text for _, text in ticks] == [
         "\u2212100",
@@ -369,7 +199,7 @@ def curve(**more: Any) -> Curve:
 def test_a_function_is_drawn_with_its_95_per_cent_band_and_what_rows_say() -> None:
     rows = np.array([2.5, NAN])
     (chart,) = curve_charts([curve(rows=rows)])
-    (band,), (line,), (marks,) = of(chart, Band), of(chart, Line), of(chart, Marks)
+    (band,), (line,), (marks,) = of(chart.layers, Band), of(chart.layers, Line), of(chart.layers, Marks)
     np.testing.assert_allclose(band.high - line.y, 1.96 * 0.5)
     np.testing.assert_allclose(line.y - band.low, 1.96 * 0.5)
     np.testing.assert_array_equal(line.y, 2.0 * line.x)
@@ -380,10 +210,10 @@ def test_a_function_is_drawn_with_its_95_per_cent_band_and_what_rows_say() -> No
     assert chart.y.low == pytest.approx(low - room) and chart.y.high == pytest.approx(high + room)
     empty = np.zeros(0)
     (scattered,) = curve_charts([curve(x=empty, y=empty, std=empty, rows=rows, fitted=np.array([2.0, 8.0]))])
-    assert not of(scattered, Band) and not of(scattered, Line)
-    assert [mark.name for mark in of(scattered, Marks)] == ["each row", "identified, in each row"]
+    assert not of(scattered.layers, Band) and not of(scattered.layers, Line)
+    assert [mark.name for mark in of(scattered.layers, Marks)] == ["each row", "identified, in each row"]
     (bare,) = curve_charts([curve()])
-    (ticks,) = of(bare, Marks)
+    (ticks,) = of(bare.layers, Marks)
     assert ticks.shape == "tick" and bare.y.low is bare.y.high is None
     np.testing.assert_allclose(ticks.y, -0.98)
     np.testing.assert_array_equal(ticks.x, [1.0, 4.0])
@@ -407,7 +237,7 @@ def test_a_scale_of_rows_leaves_out_the_wildest() -> None:
 def test_a_matrix_has_its_numbers_where_there_is_room(columns: int, texts: bool) -> None:
     values = np.arange(2.0 * columns).reshape(2, columns)
     chart = matrix("t", values, ["a", "b"], [f"q{k}" for k in range(columns)], ("across", "up"))
-    (cells,) = of(chart, Cells)
+    (cells,) = of(chart.layers, Cells)
     np.testing.assert_array_equal(cells.values, values)
     assert [list(line) for line in cells.texts] == (
         [[f"{v:.2g}" for v in line] for line in values] if texts else []

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 import pytest
 
-from support.reports import NAN, arm, fitted, recorded
+from support.reports import NAN, arm, fitted, of, recorded
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.fit.tool_spread import READINGS, TOLERANCES, tool_spread, workspace
 from truepose.identification.identifiability.note import Note
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.document import Block, Charts, Table, Text
+from truepose.identification.report.document import Charts, Table, Text
 from truepose.identification.report.gauge import rank_words, weak_words
 from truepose.identification.report.notes import tolerance_notes, worded
 from truepose.identification.report.sections.uncertainty import uncertainty_section
 from truepose.models.machine import Machine
 from truepose.shown.chart import Marks
 
-Kind = TypeVar("Kind")
 UNITS = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0}
 
 
@@ -43,10 +40,6 @@ def fit(machine: Machine) -> Estimate:
 @pytest.fixture(scope="module")
 def recording(machine: Machine) -> Recording:
     return recorded(machine)
-
-
-def of(blocks: Sequence[Block], kind: type[Kind]) -> list[Kind]:
-    return [block for block in blocks if isinstance(block, kind)]
 
 
 def size(text: str) -> float:

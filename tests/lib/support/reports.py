@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
+Kind = TypeVar("Kind")
 NAN = float("nan")
 ROWS = 30
 MACHINE = """
@@ -192,3 +194,8 @@ def page_data(page: str) -> dict[str, Any]:
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert found is not None
     return dict(json.loads(found[1]))
+
+
+def of(items: Iterable[object], kind: type[Kind]) -> list[Kind]:
+    """Those of a kind: blocks of a section, layers of a chart."""
+    return [item for item in items if isinstance(item, kind)]
