@@ -14,6 +14,7 @@ from scipy.linalg import null_space
 from scipy.stats import chi2
 
 from support.examples import examples
+from support.recordings import rows_of
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.fit.tolerance_classes import PartClass, part_classes, widenings
@@ -150,21 +151,8 @@ def test_inflations_are_whole_kinds_and_single_classes() -> None:
 def campaign(n: int, drivers: Mapping[str, Array], validation: NDArray[np.bool_] | None = None) -> Recording:
     """Readings of two joints in time order."""
     rng = np.random.default_rng(8)
-    none = np.zeros(n, dtype=bool)
-    return Recording(
-        joints=("q1", "q2"),
-        q=rng.uniform(-1, 1, (n, 2)),
-        observations={},
-        labels={},
-        drivers=drivers,
-        files=("a.csv",),
-        source_file=np.zeros(n, dtype=np.int64),
-        source_row=np.arange(1, n + 1),
-        session=np.ones(n, dtype=np.int64),
-        session_recorded=~none,
-        validation=none if validation is None else validation,
-        time=np.arange(n, dtype=float),
-    )
+    given = {} if validation is None else {"validation": validation}
+    return rows_of(rng.uniform(-1, 1, (n, 2)), drivers=drivers, **given)
 
 
 def test_blocks_extrapolate_in_reach_load_and_temperature_and_share_no_row() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.recordings import rows_of
 from truepose.identification.diagnosis.holdout import (
     OUTERMOST,
     VALIDATION,
@@ -44,21 +45,7 @@ def trials(before: Mapping[str, Held], after: Mapping[str, Held], split: str = "
 def rows(drivers: Mapping[str, Array], n: int, validation: int = 0, reach: Array | None = None) -> Recording:
     """Poses of two joints, a second apart; the last of them for validation."""
     q = np.random.default_rng(3).uniform(-1.0, 1.0, (n, 2)) if reach is None else reach
-    whole = np.zeros(n, dtype=np.int64)
-    return Recording(
-        joints=("q1", "q2"),
-        q=q,
-        observations={},
-        labels={},
-        drivers=drivers,
-        files=("a.csv",),
-        source_file=whole,
-        source_row=np.arange(1, n + 1),
-        session=whole + 1,
-        session_recorded=whole == 0,
-        validation=np.arange(n) >= n - validation,
-        time=np.arange(n, dtype=float),
-    )
+    return rows_of(q, drivers=drivers, validation=np.arange(n) >= n - validation)
 
 
 # -- two models beside each other ---------------------------------------------------------------------------------

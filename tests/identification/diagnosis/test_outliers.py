@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from support.recordings import rows_of
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.outliers import (
     clustered,
@@ -88,20 +89,10 @@ def test_far_rows_lie_together_where_their_neighbours_are_far_beyond_chance() ->
 def test_where_rows_lie_is_told_in_standard_deviations_of_what_varies() -> None:
     """Joints, the order of acquisition where rows have one, and all that was logged; of the rows that are asked for."""
     rng, n = np.random.default_rng(2), 40
-    whole = np.zeros(n, dtype=np.int64)
     time = rng.permutation(n).astype(float)
-    recording = Recording(
-        joints=("q1", "q2"),
-        q=np.column_stack([rng.uniform(-3.0, 5.0, n), np.full(n, 0.7)]),
-        observations={},
-        labels={},
+    recording = rows_of(
+        np.column_stack([rng.uniform(-3.0, 5.0, n), np.full(n, 0.7)]),
         drivers={"payload": rng.uniform(0.0, 9.0, n)},
-        files=("a.csv",),
-        source_file=whole,
-        source_row=np.arange(1, n + 1),
-        session=whole + 1,
-        session_recorded=whole == 0,
-        validation=whole == 1,
         time=time,
     )
     some = np.arange(5, 35)

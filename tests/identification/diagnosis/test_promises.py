@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from support.recordings import rows_of
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.alarms import replicate_noise
@@ -34,32 +34,9 @@ def leaving(fit: Estimate, residual: Array) -> Estimate:
     return replace(fit, residual=residual, used=np.ones(len(residual), dtype=bool))
 
 
-def rows(
-    q: Array, drivers: Mapping[str, Array] | None = None, pose: NDArray[np.int64] | None = None
-) -> Recording:
-    """A recording of readings (n, k), a second apart."""
-    n = len(q)
-    whole = np.zeros(n, dtype=np.int64)
-    return Recording(
-        joints=tuple(f"q{k}" for k in range(q.shape[1])),
-        q=q,
-        observations={},
-        labels={},
-        drivers=drivers or {},
-        files=("a.csv",),
-        source_file=whole,
-        source_row=np.arange(1, n + 1),
-        session=whole + 1,
-        session_recorded=whole == 0,
-        validation=whole == 1,
-        time=np.arange(n, dtype=float),
-        pose=pose,
-    )
-
-
 def anywhere(n: int) -> Recording:
     """A recording of n poses that have nothing to do with the order of rows."""
-    return rows(np.random.default_rng(9).uniform(-1.0, 1.0, (n, 3)))
+    return rows_of(np.random.default_rng(9).uniform(-1.0, 1.0, (n, 3)))
 
 
 @pytest.mark.parametrize("repeats", [(2,), (2, 3, 7), (5, 1, 1)])
@@ -67,7 +44,7 @@ def test_the_variance_of_replicates_is_unbiased(fit: Estimate, repeats: tuple[in
     """Whatever the model leaves out of a pose: its repeats share it, and each pose costs one mean a channel."""
     rng = np.random.default_rng(1)
     pose = np.repeat(np.arange(4 * len(repeats), dtype=np.int64), 4 * repeats)
-    recording = rows(pose[:, None].astype(float), pose=pose)
+    recording = rows_of(pose[:, None].astype(float), pose=pose)
     squares, dof = [], 0
     for _ in range(400):
         left_out = rng.normal(0.0, 50.0, (int(pose.max()) + 1, 2))[pose]
@@ -128,7 +105,7 @@ def test_far_rows_that_lie_together_are_physics_and_no_outliers(fit: Estimate, w
     """The heaviest loads, folded poses, a stretch of time: what is far there has a cause, and is kept."""
     rng, n = np.random.default_rng(5), 300
     order = rng.permutation(n)
-    recording = rows(rng.uniform(-1.0, 1.0, (n, 3)), {"payload": rng.uniform(0.0, 12.0, n)})
+    recording = rows_of(rng.uniform(-1.0, 1.0, (n, 3)), drivers={"payload": rng.uniform(0.0, 12.0, n)})
     score = {
         "time": np.arange(n, dtype=float),
         "pose": recording.q @ np.ones(3),
@@ -161,7 +138,7 @@ def test_extrapolations_are_farther_heavier_and_warmer_than_what_they_are_predic
         "temperature.air": rng.normal(22.0, 0.1, n),
         "temperature.leg": rng.normal(30.0, 3.0, n),
     }
-    recording = rows(rng.normal([5.0, -3.0], [1.0, 40.0], (n, 2)), drivers)
+    recording = rows_of(rng.normal([5.0, -3.0], [1.0, 40.0], (n, 2)), drivers=drivers)
     _, blocks = held_out_blocks(recording, np.ones(n, dtype=bool))
     off = (recording.q - recording.q.mean(axis=0)) / recording.q.std(axis=0)
     scores = {
@@ -181,4 +158,4 @@ def test_extrapolations_are_farther_heavier_and_warmer_than_what_they_are_predic
 def test_without_repeats_noise_is_as_stated(fit: Estimate) -> None:
     residual = np.random.default_rng(6).standard_normal((30, 2))
     for pose in (None, np.arange(30, dtype=np.int64)):
-        assert replicate_noise(leaving(fit, 7.0 * residual), rows(residual, pose=pose)) == (1.0, 0)
+        assert replicate_noise(leaving(fit, 7.0 * residual), rows_of(residual, pose=pose)) == (1.0, 0)

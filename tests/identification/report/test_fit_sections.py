@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from support.reports import NAN, arm, fitted, of, recorded, synthetic
+from support.reports import NAN, arm, fitted, of, recorded, rows, synthetic
 from truepose.identification.diagnosis.result import (
     BlockProof,
     Diagnosis,
@@ -40,10 +40,6 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
 @pytest.fixture(scope="module")
 def plain(machine: Machine) -> Diagnosis:
     return synthetic(machine)
-
-
-def rows(table: Table) -> list[list[str]]:
-    return [list(row) for row in table.rows]
 
 
 # -- fits and proofs -----------------------------------------------------------------------------------

@@ -228,13 +228,33 @@ def tables(blocks: Any) -> list[Table]:
     return [one for one in blocks if isinstance(one, Table)]
 
 
-def test_columns_that_say_the_same_of_all_are_left_out() -> None:
-    def table(*effects: EffectInFleet) -> Table:
-        blocks = effect_blocks(replace(fleet(), statistics=replace(STATISTICS, anywhere=effects, places=())))
-        (found,) = tables(blocks)
-        return found
+def anywhere(*effects: EffectInFleet) -> Table:
+    """The table of effects wherever they stand."""
+    blocks = effect_blocks(replace(fleet(), statistics=replace(STATISTICS, anywhere=effects, places=())))
+    (found,) = tables(blocks)
+    return found
 
-    alike = table(SEEN, replace(SEEN, effect="e2"))
+
+WHOLE = [
+    "backlash",
+    "",
+    "serial",
+    "100",
+    "0.4",
+    "0.3",
+    "0.5",
+    "0.05",
+    "0.0001",
+    "8e-05",
+    "0.00012",
+    "rad",
+    "1.5",
+]
+"""A row of the CSV, in which nothing is left out."""
+
+
+def test_columns_that_say_the_same_of_all_are_left_out() -> None:
+    alike = anywhere(SEEN, replace(SEEN, effect="e2"))
     assert list(alike.head) == [
         "effect", "machines", "in", "90 % interval", "expected", "median size", "90 % interval", "spread",
     ]  # fmt: skip
@@ -242,45 +262,21 @@ def test_columns_that_say_the_same_of_all_are_left_out() -> None:
     assert list(alike.rows[0]) == [
         "backlash (backlash)", "100", "40 %", "30 % to 50 %", "5.0 %", "1.00×10⁻⁴ rad", "8.00×10⁻⁵ to 1.20×10⁻⁴", "1.5",
     ]  # fmt: skip
-    mixed = table(
-        SEEN,
-        replace(
-            SEEN, effect="e2", place=("q1", "q2"), mechanism="parallel", amount=None, size=None, spread=None
-        ),
-    )
+
+
+def test_columns_that_tell_effects_apart_are_there() -> None:
+    unsized = replace(SEEN, amount=None, size=None, spread=None)
+    mixed = anywhere(SEEN, replace(unsized, effect="e2", place=("q1", "q2"), mechanism="parallel"))
     assert list(mixed.head)[:3] == ["effect", "place", "mechanism"] and mixed.text_columns == 3
     assert list(mixed.rows[1]) == [
-        "e2 (e2)",
-        "q1 + q2",
-        "parallel",
-        "100",
-        "40 %",
-        "30 % to 50 %",
-        "5.0 %",
-        "-",
-        "-",
-        "-",
-    ]
+        "e2 (e2)", "q1 + q2", "parallel", "100", "40 %", "30 % to 50 %", "5.0 %", "-", "-", "-",
+    ]  # fmt: skip
     assert mixed.rows[0][1] == "anywhere"
     head, first, second = csv.reader(io.StringIO(mixed.csv))
     assert len(head) == len(first) == len(second) == 13
-    assert first == [
-        "backlash",
-        "",
-        "serial",
-        "100",
-        "0.4",
-        "0.3",
-        "0.5",
-        "0.05",
-        "0.0001",
-        "8e-05",
-        "0.00012",
-        "rad",
-        "1.5",
-    ]
-    assert second == ["e2", "q1+q2", "parallel", "100", "0.4", "0.3", "0.5", "0.05", "", "", "", "", ""]
-    sized = table(replace(SEEN, amount=None))
+    assert first == WHOLE
+    assert second == ["e2", "q1+q2", "parallel", *WHOLE[3:8], "", "", "", "", ""]
+    sized = anywhere(replace(SEEN, amount=None))
     assert list(csv.reader(io.StringIO(sized.csv)))[1][8:] == ["0.1", "0.08", "0.12", "", "1.5"]
 
 

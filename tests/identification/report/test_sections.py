@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from support.reports import NAN, arm, gear_finding, of, summary, synthetic
+from support.reports import NAN, arm, gear_finding, of, rows, summary, synthetic
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import (
     UNNAMED,
@@ -51,10 +51,6 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
 @pytest.fixture(scope="module")
 def plain(machine: Machine) -> Diagnosis:
     return synthetic(machine)
-
-
-def rows(table: Table) -> list[list[str]]:
-    return [list(row) for row in table.rows]
 
 
 def found(diagnosis: Diagnosis) -> Sequence[Block]:

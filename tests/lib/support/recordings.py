@@ -1,4 +1,4 @@
-"""Recordings read from text: two joints, two readings, and what is said of one refused."""
+"""Recordings read from text, and what is said of one refused; recordings made of arrays."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.recording.file import JointColumn
@@ -39,3 +41,22 @@ def refusal(tmp_path: Path, *texts: str, **options: Any) -> str:
         read(tmp_path, *texts, **options)
     assert "\n" not in str(caught.value)
     return str(caught.value)
+
+
+def rows_of(q: NDArray[np.float64], **more: Any) -> Recording:
+    """A recording of joint readings (n, nq) and no others, a second apart, all of one file and session; ``more``: fields."""
+    n = len(q)
+    plain: dict[str, Any] = {
+        "joints": tuple(f"q{k + 1}" for k in range(q.shape[1])),
+        "observations": {},
+        "labels": {},
+        "drivers": {},
+        "files": ("a.csv",),
+        "source_file": np.zeros(n, dtype=np.int64),
+        "source_row": np.arange(1, n + 1),
+        "session": np.ones(n, dtype=np.int64),
+        "session_recorded": np.ones(n, dtype=bool),
+        "validation": np.zeros(n, dtype=bool),
+        "time": np.arange(n, dtype=float),
+    }
+    return Recording(q=q, **{**plain, **more})

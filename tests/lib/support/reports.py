@@ -26,6 +26,7 @@ from truepose.identification.fit.estimate import Estimate, prior_of
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
+from truepose.identification.report.document import Table
 from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
@@ -199,3 +200,8 @@ def page_data(page: str) -> dict[str, Any]:
 def of(items: Iterable[object], kind: type[Kind]) -> list[Kind]:
     """Those of a kind: blocks of a section, layers of a chart."""
     return [item for item in items if isinstance(item, kind)]
+
+
+def rows(table: Table) -> list[list[str]]:
+    """The cells of a table, row by row."""
+    return [list(row) for row in table.rows]
