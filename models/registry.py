@@ -14,6 +14,7 @@ import pkgutil
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Generic, TypeVar
@@ -59,9 +60,15 @@ class Registry(Generic[T]):
         self._fill()
         return iter(sorted(self._entries))
 
-    def discard(self, name: str) -> None:
-        """Forget an entry (tests)."""
-        self._entries.pop(name, None)
+    @contextmanager
+    def as_before(self) -> Iterator[None]:
+        """What is added or replaced within is forgotten afterwards (tests)."""
+        self._fill()
+        before = dict(self._entries)
+        try:
+            yield
+        finally:
+            self._entries = before
 
     def _fill(self) -> None:
         if self._filled:

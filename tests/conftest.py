@@ -20,6 +20,7 @@ pytest.register_assert_rewrite("support")
 from support.bytecode import share_bytecode  # noqa: E402
 from support.examples import examples  # noqa: E402
 from support.generated_c import SANITIZERS, Built, build, has_sanitizers  # noqa: E402
+from support.plugins import forgotten  # noqa: E402
 from support.skips import NOTHING_BESIDE, SHARED, judge  # noqa: E402
 
 settings.register_profile("truepose", deadline=None, derandomize=True)
@@ -82,6 +83,20 @@ def _patience() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(progress, "DELAY", 600.0)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _plugins_of_the_module() -> Iterator[None]:
+    """What fixtures of a module load is known to that module only."""
+    with forgotten():
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _plugins_of_the_test() -> Iterator[None]:
+    """What a test loads is known to that test only, whatever runs after it."""
+    with forgotten():
         yield
 
 

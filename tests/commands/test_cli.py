@@ -19,7 +19,6 @@ import truepose
 from support import MACHINES
 from truepose.cli import app
 from truepose.errors import ConvergenceError
-from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 
 SERIAL = MACHINES / "serial.yaml"
@@ -354,7 +353,6 @@ def test_a_plugin_brings_an_effect_of_its_own(poses: Path, tmp_path: Path) -> No
     assert run("simulate", SERIAL, poses, "-o", tmp_path / "x.csv", *options).exit_code == 0
     plugin.write_text("1 / 0", encoding="utf-8")
     refused(run("effects", "--plugin", plugin), 2, "ZeroDivisionError")
-    effects.discard("my-creep")
 
 
 PLUGIN = """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import pytest
 from typer.testing import CliRunner
 
 from truepose.cli import app
-from truepose.models.sensors.base import sensors
 
 THEODOLITE = '''
 from dataclasses import dataclass
@@ -77,7 +75,7 @@ def tool(q: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The plug-in, the arm, and two days of readings; on the second a gear of the arm runs out of round."""
     path = tmp_path_factory.mktemp("theodolite")
     (path / "plugin.py").write_text(THEODOLITE, encoding="utf-8")
@@ -90,8 +88,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         seen += SIGMA * rng.standard_normal(seen.shape)
         columns = {"q1": q[:, 0], "q2": q[:, 1], "azimuth": seen[:, 0], "elevation": seen[:, 1]}
         pd.DataFrame(columns).to_csv(path / f"{name}.csv", index=False)
-    yield path
-    sensors.discard("theodolite")
+    return path
 
 
 def told(folder: Path, command: str, *names: str) -> tuple[str, Path]:

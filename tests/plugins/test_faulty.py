@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -95,13 +94,6 @@ FORMULAS = {
     "shape": ("[1.0, 2.0]", r"\(2, 1\)"),
     "type": ("object()", "expected an expression"),
 }
-
-
-@pytest.fixture(autouse=True)
-def forgotten() -> Iterator[None]:
-    yield
-    for registry in (effects, sensors, builders):
-        registry.discard("odd")
 
 
 @pytest.fixture

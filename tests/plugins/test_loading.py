@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -76,17 +75,6 @@ frames: {tool: {in: flange, xyz: [200, 0, 0], tolerance: {xyz: 1}}}
 sensor: {type: late-dial, zero: 0.5}
 tolerances: {length: 0.1, angle: 0.1}
 """
-
-
-@pytest.fixture(autouse=True)
-def forget() -> Iterator[None]:
-    known = set(sys.modules)
-    yield
-    for name in ("late-dial", "other-dial"):
-        sensors.discard(name)
-    for module in set(sys.modules) - known:
-        if module.startswith("truepose_plugin_"):
-            del sys.modules[module]
 
 
 def _plugins() -> set[str]:

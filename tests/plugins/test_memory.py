@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,7 +53,7 @@ def run(*arguments: object) -> None:
 
 
 @pytest.fixture(scope="module")
-def job(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
+def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
     folder = tmp_path_factory.mktemp("cable")
     text = (ROOT / "docs" / "reference" / "architecture.md").read_text(encoding="utf-8")
     (code,) = [
@@ -67,8 +66,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
     machine = load_machine(folder / "machine.yaml")
     written(machine, made.recording, seed=4)
     run("diagnose", folder / "machine.yaml", made.recording, "-o", made.out, "--plugin", made.plugin)
-    yield made
-    effects.discard("cable-drag")
+    return made
 
 
 def written(machine: Machine, path: Path, seed: int) -> Recording:

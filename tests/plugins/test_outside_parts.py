@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -24,7 +24,7 @@ from truepose.models.sensors.base import Channel, Sensor, sensors
 
 
 @pytest.fixture
-def additions() -> Iterator[None]:
+def additions() -> None:
     """A gantry and a dial gauge, known by name for one test."""
 
     @builders.add("gantry")
@@ -53,10 +53,6 @@ def additions() -> Iterator[None]:
 
         def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
             return world[2, 3] - s["zero"]
-
-    yield
-    builders.discard("gantry")
-    sensors.discard("dial")
 
 
 @pytest.mark.usefixtures("additions")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import json
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,13 +26,10 @@ from truepose.cli import app
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
-from truepose.models.builders.base import builders
-from truepose.models.effects.base import effects
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 from truepose.models.registry import load_plugin
-from truepose.models.sensors.base import sensors
 
 Array = NDArray[np.float64]
 
@@ -147,15 +144,6 @@ def run(*arguments: object) -> None:
     assert result.exit_code == 0, result.output
 
 
-@pytest.fixture(scope="module")
-def forget() -> Iterator[None]:
-    """The plugins' names are known for this module only."""
-    yield
-    effects.discard("stretched-belt")
-    builders.discard("two-slides")
-    sensors.discard("two-dials")
-
-
 def written(folder: Path, plugin: str, machine: str) -> Job:
     job = Job(folder / "plugin.py", folder / "machine.yaml", folder / "recording.csv", folder / "out")
     job.plugin.write_text(plugin)
@@ -164,7 +152,7 @@ def written(folder: Path, plugin: str, machine: str) -> Job:
 
 
 @pytest.fixture(scope="module")
-def belt(tmp_path_factory: pytest.TempPathFactory, forget: None) -> Job:
+def belt(tmp_path_factory: pytest.TempPathFactory) -> Job:
     """A recording of an arm whose second joint truly stands at q + k q^3, diagnosed with the plugin."""
     folder = tmp_path_factory.mktemp("belt")
     job = written(folder, STRETCHED_BELT, ARM)
@@ -232,7 +220,7 @@ def test_a_new_effect_is_compiled_into_the_controllers_code(belt: Job, tmp_path:
 
 
 @pytest.fixture(scope="module")
-def slides(tmp_path_factory: pytest.TempPathFactory, forget: None) -> Job:
+def slides(tmp_path_factory: pytest.TempPathFactory) -> Job:
     """Two slides, 3 mrad out of square, read by two dials whose zero is off by 0.7 mm; calibrated."""
     job = written(tmp_path_factory.mktemp("slides"), SLIDES_AND_DIALS, SLIDES)
     rng, tilt, zero = np.random.default_rng(7), 3e-3, 0.7

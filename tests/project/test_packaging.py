@@ -9,7 +9,6 @@ import shlex
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -118,11 +117,8 @@ def test_the_commands_of_the_readme_set_themselves_up() -> None:
         assert shlex.split(install)[:2] == [".venv/bin/pip", "install"]
 
 
-@pytest.fixture
-def plugged() -> Iterator[list[str]]:
-    """The options that load the guide's effect, which is forgotten afterwards."""
-    yield ["--plugin", "travel_cubic.py"]
-    effects.discard("travel-cubic")
+PLUGGED = ["--plugin", "travel_cubic.py"]
+"""The options that load the guide's effect."""
 
 
 def _command(*words: str) -> str:
@@ -132,20 +128,18 @@ def _command(*words: str) -> str:
     return done.stdout
 
 
-def test_the_effect_of_the_guide_is_a_plugin(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plugged: list[str]
-) -> None:
+def test_the_effect_of_the_guide_is_a_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "travel_cubic.py").write_text(PLUGIN, encoding="utf-8")
     telescope = ROOT / "models" / "machines" / "telescope"
     poses = [str(telescope / "machine.yaml"), str(telescope / "recording.csv")]
-    _command("simulate", *poses, "-o", "out.csv", *plugged, "--effect", "travel-cubic@rho2:k=0.001[1/mm^2]")
+    _command("simulate", *poses, "-o", "out.csv", *PLUGGED, "--effect", "travel-cubic@rho2:k=0.001[1/mm^2]")
     assert (tmp_path / "out.csv").is_file()
-    assert "Scale that changes along the travel" in _command("effects", "travel-cubic", *plugged)
+    assert "Scale that changes along the travel" in _command("effects", "travel-cubic", *PLUGGED)
 
 
 def test_the_effect_of_the_guide_acts_on_what_travels(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plugged: list[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its k is per mm^2: the polisher's legs and a slide have it, and no joint that turns."""
     monkeypatch.chdir(tmp_path)
@@ -161,8 +155,8 @@ def test_the_effect_of_the_guide_acts_on_what_travels(
     rows = [f"{10 * k - 95},{(37 * k) % 101 - 50},{(53 * k) % 103 - 51}" for k in range(20)]
     (tmp_path / "poses.csv").write_text("\n".join(["slide,q2,q3", *rows]), encoding="utf-8")
     bent = ["--effect", "travel-cubic@slide:k=1e-6[1/mm^2]"]
-    _command("simulate", "arm.yaml", "poses.csv", "-o", "read.csv", *bent, *plugged)
-    _command("diagnose", "arm.yaml", "read.csv", "-o", "out", *plugged)
+    _command("simulate", "arm.yaml", "poses.csv", "-o", "read.csv", *bent, *PLUGGED)
+    _command("diagnose", "arm.yaml", "read.csv", "-o", "out", *PLUGGED)
     diagnosis = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     screened = {tuple(c["place"]) for c in diagnosis["candidates"] if c["effect"] == "travel-cubic"}
     assert screened == {("slide",)}

@@ -130,15 +130,12 @@ def test_workers_load_the_plugins_that_candidates_are_of(
 
     (tmp_path / "own.py").write_text(PLUGIN)
     load_plugin(tmp_path / "own.py")
-    try:
-        effect = effects.get("of-a-plugin", "here")()
-        signatures = Signatures(machine, recording, [PlacedEffect.at(effect, machine, ("q1",), {})])
-        monkeypatch.setattr(chunks, "CHUNK", 50)
-        here = drawn(signatures)
-        with rows_on(dask.client.scheduler.address):
-            assert alike(here, drawn(signatures))
-    finally:
-        effects.discard("of-a-plugin")
+    effect = effects.get("of-a-plugin", "here")()
+    signatures = Signatures(machine, recording, [PlacedEffect.at(effect, machine, ("q1",), {})])
+    monkeypatch.setattr(chunks, "CHUNK", 50)
+    here = drawn(signatures)
+    with rows_on(dask.client.scheduler.address):
+        assert alike(here, drawn(signatures))
 
 
 def test_tasks_of_any_size_are_sent_without_a_warning(

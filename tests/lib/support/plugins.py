@@ -1,0 +1,26 @@
+"""What a plug-in adds to the catalogue stays in its process: without care a later test would diagnose with it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from truepose.models.builder import builders
+from truepose.models.effect import effects
+from truepose.models.plugin_guard import PREFIX
+from truepose.models.sensor import sensors
+
+
+@contextmanager
+def forgotten() -> Iterator[None]:
+    """Names that are registered within, and files that are loaded, are not known afterwards."""
+    known = set(sys.modules)
+    with effects.as_before(), sensors.as_before(), builders.as_before():
+        yield
+    for name in set(sys.modules) - known:
+        if name.startswith(PREFIX):
+            del sys.modules[name]
+
+
+__all__ = ["forgotten"]
