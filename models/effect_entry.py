@@ -110,6 +110,11 @@ def read_effects(entries: list[dict[str, Any]], path: Path) -> tuple[EffectSpec,
 
 def _setting(value: object, where: str) -> float:
     """What tells a form of an effect from another: always a number, which stays whole where it is."""
+    if isinstance(value, dict):
+        raise InputError(
+            f"{where}: found {cut(repr(value))}, expected a number: a setting stands beside effect and place, "
+            "coefficients stand in parameters"
+        )
     number = float(value) if isinstance(value, bool) else as_number(value)
     if number is None or not within(number):
         raise InputError(

@@ -74,7 +74,7 @@ def _placebo(before: Estimate, found: Found, main: int) -> float:
 
 
 def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
-    """Simulate the machine with the main term at its fitted size; is it found again, first of all?"""
+    """Simulate the machine with the main term at its fitted size; is it found again, and first of all?"""
     problem, cat, own = found.problem, found.catalogue, found.problem.spike_slab
     label = cat.candidates[main].label
     fitted = next(e for e in after.fitted_effects() if e.label == label)
@@ -88,7 +88,8 @@ def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     odds, causes = np.logaddexp.reduce(log_odds, axis=0), range(len(problem.causes))
     by_cause = np.array([np.logaddexp.reduce(odds[own.terms.cause == k]) for k in causes])
     alike = [k for k, c in enumerate(problem.causes) if c == cat.cause(main)]
-    return bool(np.max(by_cause) - np.max(by_cause[alike]) < NOTABLE)
+    best, again = np.max(by_cause), np.max(by_cause[alike])
+    return bool(again > max(0.0, best - NOTABLE))  # where nothing can be seen, all are alike, and none is found
 
 
 def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequence[float]) -> Design:

@@ -203,6 +203,14 @@ REFUSED = {
         BASIC + "effects: [{effect: a, place: [q], parameters: {c: {value: 1, unit: nope}}}]\n",
         "effects[0].parameters.c.unit: unknown unit 'nope'",
     ),
+    "effect settings": (
+        BASIC + "effects: [{effect: a, place: [q], settings: {order: 1}}]\n",
+        "effects[0].settings: found {'order': 1}, expected a number: a setting stands beside effect and place",
+    ),
+    "effect coefficients": (
+        BASIC + "effects: [{effect: a, place: [q], coefficients: {c: 1}}]\n",
+        "coefficients stand in parameters",
+    ),
     "duplicate key": (BASIC + "name: again\n", "line 6: duplicate key 'name'"),
     "nested duplicate": (BASIC + "frames: {base: {xyz: [0,0,0], xyz: [1,1,1]}}\n", "duplicate key 'xyz'"),
     "key": (BASIC + "masses: {1: {kg: 1, in: tool}}\n", "field name '1' is read as int"),

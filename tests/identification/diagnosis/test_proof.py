@@ -176,6 +176,9 @@ def test_an_injected_effect_is_found_again_where_nothing_else_says_the_same(
     # what the noise after the fit hides is not found against a likelier rival
     assert injected((q2, q3), apart, 0.3, (-12.0, -2.0))
     assert not injected((q2, q3), apart, 0.3, (-12.0, -2.0), noise=30.0)
+    # nor is one that nothing can show, though no rival is likelier
+    for alone in ((q2, q3), (q2,)):
+        assert not injected(alone, apart[:, : 1 + len(alone)], 1e-3, (-2.0, -2.0)[: len(alone)])
 
 
 # -- rows held out, and intervals --------------------------------------------------------------------------
