@@ -18,6 +18,8 @@ from truepose.wording import shortened
 
 SCHEMA = "truepose/drift/1"
 HOUR, DAY = 3600.0, 86400.0
+WHOLE = 0.9995
+"""As much of an hour is an hour: it would be written as 60.0 minutes."""
 NOISY = 1.5
 """Noise, in stated sigmas, above which physics that the model lacks may show as movement."""
 SHOWN = 12
@@ -208,8 +210,9 @@ def span(found: Drift, k: int) -> str:
     assert found.times is not None
     seconds = found.times[k] - found.times[0]
     for size, name in ((DAY, "day"), (HOUR, "hour"), (60.0, "minute"), (1.0, "second")):
-        if seconds >= size:
-            text = significant(seconds / size, 2 if seconds / size < 10 else 3).removesuffix(".0")
+        if seconds >= size * WHOLE:
+            count = max(seconds / size, 1.0)
+            text = significant(count, 2 if count < 10 else 3).removesuffix(".0")
             return f"{text} {name}{'' if text == '1' else 's'}"
     return f"{significant(seconds, 2)} s"
 

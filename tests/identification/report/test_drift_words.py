@@ -36,7 +36,7 @@ MINUTE, HOUR = 60.0, 3600.0
         (45.0, "45.0 seconds"),
         (MINUTE, "1 minute"),
         (90.0, "1.5 minutes"),
-        (HOUR - 1.0, "60.0 minutes"),
+        (HOUR - 1.0, "1 hour"),
         (HOUR, "1 hour"),
         (9.5 * HOUR, "9.5 hours"),
         (10 * HOUR, "10.0 hours"),
