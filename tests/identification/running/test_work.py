@@ -1,4 +1,4 @@
-"""One machine of a fleet, and a fleet worked with in this process: what is kept, what is tried again, and how files are told."""
+"""One machine of a fleet, and a fleet worked with in this process: what is kept, what is tried again, how files are told."""
 
 from __future__ import annotations
 

@@ -1,0 +1,224 @@
+"""Contests between explanations, against matrices as large as the readings: what a rival cannot reproduce, and who is true."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from support.experiments import arm
+from truepose.identification.planning.discriminate.explanations import EXPECTED, Explanation, explanation
+from truepose.identification.planning.discriminate.race import (
+    FOUND,
+    RIVAL_FORMS,
+    Field,
+    Hypothesis,
+    hypotheses,
+    ordered,
+    race,
+    shares,
+)
+from truepose.identification.planning.discriminate.rows import WIDE, Signals
+from truepose.models.effects.base import PlacedEffect
+
+Array = NDArray[np.float64]
+ROWS, READINGS, CONSTANTS = 14, 2, 3
+FORMS = 5
+YIELDS, UNEVEN, PLAY, GAIN = 0, 1, 1 + 2 * FORMS, 2 + 2 * FORMS
+"""Where the columns of each effect begin: one of compliance, two of each order of a wave, one of play, one of gain."""
+WIDTH = 3 + 2 * FORMS
+
+
+def part(text: str) -> PlacedEffect:
+    return explanation(text, arm()).forms[0][0]
+
+
+WAVES = tuple(part(f"transmission-error@q2:order={k}") for k in range(1, FORMS + 1))
+PARTS = (part("joint-compliance@q2"), *WAVES, part("backlash@q3"), part("actuator-scale@q1"))
+COLUMNS = (
+    slice(0, 1),
+    *(slice(1 + 2 * k, 3 + 2 * k) for k in range(FORMS)),
+    slice(PLAY, GAIN),
+    slice(GAIN, WIDTH),
+)
+
+
+def drawn(seed: int = 0) -> Signals:
+    """Random rows; the constants differ a thousandfold in size, and the third wave comes close to the compliance."""
+    rng = np.random.default_rng(seed)
+    geometry = rng.standard_normal((ROWS, READINGS, CONSTANTS)) * [0.3, 30.0, 1.0]
+    effects = 40.0 * rng.standard_normal((ROWS, READINGS, WIDTH))
+    effects[:, :, 5] = 0.7 * effects[:, :, YIELDS] + 0.1 * effects[:, :, 5]
+    return Signals(("a", "b", "c"), geometry, effects, np.array([1.0, 0.04, 25.0]), COLUMNS)
+
+
+def field(rows: Signals, *others: PlacedEffect, earlier: Signals | None = None) -> Field:
+    base = np.zeros((CONSTANTS + WIDTH,) * 2) if earlier is None else earlier.gram
+    return Field(rows, base, PARTS, others)
+
+
+def dense(rows: Signals, signal: Array, wide: NDArray[np.intp] | list[int]) -> float:
+    """What of a signal (n,) constants within their tolerances and effects ``wide`` of any size leave, in chi2."""
+    geometry, effects = (a.reshape(-1, a.shape[2]) for a in (rows.geometry, rows.effects))
+    covariance = np.eye(len(geometry)) + (geometry / rows.precision) @ geometry.T
+    covariance += WIDE**2 * effects[:, wide] @ effects[:, wide].T
+    return float(signal @ np.linalg.solve(covariance, signal))
+
+
+def signal(rows: Signals, columns: list[int], amplitude: Array) -> Array:
+    return np.asarray(rows.effects.reshape(-1, WIDTH)[:, columns] @ amplitude)
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_rival_imitates_as_much_as_it_can_beside_all_that_may_be_there(beside: bool) -> None:
+    rows = drawn()
+    at = field(rows, *(PARTS[-2:-1] if beside else ()))
+    also = [PLAY] if beside else []
+    true, rival, size = [YIELDS], [5, 6], np.array([[0.5]])
+    left, answer = at.imitated(at.gram(np.ones(ROWS, dtype=bool)), np.array(true), size, np.array(rival))
+    told = signal(rows, true, size[:, 0])
+    whole, missed = dense(rows, told, also), dense(rows, told, [*also, *rival])
+    assert 0.0 < left < 0.5 and left == pytest.approx(missed / whole, rel=1e-6)
+    # its coefficients are those that leave the least
+    least = dense(rows, told - signal(rows, rival, answer[:, 0]), also)
+    for change in 1e-2 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
+        assert dense(rows, told - signal(rows, rival, answer[:, 0] + change), also) > least
+
+
+def test_nobody_can_say_what_imitates_a_signal_that_no_diagnosis_would_find() -> None:
+    rows = drawn()
+    at = field(rows)
+    gram = at.gram(np.ones(ROWS, dtype=bool))
+    whole = dense(rows, signal(rows, [YIELDS], np.ones(1)), [])
+    for chi2, known in ((0.99 * FOUND, False), (1.01 * FOUND, True)):
+        size = np.array([[np.sqrt(chi2 / whole)]])
+        left, _ = at.imitated(gram, np.array([YIELDS]), size, np.array([5, 6]))
+        assert (left < 1.0) is known
+
+
+def test_rows_that_exist_count_as_rows_that_are_taken() -> None:
+    first, later = drawn(1), drawn(2)
+    every = replace(
+        first,
+        geometry=np.concatenate([first.geometry, later.geometry]),
+        effects=np.concatenate([first.effects, later.effects]),
+    )
+    at, mask = field(later, earlier=first), np.ones(ROWS, dtype=bool)
+    true, rival, size = np.array([PLAY]), np.array([GAIN]), np.array([[0.2]])
+    left, _ = at.imitated(at.gram(mask) + at.base, true, size, rival)
+    told = signal(every, [PLAY], size[:, 0])
+    assert left == pytest.approx(dense(every, told, [GAIN]) / dense(every, told, []), rel=1e-6)
+
+
+def explained() -> tuple[Explanation, Explanation, Explanation]:
+    """Compliance of a known size, waves of five orders, play."""
+    yields = Explanation("joint-compliance", ("q2",), ((PARTS[0],),), np.array([0.5]))
+    waves = Explanation("transmission-error", ("q2",), tuple((wave,) for wave in WAVES))
+    return yields, waves, Explanation("backlash", ("q3",), ((part("backlash@q3"),),))
+
+
+def everywhere(at: Field) -> Array:
+    return np.asarray(at.gram(np.ones(ROWS, dtype=bool)) + at.base)
+
+
+def test_what_is_thought_of_is_as_large_as_it_imitates_or_as_the_catalogue_expects() -> None:
+    """The third order imitates more than half of the compliance; of play no size is known."""
+    at = field(drawn())
+    gram = everywhere(at)
+    yields, waves, play = hypotheses(at, explained(), gram, gram)
+    assert yields.true.tolist() == [YIELDS] and yields.amplitude.tolist() == [[0.5]]
+    assert waves.true.tolist() == [5, 6]
+    _, answer = at.imitated(gram, yields.true, yields.amplitude, waves.true)
+    np.testing.assert_allclose(waves.amplitude, answer)
+    assert play.true.tolist() == [PLAY] and play.amplitude.tolist() == [[EXPECTED]]
+    bare = hypotheses(at, explained()[1:], gram, gram)
+    assert bare[0].true.tolist() == [1, 2] and bare[0].amplitude.tolist() == (EXPECTED * np.eye(2)).tolist()
+
+
+def test_rival_versions_are_those_that_come_closest() -> None:
+    at = field(drawn())
+    gram = everywhere(at)
+    found = hypotheses(at, explained()[:2], gram, gram)
+    versions = np.array([(1 + 2 * k, 2 + 2 * k) for k in range(FORMS)])
+    left = [at.imitated(gram, found[0].true, found[0].amplitude, version)[0] for version in versions]
+    expected = versions[np.argsort(left)[:RIVAL_FORMS]].tolist()
+    assert [rival.tolist() for rival in found[1].rivals] == expected
+    assert [rival.tolist() for rival in found[0].rivals] == [[YIELDS]]
+
+
+def some(at: Field) -> tuple[Hypothesis, ...]:
+    """The waves with two rival versions, and cases of unknown sign."""
+    yields, waves, play = explained()
+    return (
+        Hypothesis(yields, np.array([YIELDS]), np.array([[0.5]]), (np.array([YIELDS]),)),
+        Hypothesis(waves, np.array([1, 2]), 0.1 * np.eye(2), (np.array([1, 2]), np.array([5, 6]))),
+        Hypothesis(play, np.array([PLAY]), np.array([[0.3]]), (np.array([PLAY]),)),
+    )
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_pair_is_worth_half_of_what_the_best_version_of_its_rival_leaves(beside: bool) -> None:
+    rows = drawn(3)
+    at = field(rows, *(PARTS[-1:] if beside else ()))
+    mask, found = np.arange(ROWS) % 7 > 0, some(at)
+    on, design = race(at, found, mask), [0, 2, 3, 7]
+    taken = rows.take(np.flatnonzero(mask)[design])
+    values = on.values(design)
+    for (i, j), value in zip(ordered(3), values, strict=True):
+        cases = [signal(taken, found[i].true.tolist(), a) for a in found[i].amplitude.T]
+        also = [GAIN] if beside else []
+        expected = min(
+            sum(dense(taken, case, [*also, *rival.tolist()]) for case in cases) for rival in found[j].rivals
+        )
+        assert value == pytest.approx(0.5 * expected, rel=1e-5)
+    assert on.pairs == 6 and on.counted.all()
+
+
+def test_what_no_row_tells_apart_does_not_count_nor_do_twins() -> None:
+    rows = drawn(3)
+    rows.effects[:, :, PLAY] = 3.0 * rows.effects[:, :, YIELDS]  # play does what compliance does
+    at, mask = field(rows), np.ones(ROWS, dtype=bool)
+    on = race(at, some(at), mask)
+    assert on.counted.tolist() == [{i, j} != {0, 2} for i, j in ordered(3)]
+    encoder = Explanation("encoder-eccentricity", ("q2",), ((part("encoder-eccentricity@q2:order=1"),),))
+    series = Explanation("transmission-error", ("q2",), ((part("transmission-error@q2:orders=60"),),))
+    for rival, counted in ((encoder, False), (replace(encoder, place=("q3",)), True)):
+        pair = [replace(some(at)[1], explanation=series), replace(some(at)[2], explanation=rival)]
+        assert race(at, pair, mask).counted.tolist() == [counted, counted]
+
+
+def test_the_share_of_a_signal_is_that_of_all_rows_together() -> None:
+    rows, earlier = drawn(4), drawn(5)
+    at, mask = field(rows, earlier=earlier), np.arange(ROWS) < 9
+    found = some(at)
+    on = race(at, found, mask)
+    told = shares(at, found, on, mask)
+    values = on.values(list(range(9)))
+    for (i, _), share, value in zip(ordered(3), told, values, strict=True):
+        every = sum(
+            float(np.sum(signal(one, found[i].true.tolist(), a) ** 2))
+            for one in (rows.take(mask), earlier)
+            for a in found[i].amplitude.T
+        )
+        assert share == pytest.approx(value / (0.5 * every), rel=1e-9) and 0.0 < share <= 1.0
+
+
+def test_constants_that_no_row_sees_leave_everything_else_as_it_is() -> None:
+    """And the units that a constant is told in: both say the same of the others."""
+    rows = drawn(6)
+    unseen = replace(rows, geometry=rows.geometry * [1.0, 1e-9, 1.0])
+    assert field(unseen).geometry == 2 and field(rows).geometry == 3
+    size = np.array([10.0, 0.1, 3.0])
+    other = replace(rows, geometry=rows.geometry * size, precision=rows.precision * size**2)
+    mask, design = np.ones(ROWS, dtype=bool), [1, 4, 6]
+    values = [race(field(one), some(field(one)), mask).values(design) for one in (rows, other)]
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
+    earlier = drawn(7)
+    scaled = replace(earlier, geometry=earlier.geometry * size)
+    pairs = ((rows, earlier), (other, scaled))
+    fields = [field(one, earlier=before) for one, before in pairs]
+    values = [race(at, some(at), mask).values(design) for at in fields]
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
+    assert field(unseen, earlier=earlier).geometry == 3  # the rows that exist see it
