@@ -1,0 +1,233 @@
+"""Corrections asked of the library: refusals with their reasons, what a controller would do elsewhere, what was assumed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from support import MACHINES
+from support.program_robots import (
+    RANGES,
+    TOOL,
+    Arm,
+    arms,
+    difference,
+    frame,
+    joints,
+    machine_file,
+    numbers_of,
+    status_turn,
+)
+from truepose.errors import InputError
+from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.programs.correct import NEARBY, Correction, correct
+from truepose.identification.programs.dialects import DIALECTS
+from truepose.identification.programs.frames import Cell
+from truepose.identification.programs.robot import Robot
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+Array = NDArray[np.float64]
+DRAWN, REAL = arms()
+GUN = frame((30.0, 0.0, 150.0, 0.0, 80.0, 15.0))
+PLAY = """drivers: [approach.q2, approach.q3, payload]
+masses: {payload: {kg: 0, com: [0, 12, 60], in: tool}}
+effects:
+  - {effect: backlash, place: [q2], parameters: {b: {value: 4.0e-4, unit: rad}}}
+  - {effect: backlash, place: [q3], parameters: {b: {value: -9.0e-4, unit: rad}}}
+  - {effect: joint-compliance, place: [q2], parameters: {c: {value: 2.0e-5, unit: rad/(N*m)}}}
+"""
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
+    return load_machine(machine_file(tmp_path_factory.mktemp("arm"), REAL))
+
+
+@pytest.fixture(scope="module")
+def playing(tmp_path_factory: pytest.TempPathFactory) -> Machine:
+    """With play in two joints and a payload that bends one; its links are as drawn."""
+    return load_machine(machine_file(tmp_path_factory.mktemp("arm"), DRAWN, PLAY))
+
+
+def corrected(machine: Machine, text: str, dialect: str = "kuka", **cell: Any) -> Correction:
+    return correct(machine, DIALECTS[dialect].read(text, machine), Cell(**cell))
+
+
+def axes(q: Array) -> str:
+    return "PTP {" + ",".join(f"A{k + 1} {v:.10f}" for k, v in enumerate(np.degrees(q).tolist())) + "}\n"
+
+
+def ptp(arm: Arm, q: Array) -> str:
+    """A motion to where an arm's tool is, with status and turn."""
+    status, turn = status_turn(DRAWN, q)
+    return f"PTP {numbers_of(arm.pose(q), 'kuka')[:-1]},S {status},T {turn}}}\n"
+
+
+def test_a_robot_is_the_nominal_or_the_real_one_with_any_tool(machine: Machine) -> None:
+    robot, q = Robot(machine, {}), joints(3)
+    for tool in (None, GUN):
+        for at, arm in ((robot.nominal, DRAWN), (robot.real, REAL)):
+            at(tool)
+            held = arm if tool is None else arm.with_tool(GUN)
+            expected = [held.pose(row) for row in q]
+            np.testing.assert_allclose(robot.solver.forward(q)[0], expected, atol=1e-9)
+    np.testing.assert_array_equal(robot.reach, np.ones(6))
+    np.testing.assert_array_equal(robot.home, np.zeros(6))
+    np.testing.assert_allclose(robot.base, np.eye(4), atol=1e-12)
+    rail = Robot(load_machine(MACHINES / "serial.yaml"), {})
+    np.testing.assert_allclose(rail.reach, [rail.solver.size, 1.0, 1.0])
+
+
+def test_drivers_have_the_values_that_are_told_or_their_defaults(machine: Machine, playing: Machine) -> None:
+    assert Robot(playing, {}).drivers == {"payload": 0.0}
+    loaded = Robot(playing, {"payload": 3.0})
+    assert loaded.drivers == {"payload": 3.0}
+    q = joints(2)
+    loaded.real(None)
+    bare = Robot(playing, {})
+    bare.real(None)
+    sag = loaded.solver.forward(q)[0][:, 2, 3] - bare.solver.forward(q)[0][:, 2, 3]
+    assert np.max(np.abs(sag)) > 1e-2
+    with pytest.raises(InputError, match=r"found the driver 'paylod', expected one .*payload"):
+        Robot(playing, {"paylod": 3.0})
+    with pytest.raises(InputError, match="the machine has none"):
+        Robot(machine, {"payload": 3.0})
+
+
+def test_the_way_of_arrival_moves_the_tool_by_the_sum_of_all_plays(
+    machine: Machine, playing: Machine
+) -> None:
+    """From halfway to one side: each joint turned by half of its play, or as the effect has it, at the worst pose."""
+    q = joints(5)
+    robot = Robot(playing, {})
+    moved = np.zeros(5)
+    for k in (1, 2):
+        solver = PoseSolver(playing)
+        solver.p = solver.model.p_home
+        away = []
+        for side in (0.0, 1.0):
+            solver.z = np.array([side * (name == f"approach.q{k + 1}") for name in solver.model.drivers])
+            away.append(solver.forward(q)[0][:, :3, 3])
+        moved += np.linalg.norm(away[1] - away[0], axis=1)
+    assert robot.arrival(q) == pytest.approx(moved.max(), rel=1e-9) and moved.max() > 0.05
+    assert robot.arrival(q) == robot.arrival(q)  # asking leaves no trace
+    assert Robot(machine, {}).arrival(q) == 0.0
+    assert corrected(playing, axes(q[0])).arrival == pytest.approx(robot.arrival(q[:1]))
+
+
+def test_programs_of_other_robots_are_refused(machine: Machine) -> None:
+    small = load_machine(MACHINES / "serial.yaml")
+    pose = f"LIN {numbers_of(DRAWN.pose(joints(1)[0]), 'kuka')}\n"
+    for text, says in (
+        (
+            axes(joints(1)[0]) + pose,
+            "arm: found 3 joints, expected six: a program's pose tells the joints of no",
+        ),
+        (pose, "arm: found 3 joints, expected six"),
+        (axes(joints(1)[0]), "arm: found 3 joints, expected 6 joints in angles and lengths, as the program"),
+        ("DEF a()\n", "found no target in the program, expected poses or joints"),
+    ):
+        with pytest.raises(InputError, match=says):
+            corrected(small, text)
+    three = DIALECTS["csv"].read("q1,q2,q3\n1,2,3\n", small)
+    assert len(correct(small, three).done) == 1
+    turning = tuple(replace(a, reading_unit="turn") for a in machine.mechanism.actuators[:2])
+    odd = replace(
+        machine,
+        mechanism=replace(machine.mechanism, actuators=(*turning, *machine.mechanism.actuators[2:])),
+    )
+    program = DIALECTS["kuka"].read(axes(joints(1)[0]), machine)
+    with pytest.raises(InputError, match="found joints q1, q2 in turns, expected 6 joints in angles"):
+        correct(odd, program)
+
+
+def test_what_would_leave_the_range_or_swing_is_left_and_told(machine: Machine) -> None:
+    """At either end of axis 1 the same change of it leads out of the range at one of them."""
+    low, high = np.radians(RANGES).T
+    q = np.tile(joints(1)[0], (2, 1))
+    q[0, 0], q[1, 0] = low[0], high[0]
+    found = corrected(machine, axes(q[0]) + axes(q[1]))
+    assert len(found.done) == 1 and len(found.left) == 1
+    assert found.left[0].why == "the correction would take q1 out of the range"
+    stretched = joints(1)[0]
+    stretched[4] = 3e-4  # the wrist is nearly straight: axes 4 and 6 are one
+    (left,) = corrected(machine, axes(stretched)).left
+    assert left.why.startswith("next to a singular pose: the correction would move q")
+    told = float(left.why.rpartition(" by ")[2].removesuffix(" deg"))
+    assert abs(told) > np.degrees(0.1)
+
+
+def test_what_was_not_named_is_counted_where_the_user_says_nothing_either(machine: Machine) -> None:
+    q = joints(2)
+    poses = [ptp(DRAWN, row) for row in q]
+    text = axes(q[0]) + poses[0] + "$BASE=$WORLD\n" + poses[1]
+    here = "0,0,0,0,0,0"
+    assert corrected(machine, text).unnamed == (1, 2)
+    x, y, z, rx, ry, rz = TOOL
+    own = f"{x},{y},{z},{rz},{ry},{rx}"
+    assert corrected(machine, text, base=here).unnamed == (0, 2)
+    assert corrected(machine, text, tool=own).unnamed == (1, 0)
+    assert corrected(machine, text, base=here, tool=own).unnamed == (0, 0)
+
+
+def test_corrections_stand_in_the_order_of_the_text_with_their_errors(machine: Machine) -> None:
+    """Whatever tools they are made with; before: as the program was; after: with what is written."""
+    q = joints(3, seed=8)
+    held = [DRAWN.with_tool(GUN), DRAWN, DRAWN.with_tool(GUN)]
+    gun = f"$TOOL={numbers_of(GUN, 'kuka')}\n"
+    bare = f"$TOOL={numbers_of(frame(TOOL), 'kuka')}\n"
+    lines = [ptp(arm, row) for arm, row in zip(held, q, strict=True)]
+    text = gun + lines[0] + bare + lines[1] + gun + lines[2]
+    found = corrected(machine, text)
+    assert [one.target.line for one in found.done] == [2, 4, 6] and not found.left
+    for one, arm, row in zip(found.done, held, q, strict=True):
+        real = Arm(REAL.rows, arm.tool, REAL.scale)
+        missed = difference(real.pose(row), arm.pose(row))
+        np.testing.assert_allclose(one.before, missed, atol=1e-6)
+        assert np.linalg.norm(one.after[:3]) < 1e-6 and np.linalg.norm(one.change[:3]) > 0.1
+        was = [n.value for n in one.target.numbers]
+        now = [float(n) for n in one.numbers]
+        np.testing.assert_allclose(np.array(now)[:3] - np.array(was)[:3], one.change[:3], atol=1e-8)
+    again = corrected(machine, found.text)
+    for one, first in zip(again.done, found.done, strict=True):
+        np.testing.assert_allclose(one.change, first.change, atol=0.02 * np.max(np.abs(first.change)))
+
+
+def test_points_that_a_program_works_out_are_told_how_far_off_they_may_be(machine: Machine) -> None:
+    """The largest change of the correction 100 mm away, up, down and to each side, by numpy."""
+    q = np.array([0.2, 0.3, -0.2, 0.3, 0.9, -0.4])
+    goal = DRAWN.pose(q)
+    found = corrected(machine, axes(q) + "LIN P:Q\n")
+
+    def change(step: Array) -> Array:
+        moved = goal.copy()
+        moved[:3, 3] += step
+        start = DRAWN.inverse(moved, q)
+        assert np.max(np.abs(start - q)) < 1.5
+        return np.asarray(DRAWN.pose(REAL.inverse(moved, start))[:3, 3] - moved[:3, 3])
+
+    here = change(np.zeros(3))
+    steps = NEARBY * np.vstack([np.eye(3), -np.eye(3)])
+    expected = max(float(np.linalg.norm(change(step) - here)) for step in steps)
+    assert found.nearby == pytest.approx(expected, rel=1e-3)
+    assert corrected(machine, axes(q) + "PTP F(3)\n").nearby is None
+
+
+def test_a_correction_without_a_nominal_drawing_is_of_effects_alone(tmp_path: Path) -> None:
+    """The machine file's own constants are then the controller's, so that only the gain of axis 4 is corrected."""
+    path = machine_file(tmp_path, REAL)
+    text = path.read_text(encoding="utf-8")
+    before, _, after = text.partition("nominal:")
+    path.write_text(before + "effects:" + after.partition("effects:")[2], encoding="utf-8")
+    bare, q = load_machine(path), joints(1)[0]
+    (done,) = corrected(bare, axes(q)).done
+    turned = np.radians([float(n) for n in done.numbers])
+    expected = q.copy()
+    expected[3] /= 1 + REAL.scale
+    np.testing.assert_allclose(turned, expected, atol=1e-7)
