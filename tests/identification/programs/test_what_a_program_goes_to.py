@@ -41,6 +41,7 @@ NOWHERE = "no motion here goes to it"
     ("text", "targets", "left"),
     [
         (f"PTP {POSE}\nSLIN {POSE} C_DIS\nSPTP {JOINTS}", ["PTP", "SLIN loose", "SPTP"], {}),
+        (f"\nLIN {POSE}\rPTP {POSE}\r\nPOS P={POSE}", ["LIN loose", "PTP", "P"], {}),
         (f"CIRC {POSE},{POSE},CA 90\nSCIRC P1,{POSE}\nSPL {POSE}", ["CIRC loose"] * 2 + ["SCIRC loose", "SPL loose"], {}),
         (f"PTP {{E6POS: {POSE[1:]}\nptp {{e6axis:{JOINTS[1:].lower()}", ["PTP", "PTP"], {}),
         ("PTP {A1 1,A2 2,A3 3,A4 4}\nLIN {Z 5}", [], {1: f"A5, A6 {STAY}", 2: f"X, Y, A, B, C {STAY}"}),
@@ -121,6 +122,7 @@ WRITES = "the program changes a target while it runs"
         (f"movel({P})\nset_tcp(t)", ["literal"], {}),
         (f"a={P}\nmovel(a)\nset_tcp(t)\nmovel(a)\nb={Q}\nmovej(b)\nset_tcp(s)\nmovej(b)", ["b with t"], {1: SEVERAL}),
         (f"a={P}\nmovel(a)\nmovel(a)", ["a"], {}),
+        (f"\na={P}\r\r\nb={Q}\rmovel(a)\nmovej(b)", ["a", "b"], {}),
         (f"f={P}\na={P}\nmovel(pose_trans(f, a))\nmovel(pose_trans(f,{P}))", ["a in f", "literal in f"], {}),
         (f"f={P}\nmovel(pose_trans(f, pose_trans(f, {P})))\nmovel(pose_trans({P}, {P}))", [], {2: RUNS, 3: RUNS}),
         (f"a={P}\nmovel(pose_add(a, {P}))\nmovel(get_target())\nmovel(pose_trans(a))", [],
@@ -163,6 +165,21 @@ def test_urscript_frames_are_the_poses_of_its_variables_and_tools() -> None:
     tool = f"set_tcp@{text.index('set_tcp')}"
     assert found.frames == {"f": (1, 0, 0, 0, 0, 0), tool: (2, 0, 0, 0, 0, 0)}
     assert found.targets[0].tool == "f"
+
+
+def test_each_dialect_has_units_and_decimals_of_its_own() -> None:
+    kuka, rapid, script = (
+        read("kuka", f"PTP {POSE}"),
+        read("rapid", f"MoveL {ROB},v,z,t;"),
+        read("urscript", f"movel({P})"),
+    )
+    assert [one.form.decimals for one in (kuka, rapid, script)] == [
+        (4, 4, 4, 6, 6, 6), (4, 4, 4, 8, 8, 8, 8), (7, 7, 7, 8, 8, 8),
+    ]  # fmt: skip
+    assert [dict(one.joint_units) for one in (kuka, rapid, script)] == [
+        {"rad": "deg", "mm": "mm"}, {"rad": "deg", "mm": "mm"}, {"rad": "rad", "mm": "m"},
+    ]  # fmt: skip
+    assert script.configuration is None and kuka.configuration is not None and rapid.configuration is not None
 
 
 OFFSET, ASSIGNED = "worked out while the program runs: it gets the correction", "the program changes"
