@@ -87,6 +87,10 @@ def test_offers_are_sorted_levels_each_once() -> None:
     for text in ("velocity.q9=1", "pressure", "payload=1", "=1,2"):
         with pytest.raises(InputError, match="expected DRIVER=value,value"):
             Offer.of(arm(), named=[text])
+    for wrong, meant in (("temperatur.link2", "temperature.link2"), ("presure", "pressure"), ("velocty.q3", "velocity.q3"),
+                         ("temprature.tool", "temperature.tool"), ("temperatur.air", "temperature.air")):  # fmt: skip
+        with pytest.raises(InputError, match=f"did you mean .*{meant}"):
+            Offer.of(arm(), named=[f"{wrong}=1,2"])
 
 
 def test_what_has_a_past_is_noted_each_with_its_effect() -> None:

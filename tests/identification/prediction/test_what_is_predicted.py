@@ -41,13 +41,14 @@ def machine_of(name: str, *texts: str) -> Machine:
     return machine.with_effects(tuple(parse_effect(text, machine) for text in texts))
 
 
-def rows_of(machine: Machine, n: int = 6, **columns: Any) -> Recording:
+def rows_of(machine: Machine, **columns: Any) -> Recording:
+    """Six of them."""
     rng, data = np.random.default_rng(3), dict[str, Any]()
     for a in machine.mechanism.actuators:
         assert a.range is not None
-        data[f"{a.reading} [{a.reading_unit}]"] = rng.uniform(*a.range, n)
+        data[f"{a.reading} [{a.reading_unit}]"] = rng.uniform(*a.range, 6)
     if any(sensor.differs_from_row for sensor in machine.sensors):
-        data |= {"pose": np.arange(n), "from": np.arange(n) // 2}
+        data |= {"pose": np.arange(6), "from": np.arange(6) // 2}
     return load_recording(machine, pd.DataFrame({**data, **columns}), need_observations=False)
 
 

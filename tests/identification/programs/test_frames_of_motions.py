@@ -140,6 +140,7 @@ def program(*names: tuple[str | None, str | None], form: Euler | Quaternion | No
 
 def places(told: Told | str) -> tuple[list[float], list[float] | None]:
     assert isinstance(told, Told)
+    assert told.base.shape == (4, 4) and (told.tool is None or told.tool.shape == (4, 4))
     return told.base[:3, 3].tolist(), None if told.tool is None else told.tool[:3, 3].tolist()
 
 

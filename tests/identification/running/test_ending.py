@@ -14,7 +14,7 @@ import pytest
 from support.fleets import mixed_machines
 from truepose.errors import InputError
 from truepose.identification.fleet.record import Record, Status
-from truepose.identification.fleet.result import SHOWN
+from truepose.identification.fleet.result import SHOWN, Fleet
 from truepose.identification.fleet.store import STORE, SUMS
 from truepose.identification.running import ending
 from truepose.identification.running.ending import TABLE, Folders, ended
@@ -107,3 +107,30 @@ def test_a_record_of_another_version_is_told_with_its_file(tmp_path: Path) -> No
         end(tmp_path / "results", changed)
     shutil.rmtree(tmp_path / "results")
     assert end(tmp_path / "results", changed)
+
+
+def test_the_page_shows_the_oddest_and_counts_what_machines_are_found_to_be(tmp_path: Path) -> None:
+    """As the table has them; what changed is told from the second run on."""
+    now = records(6)
+    folders = Folders(tmp_path / "line", tmp_path / "results")
+
+    def ending_of(some: Sequence[Record]) -> Fleet:
+        with folders.journal.open() as stream:
+            for record in some:
+                folders.journal.note(stream, record)
+        fleet = ended({record.name: record.key for record in some}, folders, brief=False)
+        folders.journal.path.unlink()
+        return fleet
+
+    fleet = ending_of(now)
+    table = pd.read_csv(folders.results / TABLE)
+    odd = table[table["odd"].fillna(value=False).astype(bool)].sort_values(
+        ["oddness", "name"], ascending=[False, True]
+    )
+    assert fleet.odd == len(odd) > 1 and [row.name for row in fleet.unusual] == odd["name"].tolist()
+    assert fleet.verdicts == table["verdict"].dropna().value_counts().to_dict()
+    assert fleet.statuses == table["status"].value_counts().to_dict()
+    assert [row.name for row in fleet.undone] == table.loc[table["status"] == "failed", "name"].tolist()
+    assert fleet.name == "line" and not fleet.brief and fleet.changes is None
+    less = ending_of(now[1:])
+    assert less.changes is not None and less.changes.gone == ("m000",) and less.machines == len(now) - 1
