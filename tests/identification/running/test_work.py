@@ -22,7 +22,8 @@ from truepose.identification.running.work import RESULTS, Options, Task, done
 from truepose.models.load import load_machine
 from truepose.pool import Pool
 
-T, R = TypeVar("T"), TypeVar("R")
+T = TypeVar("T")
+R = TypeVar("R")
 DIAGNOSE = "truepose.identification.diagnosis.engine.diagnose"
 
 
