@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -195,6 +196,14 @@ def test_numbers_of_a_frame_that_are_no_pose_are_refused(
     ):
         with pytest.raises(InputError, match=f"^{where}: .*{found}"):
             Frames(text, cell)
+
+
+@pytest.mark.parametrize(("number", "known"), [(1e9, True), (1.1e9, False), (-1.1e9, False)])
+def test_a_stated_frame_with_a_number_beyond_all_machines_is_not_known(number: float, known: bool) -> None:
+    text = replace(program(("far", None)), frames={"far": (0.0, number, 0.0, 0.0, 0.0, 0.0)})
+    told = Frames(text, Cell()).of(text.targets[0])
+    assert isinstance(told, Told) is known
+    assert known or str(told).startswith("told in far, whose numbers are not known here")
 
 
 def test_the_shape_of_an_arm_is_that_of_its_drawing(machine: Machine) -> None:
