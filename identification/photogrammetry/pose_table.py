@@ -103,10 +103,10 @@ def _body(
     scale: float,
 ) -> tuple[Array, float]:
     """(points, 3) shape of the body and its 1-sigma, mm."""
-    if body is not None:
-        return scale * np.array([[float(v) for v in body[name]] for name in names]), 0.0
     if not len(measured):
         raise InputError("found no row, expected at least one")
+    if body is not None:
+        return scale * np.array([[float(v) for v in body[name]] for name in names]), 0.0
     return measured[0], sigma
 
 
