@@ -65,7 +65,8 @@ def unexplained(rig: Rig, stand: Stand) -> Found:
         return Found(
             "joint-never-moves",
             rig.still,
-            f"{names} never moves in the recording, and {misses}: it may have moved without being logged",
+            f"{names} never {'moves' if len(rig.still) == 1 else 'move'} in the recording, and {misses}:"
+            f" {'it' if len(rig.still) == 1 else 'they'} may have moved without being logged",
             f"record {names}",
             verdict,
             before,

@@ -50,11 +50,12 @@ class Sheet:
         return replace(self, units={**self.units, **{n: unit for n in names if n in self.units}})
 
     def with_numbers(self, values: Mapping[str, Array]) -> Sheet:
-        """Columns with other numbers (n,)."""
+        """Columns with other numbers (n,); NaN is an empty cell."""
         cells = self.cells.copy()
         for name, column in values.items():
             if name in cells:
-                cells[name] = pd.Series([repr(float(v)) for v in column], dtype=object, index=cells.index)
+                texts = ["" if np.isnan(v) else repr(float(v)) for v in column]
+                cells[name] = pd.Series(texts, dtype=object, index=cells.index)
         return replace(self, cells=cells)
 
     def renamed(self, names: Mapping[str, str]) -> Sheet:

@@ -6,25 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
-import truepose
-from support.checked_arm import JOINTS, Document, document, written
+from support.checked_arm import EXACT, Document, document, rig_of
 from truepose.identification.check.rig import Rig, motion
 from truepose.identification.check.scene import MOST_ROWS, chosen
-
-EXACT = {"type": "pose", "sigma": {"xyz": 0.03, "rot": 0.005}}
-ROWS = 12
-
-
-def rig_of(folder: Path, stated: Document, real: Document | None = None, rows: int = ROWS) -> Rig:
-    """A machine as stated, with readings without noise of a real one."""
-    q = pd.DataFrame(np.random.default_rng(3).uniform(-80, 80, (rows, 6)), columns=list(JOINTS))
-    read = truepose.simulate(truepose.load_machine(written(folder, real or stated, q)[0]), q, seed=None)
-    both = pd.concat([q, read.reset_index(drop=True)], axis=1)
-    machine = truepose.load_machine(written(folder, stated, both)[0])
-    return Rig(machine, truepose.load_recording(machine, both))
 
 
 def moved(frame: str, xyz: tuple[float, ...], rpy: tuple[float, ...], machine: Document) -> Document:

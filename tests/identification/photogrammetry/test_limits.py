@@ -29,7 +29,7 @@ def test_a_turn_is_refused_where_its_sigma_is_three_tenths_of_a_radian(std: floa
     assert LOOSE == 0.3
     line = np.array([-3.0, 0.0, 1.0]) / np.sqrt(10.0)
     height = SIGMA / std / np.sqrt(2.0 / 3.0)
-    points = np.array([100.0 * line, -100.0 * line, [0.0, height, 0.0]]) + [40.0, 5.0, -7.0]
+    points = np.array([100.0 * line, -100.0 * line, [0.0, height, 0.0]]) + np.array([40.0, 5.0, -7.0])
     turn = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix()
     if known:
         found = body_pose(points, points @ turn.T, SIGMA)
@@ -43,7 +43,7 @@ def test_a_turn_is_refused_where_its_sigma_is_three_tenths_of_a_radian(std: floa
 
 def spoilt(places: dict[int, float], count: int = 5) -> BodyPose:
     """Exact points but for some, which stand so many mm off along x."""
-    after = BODY[:count] + [10.0, 20.0, 30.0]
+    after = BODY[:count] + np.array([10.0, 20.0, 30.0])
     for k, size in places.items():
         after[k, 0] += size
     return body_pose(BODY[:count], after, SIGMA)

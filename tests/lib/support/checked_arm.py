@@ -11,7 +11,9 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+import truepose
 from truepose.identification.check.result import Check
+from truepose.identification.check.rig import Rig
 from truepose.identification.check.run import check_files
 from truepose.models.yaml_document import document_text
 
@@ -55,6 +57,12 @@ ARM: dict[str, Any] = {
 
 
 ROWS = 45
+
+
+FEW = 12
+
+
+EXACT: dict[str, Any] = {"type": "pose", "sigma": {"xyz": 0.03, "rot": 0.005}}
 
 
 Document = dict[str, Any]
@@ -126,3 +134,12 @@ def columns(rows: pd.DataFrame, change: Callable[[pd.Series], Any], *names: str)
 
 def metres(rows: pd.DataFrame) -> Spoilt:
     return columns(rows, lambda v: v / 1000, "x", "y", "z")
+
+
+def rig_of(folder: Path, stated: Document, real: Document | None = None, rows: int = FEW) -> Rig:
+    """A machine as stated, with readings without noise of a real one."""
+    q = pd.DataFrame(np.random.default_rng(3).uniform(-80, 80, (rows, 6)), columns=list(JOINTS))
+    read = truepose.simulate(truepose.load_machine(written(folder, real or stated, q)[0]), q, seed=None)
+    both = pd.concat([q, read.reset_index(drop=True)], axis=1)
+    machine = truepose.load_machine(written(folder, stated, both)[0])
+    return Rig(machine, truepose.load_recording(machine, both))

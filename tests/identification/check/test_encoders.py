@@ -1,0 +1,252 @@
+"""Load-side encoders against their joints: what a column may be instead, in words and mended; zeros on both sides of limits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+import truepose
+from support.checked_arm import Document, written
+from truepose.identification.check.encoders import encoders
+from truepose.identification.check.pair import Pair
+from truepose.identification.check.result import Found
+
+Array = NDArray[np.float64]
+ROWS = 20
+
+
+def gantry(encoder: Document | None = None, **more: Any) -> Document:
+    """A slide with a screw of 5 mm a turn and two turning joints, an encoder on each of them; mm, deg."""
+    own = {
+        "type": "angle",
+        "sigma": {"angle": 0.001, "length": 0.001},
+        "tolerance": {"angle": 0.02, "length": 0.02},
+    }
+    return {
+        "schema": "truepose/machine/1",
+        "name": "arm",
+        "mechanism": {
+            "type": "serial",
+            "joints": [
+                {"name": "q1", "kind": "prismatic", "r": 10.0},
+                {"name": "q2", "kind": "revolute", "alpha": -90.0, "d": 200.0},
+                {"name": "q3", "kind": "revolute", "d": 300.0},
+            ],
+        },
+        "sensor": encoder or own,
+        "tolerances": {"length": 0.2, "angle": 0.05},
+        **more,
+    }
+
+
+def rows(scatter: float = 0.0) -> pd.DataFrame:
+    rng = np.random.default_rng(3)
+    q = rng.uniform([-200.0, -150.0, -90.0], [200.0, 150.0, 90.0], (ROWS, 3))
+    read = q + scatter * rng.standard_normal(q.shape)
+    names = ["q1", "q2", "q3", "angle.q1", "angle.q2", "angle.q3"]
+    return pd.DataFrame(np.hstack([q, read]), columns=names)
+
+
+def told(folder: Path, table: pd.DataFrame, machine: Document | None = None) -> list[Found]:
+    path, recording = written(folder, machine or gantry(), table)
+    loaded = truepose.load_machine(path)
+    return list(encoders(loaded, truepose.load_recording(loaded, recording)))
+
+
+def _rad(table: pd.DataFrame) -> None:
+    table["angle.q2"] = np.radians(table["angle.q2"])
+
+
+def _mrad(table: pd.DataFrame) -> None:
+    table["angle.q2"] = 1e3 * np.radians(table["angle.q2"])
+
+
+def _cm(table: pd.DataFrame) -> None:
+    table["angle.q1"] = table["angle.q1"] / 10.0
+
+
+def _inch(table: pd.DataFrame) -> None:
+    table["angle.q1"] = table["angle.q1"] / 25.4
+
+
+def _said_rad(table: pd.DataFrame) -> None:
+    table["angle.q3 [rad]"] = table.pop("angle.q3")
+
+
+def _backwards(table: pd.DataFrame) -> None:
+    table["angle.q3"] = -table["angle.q3"]
+
+
+SLIPS = [
+    (_rad, "unit-angle", "angle.q2", "angle.q2 in rad", "write the unit in the header: angle.q2 [rad]"),
+    (_mrad, "unit-angle", "angle.q2", "angle.q2 in mrad", "write the unit in the header: angle.q2 [mrad]"),
+    (_cm, "unit-length", "angle.q1", "angle.q1 in cm", "write the unit in the header: angle.q1 [cm]"),
+    (_inch, "unit-length", "angle.q1", "angle.q1 in inch", "write the unit in the header: angle.q1 [inch]"),
+    (_said_rad, "unit-angle", "angle.q3", "angle.q3 in deg", "write the unit in the header: angle.q3 [deg]"),
+    (
+        _backwards,
+        "sign",
+        "angle.q3",
+        "angle.q3 counts the other way than q3",
+        "change the sign of column angle.q3",
+    ),
+]
+
+
+@pytest.mark.parametrize("lost", [0, 9])
+@pytest.mark.parametrize(("spoil", "kind", "where", "says", "fix"), SLIPS)
+def test_a_slip_is_told_in_words_and_mended(
+    spoil: Any, kind: str, where: str, says: str, fix: str, lost: int, tmp_path: Path
+) -> None:
+    """Alone among the columns, also where half of its readings were lost."""
+    table = rows()
+    spoil(table)
+    named = [name for name in table.columns if name.startswith(where)]
+    table.loc[: lost - 1, named] = np.nan
+    (found,) = told(tmp_path, table)
+    assert (found.kind, found.where, found.verdict) == (kind, (where,), "wrong")
+    assert (found.says, found.fix) == (says, fix)
+    assert found.before is not None and found.after is not None
+    assert found.after == pytest.approx(0.0, abs=1e-9) and found.unit == (
+        "mm" if where == "angle.q1" else "deg"
+    )
+    assert found.mend is not None
+    pair = found.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
+    (tmp_path / "mended.csv").write_text(pair.sheets[0].text(), encoding="utf-8")
+    machine = truepose.load_machine(tmp_path / "arm.yaml")
+    assert not list(encoders(machine, truepose.load_recording(machine, tmp_path / "mended.csv")))
+
+
+def test_two_columns_that_were_exchanged_are_exchanged_once(tmp_path: Path) -> None:
+    """Encoders of angles; with a length nothing is exchanged."""
+    table = rows()
+    table[["angle.q2", "angle.q3"]] = table[["angle.q3", "angle.q2"]].to_numpy()
+    found = told(tmp_path, table)
+    assert [(f.kind, f.where, f.says, f.fix) for f in found] == [
+        ("permutation", (f"angle.{a}",), f"angle.{a} and angle.{b} exchanged",
+         f"exchange the headers of columns angle.{a} and angle.{b}") for a, b in (("q2", "q3"), ("q3", "q2"))
+    ]  # fmt: skip
+    pair = Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])
+    for one in found:
+        assert one.mend is not None
+        pair = one.mend(pair)
+    np.testing.assert_allclose(pair.sheets[0].numbers("angle.q2"), rows()["angle.q2"])
+    np.testing.assert_allclose(pair.sheets[0].numbers("angle.q1"), rows()["angle.q1"])
+
+
+def test_a_column_that_follows_nothing_is_told_with_what_it_differs_by(tmp_path: Path) -> None:
+    """Nine of twenty rows stand 200 mm away; the sixteen that differ least count, five of them those."""
+    table = rows()
+    table.loc[:8, "angle.q1"] += 200.0 * np.array([1, -1, 1, -1, 1, -1, 1, -1, 1])
+    (found,) = told(tmp_path, table)
+    assert (found.kind, found.where, found.verdict, found.unit) == (
+        "unexplained",
+        ("angle.q1",),
+        "wrong",
+        "mm",
+    )
+    assert (
+        found.before == pytest.approx(200.0 * np.sqrt(5 / 16)) and found.after is None and found.mend is None
+    )
+    assert found.says == (
+        "angle.q1 does not follow q1: they differ by 112 mm rms, and no slip that was tried explains it"
+    )
+    assert found.fix == "compare the columns angle.q1 and q1, their units and their rows with their source"
+
+
+@pytest.mark.parametrize(("share", "kinds"), [(0.198, []), (0.202, ["unexplained"])])
+@pytest.mark.parametrize("joint", ["q1", "q3"])
+def test_a_fifth_of_a_joint_s_way_is_physics(
+    share: float, kinds: list[str], joint: str, tmp_path: Path
+) -> None:
+    table = rows()
+    table[f"angle.{joint}"] += share * float(np.std(table[joint])) * np.tile([1.0, -1.0], ROWS // 2)
+    assert [f.kind for f in told(tmp_path, table)] == kinds
+
+
+def test_joints_at_rest_and_whole_turns_are_passed_over(tmp_path: Path) -> None:
+    table = rows()
+    _backwards(table)
+    assert told(tmp_path, table.assign(q3=20.0)) == []
+    assert told(tmp_path, rows()) == []
+    turns = rows()
+    turns["angle.q2"] += 360.0 * np.arange(ROWS)  # an encoder that counts turns
+    assert told(tmp_path, turns) == []
+
+
+def encoder(tolerance: float = 0.02, sigma: float = 0.001, **more: Any) -> Document:
+    both = {
+        "tolerance": {"angle": tolerance, "length": tolerance},
+        "sigma": {"angle": sigma, "length": sigma},
+    }
+    return {"type": "angle", **both, **more}
+
+
+@pytest.mark.parametrize("joint", ["q1", "q2"])
+@pytest.mark.parametrize(
+    ("own", "scatter", "limit"),
+    [
+        (encoder(), 0.0, 0.1),
+        (encoder(), 0.1, 0.3),
+        (encoder(sigma=0.1), 0.0, 0.5),
+        (encoder(0.0, 1e-4), 0.0, 5e-4),
+    ],
+)
+def test_a_zero_is_off_by_five_tolerances_or_sigmas_or_three_times_the_scatter(
+    own: Document, scatter: float, limit: float, joint: str, tmp_path: Path
+) -> None:
+    """Whichever is most; either way round, and turns of an angle do not count."""
+    swing = scatter * np.tile([1.0, -1.0], ROWS // 2)
+    name = f"angle.{joint}"
+    for size, count in ((0.98 * limit, 0), (1.02 * limit, 1), (-0.98 * limit, 0), (-1.02 * limit, 1)):
+        table = rows()
+        table[name] += swing + size + (360.0 if joint == "q2" else 0.0)
+        found = told(tmp_path, table, gantry(own))
+        assert [(f.kind, f.where, f.verdict) for f in found] == count * [("offset", (name,), "suspect")]
+        if found and found[0].mend is not None:
+            pair = found[0].mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
+            assert pair.get(("sensor", "zero", joint)) == pytest.approx(size, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("own", "joint", "at", "verdict", "file", "key"),
+    [
+        (encoder(0.0), "q2", 2.9, "suspect", "exactly 0 deg", "angle"),
+        (encoder(0.0), "q2", 3.1, "wrong", "exactly 0 deg", "angle"),
+        (encoder(0.0), "q2", -3.1, "wrong", "exactly 0 deg", "angle"),
+        (encoder(0.0), "q1", 90.0, "suspect", "exactly 0 mm", "length"),
+        (encoder(), "q2", 90.0, "suspect", "0 deg", "angle"),
+        (encoder(zero={"q2": 20.0}), "q2", 25.0, "suspect", "20 deg", "angle"),
+        (encoder(zero={"q2": 170.0}), "q2", 190.0, "suspect", "170 deg", "angle"),
+    ],
+)
+def test_a_zero_is_certain_where_it_is_said_to_be_exact_and_no_calibration_finds_it(
+    own: Document, joint: str, at: float, verdict: str, file: str, key: str, tmp_path: Path
+) -> None:
+    table = rows()
+    table[f"angle.{joint}"] += at
+    if "zero" in own and joint != "q2":
+        table["angle.q2"] += own["zero"]["q2"]
+    for sensor, head in (
+        (own, ("sensor",)),
+        ([{"type": "position", "sigma": {"xyz": 0.03}}, own], ("sensor", 1)),
+    ):
+        whole = table.assign(x=1.0, y=2.0, z=3.0)
+        (found,) = told(tmp_path, whole, gantry(None, sensor=sensor))
+        unit = "mm" if key == "length" else "deg"
+        assert found.says == (
+            f"angle.{joint} reads {at:.4g} {unit} where {joint} reads 0; the machine file has {file} there"
+        )
+        assert found.fix == (
+            f"state 'zero: {{{joint}: {at:.4g}}}' and 'tolerance: {{{key}: .inf}}' of this sensor"
+            " if nobody measured it"
+        )
+        assert (found.verdict, found.before, found.after) == (verdict, None, None) and found.mend is not None
+        pair = found.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
+        assert pair.get((*head, "zero", joint)) == pytest.approx(at)
+        assert pair.get((*head, "tolerance", key)) == float("inf")

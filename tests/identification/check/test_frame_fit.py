@@ -1,0 +1,127 @@
+"""The cheap fit of base and tool: its misfit is that of the whole model, and its steps are Gauss and Newton's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from support.checked_arm import EXACT, Document, document, rig_of
+from truepose.identification.check.frame_fit import KEPT, FrameFit
+from truepose.identification.check.rig import Rig
+from truepose.identification.check.scene import chosen
+from truepose.identification.prediction.predictor import Predictor
+
+Array = NDArray[np.float64]
+POINTS = {"P1": [0.0, 30.0, 0.0], "P2": [10.0, -30.0, 5.0], "P3": [80.0, 0.0, 20.0]}
+SENSORS: dict[str, Any] = {
+    "pose": EXACT,
+    "position": {"type": "position", "sigma": {"xyz": 0.03}},
+    "targets": {"type": "targets", "points": POINTS, "sigma": {"xyz": 0.03}},
+}
+
+
+def machine(kind: str) -> Document:
+    out = document(sensor=SENSORS[kind])
+    out["frames"]["base"]["rpy"], out["frames"]["tool"]["rpy"] = [20.0, -40.0, 70.0], [50.0, 35.0, -80.0]
+    return out
+
+
+def fit_of(rig: Rig) -> tuple[FrameFit, NDArray[np.intp]]:
+    rows = chosen(rig.machine, rig.scene)
+    here = rig.predictor.over(rig.scene.rows.subset(rows))
+    bare = rig.scene.p.copy()
+    bare[np.concatenate([rig.at["base"], rig.at["tool"]])] = 0.0
+    x, good = rig.assembled(here, bare, rig.scene)
+    return FrameFit(rig.ends, here, here.poses(bare, x)[0], good, rig.scene), rows
+
+
+def off(rig: Rig, seed: int, mm: float, rad: float) -> Array:
+    """Constants with base and tool somewhere beside where they are."""
+    rng, p = np.random.default_rng(seed), rig.scene.p.copy()
+    for frame in ("base", "tool"):
+        p[rig.at[frame][:3]] += mm * rng.uniform(-1, 1, 3)
+        p[rig.at[frame][3:]] += rad * rng.uniform(-1, 1, 3)
+    return p
+
+
+def trimmed(each: Array, part: float, up: bool) -> float:
+    """Rms over the part of all that is least, counted up or down."""
+    count = int(np.ceil(part * len(each)) if up else part * len(each))
+    return float(np.sqrt(np.mean(np.sort(each)[:count] ** 2)))
+
+
+@pytest.mark.parametrize("kind", list(SENSORS))
+def test_the_misfit_is_that_of_the_whole_model(kind: str, tmp_path: Path) -> None:
+    rig = rig_of(tmp_path, machine(kind), rows=13)
+    fit, rows = fit_of(rig)
+    p = off(rig, 1, 4.0, 0.02)
+    whole = Predictor(rig.machine, rig.recording)
+    residual = np.concatenate([block.residual for block in whole.blocks(p, whole.assemble(p)[0])])
+    sizes = np.sqrt(np.mean(residual**2, axis=1))
+    assert KEPT == 0.8 and len(rows) == 13
+    assert fit.cost(*rig.frames_of(p), p) == pytest.approx(trimmed(sizes, 0.8, up=True), rel=1e-9)
+    there = fit.descended(p, ("base", "tool"), rows, 0)
+    assert there.misfit == pytest.approx(trimmed(sizes, 0.8, up=True), rel=1e-9)
+    np.testing.assert_allclose(there.residual, residual, rtol=1e-7, atol=1e-7)
+    np.testing.assert_array_equal(there.p, p)
+    # the error of a point in space: each is three columns
+    places = residual[:, : 9 if kind == "targets" else 3] * 0.03
+    away = np.sqrt(np.sum(places**2, axis=1) / (3 if kind == "targets" else 1))
+    assert there.length == pytest.approx(trimmed(away, 0.8, up=False), rel=1e-9)
+
+
+@pytest.mark.parametrize("free", [("base",), ("tool",), ("base", "tool")])
+@pytest.mark.parametrize("kind", ["pose", "targets"])
+def test_steps_converge_by_squares(kind: str, free: tuple[str, ...], tmp_path: Path) -> None:
+    """From a centimetre and 3 deg off, turned about all axes: within five steps nothing is left but damping's thousandth."""
+    rig = rig_of(tmp_path, machine(kind))
+    fit, rows = fit_of(rig)
+    start = off(rig, 2, 10.0, 0.05)
+    for frame in {"base", "tool"} - set(free):
+        start[rig.at[frame]] = rig.scene.p[rig.at[frame]]
+    begin = fit.descended(start, free, rows, 0).misfit
+    left = [fit.descended(start, free, rows, steps).misfit / begin for steps in (1, 2, 3, 5)]
+    assert left[0] < 0.1 and left[1] < 0.01 and left[2] < 1e-4 and left[3] < 1e-7
+    end = fit.descended(start, free, rows, 8)
+    np.testing.assert_allclose(end.p, rig.scene.p, atol=1e-6)
+
+
+def test_a_frame_that_is_not_free_is_pulled_by_its_tolerance(tmp_path: Path) -> None:
+    """Readings that tell the base to 0.03 mm / sqrt(12) against a tolerance of 5 mm: pulled back by the ratio of squares."""
+    real = machine("pose")
+    real["frames"]["base"]["xyz"][0] += 50.0
+    rig = rig_of(tmp_path, machine("pose"), real)
+    fit, rows = fit_of(rig)
+    x = rig.at["base"][0]
+    free = fit.descended(rig.scene.p, ("base", "tool"), rows, 12)
+    assert free.p[x] - rig.scene.p[x] == pytest.approx(50.0, abs=1e-4)
+    tight = replace(
+        rig.ends, tolerance=np.where(np.arange(len(rig.ends.names)) == 0, 0.03, rig.ends.tolerance)
+    )
+    here = FrameFit(tight, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene)
+    held = here.descended(rig.scene.p, ("tool",), rows, 12)
+    loose = fit.descended(rig.scene.p, ("tool",), rows, 12)
+    assert 1e-6 < 50.0 - (loose.p[x] - rig.scene.p[x]) < 0.01
+    assert held.p[x] - rig.scene.p[x] < 50.0 - 1.0
+    exact = replace(rig.ends, tolerance=np.where(np.arange(len(rig.ends.names)) < 6, 0.0, rig.ends.tolerance))
+    still = FrameFit(exact, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene)
+    assert still.descended(rig.scene.p, ("tool",), rows, 12).p[x] == rig.scene.p[x]
+
+
+def test_a_factor_of_the_lengths_takes_their_misfit_back(tmp_path: Path) -> None:
+    """A hypothesis that makes lengths a thousand times larger is judged in the unit that they were read in."""
+    rig = rig_of(tmp_path, machine("pose"))
+    p = off(rig, 3, 4.0, 0.0)
+    plain, rows = fit_of(rig)
+    far = FrameFit(
+        rig.ends, rig.predictor.over(rig.recording), plain.flange, plain.good, replace(rig.scene, size=1e3)
+    )
+    one, other = (fit.descended(p, ("base",), rows, 0) for fit in (plain, far))
+    np.testing.assert_allclose(other.residual[:, :3], one.residual[:, :3] / 1e3, rtol=1e-9)
+    np.testing.assert_allclose(other.residual[:, 3:], one.residual[:, 3:], rtol=1e-9)
+    assert other.length == pytest.approx(one.length, rel=1e-9)
