@@ -12,7 +12,7 @@ import pytest
 
 import truepose
 from support.checked_arm import Document, checked, document, recorded, written
-from truepose.identification.check.bare import bare, out_of_range, repeats
+from truepose.identification.check.bare import bare, no_tolerances, out_of_range, repeats
 from truepose.identification.check.judging import reach, shown
 from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.result import Check, Found
@@ -255,3 +255,90 @@ def test_scenes_are_changed_by_copies(right: pd.DataFrame, tmp_path: Path) -> No
     before = rows.q.copy()
     np.testing.assert_array_equal(scene.with_joints(rows.q + 1.0).rows.q, before + 1.0)
     np.testing.assert_array_equal(scene.rows.q, before)
+
+
+def test_every_joint_out_of_its_range_is_told_and_one_without_is_not(
+    right: pd.DataFrame, tmp_path: Path
+) -> None:
+    machine = document()
+    joints = machine["mechanism"]["joints"]
+    joints[1]["range"], joints[3]["range"], joints[4]["range"] = [-300.0, 300.0], [-10.0, 10.0], [-10.0, 10.0]
+    found, rows = loaded(tmp_path, machine, right)
+    told = list(out_of_range(found, rows))
+    assert [(f.kind, f.where, f.verdict) for f in told] == [
+        ("offset", ("q4",), "wrong"), ("offset", ("q5",), "wrong"),
+    ]  # fmt: skip
+    assert told[0].fix == "compare the zero, the unit and the range of q4"
+
+
+def test_rows_in_which_nothing_was_read_repeat_no_other(right: pd.DataFrame, tmp_path: Path) -> None:
+    """Zeros in all columns are what an instrument writes that saw nothing."""
+    rows = right[:8].copy()
+    rows.loc[3:, ["x", "y", "z", "rx", "ry", "rz"]] = 0.0
+    rows.loc[4, "q1":"q6"] = rows.loc[3, "q1":"q6"].to_numpy()  # type: ignore[misc]
+    assert not len(repeats(loaded(tmp_path, document(), rows)[1]))
+    rows.loc[3:, "z"] = 1e-9
+    recording = loaded(tmp_path, document(), rows)[1]
+    assert repeats(recording).tolist() == [4]
+    assert not len(repeats(replace(recording, observations={})))
+    assert not len(repeats(replace(recording, drivers={"payload": np.arange(8.0)})))
+
+
+def test_few_rows_may_stand_still(right: pd.DataFrame, tmp_path: Path) -> None:
+    for count, told in ((5, False), (6, True)):
+        found = kinds(tmp_path, document(), right[:count].assign(q2=1.0))
+        assert ("joint-never-moves" in found) == told
+
+
+@pytest.mark.parametrize(
+    ("stated", "misfit", "length", "verdict", "example"),
+    [
+        (None, 2.9, 0.234, "suspect", "{length: 0.2, angle: 0.03}"),
+        (None, 3.1, 0.234, "wrong", "{length: 0.2, angle: 0.03}"),
+        ({"length": 0, "angle": 0}, 3.1, 1.96, "suspect", "{length: 2, angle: 0.3}"),
+        (None, 3.1, 0.004, "wrong", "{length: 0.01, angle: 0.001}"),
+        (None, 3.1, None, "wrong", "{length: 0.01, angle: 0.001}"),
+    ],
+)
+def test_tolerances_are_proposed_that_explain_what_is_left(
+    stated: Document | None, misfit: float, length: float | None, verdict: str, example: str,
+    right: pd.DataFrame, tmp_path: Path,
+) -> None:  # fmt: skip
+    """As an angle over the longest link, 440 mm; certain where nobody has stated any and readings miss the drawing."""
+    machine, rows = loaded(tmp_path, document(tolerances=stated), right[:8])
+    rig = Rig(machine, rows)
+    (found,) = no_tolerances(rig, replace(rig.stand(), misfit=misfit, length=length))
+    assert (found.kind, found.where, found.verdict) == ("no-tolerances", ("tolerances",), verdict)
+    sure = ", to 3.1 sigma, and physics blamed for what the workshop made" if verdict == "wrong" else ""
+    assert found.says == f"no tolerance of the mechanism is stated: only base and tool would be fitted{sure}"
+    assert found.fix == (
+        f"state what the drawing allows, for example 'tolerances: {example}'; 0 where it is exact"
+    )
+    assert found.mend is not None
+    pair = found.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
+    written_there = pair.get(("tolerances",))
+    assert f"{{length: {written_there['length']:g}, angle: {written_there['angle']:g}}}" == example
+    known = Rig(*loaded(tmp_path, document(), right[:8]))
+    assert not list(no_tolerances(known, known.stand()))
+
+
+def test_no_file_that_was_read_is_written_over(right: pd.DataFrame, tmp_path: Path) -> None:
+    """Not even one of them, beside which the others are new."""
+    machine, recording = written(tmp_path, document(), right)
+    (tmp_path / "rows").mkdir()
+    recording.rename(tmp_path / "rows" / "r.csv")
+    pair = Pair.read(machine, [tmp_path / "rows" / "r.csv"])
+    for folder in (tmp_path, tmp_path / "rows"):
+        with pytest.raises(truepose.InputError, match="holds the files that are checked, expected another"):
+            pair.write(folder)
+    assert [Path(p) for p in pair.write(tmp_path / "new")] == [
+        tmp_path / "new" / "arm.yaml", tmp_path / "new" / "r.csv",
+    ]  # fmt: skip
+
+
+def test_the_worst_is_told_first(right: pd.DataFrame, tmp_path: Path) -> None:
+    """Whatever was looked at first."""
+    rows = right.assign(**{axis: right[axis] / 1000.0 for axis in "xyz"})
+    found = checked(tmp_path, document(gravity=None), rows)
+    assert [(f.kind, f.verdict) for f in found.found] == [("unit-length", "wrong"), ("no-gravity", "suspect")]
+    assert found.rows == 45 and found.unit == "mm"

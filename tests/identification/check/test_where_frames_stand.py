@@ -153,3 +153,27 @@ def test_targets_on_one_line_show_no_attitude(
     found_places = found(tmp_path, "targets", flange, base @ flange @ tool, (moved(rng)[0], tool))
     assert len(found_places) == places
     assert missed(found_places[1], flange, base @ flange @ tool, points=True) < 1e-6
+
+
+@pytest.mark.parametrize("of", ["origin", "x", "y"])
+def test_directions_tell_how_a_base_is_turned_and_bearings_where_it_stands(of: str, tmp_path: Path) -> None:
+    """Axes of the tool leave the base where it is stated; too few of them tell nothing."""
+    rng = np.random.default_rng(11)
+    flange, base, tool = moved(rng, 12), moved(rng)[0], moved(rng, size=150.0)[0]
+    base[:3, 3] = [1500.0, -900.0, 700.0]
+    stated = (moved(rng)[0], tool)
+    poses = base @ flange @ tool
+    seen = poses[:, :3, 3] if of == "origin" else poses[:, :3, "xyz".index(of)]
+    rows = pd.DataFrame({name: np.zeros(12) for name in JOINTS}).assign(
+        azimuth=np.degrees(np.arctan2(-seen[:, 1], seen[:, 0])),
+        elevation=np.degrees(np.arcsin(seen[:, 2] / np.linalg.norm(seen, axis=1))),
+    )
+    text = document(sensor={"type": "direction", "of": of, "sigma": {"angle": 0.001}})
+    machine = truepose.load_machine(written(tmp_path, text, rows)[0])
+    recording = truepose.load_recording(machine, rows)
+    first, second = starts(machine, recording, flange, stated, None)
+    assert first is stated and second[1] is tool
+    np.testing.assert_allclose(second[0][:3, :3], base[:3, :3], atol=1e-6)
+    place = base[:3, 3] if of == "origin" else stated[0][:3, 3]
+    np.testing.assert_allclose(second[0][:3, 3], place, atol=1e-3)
+    assert len(list(starts(machine, recording.subset(slice(0, 2)), flange[:2], stated, None))) == 1
