@@ -40,7 +40,7 @@ def test_a_frame_is_off_where_its_tolerances_cost_more_than_noise_of_two_and_a_h
     assert found.says.endswith("from where the file says") and found.unit == "mm"
     size = float(found.says.split(" stands ")[1].split()[0])
     assert size == pytest.approx(1.03 * limit * TOLERANCE[frame], rel=0.02)
-    assert found.before is not None and found.after is not None and found.after < 0.01 < found.before
+    assert found.before is not None and found.after is not None and found.after < 1e-9 < found.before
 
 
 def test_both_frames_are_told_where_both_are_off(tmp_path: Path) -> None:
