@@ -275,7 +275,7 @@ def test_rows_in_which_nothing_was_read_repeat_no_other(right: pd.DataFrame, tmp
     """Zeros in all columns are what an instrument writes that saw nothing."""
     rows = right[:8].copy()
     rows.loc[3:, ["x", "y", "z", "rx", "ry", "rz"]] = 0.0
-    rows.loc[4, "q1":"q6"] = rows.loc[3, "q1":"q6"].to_numpy()  # type: ignore[misc]
+    rows.loc[4, "q1":"q6"] = rows.loc[3, "q1":"q6"].to_numpy()
     assert not len(repeats(loaded(tmp_path, document(), rows)[1]))
     rows.loc[3:, "z"] = 1e-9
     recording = loaded(tmp_path, document(), rows)[1]

@@ -172,6 +172,7 @@ def test_a_sigma_is_far_from_its_scatter_beyond_a_factor_of_ten(
     for kind, size, stated, unit in (("xyz", xyz, 0.03, "mm"), ("rot", rot, np.radians(0.005), "rad")):
         if kind in kinds:
             one = found[f"sensor.sigma.{kind}"]
+            assert one.after is not None
             # six groups of five: 72 readings are free, and a middle of six
             assert one.after == pytest.approx(size * stated, rel=0.25) and one.before == pytest.approx(stated)
             assert one.says == (

@@ -257,7 +257,7 @@ def test_long_tables_are_written_as_short_ones_are(cells: list[object]) -> None:
     count = 10_001
     rng = np.random.default_rng(2)
     frame = pd.DataFrame({"q1 [rad]": rng.standard_normal(count), "n": np.arange(count)})
-    frame["note"] = (cells * count)[:count]
+    frame["note"] = pd.Series((cells * count)[:count], dtype=object)
     text = csv_text(frame)
     assert text.count("\n") == count + 1 and text.endswith("\n")
     short = csv_text(frame.iloc[:100])
