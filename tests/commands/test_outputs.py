@@ -177,14 +177,39 @@ def test_a_folder_that_goes_while_it_is_written_is_told_by_its_own_name(tmp_path
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("command", ["predict", "simulate", "export"])
-def test_no_file_is_written_over_one_that_is_read(command: str, tmp_path: Path) -> None:
-    machine = tmp_path / "m.yaml"
-    machine.write_bytes((MACHINES / "serial.yaml").read_bytes())
-    words = [machine] if command == "export" else [machine, tmp_path / "rows.csv"]
-    result = CliRunner().invoke(app, [command, *map(str, words), "-o", str(machine)])
-    assert result.exit_code == 2 and "which is read" in result.stderr
-    assert machine.read_bytes() == (MACHINES / "serial.yaml").read_bytes()
+READ = {
+    "predict": "predict m.yaml r.csv",
+    "simulate": "simulate m.yaml r.csv",
+    "export": "export m.yaml",
+    "compensate": "compensate m.yaml r.csv",
+    "a plan": "plan m.yaml -n 3 --candidates c.csv",
+    "poses": "poses r.csv --sigma 1 --body b.csv",
+    "points beside joints": "import r.csv --joints j.csv",
+    "a probe's log": "import r.csv --log l.csv --model m.yaml",
+}
+"""Commands that write one file, and all that they read."""
+
+
+@pytest.mark.parametrize(
+    ("words", "over"),
+    [
+        pytest.param(words, over, id=f"{name}: {over}")
+        for name, words in READ.items()
+        for over in re.findall(r"\S+\.(?:yaml|csv)", words)
+    ],
+)
+def test_no_file_is_written_over_one_that_is_read(
+    words: str, over: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = re.findall(r"\S+\.(?:yaml|csv)", words)
+    for name in names:
+        text = "q1 [mm],q2,q3\n1,0.1,0.2\n" if name.endswith("csv") else None
+        (tmp_path / name).write_text(text or (MACHINES / "serial.yaml").read_text(encoding="utf-8"))
+    before = {name: (tmp_path / name).read_bytes() for name in names}
+    result = CliRunner().invoke(app, [*words.split(), "-o", over])
+    assert result.exit_code == 2 and result.stdout == "" and f"{over}, which is read" in result.stderr
+    assert {name: (tmp_path / name).read_bytes() for name in names} == before
 
 
 @pytest.mark.parametrize("option", ["--diagnosis", "--with"])

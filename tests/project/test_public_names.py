@@ -80,6 +80,22 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
     assert done.stdout == "[]\n"
 
 
+@pytest.mark.parametrize(
+    ("module", "left"),
+    [
+        ("cli", ("truepose.identification", "truepose.codegen", "truepose.pool", "pandas", "rich", "joblib")),
+        ("pool", ("distributed", "dask")),
+        ("files", ("pandas", "numpy")),
+        ("commands.results", ("truepose.identification", "truepose.models", "typer")),
+    ],
+)
+def test_what_only_type_checkers_need_is_not_imported(module: str, left: tuple[str, ...]) -> None:
+    """The command line takes its engine when a command runs: help and refusals do not wait for it."""
+    probe = f"import sys, truepose.{module}; print([m for m in {left!r} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 def behind(text: str) -> Iterator[str]:
     """Names with an underscore that a file of tests takes from a module: imported, read, or put in another's place."""
     for node in ast.walk(ast.parse(text)):

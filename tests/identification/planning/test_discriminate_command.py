@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from typer.testing import CliRunner, Result
 from support import MACHINES
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, poses, telescope
 from truepose.cli import app
+from truepose.commands.discriminate import Request
 from truepose.errors import InputError
 from truepose.identification.planning.discriminate.experiment import discriminate
 from truepose.identification.planning.discriminate.explanations import class_of
@@ -155,6 +158,49 @@ def test_options_that_do_not_fit_are_refused_in_one_line(
 ) -> None:
     found = run(tmp_path, *options)
     assert found.exit_code == 2 and named in found.stderr and len(found.stderr.splitlines()) == 1
+
+
+LEFT_OUT: dict[str, Any] = {
+    "discriminate": None,
+    "rival": None,
+    "diagnosis": None,
+    "payload": "",
+    "temperature": None,
+    "vary": None,
+    "recorded": None,
+    "target": None,
+}
+GIVEN: dict[str, Any] = {
+    "discriminate": ("a", "b"),
+    "rival": ["c"],
+    "diagnosis": Path("d.json"),
+    "payload": "0,5",
+    "temperature": ["air=15,20"],
+    "vary": ["pressure=900,1000"],
+    "recorded": [Path("r.csv")],
+    "target": ["T=1,2,3"],
+}
+
+
+def test_what_is_offered_needs_explanations_to_tell_apart() -> None:
+    """Every choice of options: names or a diagnosis ask for an experiment, and what is offered for one asks for those."""
+    for given in itertools.product([False, True], repeat=len(GIVEN)):
+        chosen = {name: GIVEN[name] for name, there in zip(GIVEN, given, strict=True) if there}
+        asked = Request.of(**{**LEFT_OUT, **chosen})
+        if chosen.keys() & {"discriminate", "rival", "diagnosis"}:
+            assert asked.wanted is True
+        elif chosen:
+            with pytest.raises(InputError, match="found without --discriminate A B or --diagnosis FILE"):
+                _ = asked.wanted
+        else:
+            assert asked.wanted is False and asked == Request()
+
+
+def test_every_option_reaches_the_request() -> None:
+    asked = Request.of(**GIVEN)
+    assert asked.names == ("a", "b", "c") and asked.diagnosis == Path("d.json")
+    assert asked.vary == ("temperature.air=15,20", "pressure=900,1000") and asked.payload == "0,5"
+    assert (asked.recorded, asked.targets) == ((Path("r.csv"),), ("T=1,2,3",))
 
 
 def test_json_and_words_agree() -> None:
