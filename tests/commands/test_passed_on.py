@@ -177,6 +177,11 @@ def test_a_fleet_says_what_was_done_of_it(monkeypatch: pytest.MonkeyPatch) -> No
     assert (run("fleet", "line", "-o", "out").exit_code, run("fleet", "line", "-o", "out").stderr) == (0, "")
 
 
+SHOWN = [
+    *("judgement", "status", "iterations", "rows", "chi2_per_dof", "rms", "validation_rms", "rank"),
+    *("rows_that_do_not_fit", "free_parameters", "worst_parameter_sigma"),
+]
+"""What of a fit's JSON is printed, too."""
 MISFIT = Judgement((("q1.r", 900.0),))
 
 
@@ -204,10 +209,7 @@ def test_a_result_that_is_no_calibration_is_written_and_has_failed(
     loaded(monkeypatch, "identify")
     at = "truepose.identification"
     result = SimpleNamespace(judgement=judged, notes=("a note",), fit=None, recording=None, began=None)
-    fit = dict.fromkeys(
-        ("judgement", "status", "iterations", "rows", "chi2_per_dof", "rms", "validation_rms", "rank")
-        + ("rows_that_do_not_fit", "free_parameters", "worst_parameter_sigma", "beside")
-    )
+    fit = dict.fromkeys([*SHOWN, "beside"])
     for place, value in {
         "fit.calibrate.calibrate": result,
         "diagnosis.engine.diagnose": result,

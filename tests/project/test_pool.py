@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import queue
+import sys
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import pytest
 
 from truepose.errors import InputError
-from truepose.pool import Cluster, Pool, each, end_with, numbered, present, rows_on
+from truepose.pool import Cluster, Pool, cluster, each, end_with, numbered, present, rows_on, several_threads
 from truepose.version import VERSION
 
 T = TypeVar("T")
@@ -114,3 +118,136 @@ def test_workers_of_a_cluster_are_alike(case: str, monkeypatch: pytest.MonkeyPat
     else:
         found = present()
         assert found is not None and found.client is backend.client
+
+
+@pytest.mark.parametrize(
+    ("environment", "wrong"),
+    [
+        ({"OMP_NUM_THREADS": "1"}, ""),
+        ({}, "no OMP_NUM_THREADS"),
+        ({"OMP_NUM_THREADS": ""}, "no OMP_NUM_THREADS"),
+        ({"OMP_NUM_THREADS": "4"}, "OMP_NUM_THREADS=4"),
+        ({"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}, ""),
+        ({"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "2"}, "OPENBLAS_NUM_THREADS=2"),
+        ({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "8"}, "MKL_NUM_THREADS=8"),
+        ({"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "", "MKL_NUM_THREADS": ""}, ""),
+        ({"MKL_NUM_THREADS": "1"}, "no OMP_NUM_THREADS"),
+    ],
+)
+def test_linear_algebra_has_one_thread_where_its_first_variable_says_so(
+    environment: dict[str, str], wrong: str
+) -> None:
+    """And no other one says otherwise: a library reads its own before it reads that of all."""
+    assert several_threads(environment) == wrong
+
+
+class LostError(Exception):
+    """What Dask raises for a task whose worker died."""
+
+
+class Future(SimpleNamespace):
+    """A task that was sent."""
+
+    __hash__ = object.__hash__
+
+
+class Scheduler:
+    """As much of Dask as a pool asks for: tasks wait until somebody looks for what is done, the latest first."""
+
+    def __init__(self, address: str, timeout: float = 0.0, kills: frozenset[int] = frozenset()) -> None:
+        if address == "tcp://nobody":
+            raise OSError("timed out")
+        self.address, self.timeout, self.kills = address, timeout, kills
+        self.open, self.waiting, self.most, self.keys = 0, deque[Any](), 0, list[str]()
+
+    def __enter__(self) -> None:
+        self.open += 1
+
+    def __exit__(self, *_: object) -> None:
+        self.open -= 1
+
+    def nthreads(self) -> dict[str, int]:
+        return {"a": 1, "b": 1}
+
+    def run(self, state: Callable[[], object]) -> dict[str, object]:
+        return {"tcp://a": state()}
+
+    def submit(self, numbered: Any, work: Any, task: Any, number: int, *, pure: bool, key: str) -> Any:
+        assert not pure  # the same task may be asked for twice
+
+        def result() -> object:
+            if number in self.kills:
+                raise LostError
+            return numbered(work, task, number)
+
+        self.keys.append(key)
+        return Future(result=result, key=key)
+
+
+class Coming:
+    """Futures as they are done."""
+
+    def __init__(self, futures: Mapping[Any, int]) -> None:
+        self.waiting = deque(futures)
+        self.most = len(self.waiting)
+
+    def add(self, future: Any) -> None:
+        self.waiting.append(future)
+        self.most = max(self.most, len(self.waiting))
+
+    def __iter__(self) -> Iterator[Any]:
+        while self.waiting:
+            yield self.waiting.pop()
+
+
+@pytest.fixture
+def dask(monkeypatch: pytest.MonkeyPatch) -> list[Coming]:
+    """Dask's modules in its place; what has been waited for."""
+    waited: list[Coming] = []
+
+    def as_completed(futures: Mapping[Any, int]) -> Coming:
+        waited.append(Coming(futures))
+        return waited[-1]
+
+    config = SimpleNamespace(set=lambda _: nullcontext())
+    for name, module in {
+        "dask": SimpleNamespace(config=config),
+        "distributed": SimpleNamespace(Client=Scheduler, as_completed=as_completed),
+        "distributed.scheduler": SimpleNamespace(KilledWorker=LostError),
+    }.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    return waited
+
+
+@pytest.mark.parametrize(("at_once", "most"), [(1, 1), (3, 3), (9, 4)])
+def test_a_cluster_has_two_tasks_for_each_thread_on_their_way(
+    at_once: int, most: int, dask: list[Coming]
+) -> None:
+    """Or as many as may be at once; each task is sent once, and one that killed its worker has no result."""
+    client = Scheduler("tcp://a", kills=frozenset({2}))
+    tasks = {k: 10 * k for k in range(6)}
+    found = list(Cluster(client).results(lambda task: task + 1, tasks, at_once))
+    assert sorted(found) == [(k, None if k == 2 else 10 * k + 1) for k in range(6)]
+    assert len(set(client.keys)) == 6
+    (coming,) = dask
+    assert coming.most == most
+    assert list(Cluster(client).results(lambda task: task, {}, at_once)) == []
+
+
+def test_a_cluster_is_looked_at_before_it_is_used(
+    dask: list[Coming], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert not dask
+    with cluster("tcp://a") as found:
+        assert (found.client.address, found.client.open, found.client.timeout) == ("tcp://a", 1, 30.0)
+        assert found.workers == 2
+    assert found.client.open == 0
+    with pytest.raises(InputError, match=r"^--dask tcp://nobody: found no scheduler there: timed out$"):
+        cluster("tcp://nobody").__enter__()
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    with (
+        pytest.raises(InputError, match="--dask tcp://a: found OMP_NUM_THREADS=3 on tcp://a"),
+        cluster("tcp://a"),
+    ):
+        pass
