@@ -61,6 +61,12 @@ def test_a_slip_of_the_command_line_is_one_line(case: str) -> None:
     result = run(*words.split())
     assert result.exit_code == 2 and result.stdout == ""
     one_line(result.stderr, expected, "--help")
+    known = words.split(maxsplit=1)[0]
+    known = "" if known in ("launch", "calibrte") else known
+    said = re.fullmatch(
+        r"error: (?:(\w+): )?(.*[^.]); truepose (\w+ )?--help tells what it takes\n", result.stderr
+    )
+    assert said and {said[1], (said[3] or "").strip()} <= {known, "", None} and not said[2][:1].isupper()
 
 
 def test_help_stays_help() -> None:

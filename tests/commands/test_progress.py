@@ -6,6 +6,7 @@ import itertools
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -237,3 +238,36 @@ def test_a_bar_shows_what_goes_on_now(
             time.sleep(0.02)
     assert "proving what was found" in shown
     assert capsys.readouterr().err.endswith("\x1b[2K")  # the line is cleared
+
+
+@pytest.mark.parametrize(
+    ("stages", "shares"),
+    [((), []), ((("weighing", 3.0), ("proving", 1.0)), [0.0, 0.75, 0.75])],
+)
+def test_a_bar_is_as_long_as_what_is_done(
+    stages: progress.Stages, shares: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what stages cost; where they are not known it has no end."""
+    seen: list[dict[str, Any]] = []
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setattr("rich.progress.Progress.update", lambda _, task, **told: seen.append(told))
+    with progress.progress("diagnosing", stages) as say:
+        for text in ("weighing", "proving", "something else"):
+            say(text)
+    assert [told["description"] for told in seen] == ["weighing", "proving", "something else"]
+    assert [told["completed"] for told in seen if "completed" in told] == shares
+    assert {told.get("total") for told in seen} == ({1.0} if stages else {None})
+
+
+def test_a_bar_of_steps_is_as_long_as_those_that_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[dict[str, Any]] = []
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setattr("rich.progress.Progress.update", lambda _, task, **told: seen.append(told))
+    with progress.counted("fleet") as hear:
+        for done in (1, 3, 4):
+            hear(done, 4, f"machine {done}")
+    assert [(told["description"], told["completed"]) for told in seen] == [
+        ("fleet: machine 1", 0.25),
+        ("fleet: machine 3", 0.75),
+        ("fleet: machine 4", 1.0),
+    ]
