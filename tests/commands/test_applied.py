@@ -100,7 +100,12 @@ def test_the_drawing_goes_with_what_is_generated(tmp_path: Path, monkeypatch: py
     machine = calibrated("arm", tmp_path)
     assert machine.file is not None and machine.file.nominal
     heard: list[Any] = []
-    monkeypatch.setattr("truepose.codegen.c.generate", lambda *_, **told: heard.append(told) or [])
+
+    def generate(*_: object, **told: object) -> list[Path]:
+        heard.append(told)
+        return []
+
+    monkeypatch.setattr("truepose.codegen.c.generate", generate)
     assert run("codegen calibrated.yaml -o out").exit_code == 0
     assert heard[0]["nominal"] == machine.file.nominal
 
@@ -174,7 +179,12 @@ def test_a_table_of_either_kind_holds_the_same_commands(method: str, monkeypatch
     found = SimpleNamespace(solved_by="hand")
     at = "truepose.identification"
     heard: list[object] = []
-    monkeypatch.setattr(f"{at}.compensation.compensate.compensate", lambda *_, **k: heard.append(k) or found)
+
+    def solved(*_: object, **told: object) -> object:
+        heard.append(told)
+        return found
+
+    monkeypatch.setattr(f"{at}.compensation.compensate.compensate", solved)
     monkeypatch.setattr(f"{at}.compensation.path_table.commands", lambda *_: frame)
     monkeypatch.setattr(f"{at}.report.compensation_words.compensation_json", lambda _: {"rows": 2})
     monkeypatch.setattr(f"{at}.report.compensation_words.compensation_lines", lambda *_: ["first"])

@@ -8,6 +8,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
@@ -145,10 +146,11 @@ class LostError(Exception):
     """What Dask raises for a task whose worker died."""
 
 
-class Future(SimpleNamespace):
+@dataclass(frozen=True, eq=False)
+class Future:
     """A task that was sent."""
 
-    __hash__ = object.__hash__
+    result: Callable[[], object]
 
 
 class Scheduler:
@@ -181,7 +183,7 @@ class Scheduler:
             return numbered(work, task, number)
 
         self.keys.append(key)
-        return Future(result=result, key=key)
+        return Future(result)
 
 
 class Coming:

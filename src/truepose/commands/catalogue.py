@@ -8,9 +8,7 @@ import typer
 
 from truepose.commands.common import JsonOption, PluginOption, finish, reported
 
-SlugArg = Annotated[
-    str | None, typer.Argument(metavar="[SLUG]", help="One effect, in full.", show_default=False)
-]
+SlugArg = Annotated[str | None, typer.Argument(metavar="[SLUG]", help="One effect, in full.")]
 _FIELDS = ("formula", "size", "look_alikes", "experiment", "source")
 _WORDS = {"look_alikes": "looks like", "experiment": "told apart by"}
 

@@ -26,7 +26,6 @@ FixOption = Annotated[
         "--fix",
         metavar="DIR",
         help="Write the corrected machine file and recordings there.",
-        show_default=False,
     ),
 ]
 

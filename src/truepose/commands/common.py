@@ -18,31 +18,24 @@ from truepose.files import check_place
 
 BAD_INPUT, NOT_CONVERGED = 2, 3
 
-MachineArg = Annotated[
-    Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).", show_default=False)
-]
+MachineArg = Annotated[Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).")]
 RecordingArg = Annotated[
     Path,
-    typer.Argument(
-        metavar="RECORDING", help="Recording (text, Parquet, Excel or a ROS bag).", show_default=False
-    ),
+    typer.Argument(metavar="RECORDING", help="Recording (text, Parquet, Excel or a ROS bag)."),
 ]
 RecordingsArg = Annotated[
     list[Path],
     typer.Argument(
         metavar="RECORDING...",
         help="One or several recordings (text, Parquet, Excel or ROS bags).",
-        show_default=False,
     ),
 ]
 DirectoryOption = Annotated[
-    Path, typer.Option("-o", "--output", metavar="DIR", help="Directory for the results.", show_default=False)
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Directory for the results.")
 ]
 FileOption = Annotated[
     Path,
-    typer.Option(
-        "-o", "--output", metavar="FILE", help="File to write (.csv or .parquet).", show_default=False
-    ),
+    typer.Option("-o", "--output", metavar="FILE", help="File to write (.csv or .parquet)."),
 ]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")

@@ -43,7 +43,6 @@ PathArg = Annotated[
         metavar="PATH",
         help="Rows of nominal joint values, or of tool poses x y z rx ry rz in the base frame; or a robot program "
         "(.src .dat .mod .script).",
-        show_default=False,
     ),
 ]
 MethodOption = Annotated[

@@ -23,7 +23,6 @@ DiscriminateOption = Annotated[
         "--discriminate",
         metavar="A B",
         help="Poses that tell two explanations apart, SLUG@PLACE[:name=value[unit],...] each, as simulate names effects.",
-        show_default=False,
     ),
 ]
 RivalOption = Annotated[
@@ -36,14 +35,11 @@ DiagnosisOption = Annotated[
         "--diagnosis",
         metavar="FILE",
         help="diagnosis.json: split the class of its finding, at its fitted value.",
-        show_default=False,
     ),
 ]
 PayloadOption = Annotated[
     str,
-    typer.Option(
-        "--payload", metavar="0,2.5,5", help="Payloads that can be carried, kg.", show_default=False
-    ),
+    typer.Option("--payload", metavar="0,2.5,5", help="Payloads that can be carried, kg."),
 ]
 TemperatureOption = Annotated[
     list[str] | None,

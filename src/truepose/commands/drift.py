@@ -26,9 +26,7 @@ from truepose.errors import InputError
 
 OutputOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o", "--output", metavar="DIR", help="Directory for drift.json and report.html.", show_default=False
-    ),
+    typer.Option("-o", "--output", metavar="DIR", help="Directory for drift.json and report.html."),
 ]
 AccuracyOption = Annotated[
     list[str] | None,

@@ -24,7 +24,6 @@ OutputOption = Annotated[
         "--output",
         metavar="FILE",
         help="File to write (.urdf, .xacro, .xml, .yaml or .csv).",
-        show_default=False,
     ),
 ]
 FormatOption = Annotated[

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 FolderArg = Annotated[
     Path,
-    typer.Argument(metavar="DIR", help="Folder of the fleet: a folder for each machine.", show_default=False),
+    typer.Argument(metavar="DIR", help="Folder of the fleet: a folder for each machine."),
 ]
 WorkersOption = Annotated[
     int,
@@ -52,7 +52,6 @@ DaskOption = Annotated[
         metavar="ADDRESS",
         help="Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its workers "
         "have this version of truepose and see DIR and the results under the same paths.",
-        show_default=False,
     ),
 ]
 BriefOption = Annotated[bool, typer.Option("--brief", help="Without the report.html of each machine.")]
@@ -62,7 +61,6 @@ LimitOption = Annotated[
         "--limit",
         metavar="MINUTES",
         help="Give up a machine after so long; its row says so.",
-        show_default=False,
     ),
 ]
 

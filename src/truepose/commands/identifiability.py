@@ -25,7 +25,6 @@ PosesArg = Annotated[
     typer.Argument(
         metavar="[RECORDING...]",
         help="Recordings or files of poses; without any, poses are drawn over the joints' ranges.",
-        show_default=False,
     ),
 ]
 OutputOption = Annotated[
@@ -35,7 +34,6 @@ OutputOption = Annotated[
         "--output",
         metavar="FILE|DIR",
         help="A .json file, or a directory for identifiability.json.",
-        show_default=False,
     ),
 ]
 NumberOption = Annotated[int, typer.Option("-n", "--poses", min=1, max=POSES, help="How many poses to draw.")]

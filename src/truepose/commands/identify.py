@@ -70,7 +70,6 @@ OnlyOption = Annotated[
         help="Fit these alone: frames (base,tool), parts (q4) or constants (q4.theta), with commas between them. All else, "
         "effects included, is held as the file has it; a frame may stand anywhere.",
         metavar="NAMES",
-        show_default=False,
     ),
 ]
 IrradianceOption = Annotated[
@@ -88,7 +87,6 @@ PriorOption = Annotated[
         "--prior",
         metavar="FILE",
         help="What a fleet of such machines says is likely: the prior.yaml of its statistics.",
-        show_default=False,
     ),
 ]
 DaskOption = Annotated[
@@ -98,7 +96,6 @@ DaskOption = Annotated[
         metavar="ADDRESS",
         help="Scheduler of a Dask cluster (tcp://host:8786) that sums up the rows of a long recording. Its workers have this "
         "version of truepose.",
-        show_default=False,
     ),
 ]
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 FileArg = Annotated[
     Path,
-    typer.Argument(metavar="FILE", help="What was measured: text, workbook, bag.", show_default=False),
+    typer.Argument(metavar="FILE", help="What was measured: text, workbook, bag."),
 ]
 FormatOption = Annotated[
     str,
@@ -85,7 +85,6 @@ MachineOption = Annotated[
         "--machine",
         metavar="FILE",
         help="Also a machine file to start from, of TPOINT's mounts.",
-        show_default=False,
     ),
 ]
 RenameOption = Annotated[

@@ -18,32 +18,23 @@ if TYPE_CHECKING:
 
 OutputOption = Annotated[
     Path | None,
-    typer.Option("-o", "--output", metavar="FILE", help="Machine file to write (.yaml).", show_default=False),
+    typer.Option("-o", "--output", metavar="FILE", help="Machine file to write (.yaml)."),
 ]
 TableOption = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE", help="Denavit-Hartenberg table (CSV): columns a, alpha, d, theta.", show_default=False
-    ),
+    typer.Option(metavar="FILE", help="Denavit-Hartenberg table (CSV): columns a, alpha, d, theta."),
 ]
 ConventionOption = Annotated[
     str,
-    typer.Option(
-        metavar="NAME", help="Of the table: standard, modified (Craig) or khalil.", show_default=False
-    ),
+    typer.Option(metavar="NAME", help="Of the table: standard, modified (Craig) or khalil."),
 ]
-UrdfOption = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="URDF to read the chain from.", show_default=False)
-]
-BaseLinkOption = Annotated[
-    str, typer.Option(metavar="LINK", help="First link of the URDF's chain.", show_default=False)
-]
+UrdfOption = Annotated[Path | None, typer.Option(metavar="FILE", help="URDF to read the chain from.")]
+BaseLinkOption = Annotated[str, typer.Option(metavar="LINK", help="First link of the URDF's chain.")]
 TipLinkOption = Annotated[
     str,
     typer.Option(
         metavar="LINK",
         help="Last link of the URDF's chain; several, with commas between them, make a tree.",
-        show_default=False,
     ),
 ]
 ExpandOption = Annotated[
@@ -51,17 +42,14 @@ ExpandOption = Annotated[
 ]
 MjcfOption = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="MJCF (MuJoCo) to read the chain from.", show_default=False),
+    typer.Option(metavar="FILE", help="MJCF (MuJoCo) to read the chain from."),
 ]
-TipOption = Annotated[
-    str, typer.Option(metavar="BODY", help="Last body of the MJCF's chain.", show_default=False)
-]
+TipOption = Annotated[str, typer.Option(metavar="BODY", help="Last body of the MJCF's chain.")]
 ArmOption = Annotated[
     str,
     typer.Option(
         metavar="NAME",
         help="Bundled machine (see --list), or a name of robot_descriptions.",
-        show_default=False,
     ),
 ]
 ListOption = Annotated[bool, typer.Option("--list", help="List the bundled machines and leave.")]
@@ -70,7 +58,6 @@ SensorOption = Annotated[
     typer.Option(
         metavar="NAME",
         help="pose, position, targets, ballbar, socket, distance, direction, tilt or angle; several with commas.",
-        show_default=False,
     ),
 ]
 BaseOption = Annotated[
@@ -78,7 +65,6 @@ BaseOption = Annotated[
     typer.Option(
         metavar="X,Y,Z[,R,P,Y]",
         help="Base in the sensor's frame, mm and deg. Left out: unknown.",
-        show_default=False,
     ),
 ]
 ToolOption = Annotated[
@@ -86,7 +72,6 @@ ToolOption = Annotated[
     typer.Option(
         metavar="X,Y,Z[,R,P,Y]",
         help="Tool in the flange's frame, mm and deg. Left out: unknown.",
-        show_default=False,
     ),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a machine file that is there.")]

@@ -37,7 +37,7 @@ from truepose.wording import joined
 
 CountOption = Annotated[
     int,
-    typer.Option("-n", "--poses", metavar="N", min=2, max=POSES, help="How many poses.", show_default=False),
+    typer.Option("-n", "--poses", metavar="N", min=2, max=POSES, help="How many poses."),
 ]
 MethodOption = Annotated[
     str,
@@ -45,7 +45,6 @@ MethodOption = Annotated[
         "--method",
         metavar="continuous|exchange|random",
         help="Move all poses at once, exchange them, or draw them (default: continuous; with candidates, exchange).",
-        show_default=False,
     ),
 ]
 CriterionOption = Annotated[
@@ -63,7 +62,6 @@ CandidatesOption = Annotated[
         "--candidates",
         metavar="FILE",
         help="Choose among these joint values (free of collisions, say), by exchange.",
-        show_default=False,
     ),
 ]
 

@@ -27,19 +27,17 @@ PointsArg = Annotated[
     typer.Argument(
         metavar="POINTS",
         help="One row a placement: P1.x P1.y P1.z P2.x ... (CSV or Parquet).",
-        show_default=False,
     ),
 ]
 SigmaOption = Annotated[
     float,
-    typer.Option(metavar="MM", help="1-sigma of one coordinate as measured, mm.", show_default=False),
+    typer.Option(metavar="MM", help="1-sigma of one coordinate as measured, mm."),
 ]
 BodyOption = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
         help="The points in the body's frame: point, x, y, z. Without it the first row is the body.",
-        show_default=False,
     ),
 ]
 CovarianceOption = Annotated[

@@ -26,9 +26,7 @@ KindArg = Annotated[
 ]
 OutputOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o", "--output", metavar="FILE", help="File to write instead of standard output.", show_default=False
-    ),
+    typer.Option("-o", "--output", metavar="FILE", help="File to write instead of standard output."),
 ]
 
 

@@ -29,7 +29,6 @@ PosesArg = Annotated[
     typer.Argument(
         metavar="POSES",
         help="Joint readings, row by row; the sensor's columns may be missing.",
-        show_default=False,
     ),
 ]
 EffectOption = Annotated[

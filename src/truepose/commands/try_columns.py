@@ -17,7 +17,6 @@ TryColumnsOption = Annotated[
         metavar="[NAME,NAME...]",
         help="Try columns of numbers that the machine file does not declare as drivers: all, or those named. The more are "
         "tried, the more evidence each needs.",
-        show_default=False,
     ),
 ]
 
