@@ -82,8 +82,9 @@ def test_three_cautions_stand_above_a_result() -> None:
     assert checked(check(DOUBT)) == {"check": check(DOUBT).document()}
     three = caution_lines(check(DOUBT, DOUBT, DOUBT))
     assert len(three) == 3 and all(not line.startswith(" ") for line in three)
-    five = caution_lines(check(*[DOUBT] * 5))
-    assert five[:3] == three and five[3:] == ["and 2 more: see truepose check"]
+    for more in (1, 2):
+        some = caution_lines(check(*[DOUBT] * (3 + more)))
+        assert some[:3] == three and some[3:] == [f"and {more} more: see truepose check"]
     long = replace(DOUBT, says=" ".join(["word"] * 90))
     assert len(caution_lines(check(long))) == 2
 
