@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from html import unescape
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from support.reports import own_markup
-from support.told_drift import BAD, CHANGED, DAY, GOOD, movement, told_drift
+from support.reports import arm, fitted, own_markup, page_data, recorded
+from support.told_drift import BAD, CHANGED, DAY, GOOD, NAMES, blind, movement, told_drift
+from truepose.identification.drift.analysis import Drift
+from truepose.identification.drift.durability import Check
+from truepose.identification.drift.sizes import Movement
+from truepose.identification.identifiability.observability import Direction
 from truepose.identification.report.drift_page import drift_html
+from truepose.models.machine import Machine
 
 IN_THE_TABLE = "are in the table."
 
@@ -112,3 +119,124 @@ def test_notes_have_a_section_of_their_own_where_there_are_any() -> None:
 def test_facts_count_the_readings_of_all_sessions() -> None:
     page = " ".join(re.sub("<[^>]*>", " ", own_markup(drift_html(told_drift()))).split())
     assert "sessions s0, s1, s2" in page and "readings 93" in page and "noise 1.04 times the stated" in page
+
+
+def opening(found: Drift) -> str:
+    """The first screen."""
+    page = " ".join(own_markup(drift_html(found)).split())
+    return page[: page.index('<section id="moved"')]
+
+
+@pytest.mark.parametrize(
+    ("got", "expected", "bar", "mark"),
+    [(0.03, 0.01, 100.0, 33.3), (0.01, 0.04, 25.0, 100.0), (0.0, 0.0, 0.0, 0.0)],
+)
+def test_bars_are_shares_of_the_larger_of_what_is_missed_and_what_was_expected(
+    got: float, expected: float, bar: float, mark: float
+) -> None:
+    check = Check({"position": got}, {"position": expected}, {"position": "mm"}, 0.4, True)
+    screen = opening(told_drift(carried=(GOOD, check)))
+    assert re.findall(r'<i class="t-after" style="width:([\d.]+)%">', screen) == [f"{bar:.1f}"]
+    assert re.findall(r'<b style="left:([\d.]+)%">', screen) == [f"{mark:.1f}"]
+
+
+def test_every_kind_of_reading_has_its_gain() -> None:
+    both = Check(
+        {"position": 0.03, "rotation": 2e-6}, {"position": 0.01, "rotation": 1e-6}, {"position": "mm", "rotation": "rad"},
+        0.4, True,
+    )  # fmt: skip
+    screen = opening(told_drift(carried=(GOOD, both)))
+    assert "position error of the first calibration" in screen
+    assert (
+        "rotation error of the first calibration" in screen
+        and "if nothing had moved (dashed): 1.00 µrad" in screen
+    )
+    page = drift_html(told_drift(carried=(both,), frames=(None,)))
+    kinds = [row[2] for row in rows(page, "s1")]
+    assert kinds == ["position", "rotation", "-", "position"]
+
+
+def test_what_stayed_and_how_long_a_calibration_lasts_are_on_the_first_screen() -> None:
+    hidden = movement("a", "still", hidden=0.001)
+    screen = opening(told_drift(hidden))
+    assert "What did not move, or could not be told" in screen and "a (2.0 µm)" in screen
+    assert "How long a calibration lasts" in screen and "How sure" not in screen
+    assert "What did not move" not in opening(told_drift(movement("a", "moved", **CHANGED)))
+    pairs = [Direction({NAMES[2 * k]: 1.0, NAMES[2 * k + 1]: -1.0}) for k in range(5)]
+    traded = told_drift(unseen=blind(*pairs))
+    assert opening(traded).count("would not be noticed") == 4
+    assert own_markup(drift_html(traded)).count("would not be noticed") == 9  # and all of them below
+    page = own_markup(drift_html(told_drift(hidden)))
+    assert "What did not move, or cannot be told" in page
+    assert "Every parameter is common to all sessions unless" in page
+
+
+def test_sentences_of_what_moved_stand_above_its_charts() -> None:
+    unsized = movement("b", "perhaps", probability=0.6)
+    page = own_markup(drift_html(told_drift(movement("a", "moved", **CHANGED), unsized)))
+    moved = page[page.index('<section id="moved"') : page.index('<section id="lasting"')]
+    assert "of the mechanism: a" in moved and "b: not in the likeliest set, probability 60 %" in moved
+    assert "Change since the first session, with 1-sigma." in moved and moved.count("change [µm]") > 0
+    bare = own_markup(drift_html(told_drift(unsized)))
+    assert "Change since the first session" not in bare
+    calm = own_markup(drift_html(told_drift(movement("c", "still", hidden=0.1))))
+    assert "of the mechanism" not in calm
+
+
+def test_a_number_without_a_unit_is_drawn_as_one() -> None:
+    own = movement("gain", "moved", **{**CHANGED, "unit": "1"})
+    page = own_markup(drift_html(told_drift(own)))
+    assert "<title>gain: change [1] against days</title>" in page
+
+
+# -- with the fits of each session -------------------------------------------------------------------
+
+
+def fitted_sessions(machine: Machine, *movements: Movement, rows: Sequence[int] = (30, 30)) -> Drift:
+    """Two sessions from two files; the first has been fitted."""
+    whole = recorded(machine, sum(rows))
+    session = np.repeat([1, 2], rows)
+    own = replace(whole, files=("days/a.csv", "days/b.csv"), session=session, source_file=session - 1)
+    first = own.subset(session == 1)
+    labels, checks = {"labels": ("a.csv", "b.csv"), "n_observations": (90, 90)}, (GOOD,)
+    return told_drift(
+        *movements,
+        carried=checks,
+        frames=checks,
+        times=None,
+        fits=(fitted(machine, first),),
+        recording=own,
+        **labels,
+    )
+
+
+def test_the_last_session_is_to_be_calibrated_on_where_something_moved(tmp_path: Path) -> None:
+    machine = arm(tmp_path)
+    moved = movement("q1.d", "moved", change=(0.0, 0.06), std=(0.0, 0.001))
+    screen = opening(fitted_sessions(machine, moved))
+    assert "Calibrate on the last session:" in screen and "truepose calibrate arm.yaml b.csv -o fit" in screen
+    perhaps = fitted_sessions(machine, replace(moved, status="perhaps"))
+    assert "truepose calibrate" not in opening(perhaps)
+    page = own_markup(drift_html(perhaps))
+    assert '<section id="origin"' in page and "truepose drift arm.yaml" in " ".join(page.split())
+
+
+def test_what_moved_or_perhaps_did_stands_out_in_the_drawing_of_the_first_session(tmp_path: Path) -> None:
+    """Four parts at most, each with how sure that is."""
+    machine = arm(tmp_path)
+    names = ("q1.d", "q2.alpha", "q2.d", "q1.r", "q2.r")
+    some = [
+        movement(name, "moved" if k % 2 else "perhaps", probability=0.9 + 0.01 * k)
+        for k, name in enumerate(names)
+    ]
+    found = fitted_sessions(machine, movement("q2.theta", "still", hidden=0.1), *some)
+    html = drift_html(found)
+    scene = page_data(html)["scene"]
+    assert len(scene["guilty"]) == 4 and all(scene["guilty"]) and len(scene["poseRows"]) == 30
+    screen = opening(found)
+    assert (
+        "q1.d perhaps" in screen and "q2.alpha moved" in screen and "q2.r" not in screen.partition("<svg")[2]
+    )
+    assert "q2.theta still" not in screen
+    lost = replace(found, fits=(fitted(machine, recorded(machine, 29)),))
+    assert page_data(drift_html(lost)).get("scene") is None  # rows of another recording cannot be drawn

@@ -88,7 +88,8 @@ def test_a_finding_is_a_row_with_its_rivals_and_amplitudes(machine: Machine) -> 
 
 
 def test_a_movement_is_told_up_to_the_last_session() -> None:
-    moved = movement("a", "moved", extrinsic=True, hidden=0.5, steady=False, **CHANGED)
+    changed = {**CHANGED, "std": (0.0, 0.002, 0.001)}
+    moved = movement("a", "moved", extrinsic=True, hidden=0.5, steady=False, **changed)
     still = movement("b", "still", hidden=0.002, probability=0.03)
     table = frame(told_drift(moved, still)).set_index("parameter")
     assert list(table.columns) == MOVEMENTS[1:]
