@@ -209,7 +209,7 @@ def _through(x: Array, y: Array, std: Array) -> Curve:
     a, b, s = x[ok][order], y[ok][order], std[ok][order]
     first = np.concatenate([[True], np.diff(a) > 0]) if len(a) else np.zeros(0, dtype=bool)
     spread = np.ptp(b) if len(b) else 0.0
-    jumps = np.abs(np.diff(b[~first])) if (~first).any() else np.zeros(1)
+    jumps = np.abs(np.diff(b)[~first[1:]])  # of rows from the row before at the same x
     steps = np.abs(np.diff(b, 2)) if len(b) > 2 else np.zeros(1)
     if not spread or max(float(np.max(jumps, initial=0.0)), float(np.median(steps))) > STEADY * spread:
         empty = np.zeros(0)

@@ -12,7 +12,7 @@ from truepose.identification.compensation.rows import Compensation
 from truepose.identification.report.compensation_words import compensation_json, compensation_lines
 
 Array = NDArray[np.float64]
-BEFORE = np.array([[0.3, 0.0, 0.4, 0.0, 0.0, 0.001], [0.0, 0.0, 0.1, 0.0, -0.003, 0.004]])
+BEFORE = np.array([[0.3, 0.0, 0.4, 0.03, 0.0, 0.0], [0.0, 0.0, 0.1, 0.03, 0.0, -0.04]])
 AFTER = np.array([[0.0, 0.0, 0.0, 2e-6, 0.0, 0.0], [0.0, -2e-5, 0.0, 0.0, 0.0, 0.0]])
 
 
@@ -27,7 +27,7 @@ def test_the_farthest_row_is_told_with_its_length_and_its_angle() -> None:
     """Of several axes their length together: 0.3 and 0.4 mm make 0.5 mm."""
     assert compensation_lines(corrected(), Path("path.csv")) == [
         "path.csv: 2 rows, solved by C",
-        "  largest pose error, as the calibrated model has it: 0.5 mm, 0.2865 deg with the path's commands,"
+        "  largest pose error, as the calibrated model has it: 0.5 mm, 2.865 deg with the path's commands,"
         " 2e-05 mm, 0.0001146 deg with these",
     ]
     backwards = corrected(BEFORE[::-1], AFTER[::-1])
@@ -43,7 +43,7 @@ def test_the_same_as_data_in_mm_and_rad() -> None:
     assert errors == {
         "before": {
             "position": {"value": pytest.approx(0.5), "unit": "mm"},
-            "rotation": {"value": pytest.approx(0.005), "unit": "rad"},
+            "rotation": {"value": pytest.approx(0.05), "unit": "rad"},
         },
         "after": {
             "position": {"value": pytest.approx(2e-5), "unit": "mm"},
