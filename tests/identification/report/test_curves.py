@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from support.reports import arm, gear_finding, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.curves import Curve, all_curves, curves
+from truepose.identification.report.partial_residuals import all_port_shifts
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
@@ -39,6 +40,11 @@ def drawn(machine: Machine, term: PlacedEffect, q: Array, **more: Any) -> list[C
     """What is drawn of a term that was found."""
     diagnosis = found(machine, [term], q, **more)
     return curves(diagnosis, diagnosis.findings[0])
+
+
+def largest(every: Sequence[Curve]) -> Curve:
+    """The port that shifts farthest."""
+    return max(every, key=lambda c: float(np.nanmax(np.abs(np.asarray(c.rows)))))
 
 
 def turning(joints: int, turns: float = 1.0, rows: int = ROWS) -> Array:
@@ -115,7 +121,7 @@ def test_growth_by_heat_is_drawn_against_its_own_thermometer(tmp_path: Path) -> 
     warm = np.random.default_rng(1).permutation(np.linspace(18.0, 35.0, ROWS))
     other = np.random.default_rng(2).uniform(18.0, 35.0, ROWS)
     every = drawn(machine, term, turning(3), drivers={"temperature.link2": warm, "temperature.base": other})
-    curve = max(every, key=lambda c: float(np.ptp(c.y)))
+    curve = largest(every)
     assert curve.x_title == "temperature.link2 [°C]"
     assert np.array_equal(curve.measured, warm)
     by = float(np.polyfit(curve.x, curve.y, 1)[0]) * 1e-3  # um
@@ -208,6 +214,35 @@ def test_of_seven_findings_or_more_each_has_its_largest_port_alone(
     assert 1 < len(most) <= 3
 
 
+def test_ports_come_by_how_large_they_are_beside_what_a_row_can_say(machine: Machine) -> None:
+    """Rows scatter; what shifts far, but is hardly seen, comes after what shifts less and is seen well."""
+    term = with_effect(machine, "axis-wobble", ("q1",), None)
+    term = term.with_values([1e-4, -3e-4])
+    diagnosis = found(machine, [term], turning(2))
+    fit = diagnosis.after
+    noisy = fit.residual + np.random.default_rng(9).normal(size=fit.residual.shape)
+    seen = replace(diagnosis.recording, observations=_shifted(diagnosis.recording.observations, noisy))
+    own = replace(diagnosis, recording=seen)
+    named = [port for port in machine.ports if port.startswith("q1.")]
+    ((*shifts,),) = all_port_shifts(fit, seen, [([term], named)])
+    worth = {
+        s.port: np.nanmax(np.abs(s.fitted)) / np.nanmedian(np.abs(s.rows - s.fitted))
+        for s in shifts
+        if np.nanmax(np.abs(s.fitted)) > 0.0
+    }
+    assert len(worth) > 1
+    best = [
+        f"error motion {port.rpartition('.')[2]} of q1"
+        for port in sorted(worth, key=lambda port: -worth[port])
+    ]
+    assert [curve.title for curve in curves(own, own.findings[0])] == best[:3]
+
+
+def _shifted(observations: Mapping[str, Array], residual: Array) -> dict[str, Array]:
+    """Readings x, y, z with as many hundredths of a mm more."""
+    return {name: values + 0.01 * residual[:, k] for k, (name, values) in enumerate(observations.items())}
+
+
 def test_the_first_twenty_findings_are_drawn(machine: Machine) -> None:
     term = with_effect(machine, "transmission-error", ("q1",), {"order": 3.0}, a=3e-4, b=-1e-4)
     diagnosis = found(machine, [term], turning(2))
@@ -252,10 +287,42 @@ def test_a_driver_that_takes_a_few_values_again_and_again_is_drawn_as_a_line(
     values = np.linspace(18.0, 35.0, levels)
     warm = np.random.default_rng(1).permutation(np.resize(values, ROWS))
     every = drawn(machine, term, turning(3), drivers={"temperature.link2": warm})
-    curve = max(every, key=lambda c: float(np.nanmax(np.abs(c.rows))))  # type: ignore[arg-type]
+    curve = largest(every)
     np.testing.assert_array_equal(curve.x, values)
     assert curve.fitted is None and len(curve.y) == len(curve.std) == levels
     on_the_line(curve, atol=1e-3)
+
+
+@pytest.mark.parametrize(("lag", "line"), [(40.0, True), (94.0, False)])
+def test_a_lag_up_to_a_twentieth_of_the_range_is_drawn_as_a_line(
+    tmp_path: Path, lag: float, line: bool
+) -> None:
+    """Warmed up and cooled down at one rate, a part is late by rate times lag on either way: 3 and 7 % of the range apart."""
+    machine = written(tmp_path, ARM)
+    up = np.linspace(20.0, 30.0, ROWS // 2)
+    drivers, time = {"temperature.link2": np.concatenate([up, up[::-1]])}, 60.0 * np.arange(ROWS)
+    term = with_effect(machine, "thermal-expansion", ("link2",), {"lag": lag}, alpha=2e-5)
+    every = drawn(machine, term, turning(3), drivers=drivers, time=time)
+    curve = largest(every)
+    assert (len(curve.x) > 0) is line and (curve.fitted is None) is line
+
+
+def test_each_leg_is_drawn_against_its_own_thermometer(tmp_path: Path) -> None:
+    """Of those that vary, however little, the one that it follows most; another leg's may stand still."""
+    machine = written(tmp_path, GOUGH)
+    legs = tuple(limb.name for limb in machine.mechanism.limbs)
+    rng = np.random.default_rng(6)
+    warm = {f"temperature.{leg}": 22.0 + 0.4 * rng.random(ROWS) for leg in legs}
+    warm["temperature.leg6"] = np.full(ROWS, 20.0)  # at which nothing grows
+    term = with_effect(machine, "thermal-expansion", legs, {"lag": 0.0, "thermometer": 0.0}, alpha=2e-5)
+    every = drawn(machine, term, rng.uniform(-0.5, 0.5, (ROWS, 6)), drivers=warm)
+    assert len(every) == 3
+    for curve in every:
+        leg = curve.title.replace("displacement of m", "leg")
+        assert curve.x_title == f"temperature.{leg} [°C]"
+        np.testing.assert_array_equal(curve.measured, warm[f"temperature.{leg}"])
+        assert np.array_equal(curve.x, np.sort(curve.measured))
+        on_the_line(curve, atol=0.01)
 
 
 def test_play_has_two_ends(machine: Machine) -> None:
@@ -275,14 +342,12 @@ def test_what_lags_behind_its_driver_is_no_function_of_it(tmp_path: Path) -> Non
     time = 60.0 * np.arange(ROWS)
     warm = 25.0 + 5.0 * np.sin(time / 400.0)
     term = with_effect(machine, "thermal-expansion", ("link2",), {"lag": 900.0}, alpha=2e-5)
-    drivers = {"temperature.link2": warm, "time": time}
-    curve = max(
-        drawn(machine, term, turning(3), drivers=drivers), key=lambda c: float(np.nanmax(np.abs(c.rows)))
-    )  # type: ignore[arg-type]
+    curve = largest(drawn(machine, term, turning(3), drivers={"temperature.link2": warm}, time=time))
     assert len(curve.x) == len(curve.y) == len(curve.std) == 0
     assert curve.x_title == "temperature.link2 [°C]" and np.array_equal(curve.measured, warm)
     assert curve.fitted is not None and curve.rows is not None
     np.testing.assert_allclose(curve.fitted, curve.rows, atol=1e-3)
+    assert np.ptp(curve.fitted) > 50.0  # um
     few = curve.thinned(np.array([4, 9], dtype=np.intp))
     assert few.fitted is not None and few.rows is not None
     np.testing.assert_array_equal(few.fitted, curve.fitted[[4, 9]])
