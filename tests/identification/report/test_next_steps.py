@@ -234,6 +234,9 @@ def test_what_was_held_out_in_turn_is_told_where_there_are_no_other_rows() -> No
     assert before_after_words(judged(0.3, 0.2, proof=fell, terms=())) == [
         "position: 0.200 mm rms on the fitted rows"
     ]
+    mixed = judged(0.3, 0.2, 2.0)
+    mixed.fits["after"].validation_rms = None  # type: ignore[misc]
+    assert before_after_words(mixed) == [line]  # held-out rows of one fit alone are beside nothing
     assert before_after_words(judged(NAN, 0.02))[0].startswith("position: - before, 20.0 µm after")
 
 
